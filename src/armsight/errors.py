@@ -1,0 +1,35 @@
+"""The one family of errors that armsight raises for anything that came from outside."""
+
+from __future__ import annotations
+
+
+class ArmsightError(Exception):
+    """Something from outside was wrong; the message is one line: what, where, and what to do.
+
+    The command line prints the message alone and exits with ``exit_code``; a programmer's mistake
+    raises the built-in errors instead and keeps its trace.
+    """
+
+    exit_code = 1
+
+
+class UsageError(ArmsightError):
+    """The command line or a call cannot be understood."""
+
+    exit_code = 2
+
+
+class WorkcellError(ArmsightError):
+    """A workcell file is broken; names the file, the key, what was found and what is expected."""
+
+
+class DeviceError(ArmsightError):
+    """A device is missing, dead, or says something that cannot be."""
+
+
+class RecordingError(ArmsightError):
+    """A recording cannot be read or written."""
+
+
+class PlanningError(ArmsightError):
+    """No motion could be planned; says which of start, goal, limits or surroundings forbids it."""

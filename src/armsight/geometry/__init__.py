@@ -1,0 +1,1 @@
+"""Poses, cameras, point clouds and registration: mathematics without devices."""

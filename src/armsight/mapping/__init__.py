@@ -1,0 +1,1 @@
+"""From depth frames to an immutable snapshot of the workspace."""

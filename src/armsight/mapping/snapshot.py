@@ -1,0 +1,98 @@
+"""What mapping hands to motion and the page: one immutable picture of the workspace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armsight.arrays import Bytes, Floats32, Ints, Points, Vector3
+
+UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+"""States of a voxel."""
+
+
+@dataclass(frozen=True)
+class VoxelGrid:
+    """Where the voxels of a dense box lie.
+
+    Attributes:
+        origin: (3,) lower corner of voxel (0, 0, 0) in ``base`` [m].
+        voxel: edge of a voxel [m].
+        shape: number of voxels along x, y, z.
+    """
+
+    origin: Vector3
+    voxel: float
+    shape: tuple[int, int, int]
+
+    def index(self, points: Points) -> Ints:
+        """(n, 3) voxel indices of (n, 3) points in ``base``; may lie outside the shape."""
+        return np.floor((np.asarray(points, float) - self.origin) / self.voxel).astype(np.int64)
+
+    def center(self, index: Ints) -> Points:
+        """(n, 3) centres in ``base`` [m] of (n, 3) voxel indices."""
+        return np.asarray((np.asarray(index) + 0.5) * self.voxel + self.origin)
+
+
+@dataclass(frozen=True)
+class CameraStatus:
+    """Health of one camera as the map sees it.
+
+    Attributes:
+        name: the camera.
+        stamp: exposure of its newest frame used [s]; -inf before the first.
+        alive: frames come and are no older than allowed.
+        frames: used so far.
+        dropped: refused or lost so far.
+        reason: why it is not alive, or why the last frame was refused; empty when all is well.
+    """
+
+    name: str
+    stamp: float
+    alive: bool
+    frames: int
+    dropped: int
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class WorkspaceSnapshot:
+    """The workspace as known at one time. Arrays are read-only and never change after publishing.
+
+    Attributes:
+        sequence: counts snapshots.
+        stamp: exposure of the newest frame in it [s].
+        oldest: exposure of the newest frame of the *stalest* camera that matters [s].
+        grid: where the fine voxels lie.
+        state: (nx, ny, nz) uint8, UNKNOWN, FREE or OCCUPIED (declared static geometry included).
+        distance: (nx, ny, nz) float32 [m]: a proven lower bound of the distance from any point of
+            the voxel to any occupied cube or (by policy) unknown cube; capped at ``distance_cap``.
+        distance_cap: where ``distance`` saturates [m].
+        last_occupied: (nx, ny, nz) float32 [s] when each voxel was last seen occupied by something
+            that moves or may move; -inf never. Danger is a closed form of the age (design 5.5).
+        hazards: (m, 3) float32 centres in ``base`` [m] of every voxel where a person could be:
+            occupied ones that declared geometry does not explain, and unknown space that could
+            hide someone. Separation counts the distance to these, less ``hazard_radius``.
+        hazard_radius: half diagonal of a hazard's cube [m].
+        hazard_unknown: (m,) bool, true where the hazard is unseen rather than seen.
+        cloud: (k, 3) float32 newest merged, cleaned cloud in ``base``, for the page.
+        cameras: health, one entry a camera.
+        timings: (stage, seconds) of the last update, in order.
+    """
+
+    sequence: int
+    stamp: float
+    oldest: float
+    grid: VoxelGrid
+    state: Bytes
+    distance: Floats32
+    distance_cap: float
+    last_occupied: Floats32
+    hazards: Floats32
+    hazard_radius: float
+    hazard_unknown: NDArray[np.bool_]
+    cloud: Floats32
+    cameras: tuple[CameraStatus, ...]
+    timings: tuple[tuple[str, float], ...] = field(default=())

@@ -1,0 +1,1 @@
+"""Robots from their URDF: kinematics, limits, link shapes, the catalogue."""

@@ -1,0 +1,166 @@
+"""A serial robot arm as data: chain, limits, link shapes. Kinematics live beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from armsight.arrays import Floats, Ints, JointVector, Points, Pose, Poses
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """(n,) limits of the joints: [rad], [rad], [rad/s], [rad/s^2], [rad/s^3]."""
+
+    lower: JointVector
+    upper: JointVector
+    velocity: JointVector
+    acceleration: JointVector
+    jerk: JointVector
+
+    def scaled(self, velocity: float, acceleration: float) -> JointLimits:
+        """The same ranges at a share of speed, and of acceleration and jerk."""
+        return replace(
+            self,
+            velocity=self.velocity * velocity,
+            acceleration=self.acceleration * acceleration,
+            jerk=self.jerk * acceleration,
+        )
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """The body as spheres.
+
+    Attributes:
+        link: (m,) index of the link that carries each.
+        center: (m, 3) in the link's frame [m].
+        radius: (m,) [m].
+    """
+
+    link: Ints
+    center: Points
+    radius: Floats
+
+
+@dataclass(frozen=True)
+class Capsules:
+    """The body as cylinders with round ends (T2's link cylinders lie inside them).
+
+    Attributes:
+        link: (m,) index of the link that carries each.
+        start, end: (m, 3) axis ends in the link's frame [m].
+        radius: (m,) [m].
+    """
+
+    link: Ints
+    start: Points
+    end: Points
+    radius: Floats
+
+
+@dataclass(frozen=True)
+class LinkMesh:
+    """One coloured surface of a link: an OBJ file in the link's frame [m], RGB 0..1."""
+
+    link: int
+    path: Path
+    color: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Tool:
+    """What the flange carries.
+
+    Attributes:
+        name: key of the catalogue.
+        T_flange_tip: the tool's working point.
+        spheres: link indices are ignored; centres in the flange's frame.
+        capsules: likewise.
+        meshes: likewise.
+        mass: [kg]; center_of_mass: (3,) in the flange's frame [m].
+    """
+
+    name: str
+    T_flange_tip: Pose
+    spheres: Spheres
+    capsules: Capsules
+    meshes: tuple[LinkMesh, ...]
+    mass: float
+    center_of_mass: Floats
+
+
+@dataclass(frozen=True)
+class Robot:
+    """An arm of n revolute joints. Link 0 is the base; link i moves with joint i - 1.
+
+    Fixed joints of the URDF are folded away. The base frame follows REP-103.
+
+    Attributes:
+        name: key of the catalogue (``ur3 ur5 ur10 iiwa panda``).
+        joint_names, link_names: n and n + 1 names from the URDF.
+        T_link_joint: (n, 4, 4) joint i's frame at zero in link i's frame.
+        axis: (n, 3) joint i's axis in its own frame.
+        T_last_flange: the flange in the last link's frame.
+        limits: of the joints.
+        spheres, capsules: the body, each covering the meshes.
+        self_pairs: (p, 2) pairs of links that can touch each other and are worth checking.
+        meshes: what the arm looks like.
+        link_mass: (n + 1,) [kg]; link_com: (n + 1, 3) in the link's frame [m];
+        link_inertia: (n + 1, 3, 3) about the centre of mass, link axes [kg m^2].
+        home: (n,) an upright, free configuration [rad].
+        reach: the maker's figure [m].
+        tool: what the flange carries, or None.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    link_names: tuple[str, ...]
+    T_link_joint: Poses
+    axis: Points
+    T_last_flange: Pose
+    limits: JointLimits
+    spheres: Spheres
+    capsules: Capsules
+    self_pairs: Ints
+    meshes: tuple[LinkMesh, ...]
+    link_mass: Floats
+    link_com: Points
+    link_inertia: Floats
+    home: JointVector
+    reach: float
+    tool: Tool | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    def with_tool(self, tool: Tool) -> Robot:
+        """The same arm carrying a tool: its shapes join the last link's.
+
+        Raises:
+            ValueError: the arm carries a tool already.
+        """
+        if self.tool is not None:
+            raise ValueError(f"{self.name} already carries {self.tool.name}")
+        R, t = self.T_last_flange[:3, :3], self.T_last_flange[:3, 3]
+
+        def on_last(points: Points) -> Points:
+            return np.asarray(points @ R.T + t)
+
+        last = self.n
+        spheres = Spheres(
+            np.concatenate([self.spheres.link, np.full(len(tool.spheres.radius), last)]),
+            np.concatenate([self.spheres.center, on_last(tool.spheres.center)]),
+            np.concatenate([self.spheres.radius, tool.spheres.radius]),
+        )
+        capsules = Capsules(
+            np.concatenate([self.capsules.link, np.full(len(tool.capsules.radius), last)]),
+            np.concatenate([self.capsules.start, on_last(tool.capsules.start)]),
+            np.concatenate([self.capsules.end, on_last(tool.capsules.end)]),
+            np.concatenate([self.capsules.radius, tool.capsules.radius]),
+        )
+        return replace(self, spheres=spheres, capsules=capsules, tool=tool)

@@ -1,0 +1,1 @@
+"""The loop on a clock: components, snapshots between them, recording, replay, health."""

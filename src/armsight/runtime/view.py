@@ -1,0 +1,65 @@
+"""What the page, the recorder and the experiments may see of a running session: all read-only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from armsight.arrays import Pose
+from armsight.devices.data import JointState, RgbdFrame
+from armsight.geometry.shapes import Solid
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.data import GuardStatus
+
+
+@dataclass(frozen=True)
+class ComponentHealth:
+    """How a component of the loop is doing.
+
+    Attributes:
+        name: of the component; period: wanted seconds between rounds [s].
+        rounds: done so far; missed: deadlines missed so far.
+        last: time of the last round [s].
+        seconds: (median, p99) compute time of recent rounds [s].
+        problem: what is wrong, or empty.
+    """
+
+    name: str
+    period: float
+    rounds: int
+    missed: int
+    last: float
+    seconds: tuple[float, float]
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A part of a person or a moving thing, for drawing only; pose in ``world``."""
+
+    name: str
+    solid: Solid
+    T_world_solid: Pose
+
+
+@dataclass(frozen=True)
+class SessionView:
+    """One consistent look at a session.
+
+    Attributes:
+        now: the clock [s]; running: not paused; speed: simulated seconds a second, wanted.
+        joints: newest reading.
+        snapshot: newest map; guard: newest guard status.
+        frames: newest frame of each camera.
+        health: of every component.
+        movers: people and things that move, where a driver can show them.
+    """
+
+    now: float
+    running: bool
+    speed: float
+    joints: JointState | None
+    snapshot: WorkspaceSnapshot | None
+    guard: GuardStatus | None
+    frames: tuple[RgbdFrame, ...] = ()
+    health: tuple[ComponentHealth, ...] = ()
+    movers: tuple[Mover, ...] = field(default=())

@@ -1,0 +1,1 @@
+"""The MuJoCo world of a workcell: physics, rendering, sensor errors, people."""

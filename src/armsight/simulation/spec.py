@@ -1,0 +1,135 @@
+"""What a simulated cell consists of: plain data, made from a workcell file or by hand.
+
+Everything here is in the ``world`` frame of the cell: z up, floor at z = 0 unless said otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from armsight.arrays import JointVector, Pose
+from armsight.devices.data import RgbdCameraInfo
+from armsight.geometry.shapes import Solid
+from armsight.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """The simulated arm.
+
+    Attributes:
+        robot: which, with its tool.
+        T_world_base: where it is mounted (table, inverted ...).
+        home: (n,) configuration at the start [rad].
+        start_delay: command to first motion [s] (T2: 50-70 ms).
+        state_latency: joint reading to arrival [s]; state_rate: readings a second [Hz].
+        watchdog: stops by itself when no command came for this long [s].
+        speed, acceleration: share of the limits that the controller allows, 0..1.
+        repeatability: standard deviation of the tip [m].
+        kinematic_error: scale of absolute errors (design calibration 4); 0 is an exact arm.
+    """
+
+    robot: Robot
+    T_world_base: Pose
+    home: JointVector
+    start_delay: float = 0.06
+    state_latency: float = 0.002
+    state_rate: float = 500.0
+    watchdog: float = 0.1
+    speed: float = 0.5
+    acceleration: float = 0.6
+    repeatability: float = 0.0001
+    kinematic_error: float = 0.0
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """A simulated depth camera.
+
+    Attributes:
+        info: what the cell *believes* of it (``T_mount_camera`` is the believed calibration).
+        T_mount_camera_true: where it truly is, in world for a fixed camera, else in the flange.
+        errors: whether the sensor's error model is on; ideal otherwise.
+        pose_error: extra calibration error drawn from the seed: (sigma [m], sigma [rad]).
+        stamp_jitter: uniform error of the stamp, plus or minus [s].
+        phase: time of the first exposure [s]; staggered cameras give fresher evidence.
+    """
+
+    info: RgbdCameraInfo
+    T_mount_camera_true: Pose
+    errors: bool = True
+    pose_error: tuple[float, float] = (0.0, 0.0)
+    stamp_jitter: float = 0.0
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
+class PersonSpec:
+    """Someone in the cell.
+
+    Attributes:
+        name: unique in the cell.
+        motion: ``script`` (a built-in one by name), ``clip`` (a recorded clip) or ``hand`` (a lone
+            forearm and hand that the page or a search moves).
+        script: name of the built-in script, such as ``reach_in``, ``walk_by``, ``stand``.
+        clip: folder/number of a motion clip, with its file.
+        T_world_person: where the script's or clip's origin lies.
+        period: seconds between repetitions of a script [s]; start: first time [s].
+        speed_scale: time scale of the motion; max_hand_speed caps it [m/s].
+        mirror: left and right exchanged.
+        height: of the person [m].
+    """
+
+    name: str
+    motion: Literal["script", "clip", "hand"]
+    T_world_person: Pose
+    script: str = "reach_in"
+    clip: Path | None = None
+    period: float = 12.0
+    start: float = 2.0
+    speed_scale: float = 1.0
+    max_hand_speed: float = 2.0
+    mirror: bool = False
+    height: float = 1.75
+
+
+@dataclass(frozen=True)
+class MovingObjectSpec:
+    """A thing that moves on a circle or to and fro, or that the page drags.
+
+    Attributes:
+        solid: its shape; ``T_frame_solid`` is its pose at the start in world.
+        path: ``circle`` about ``center``, ``line`` from the start to ``center``, or ``free``.
+        center: (x, y, z) [m]; period: seconds a round [s].
+    """
+
+    solid: Solid
+    path: Literal["circle", "line", "free"] = "free"
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    period: float = 10.0
+
+
+@dataclass(frozen=True)
+class WorldSpec:
+    """The whole simulated cell.
+
+    Attributes:
+        arm: the arm.
+        cameras: depth cameras, fixed and on the flange.
+        static: declared solids (table, walls, fixtures) in world.
+        undeclared: solids that are there but that the cell was not told of.
+        people, objects: what moves.
+        floor: whether there is a floor at z = 0.
+        time_step: of the physics [s].
+    """
+
+    arm: ArmSpec
+    cameras: tuple[CameraSpec, ...] = ()
+    static: tuple[Solid, ...] = ()
+    undeclared: tuple[Solid, ...] = ()
+    people: tuple[PersonSpec, ...] = ()
+    objects: tuple[MovingObjectSpec, ...] = ()
+    floor: bool = True
+    time_step: float = 0.002

@@ -1,0 +1,1 @@
+"""The live page: read-only views of the runtime."""

@@ -1,0 +1,1 @@
+"""The schema of workcell.toml, its checks, and building devices from it."""
