@@ -1,4 +1,4 @@
-"""Where the joints were at a time in the past: readings are interpolated, never extrapolated far."""
+"""Where the joints were at a time in the past: interpolated, never extrapolated far."""
 
 from __future__ import annotations
 
