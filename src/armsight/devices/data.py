@@ -36,6 +36,9 @@ class RgbdFrame:
         arrival: when the frame reached the computer [s].
         depth: (h, w) float32 [m] along the optical axis of the depth lens, NaN = no return.
         color: (H, W, 3) uint8 RGB through the colour lens, or None.
+        T_base_camera: the depth lens in ``base`` at the exposure, where the device itself knows it
+            (a posed recording, a tracked camera). It goes before ``RgbdCameraInfo``'s mounting;
+            None means that the mounting says where the camera is.
     """
 
     camera: str
@@ -44,6 +47,7 @@ class RgbdFrame:
     arrival: float
     depth: DepthImage
     color: ColorImage | None = None
+    T_base_camera: Pose | None = None
 
 
 @dataclass(frozen=True)
