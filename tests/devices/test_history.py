@@ -1,0 +1,48 @@
+"""Joints in the past: between readings, at the ends, and where nothing is known."""
+
+import numpy as np
+import pytest
+
+from armsight.devices.data import JointState
+from armsight.devices.history import JointHistory
+
+
+def reading(stamp, position, velocity=1.0):
+    return JointState(stamp, np.array([position]), np.array([velocity]))
+
+
+@pytest.fixture
+def history():
+    h = JointHistory(seconds=1.0)
+    for k in range(5):
+        h.add(reading(0.1 * k, 0.1 * k))
+    return h
+
+
+@pytest.mark.parametrize("stamp", [0.0, 0.05, 0.1, 0.237, 0.4])
+def test_a_steady_motion_is_found_everywhere(history, stamp):
+    assert history.at(stamp).position[0] == pytest.approx(stamp)
+
+
+def test_just_outside_velocity_carries_on(history):
+    assert history.at(0.43).position[0] == pytest.approx(0.43)
+    assert history.at(-0.03).position[0] == pytest.approx(-0.03)
+
+
+def test_far_outside_nothing_is_known(history):
+    assert history.at(0.46) is None
+    assert history.at(-0.2) is None
+    assert JointHistory().at(0.0) is None
+
+
+def test_old_and_doubled_readings_are_ignored(history):
+    history.add(reading(0.2, 99.0))
+    history.add(reading(0.4, 99.0))
+    assert history.at(0.2).position[0] == pytest.approx(0.2)
+    assert history.latest.position[0] == pytest.approx(0.4)
+
+
+def test_it_forgets(history):
+    history.add(reading(1.35, 1.35))
+    assert history.at(0.2) is None
+    assert history.at(0.4) is not None
