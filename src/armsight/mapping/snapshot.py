@@ -80,6 +80,8 @@ class WorkspaceSnapshot:
         cloud: (k, 3) float32 newest merged, cleaned cloud in ``base``, for the page.
         cameras: health, one entry a camera.
         timings: (stage, seconds) of the last update, in order.
+        distance_counts_unknown: whether ``distance`` treats unknown voxels as occupied; where it
+            does not, a planner that avoids unknown space makes a field of its own.
     """
 
     sequence: int
@@ -96,3 +98,4 @@ class WorkspaceSnapshot:
     cloud: Floats32
     cameras: tuple[CameraStatus, ...]
     timings: tuple[tuple[str, float], ...] = field(default=())
+    distance_counts_unknown: bool = False
