@@ -1,0 +1,258 @@
+"""Makes devices from a workcell: the one place where the file's world becomes base-frame data."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from types import TracebackType
+
+import numpy as np
+
+from armsight.arrays import JointVector, Pose
+from armsight.devices.camera_models import CAMERA_MODELS
+from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.protocols import Arm, Clock, RgbdCamera
+from armsight.errors import ArmsightError, WorkcellError
+from armsight.geometry.pose import inverse
+from armsight.geometry.shapes import Solid
+from armsight.robots.robot import Robot
+from armsight.simulation.spec import (
+    ArmSpec,
+    CameraSpec,
+    MovingObjectSpec,
+    PersonSpec,
+    WorldSpec,
+)
+from armsight.simulation.world import SimulatedWorld
+from armsight.workcell.checks import robot_of
+from armsight.workcell.drivers import SIMULATED, real_driver
+from armsight.workcell.schema import CameraSection, PersonSection, Workcell
+
+
+@dataclass
+class Cell:
+    """An open cell: everything that the loop needs, whichever drivers stand behind it.
+
+    Attributes:
+        workcell: the file it came from.
+        robot: with its tool, its home and the cell's joint limits.
+        T_world_base: where the robot stands.
+        clock: the cell's time.
+        arm: commanded by the guard alone.
+        cameras: in the file's order.
+        static: declared solids, in the robot's ``base`` frame.
+        world: the simulation behind the devices, or None.
+    """
+
+    workcell: Workcell
+    robot: Robot
+    T_world_base: Pose
+    clock: Clock
+    arm: Arm
+    cameras: tuple[RgbdCamera, ...]
+    static: tuple[Solid, ...]
+    world: SimulatedWorld | None = None
+    _closed: bool = field(default=False, repr=False)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a simulation stands behind the devices."""
+        return self.world is not None
+
+    def close(self) -> None:
+        """Stop the arm and let go of every device; may be repeated."""
+        if self._closed:
+            return
+        self._closed = True
+        if self.world is not None:
+            self.world.close()
+            return
+        try:
+            self.arm.stop()
+        finally:
+            _close_all((*self.cameras, self.arm))
+
+    def __enter__(self) -> Cell:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def open_cell(workcell: Workcell, seed: int = 0, clock: Clock | None = None) -> Cell:
+    """Open every device of a cell.
+
+    Args:
+        workcell: from :func:`~armsight.workcell.load_workcell`.
+        seed: of the simulation's randomness; real devices have none.
+        clock: for real devices, else one that starts now; a simulation brings its own.
+
+    Raises:
+        DeviceError: a device is missing or refuses; those opened before it are closed again.
+        WorkcellError: simulated and real devices are mixed.
+    """
+    robot = robot_in(workcell)
+    T_world_base = workcell.robot.T_world_base
+    static = tuple(_in_base(s.solid, T_world_base) for s in workcell.solid)
+    drivers = {workcell.robot.driver, *(c.driver for c in workcell.camera)}
+    if drivers == {SIMULATED}:
+        world = SimulatedWorld(world_spec(workcell), seed)
+        return Cell(
+            workcell, robot, T_world_base, world.clock, world.arm, world.cameras, static, world
+        )
+    if SIMULATED in drivers:
+        raise WorkcellError(
+            f"{workcell.file or workcell.name}: robot.driver and camera.driver mix simulated and "
+            f"real devices ({', '.join(sorted(drivers))}), expected all simulated or none: they "
+            "do not share a clock"
+        )
+    clock = clock if clock is not None else _Monotonic()
+    opened: list[object] = []
+    try:
+        arm = real_driver(workcell.robot.driver).open_arm(workcell.robot, robot, clock)
+        opened.append(arm)
+        cameras = []
+        for section in workcell.camera:
+            info = camera_info(section, T_world_base)
+            cameras.append(real_driver(section.driver).open_camera(section, info, clock))
+            opened.append(cameras[-1])
+    except BaseException:
+        _close_all(opened[::-1])
+        raise
+    return Cell(workcell, robot, T_world_base, clock, arm, tuple(cameras), static)
+
+
+def robot_in(workcell: Workcell) -> Robot:
+    """The cell's robot: with its tool, its home, and joint limits as narrow as the file says."""
+    section = workcell.robot
+    robot = robot_of(section)
+    limits = robot.limits
+    lower, upper = limits.lower, limits.upper
+    if section.joint_lower_deg is not None:
+        lower = np.maximum(lower, np.deg2rad(section.joint_lower_deg))
+    if section.joint_upper_deg is not None:
+        upper = np.minimum(upper, np.deg2rad(section.joint_upper_deg))
+    return replace(
+        robot, limits=replace(limits, lower=lower, upper=upper), home=_home(workcell, robot)
+    )
+
+
+def camera_info(section: CameraSection, T_world_base: Pose) -> RgbdCameraInfo:
+    """What the cell believes of a camera: its catalogue entry, rate, latency and calibration."""
+    model = CAMERA_MODELS[section.model]
+    fixed = section.mounted_on == "world"
+    T = section.T_mount_camera
+    return RgbdCameraInfo(
+        name=section.name,
+        model=section.model,
+        depth=model.depth,
+        color=model.color,
+        T_depth_color=model.T_depth_color,
+        mounted_on="base" if fixed else "flange",
+        T_mount_camera=inverse(T_world_base) @ T if fixed else T,
+        rate=section.rate_hz if section.rate_hz is not None else model.rate,
+        latency=section.latency_ms / 1e3 if section.latency_ms is not None else model.latency,
+        range=model.range,
+        noise=model.noise,
+    )
+
+
+def world_spec(workcell: Workcell) -> WorldSpec:
+    """The simulated cell, in world."""
+    section, settings = workcell.robot, workcell.simulation
+    robot = robot_in(workcell)
+    arm = ArmSpec(
+        robot=robot,
+        T_world_base=section.T_world_base,
+        home=robot.home,
+        start_delay=section.start_delay_ms / 1e3,
+        state_latency=section.state_latency_ms / 1e3,
+        state_rate=section.state_rate_hz,
+        watchdog=section.watchdog_ms / 1e3,
+        speed=section.speed,
+        acceleration=section.acceleration,
+        repeatability=settings.arm_repeatability_mm / 1e3,
+        kinematic_error=settings.arm_kinematic_error,
+    )
+    cameras = tuple(
+        CameraSpec(
+            info=camera_info(c, section.T_world_base),
+            T_mount_camera_true=c.T_mount_camera,
+            errors=settings.sensor_errors,
+            pose_error=(
+                settings.calibration_error_mm / 1e3,
+                float(np.deg2rad(settings.calibration_error_deg)),
+            ),
+            stamp_jitter=settings.stamp_jitter_ms / 1e3,
+            phase=c.phase_ms / 1e3,
+        )
+        for c in workcell.camera
+    )
+    return WorldSpec(
+        arm=arm,
+        cameras=cameras,
+        static=tuple(s.solid for s in workcell.solid),
+        undeclared=tuple(s.solid for s in settings.undeclared),
+        people=tuple(_person(workcell, p) for p in settings.person),
+        objects=tuple(
+            MovingObjectSpec(o.solid, o.path, o.center or (0.0, 0.0, 0.0), o.period_s)
+            for o in settings.object
+        ),
+        floor=settings.floor,
+        time_step=settings.time_step_ms / 1e3,
+    )
+
+
+def _person(workcell: Workcell, section: PersonSection) -> PersonSpec:
+    clip = None
+    if section.clip is not None:
+        clip = workcell.file.parent / section.clip if workcell.file is not None else None
+    return PersonSpec(
+        name=section.name,
+        motion=section.motion,
+        T_world_person=section.T_world_person,
+        script=section.script,
+        clip=clip,
+        period=section.period_s,
+        start=section.start_s,
+        speed_scale=section.speed_scale,
+        max_hand_speed=section.max_hand_speed,
+        mirror=section.mirror,
+        height=section.height,
+    )
+
+
+def _home(workcell: Workcell, robot: Robot) -> JointVector:
+    home = workcell.robot.home_deg
+    return robot.home if home is None else np.deg2rad(home)
+
+
+def _in_base(solid: Solid, T_world_base: Pose) -> Solid:
+    return replace(solid, T_frame_solid=inverse(T_world_base) @ solid.T_frame_solid)
+
+
+def _close_all(devices: Sequence[object]) -> None:
+    """Close what can be closed; one that fails does not keep the others open."""
+    for device in devices:
+        close = getattr(device, "close", None)
+        if close is not None:
+            try:
+                close()
+            except ArmsightError:
+                continue
+
+
+class _Monotonic:
+    """Seconds since it was made."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+
+    def now(self) -> float:
+        return time.monotonic() - self._start

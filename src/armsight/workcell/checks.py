@@ -1,0 +1,315 @@
+"""Sanity of a workcell beyond its types: units that cannot be right, unknown names, poses too far.
+
+Every check takes one validated table, so that the good tables of a broken file are checked as well
+and all problems come at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from armsight.devices.camera_models import CAMERA_MODELS
+from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot, load_tool
+from armsight.robots.kinematics import sphere_centers
+from armsight.robots.robot import Robot
+from armsight.workcell.drivers import driver_names
+from armsight.workcell.problems import Problem, nearest, shown
+from armsight.workcell.schema import (
+    CameraSection,
+    MappingSection,
+    ObjectSection,
+    PatrolSection,
+    PersonSection,
+    RobotSection,
+    SimulationSection,
+    SolidSection,
+)
+
+FARTHEST = 10.0
+"""Nothing in a cell is farther from the robot's base than this [m]."""
+SMALLEST = 0.001
+"""No edge or radius is smaller [m]."""
+ENTERS = 0.01
+"""How deep the body's spheres (which overshoot the meshes a little) may enter a solid [m]."""
+
+
+def robot_of(section: RobotSection) -> Robot:
+    """The robot that the section describes, with its tool.
+
+    Raises:
+        ArmsightError: no such robot or tool.
+    """
+    robot = load_robot(section.model)
+    return robot if section.tool == "none" else robot.with_tool(load_tool(section.tool))
+
+
+def check_robot(section: RobotSection) -> Iterator[Problem]:
+    """Model, tool, driver, number and range of joints, units."""
+    if section.model not in ROBOT_NAMES:
+        yield Problem("robot.model", _unknown("robot", section.model, ROBOT_NAMES))
+    if section.tool != "none" and section.tool not in TOOL_NAMES:
+        yield Problem("robot.tool", _unknown("tool", section.tool, ("none", *TOOL_NAMES)))
+    yield from _driver("robot.driver", section.driver)
+    yield from check_metres("robot.position", section.position)
+    yield from check_degrees("robot.rpy_deg", section.rpy_deg)
+    if section.model not in ROBOT_NAMES:
+        return
+    robot = load_robot(section.model)
+    for key in ("home_deg", "joint_lower_deg", "joint_upper_deg"):
+        values = getattr(section, key)
+        if values is not None:
+            yield from check_joints(f"robot.{key}", values, robot)
+    for mesh in robot.meshes:
+        if not mesh.path.is_file():
+            yield Problem(
+                "robot.model",
+                f"mesh {mesh.path.name} of {section.model} is missing at {mesh.path.parent}, "
+                "expected the packaged file; install armsight again",
+            )
+    lower, upper = section.joint_lower_deg, section.joint_upper_deg
+    if lower and upper and len(lower) == len(upper) == robot.n:
+        for i in range(robot.n):
+            if lower[i] >= upper[i]:
+                yield Problem(
+                    "robot.joint_lower_deg",
+                    f"joint {robot.joint_names[i]}: found {lower[i]:g}, expected below "
+                    f"joint_upper_deg {upper[i]:g}",
+                )
+
+
+def check_joints(where: str, values: Sequence[float], robot: Robot) -> Iterator[Problem]:
+    """Joint positions [deg]: as many as the robot has, in range, and not radians."""
+    if len(values) != robot.n:
+        yield Problem(
+            where,
+            f"found {len(values)} values, expected {robot.n}: one a joint of {robot.name} "
+            f"({', '.join(robot.joint_names)})",
+        )
+        return
+    if _like_radians(values) and max(map(abs, values)) <= 2.0 * math.pi + 0.01:
+        yield Problem(where, f"found {shown(values)}: looks like radians, expected degrees")
+        return
+    lower, upper = np.rad2deg(robot.limits.lower), np.rad2deg(robot.limits.upper)
+    for i, value in enumerate(values):
+        if not lower[i] - 1e-6 <= value <= upper[i] + 1e-6:
+            yield Problem(
+                where,
+                f"joint {robot.joint_names[i]}: found {value:g}, expected {lower[i]:.0f} to "
+                f"{upper[i]:.0f} [deg]",
+            )
+
+
+def check_camera(
+    where: str, section: CameraSection, robot: RobotSection | None
+) -> Iterator[Problem]:
+    """Model, driver, units, and whether the robot can be in the camera's range at all."""
+    yield from check_metres(f"{where}.position", section.position)
+    if section.rpy_deg is not None:
+        yield from check_degrees(f"{where}.rpy_deg", section.rpy_deg)
+    if section.look_at is not None:
+        yield from check_metres(f"{where}.look_at", section.look_at)
+    yield from _driver(f"{where}.driver", section.driver)
+    if section.latency_ms is not None and 0.0 < section.latency_ms < 0.5:
+        yield Problem(
+            f"{where}.latency_ms",
+            f"found {section.latency_ms:g}: looks like seconds, expected milliseconds",
+        )
+    if section.model not in CAMERA_MODELS:
+        yield Problem(f"{where}.model", _unknown("camera", section.model, CAMERA_MODELS))
+        return
+    if robot is None or not _sane(section.position):
+        return
+    if section.mounted_on == "flange":
+        distance = float(np.linalg.norm(section.position))
+        if distance > 1.0:
+            yield Problem(
+                f"{where}.position",
+                f"found {shown(section.position)}, {distance:.3g} m from the flange, expected "
+                'at most 1 m (it is in the flange\'s frame; mounted_on = "world" for a fixed one)',
+            )
+        return
+    reach = load_robot(robot.model).reach if robot.model in ROBOT_NAMES else 1.0
+    farthest = CAMERA_MODELS[section.model].range[1]
+    distance = float(np.linalg.norm(np.subtract(section.position, robot.position)))
+    if distance - reach > farthest:
+        yield Problem(
+            f"{where}.position",
+            f"found {shown(section.position)}, {distance:.3g} m from the robot, expected at most "
+            f"{farthest + reach:.3g} m: {section.model} sees {farthest:g} m far and the robot "
+            f"reaches {reach:g} m",
+        )
+
+
+def check_solid(where: str, section: SolidSection) -> Iterator[Problem]:
+    """Units of a solid."""
+    yield from check_metres(f"{where}.position", section.position)
+    yield from check_degrees(f"{where}.rpy_deg", section.rpy_deg)
+    for key in ("size", "radius", "height"):
+        value = getattr(section, key)
+        for length in value if isinstance(value, tuple) else (value,):
+            if length is None:
+                continue
+            if length > 2.0 * FARTHEST:
+                yield Problem(
+                    f"{where}.{key}",
+                    f"found {shown(value)}, expected metres, at most {2 * FARTHEST:g}"
+                    + ("; looks like millimetres" if length >= 50.0 else ""),
+                )
+                break
+            if length < SMALLEST:
+                yield Problem(
+                    f"{where}.{key}",
+                    f"found {shown(value)}, expected metres, at least {SMALLEST:g}",
+                )
+                break
+    if isinstance(section, ObjectSection) and section.center is not None:
+        yield from check_metres(f"{where}.center", section.center)
+
+
+def check_person(where: str, section: PersonSection, folder: Path | None) -> Iterator[Problem]:
+    """Clip, units and place of a person."""
+    from armsight.simulation.people import SCRIPTS
+
+    yield from check_metres(f"{where}.position", section.position)
+    yield from check_degrees(f"{where}.yaw_deg", (section.yaw_deg,))
+    if section.motion == "script" and section.script not in SCRIPTS:
+        yield Problem(f"{where}.script", _unknown("script", section.script, SCRIPTS))
+    if section.clip is not None:
+        file = (folder or Path()) / section.clip
+        if not file.is_file():
+            yield Problem(
+                f"{where}.clip", f"found {shown(section.clip)}, expected a file at {file}"
+            )
+
+
+def check_simulation(section: SimulationSection) -> Iterator[Problem]:
+    """Nothing beyond its types for now but degrees that look like radians."""
+    if 0.0 < section.calibration_error_mm < 0.02:
+        yield Problem(
+            "simulation.calibration_error_mm",
+            f"found {section.calibration_error_mm:g}: looks like metres, expected millimetres",
+        )
+
+
+def check_mapping(section: MappingSection, robot: RobotSection | None) -> Iterator[Problem]:
+    """Units and size of the mapped box."""
+    if section.lower is None or section.upper is None:
+        return
+    yield from check_metres("mapping.lower", section.lower)
+    yield from check_metres("mapping.upper", section.upper)
+    if not _sane(section.lower) or not _sane(section.upper):
+        return
+    voxels = float(np.prod(np.ceil(np.subtract(section.upper, section.lower) / section.voxel)))
+    if voxels > 20e6:
+        yield Problem(
+            "mapping.voxel",
+            f"{section.voxel:g} m makes {voxels / 1e6:.0f} million voxels of the box, expected at "
+            "most 20 million: a coarser voxel or a smaller box",
+        )
+    if robot is not None:
+        base = np.asarray(robot.position)
+        if np.any(base < section.lower) or np.any(base > section.upper):
+            yield Problem(
+                "mapping.lower",
+                f"the robot's base {shown(robot.position)} lies outside the mapped box "
+                f"{shown(section.lower)} to {shown(section.upper)}",
+            )
+
+
+def check_patrol(section: PatrolSection, robot: RobotSection | None) -> Iterator[Problem]:
+    """Goals against the robot's joints."""
+    if len(section.goals_deg) == 1:
+        yield Problem("patrol.goals_deg", "found 1 goal, expected none or at least 2")
+    if robot is None or robot.model not in ROBOT_NAMES:
+        return
+    model = load_robot(robot.model)
+    for name, values in section.goals_deg.items():
+        yield from check_joints(f"patrol.goals_deg.{name}", values, model)
+
+
+def check_clear(
+    where: str,
+    joints_deg: Sequence[float],
+    robot: RobotSection,
+    solids: Sequence[SolidSection],
+) -> Iterator[Problem]:
+    """No moving link stands inside a declared solid at these joints."""
+    model = robot_of(robot)
+    if len(joints_deg) != model.n:
+        return
+    T, q = robot.T_world_base, np.deg2rad(joints_deg)
+    centers = sphere_centers(model, q) @ T[:3, :3].T + T[:3, 3]
+    # The base and the first link stand on or hang from something.
+    moving = model.spheres.link >= 2
+    for section in solids:
+        depth = model.spheres.radius - section.solid.distance(centers)
+        depth = np.where(moving, depth, -np.inf)
+        worst = int(np.argmax(depth))
+        if depth[worst] > ENTERS:
+            link = model.link_names[int(model.spheres.link[worst])]
+            yield Problem(
+                where,
+                f"link {link} stands {depth[worst] * 100:.0f} cm inside solid "
+                f'"{section.name}", expected a free configuration',
+            )
+
+
+def check_names(where: str, names: Sequence[str | None]) -> Iterator[Problem]:
+    """No name twice in an array of tables."""
+    first: dict[str, int] = {}
+    for i, name in enumerate(names):
+        if name is None:
+            continue
+        if name in first:
+            yield Problem(
+                f'{where}[{i + 1}] "{name}".name',
+                f'"{name}" is taken by {where}[{first[name] + 1}], expected a unique name',
+            )
+        else:
+            first[name] = i
+
+
+def check_metres(where: str, values: Sequence[float]) -> Iterator[Problem]:
+    """A position within a cell's size."""
+    worst = max(map(abs, values))
+    if worst > FARTHEST:
+        hint = "; looks like millimetres" if worst >= 100.0 else ""
+        yield Problem(
+            where,
+            f"found {shown(values)}, expected metres, at most {FARTHEST:g} from the origin{hint}",
+        )
+
+
+def check_degrees(where: str, values: Sequence[float]) -> Iterator[Problem]:
+    """Angles that are degrees: within two turns, and no multiples of pi/4."""
+    if max(map(abs, values)) > 720.0:
+        yield Problem(where, f"found {shown(values)}, expected degrees, at most 720")
+    elif _like_radians(values) and any(_multiple_of_pi(v) for v in values):
+        yield Problem(where, f"found {shown(values)}: looks like radians, expected degrees")
+
+
+def _like_radians(values: Sequence[float]) -> bool:
+    """Small angles written with decimals."""
+    return max(map(abs, values)) <= 2.0 * math.pi + 0.01 and any(v != round(v) for v in values)
+
+
+def _multiple_of_pi(value: float) -> bool:
+    quarters = value / (math.pi / 4.0)
+    return round(quarters) != 0 and abs(quarters - round(quarters)) < 0.003
+
+
+def _sane(position: Sequence[float]) -> bool:
+    return max(map(abs, position)) <= FARTHEST
+
+
+def _driver(where: str, name: str) -> Iterator[Problem]:
+    if name not in driver_names():
+        yield Problem(where, _unknown("driver", name, driver_names()))
+
+
+def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    return f'unknown {kind} "{name}"; {nearest(name, known)}'

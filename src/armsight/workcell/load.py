@@ -1,0 +1,165 @@
+"""Reads ``workcell.toml``: all problems at once, one line each."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from armsight.errors import WorkcellError
+from armsight.workcell import checks
+from armsight.workcell.fields import Section
+from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, path
+from armsight.workcell.schema import (
+    CameraSection,
+    MappingSection,
+    ObjectSection,
+    PatrolSection,
+    PersonSection,
+    RobotSection,
+    SimulationSection,
+    SolidSection,
+    Workcell,
+)
+
+LARGEST = 1_000_000
+"""A workcell file is never larger [bytes]."""
+
+SectionT = TypeVar("SectionT", bound=Section)
+
+
+def load_workcell(file: str | Path) -> Workcell:
+    """Read and check a workcell file.
+
+    Raises:
+        WorkcellError: it cannot be read or has problems; one line a problem, each with the file,
+            the key, what was found and what is expected.
+    """
+    location = Path(file)
+    try:
+        if location.is_dir():
+            raise WorkcellError(f"{file}: is a folder, expected a workcell file (.toml)")
+        size = location.stat().st_size
+        if size > LARGEST:
+            raise WorkcellError(
+                f"{file}: {size / 1e6:.1f} MB large, expected a workcell file of at most 1 MB"
+            )
+        data = location.read_bytes()
+    except FileNotFoundError:
+        raise WorkcellError(
+            f"{file}: no such file; 'armsight new {file}' starts one, and workcells/ has examples"
+        ) from None
+    except OSError as error:
+        raise WorkcellError(f"{file}: cannot be read: {error.strerror or error}") from None
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise WorkcellError(
+            f"{file}: not UTF-8 text (byte {error.start}), expected a TOML file"
+        ) from None
+    return parse_workcell(text, str(file), location.resolve().parent)
+
+
+def parse_workcell(text: str, file: str = "workcell.toml", folder: Path | None = None) -> Workcell:
+    """Check the text of a workcell file.
+
+    Args:
+        text: TOML.
+        file: how errors name it.
+        folder: where relative files (motion clips) lie; None: the working folder.
+
+    Raises:
+        WorkcellError: it has problems.
+    """
+    if not text.strip():
+        raise WorkcellError(f"{file}: empty, expected a workcell; 'armsight new FILE' starts one")
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise WorkcellError(f"{file}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise WorkcellError(f"{file}: nested too deeply, expected a plain workcell file") from None
+    workcell, problems = None, []
+    try:
+        workcell = Workcell.model_validate(raw)
+    except ValidationError as error:
+        problems = from_validation(error, raw, Workcell)
+    problems += list(_insane(raw, folder))
+    if problems or workcell is None:
+        raise WorkcellFileError(file, problems)
+    workcell._file = folder / Path(file).name if folder is not None else None
+    workcell._text = text
+    return workcell
+
+
+def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
+    """Sanity problems of every table that is valid by itself."""
+    robot = _one(RobotSection, raw.get("robot"))
+    simulation = raw.get("simulation")
+    simulation = simulation if isinstance(simulation, Mapping) else {}
+    if robot is not None:
+        yield from checks.check_robot(robot)
+    for where, camera in _each(CameraSection, raw, "camera"):
+        yield from checks.check_camera(where, camera, robot)
+    solids = list(_each(SolidSection, raw, "solid"))
+    undeclared = list(_each(SolidSection, simulation, "undeclared", "simulation."))
+    objects = list(_each(ObjectSection, simulation, "object", "simulation."))
+    for where, solid in (*solids, *undeclared, *objects):
+        yield from checks.check_solid(where, solid)
+    for where, person in _each(PersonSection, simulation, "person", "simulation."):
+        yield from checks.check_person(where, person, folder)
+    settings = _one(SimulationSection, simulation)
+    if settings is not None:
+        yield from checks.check_simulation(settings)
+    mapping = _one(MappingSection, raw.get("mapping", {}))
+    if mapping is not None:
+        yield from checks.check_mapping(mapping, robot)
+    patrol = _one(PatrolSection, raw.get("patrol", {}))
+    if patrol is not None:
+        yield from checks.check_patrol(patrol, robot)
+    for key, table in (("camera", raw), ("solid", raw)):
+        yield from checks.check_names(key, _names(table, key))
+    for key in ("undeclared", "person", "object"):
+        yield from checks.check_names(f"simulation.{key}", _names(simulation, key))
+    yield from _in_collision(robot, [s for _, s in solids], patrol)
+
+
+def _in_collision(
+    robot: RobotSection | None, solids: list[SolidSection], patrol: PatrolSection | None
+) -> Iterator[Problem]:
+    if robot is None or any(checks.check_robot(robot)):
+        return
+    if robot.home_deg is not None:
+        yield from checks.check_clear("robot.home_deg", robot.home_deg, robot, solids)
+    for name, goal in (patrol.goals_deg if patrol is not None else {}).items():
+        yield from checks.check_clear(f"patrol.goals_deg.{name}", goal, robot, solids)
+
+
+def _one(model: type[SectionT], raw: Any) -> SectionT | None:
+    try:
+        return model.model_validate(raw)
+    except ValidationError:
+        return None
+
+
+def _each(
+    model: type[SectionT], raw: Mapping[str, Any], key: str, prefix: str = ""
+) -> Iterator[tuple[str, SectionT]]:
+    entries = raw.get(key, [])
+    for i, entry in enumerate(entries if isinstance(entries, list) else []):
+        section = _one(model, entry)
+        if section is not None:
+            yield prefix + path((key, i), raw), section
+
+
+def _names(raw: Mapping[str, Any], key: str) -> list[str | None]:
+    entries = raw.get(key, [])
+    names = (
+        [e.get("name") if isinstance(e, Mapping) else None for e in entries]
+        if isinstance(entries, list)
+        else []
+    )
+    return [n if isinstance(n, str) else None for n in names]

@@ -1,0 +1,345 @@
+"""What may stand in ``workcell.toml``: one file for simulation and hardware.
+
+The descriptions here are the documentation: ``docs/workcell.md`` is generated from them, and the
+errors quote them. Poses are in ``world`` (z up, floor at z = 0) unless a key says otherwise.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import PrivateAttr, model_validator
+
+from armsight.arrays import JointVector, Pose
+from armsight.geometry.pose import from_quaternion, from_rpy, look_at
+from armsight.geometry.shapes import Solid
+from armsight.workcell.fields import (
+    Color,
+    Connection,
+    Extent,
+    Joints,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Quaternion,
+    Section,
+    Share,
+    Switch,
+    Text,
+    Triple,
+    key,
+)
+
+
+class CellSection(Section):
+    """The cell as a whole."""
+
+    name: Name = key(..., "Short name of the cell, for the page, recordings and logs.")
+    description: Text = key("", "One sentence for people.")
+
+
+class RobotSection(Section):
+    """The arm, where it stands, and how fast it may be."""
+
+    model: Name = key(..., "Key of the robot catalogue; `armsight robots` lists it.")
+    driver: Name = key("simulated", "What moves it: `simulated`, or the name of a real driver.")
+    tool: Name = key("none", "What the flange carries; `armsight robots` lists the tools.")
+    position: Triple = key((0.0, 0.0, 0.0), "Origin of the robot's base.", "m")
+    rpy_deg: Triple = key(
+        (0.0, 0.0, 0.0),
+        "Roll, pitch, yaw of the base about the fixed x, y, z axes; [180, 0, 0] hangs it inverted.",
+        "deg",
+    )
+    home_deg: Joints | None = key(
+        None, "Joint positions at the start; the catalogue's home if left out.", "deg"
+    )
+    joint_lower_deg: Joints | None = key(
+        None, "Narrower lower joint limits of this cell; the maker's if left out.", "deg"
+    )
+    joint_upper_deg: Joints | None = key(
+        None, "Narrower upper joint limits of this cell; the maker's if left out.", "deg"
+    )
+    speed: Share = key(0.5, "Share of the joints' speed limits that may be used.")
+    acceleration: Share = key(0.6, "Share of the joints' acceleration limits that may be used.")
+    start_delay_ms: NotNegative = key(
+        60.0, "Command to first motion (T2: 50-70 ms). The guard counts with it.", "ms", le=1000.0
+    )
+    state_latency_ms: NotNegative = key(2.0, "Joint reading to its arrival.", "ms", le=1000.0)
+    state_rate_hz: Positive = key(500.0, "Joint readings a second.", "Hz", le=10_000.0)
+    watchdog_ms: Positive = key(
+        100.0, "The arm stops by itself when no command came for this long.", "ms", le=10_000.0
+    )
+    connection: Connection = key(
+        {}, "What a real driver needs, such as `host`; the driver's page says what."
+    )
+
+    @property
+    def T_world_base(self) -> Pose:
+        """Pose of the base in world."""
+        return from_rpy(np.deg2rad(self.rpy_deg), self.position)
+
+
+class CameraSection(Section):
+    """One depth camera. Give exactly one of `look_at`, `rpy_deg`, `quaternion_xyzw`."""
+
+    name: Name = key(..., "Unique in the cell.")
+    model: Name = key(..., "Key of the camera catalogue; `armsight robots` lists it.")
+    driver: Name = key("simulated", "What reads it: `simulated`, or the name of a real driver.")
+    mounted_on: Literal["world", "flange"] = key(
+        "world", "`world` for a camera that stands still, `flange` for one that the arm carries."
+    )
+    position: Triple = key(..., "Origin of the depth lens, in world or in the flange's frame.", "m")
+    look_at: Triple | None = key(
+        None, "A point in the middle of the image (same frame); the image's top is up.", "m"
+    )
+    rpy_deg: Triple | None = key(
+        None, "Roll, pitch, yaw of the optical frame (z forward, x right, y down).", "deg"
+    )
+    quaternion_xyzw: Quaternion | None = key(
+        None, "Rotation of the optical frame as x, y, z, w (w last)."
+    )
+    rate_hz: Positive | None = key(
+        None, "Frames a second; the catalogue's if left out.", "Hz", le=240.0
+    )
+    latency_ms: NotNegative | None = key(
+        None, "Exposure to arrival; the catalogue's if left out.", "ms", le=2000.0
+    )
+    phase_ms: NotNegative = key(
+        0.0, "First exposure after the start; staggered cameras give fresher evidence.", "ms"
+    )
+    connection: Connection = key(
+        {}, "What a real driver needs, such as `serial`; the driver's page says what."
+    )
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> CameraSection:
+        given = [k for k in ("look_at", "rpy_deg", "quaternion_xyzw") if getattr(self, k)]
+        if len(given) != 1:
+            raise ValueError(
+                f"found {' and '.join(given) if given else 'none'} of look_at, rpy_deg and "
+                "quaternion_xyzw, expected exactly one"
+            )
+        if self.quaternion_xyzw and abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) > 0.01:
+            raise ValueError(
+                f"quaternion_xyzw has length {np.linalg.norm(self.quaternion_xyzw):.3g}, expected 1"
+            )
+        if self.look_at and np.linalg.norm(np.subtract(self.look_at, self.position)) < 1e-6:
+            raise ValueError("look_at is the camera's own position, expected another point")
+        return self
+
+    @property
+    def T_mount_camera(self) -> Pose:
+        """Pose of the depth lens in world (fixed cameras) or in the flange's frame."""
+        if self.look_at is not None:
+            away = np.subtract(self.look_at, self.position)
+            straight = np.linalg.norm(away[:2]) < 1e-6 * np.linalg.norm(away)
+            # Straight down or up has no "up" in the image: its top is then +y (down) or -y (up).
+            up = (0.0, -float(np.sign(away[2])), 0.0) if straight else (0.0, 0.0, 1.0)
+            return look_at(self.position, self.look_at, up)
+        if self.rpy_deg is not None:
+            return from_rpy(np.deg2rad(self.rpy_deg), self.position)
+        assert self.quaternion_xyzw is not None
+        return from_quaternion(self.quaternion_xyzw, self.position)
+
+
+class SolidSection(Section):
+    """A box (`size`), a cylinder along its z (`radius`, `height`) or a sphere (`radius`)."""
+
+    name: Name = key(..., "Unique in the cell.")
+    kind: Literal["box", "cylinder", "sphere"] = key("box", "Its shape.")
+    size: Extent | None = key(None, "Full edges of a box along its x, y, z.", "m")
+    radius: Positive | None = key(None, "Radius of a cylinder or sphere.", "m")
+    height: Positive | None = key(None, "Full height of a cylinder.", "m")
+    position: Triple = key(..., "Its centre.", "m")
+    rpy_deg: Triple = key((0.0, 0.0, 0.0), "Roll, pitch, yaw about the fixed axes.", "deg")
+    color: Color = key((0.7, 0.7, 0.7), "Red, green, blue, 0..1.")
+    material: Literal["plain", "black_plastic", "shiny"] = key(
+        "plain", "What infrared sees of it: `black_plastic` gives no return, `shiny` little."
+    )
+
+    @model_validator(mode="after")
+    def _right_measures(self) -> SolidSection:
+        wanted = {"box": ["size"], "cylinder": ["radius", "height"], "sphere": ["radius"]}[
+            self.kind
+        ]
+        given = [k for k in ("size", "radius", "height") if getattr(self, k) is not None]
+        if given != wanted:
+            raise ValueError(
+                f"a {self.kind} found {' and '.join(given) if given else 'no measures'}, "
+                f"expected {' and '.join(wanted)}"
+            )
+        return self
+
+    @property
+    def solid(self) -> Solid:
+        """The solid, posed in world."""
+        size = self.size if self.size is not None else (self.radius or 0.0, self.height or 0.0, 0.0)
+        pose = from_rpy(np.deg2rad(self.rpy_deg), self.position)
+        return Solid(self.name, self.kind, size, pose, self.color, self.material)
+
+
+class PersonSection(Section):
+    """Someone in the simulated cell, moved by a script, by a recorded clip, or by the page."""
+
+    name: Name = key(..., "Unique in the cell.")
+    motion: Literal["script", "clip", "hand"] = key(
+        "script", "`script`, `clip` (a motion clip file), or `hand` (a lone forearm for the page)."
+    )
+    script: Name = key("reach_in", "Name of the built-in script, such as `reach_in`, `walk_by`.")
+    clip: Text | None = key(None, "File of a motion clip, relative to this file.")
+    position: Triple = key(..., "Where the script or clip has its origin: on the floor.", "m")
+    yaw_deg: Number = key(0.0, "Where the person faces: 0 is along world x, 90 along y.", "deg")
+    period_s: Positive = key(12.0, "Time between repetitions of a script.", "s")
+    start_s: NotNegative = key(2.0, "First time.", "s")
+    speed_scale: Positive = key(1.0, "Time scale of the motion.", le=10.0)
+    max_hand_speed: Positive = key(2.0, "Caps the hands' speed.", "m/s", le=20.0)
+    mirror: Switch = key(False, "Left and right exchanged.")
+    height: Positive = key(1.75, "Body height.", "m", ge=0.5, le=2.5)
+
+    @model_validator(mode="after")
+    def _clip_named(self) -> PersonSection:
+        if (self.motion == "clip") != (self.clip is not None):
+            raise ValueError(
+                f'motion is "{self.motion}" and clip is {"set" if self.clip else "missing"}, '
+                'expected a clip with motion = "clip", and only then'
+            )
+        return self
+
+    @property
+    def T_world_person(self) -> Pose:
+        """Origin of the person's motion in world."""
+        return from_rpy((0.0, 0.0, np.deg2rad(self.yaw_deg)), self.position)
+
+
+class ObjectSection(SolidSection):
+    """A moving thing: a solid with a path."""
+
+    path: Literal["circle", "line", "free"] = key(
+        "free",
+        "`circle` about `center`, `line` to `center` and back, or `free`: the page drags it.",
+    )
+    center: Triple | None = key(None, "Centre of the circle, or far end of the line.", "m")
+    period_s: Positive = key(10.0, "Time of one round.", "s")
+
+    @model_validator(mode="after")
+    def _center_named(self) -> ObjectSection:
+        if (self.path == "free") != (self.center is None):
+            raise ValueError(
+                f'path is "{self.path}" and center is {"missing" if self.center is None else "set"}'
+                ', expected a center with path "circle" or "line", and only then'
+            )
+        return self
+
+
+class SimulationSection(Section):
+    """What only the simulator knows. Hardware ignores this table."""
+
+    floor: Switch = key(True, "Whether there is a floor at z = 0.")
+    time_step_ms: Positive = key(2.0, "Step of the physics.", "ms", ge=0.1, le=10.0)
+    sensor_errors: Switch = key(True, "Whether the cameras' error models are on; ideal otherwise.")
+    stamp_jitter_ms: NotNegative = key(
+        0.0, "Uniform error of the cameras' stamps, plus or minus.", "ms", le=1000.0
+    )
+    calibration_error_mm: NotNegative = key(
+        0.0, "Standard deviation of the cameras' believed position, along each axis.", "mm", le=500
+    )
+    calibration_error_deg: NotNegative = key(
+        0.0, "Standard deviation of the cameras' believed rotation.", "deg", le=45.0
+    )
+    arm_repeatability_mm: NotNegative = key(
+        0.1, "Standard deviation of the tip's position.", "mm", le=50.0
+    )
+    arm_kinematic_error: NotNegative = key(
+        0.0, "Scale of the arm's absolute errors; 0 is an exact arm, 1 a typical one.", le=100.0
+    )
+    undeclared: tuple[SolidSection, ...] = key(
+        (), "Solids that are there but that the cell was not told of."
+    )
+    person: tuple[PersonSection, ...] = key((), "People.")
+    object: tuple[ObjectSection, ...] = key((), "Things that move or can be dragged.")
+
+
+class MappingSection(Section):
+    """The workspace map."""
+
+    lower: Triple | None = key(
+        None, "Lower corner of the mapped box; the robot's reach and a margin if left out.", "m"
+    )
+    upper: Triple | None = key(None, "Upper corner of the mapped box; likewise.", "m")
+    voxel: Positive = key(0.02, "Edge of a voxel.", "m", ge=0.005, le=0.1)
+    stale_after_ms: Positive = key(
+        100.0, "A camera older than this is not trusted: slow down, then stop.", "ms", le=2000.0
+    )
+
+    @model_validator(mode="after")
+    def _box(self) -> MappingSection:
+        if (self.lower is None) != (self.upper is None):
+            raise ValueError("found one of lower and upper, expected both or none")
+        if self.lower and self.upper and not np.all(np.subtract(self.upper, self.lower) > 0.0):
+            raise ValueError(f"upper {list(self.upper)} is not above lower {list(self.lower)}")
+        return self
+
+
+class GuardSection(Section):
+    """How the guard protects people. Left out, the documented defaults hold."""
+
+    speed: Share = key(
+        1.0, "Share of the robot's allowed speed (`robot.speed`) that tasks may use."
+    )
+    person_speed: Positive = key(
+        2.0,
+        "How fast a person may come nearer: the protective distance counts with it.",
+        "m/s",
+        le=10.0,
+    )
+    margin_mm: NotNegative = key(
+        20.0, "Least distance that is always kept on top of all computed ones.", "mm", le=1000.0
+    )
+
+
+class PatrolSection(Section):
+    """The goals of `armsight patrol`: visited in the order of the file, again and again."""
+
+    goals_deg: dict[Name, Joints] = key(
+        {}, "A table of named joint positions, such as `A` and `B`.", "deg"
+    )
+    dwell_s: NotNegative = key(0.5, "Rest at each goal.", "s", le=3600.0)
+
+
+class Workcell(Section):
+    """A whole cell, as read from its file."""
+
+    cell: CellSection = key(..., "The cell as a whole.")
+    robot: RobotSection = key(..., "The arm.")
+    camera: tuple[CameraSection, ...] = key((), "Depth cameras.")
+    solid: tuple[SolidSection, ...] = key((), "What stands still and is known: table, walls.")
+    mapping: MappingSection = key(MappingSection(), "The workspace map.")
+    guard: GuardSection = key(GuardSection(), "The guard.")
+    patrol: PatrolSection = key(PatrolSection(), "Goals of the patrol.")
+    simulation: SimulationSection = key(SimulationSection(), "What only the simulator knows.")
+
+    _file: Path | None = PrivateAttr(default=None)
+    _text: str = PrivateAttr(default="")
+
+    @property
+    def name(self) -> str:
+        """The cell's name."""
+        return self.cell.name
+
+    @property
+    def file(self) -> Path | None:
+        """The file it was read from, or None; clips are named relative to its folder."""
+        return self._file
+
+    @property
+    def text(self) -> str:
+        """The file's own text (comments and all), for recordings; empty if made by hand."""
+        return self._text
+
+    @property
+    def goals(self) -> dict[str, JointVector]:
+        """Patrol goals by name [rad]."""
+        return {name: np.deg2rad(values) for name, values in self.patrol.goals_deg.items()}
