@@ -23,6 +23,10 @@ class WorkcellError(ArmsightError):
     """A workcell file is broken; names the file, the key, what was found and what is expected."""
 
 
+class RobotError(ArmsightError):
+    """A robot, a tool or its URDF is unknown or broken; names the file and the element."""
+
+
 class DeviceError(ArmsightError):
     """A device is missing, dead, or says something that cannot be."""
 
@@ -31,5 +35,17 @@ class RecordingError(ArmsightError):
     """A recording cannot be read or written."""
 
 
+class CalibrationError(ArmsightError):
+    """A calibration cannot be made from what was seen; says what is missing or contradictory."""
+
+
 class PlanningError(ArmsightError):
     """No motion could be planned; says which of start, goal, limits or surroundings forbids it."""
+
+
+class LoopError(ArmsightError):
+    """A component of the running loop failed; the arm was stopped before this was raised."""
+
+
+class CellBusyError(ArmsightError):
+    """Another process is working with the same cell."""
