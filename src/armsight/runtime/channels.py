@@ -1,0 +1,82 @@
+"""What the components of a session hand each other: slots, a box of frames, joint history."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.history import JointHistory
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.data import GuardStatus, PlanRequest
+from armsight.runtime.slot import Slot
+
+if TYPE_CHECKING:
+    from armsight.motion.plan import Plan
+
+
+class SharedJointHistory(JointHistory):
+    """A joint history that one thread fills while another asks."""
+
+    def __init__(self, seconds: float = 2.0) -> None:
+        super().__init__(seconds)
+        self._lock = threading.Lock()
+
+    def add(self, state: JointState) -> None:
+        """Remember a reading."""
+        with self._lock:
+            super().add(state)
+
+    @property
+    def latest(self) -> JointState | None:
+        """The newest reading, or None."""
+        with self._lock:
+            return super().latest
+
+    def at(self, stamp: float, tolerance: float = 0.05) -> JointState | None:
+        """Joints at a time [s]; see :meth:`JointHistory.at`."""
+        with self._lock:
+            return super().at(stamp, tolerance)
+
+
+class FrameBox:
+    """Frames on their way to the map; the oldest is dropped when nobody takes them."""
+
+    def __init__(self, capacity: int = 16) -> None:
+        self._lock = threading.Lock()
+        self._waiting: deque[RgbdFrame] = deque(maxlen=capacity)
+        self._newest: dict[str, RgbdFrame] = {}
+        self.dropped = 0
+
+    def put(self, frame: RgbdFrame) -> None:
+        """Leave a frame."""
+        with self._lock:
+            self.dropped += len(self._waiting) == self._waiting.maxlen
+            self._waiting.append(frame)
+            self._newest[frame.camera] = frame
+
+    def take(self) -> list[RgbdFrame]:
+        """All waiting frames, oldest first; they are gone from the box."""
+        with self._lock:
+            frames = list(self._waiting)
+            self._waiting.clear()
+            return frames
+
+    def newest(self) -> tuple[RgbdFrame, ...]:
+        """The newest frame of each camera, by name."""
+        with self._lock:
+            return tuple(self._newest[name] for name in sorted(self._newest))
+
+
+class Channels:
+    """All that flows between the components of one session."""
+
+    def __init__(self) -> None:
+        self.history = SharedJointHistory()
+        self.frames = FrameBox()
+        self.joints: Slot[JointState] = Slot()
+        self.snapshot: Slot[WorkspaceSnapshot] = Slot()
+        self.request: Slot[PlanRequest] = Slot()
+        self.plan: Slot[Plan] = Slot()
+        self.status: Slot[GuardStatus] = Slot()

@@ -1,0 +1,265 @@
+"""The four working parts of a session: sensing, mapping, planning, and the guard.
+
+They wrap the pure objects of ``mapping`` and ``motion``; only here do these meet time and threads.
+A round's compute time is charged to the simulated clock, either as declared or as measured.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import numpy as np
+
+from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.history import JointHistory
+from armsight.devices.protocols import Arm, RgbdCamera
+from armsight.errors import DeviceError
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.data import GuardStatus, JointGoal, PlanRequest, Task
+from armsight.runtime.channels import Channels
+
+if TYPE_CHECKING:
+    from armsight.motion.guard import GuardDecision
+    from armsight.motion.plan import Plan, Planner
+
+
+class Maps(Protocol):
+    """What :class:`MappingComponent` needs of a map."""
+
+    def update(
+        self, frames: Sequence[RgbdFrame], joints: JointHistory, now: float
+    ) -> WorkspaceSnapshot:
+        """Take in frames and say what the workspace looks like."""
+        ...
+
+
+class Guards(Protocol):
+    """What :class:`GuardComponent` needs of a guard."""
+
+    def step(
+        self,
+        now: float,
+        joints: JointState | None,
+        snapshot: WorkspaceSnapshot | None,
+        goal: JointGoal | None,
+        plan: Plan | None,
+    ) -> GuardDecision:
+        """One tick: the command, the state, and perhaps a request to the planner."""
+        ...
+
+
+@dataclass(frozen=True)
+class Latency:
+    """How long a stage takes on the simulated clock.
+
+    Attributes:
+        declared: seconds charged when ``charge`` is ``declared`` [s].
+        charge: ``declared`` makes runs repeatable bit for bit; ``measured`` charges the compute
+            time of this machine; under the wall clock time passes by itself (``real``).
+    """
+
+    declared: float
+    charge: Literal["declared", "measured", "real"] = "declared"
+
+    def of(self, seconds: float) -> float:
+        """Seconds to charge for a round that took ``seconds`` of computing."""
+        if self.charge == "real":
+            return 0.0
+        return self.declared if self.charge == "declared" else seconds
+
+
+def _nothing(_at: float) -> None:
+    """Default of the hooks that the session wires."""
+
+
+def _at_once(_at: float, action: Callable[[], None]) -> None:
+    action()
+
+
+class SensingComponent:
+    """Reads the joints and every camera. A device that raises is counted dead, not fatal."""
+
+    name = "sensing"
+
+    def __init__(
+        self, channels: Channels, arm: Arm, cameras: Sequence[RgbdCamera], period: float = 0.004
+    ) -> None:
+        self.period = period
+        self.charge = 0.0
+        self.problem = ""
+        self.on_frames: Callable[[float], None] = _nothing
+        self._channels = channels
+        self._arm = arm
+        self._cameras = tuple(cameras)
+
+    def update(self, now: float) -> None:
+        """Pass on what has arrived."""
+        problems = []
+        try:
+            joints = self._arm.read()
+        except DeviceError as error:
+            joints = None
+            problems.append(str(error))
+        if joints is not None:
+            self._channels.history.add(joints)
+            self._channels.joints.publish(joints, now)
+        fresh = False
+        for camera in self._cameras:
+            try:
+                frame = camera.read()
+            except DeviceError as error:
+                problems.append(str(error))
+                continue
+            if frame is not None:
+                self._channels.frames.put(frame)
+                fresh = True
+        self.problem = "; ".join(problems)
+        if fresh:
+            self.on_frames(now)
+
+
+class MappingComponent:
+    """Updates the map on every frame, and without frames often enough to notice their absence."""
+
+    name = "mapping"
+
+    def __init__(
+        self,
+        channels: Channels,
+        workspace: Maps,
+        latency: Latency,
+        period: float = 0.02,
+    ) -> None:
+        self.period = period
+        self.charge = 0.0
+        self.on_snapshot: Callable[[float], None] = _nothing
+        self._channels = channels
+        self._workspace = workspace
+        self._latency = latency
+        self._updated = float("-inf")
+
+    def update(self, now: float) -> None:
+        """Take the waiting frames into the map and publish a snapshot."""
+        frames = self._channels.frames.take()
+        self.charge = 0.0
+        if not frames and now < self._updated + self.period:
+            return
+        began = time.perf_counter()
+        snapshot = self._workspace.update(frames, self._channels.history, now)
+        seconds = time.perf_counter() - began
+        self._updated = now
+        # A round without frames only ages the cameras' health: next to nothing to compute.
+        self.charge = self._latency.of(seconds) if frames else 0.0
+        visible_at = now + self.charge
+        self._channels.snapshot.publish(snapshot, visible_at)
+        if frames:
+            self.on_snapshot(visible_at)
+
+
+class PlanningComponent:
+    """Answers the newest request with a plan, on the newest snapshot."""
+
+    name = "planning"
+
+    def __init__(
+        self,
+        channels: Channels,
+        planner: Planner,
+        latency: Latency,
+        seed: int,
+        time_limit: float,
+        period: float = 0.01,
+    ) -> None:
+        self.period = period
+        self.charge = 0.0
+        self.on_plan: Callable[[float], None] = _nothing
+        self._channels = channels
+        self._planner = planner
+        self._latency = latency
+        self._seed = seed
+        self._time_limit = time_limit
+        self._answered = -1
+
+    def update(self, now: float) -> None:
+        """Plan if there is a request that was not answered yet."""
+        self.charge = 0.0
+        request = self._channels.request.read(now)
+        snapshot = self._channels.snapshot.read(now)
+        if request is None or snapshot is None or request.sequence <= self._answered:
+            return
+        rng = np.random.default_rng((self._seed, request.sequence))
+        began = time.perf_counter()
+        plan = self._planner.plan(request, snapshot, self._time_limit, rng)
+        self.charge = self._latency.of(time.perf_counter() - began)
+        self._answered = request.sequence
+        self._channels.plan.publish(plan, now + self.charge)
+        self.on_plan(now + self.charge)
+
+
+class GuardComponent:
+    """Ticks the guard and alone commands the arm."""
+
+    name = "guard"
+
+    def __init__(
+        self,
+        channels: Channels,
+        guard: Guards,
+        arm: Arm,
+        task: Task | None,
+        latency: Latency,
+        period: float = 0.008,
+    ) -> None:
+        self.period = period
+        self.charge = 0.0
+        self.problem = ""
+        self.held = False
+        self.on_request: Callable[[float], None] = _nothing
+        self.call_at: Callable[[float, Callable[[], None]], None] = _at_once
+        self._channels = channels
+        self._guard = guard
+        self._arm = arm
+        self._task = task
+        self._latency = latency
+        self._status: GuardStatus | None = None
+        self._requested: PlanRequest | None = None
+
+    def update(self, now: float) -> None:
+        """Ask the task, step the guard, command the arm, publish the status."""
+        began = time.perf_counter()
+        channels = self._channels
+        goal = None
+        if self._task is not None and not self.held:
+            goal = self._task.update(now, self._status)
+        decision = self._guard.step(
+            now,
+            channels.joints.read(now),
+            channels.snapshot.read(now),
+            goal,
+            channels.plan.read(now),
+        )
+        seconds = time.perf_counter() - began
+        delay = self._latency.of(seconds)
+        timings = (*decision.status.timings, ("guard", seconds))
+        self.call_at(now + delay, lambda: self._send(decision, timings, now + delay))
+
+    def _send(
+        self, decision: GuardDecision, timings: tuple[tuple[str, float], ...], at: float
+    ) -> None:
+        status = decision.status
+        try:
+            sent = self._arm.command_velocity(decision.command)
+            self.problem = ""
+        except DeviceError as error:
+            self._arm.stop()
+            self.problem = str(error)
+            sent = np.zeros_like(decision.command)
+            status = replace(status, reason=self.problem)
+        self._status = replace(status, command=sent, timings=timings)
+        self._channels.status.publish(self._status, at)
+        if decision.request is not None:
+            self._channels.request.publish(decision.request, at)
+            self.on_request(at)

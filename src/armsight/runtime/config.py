@@ -1,0 +1,42 @@
+"""How a session runs: periods and latencies of its components."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from armsight.mapping.config import MappingConfig
+    from armsight.motion.guard import GuardConfig
+    from armsight.motion.plan import Planner
+
+
+@dataclass(frozen=True)
+class SessionConfig:
+    """Periods, latencies and the configuration of the parts.
+
+    Attributes:
+        sensing_period: between looks at the devices [s].
+        mapping_period: between updates without a frame; a frame starts one at once [s].
+        guard_period: between guard ticks; a new snapshot starts one at once [s].
+        planning_period: between looks for a request; a request starts one at once [s].
+        mapping_latency, planning_latency, guard_latency: what a round takes on the simulated
+            clock when ``charge`` is ``declared`` [s]. The defaults are a little above what was
+            measured on two cores.
+        charge: ``declared`` (repeatable bit for bit) or ``measured`` compute time.
+        planning_time: the planner's time limit [s].
+        mapping, guard, planner: configuration of the parts; None takes the workcell's or defaults.
+    """
+
+    sensing_period: float = 0.004
+    mapping_period: float = 0.02
+    guard_period: float = 0.008
+    planning_period: float = 0.01
+    mapping_latency: float = 0.012
+    planning_latency: float = 0.05
+    guard_latency: float = 0.002
+    charge: Literal["declared", "measured"] = "declared"
+    planning_time: float = 0.05
+    mapping: MappingConfig | None = field(default=None)
+    guard: GuardConfig | None = field(default=None)
+    planner: Planner | None = field(default=None)

@@ -1,0 +1,105 @@
+"""What the simulated and the wall loop have in common: stages, health, requests from outside."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from armsight.errors import ArmsightError, LoopError
+from armsight.runtime.component import Component
+from armsight.runtime.health import HealthMeter
+
+
+class Loop(Protocol):
+    """Runs components on a clock until told to stop."""
+
+    meters: dict[str, HealthMeter]
+
+    def run(self, until: float | None) -> None:
+        """Run until the clock says ``until`` [s], or without end for None, or until stopped.
+
+        Raises:
+            LoopError: a component failed; the loop has ended.
+        """
+        ...
+
+    def stop(self) -> None:
+        """End :meth:`run` soon; may be called from any thread and from a signal handler."""
+        ...
+
+    def wake(self, name: str, at: float) -> None:
+        """Let a component do a round at ``at`` [s] besides its period: there is news for it."""
+        ...
+
+    def call_at(self, at: float, action: Callable[[], None]) -> None:
+        """Do something once at ``at`` [s]."""
+        ...
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Do something between two rounds, as soon as possible."""
+        ...
+
+    def pause(self, paused: bool) -> None:
+        """Stand still, or go on."""
+        ...
+
+
+class Inbox:
+    """Functions that other threads ask the loop to call between two rounds."""
+
+    def __init__(self) -> None:
+        self._queue: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self.bell = threading.Event()
+
+    def put(self, action: Callable[[], None]) -> None:
+        """Leave a function and ring."""
+        self._queue.put(action)
+        self.bell.set()
+
+    def run_all(self) -> None:
+        """Call what was left, in order."""
+        self.bell.clear()
+        while True:
+            try:
+                action = self._queue.get_nowait()
+            except queue.Empty:
+                return
+            action()
+
+
+def make_meters(components: Sequence[Component]) -> dict[str, HealthMeter]:
+    """One meter a component.
+
+    Raises:
+        ValueError: two components have the same name.
+    """
+    meters = {c.name: HealthMeter(c.name, c.period) for c in components}
+    if len(meters) != len(components):
+        raise ValueError(f"component names must be unique: {[c.name for c in components]}")
+    return meters
+
+
+def do_round(component: Component, meter: HealthMeter, now: float) -> float:
+    """One update, timed and counted; returns the seconds of computing [s].
+
+    Raises:
+        LoopError: the component raised; the cause is kept.
+    """
+    began = time.perf_counter()
+    try:
+        component.update(now)
+    except ArmsightError as error:
+        meter.problem(str(error))
+        raise LoopError(f"{component.name}: {error}") from error
+    except Exception as error:
+        meter.problem(f"{type(error).__name__}: {error}")
+        raise LoopError(
+            f"{component.name} failed at {now:.3f} s ({type(error).__name__}: {error}); "
+            "the arm was stopped; run again with --debug for the trace"
+        ) from error
+    seconds = time.perf_counter() - began
+    meter.round(now, seconds)
+    return seconds

@@ -1,0 +1,379 @@
+"""A running cell: devices, map, planner, guard and a task on one clock."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from armsight.arrays import Vector3
+from armsight.devices.protocols import Arm, Clock, RgbdCamera
+from armsight.errors import UsageError
+from armsight.motion.data import Task
+from armsight.runtime.channels import Channels
+from armsight.runtime.clocks import WallClock
+from armsight.runtime.component import Component
+from armsight.runtime.components import (
+    GuardComponent,
+    Latency,
+    MappingComponent,
+    PlanningComponent,
+    SensingComponent,
+)
+from armsight.runtime.config import SessionConfig
+from armsight.runtime.lock import cell_lock
+from armsight.runtime.parts import Parts, make_parts
+from armsight.runtime.shared_devices import SharedArm, SharedCamera
+from armsight.runtime.signals import orderly_signals
+from armsight.runtime.simulated_loop import SimulatedLoop
+from armsight.runtime.view import ComponentHealth, Mover, SessionView
+from armsight.runtime.wall_loop import WallLoop
+
+if TYPE_CHECKING:
+    from armsight.workcell import Cell
+
+HEARTBEAT = 0.25
+"""The arm is stopped when the guard has been silent for longer under the wall clock [s]."""
+
+
+class Session:
+    """Runs a task on a cell through the guard; a task never sees the arm.
+
+    Under the simulated clock everything happens in the caller's thread, in the same order for the
+    same seed. Under the wall clock each component has a thread. Whatever ends a run - its time,
+    :meth:`stop`, a signal, an exception - the arm is told to stop before :meth:`run` returns.
+
+    Args:
+        cell: from :func:`armsight.workcell.open_cell`; the caller closes it.
+        task: what to do, or None to watch only (the arm holds still).
+        seed: of the planner's randomness; the world has its own.
+        wall: run a simulated cell under the wall clock, in threads. Real cells always are.
+        observers: further components (page, recorder, experiment) that read :meth:`view`.
+        config: periods, latencies, configuration of the parts.
+        exclusive: refuse to run while another process runs this cell. None: only for real arms;
+            simulated ones do not get in each other's way.
+        make: builds map, planner and guard; tests put doubles here.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        task: Task | None,
+        *,
+        seed: int = 0,
+        wall: bool = False,
+        observers: Sequence[Component] = (),
+        config: SessionConfig | None = None,
+        exclusive: bool | None = None,
+        make: Callable[[Cell, SessionConfig], Parts] = make_parts,
+    ) -> None:
+        self.cell = cell
+        self.task = task
+        self.seed = seed
+        self.config = config or SessionConfig()
+        self.ended_by = ""
+        self._make = make
+        self._observers = list(observers)
+        self._advance = _advance_of(cell)
+        self._wall = wall or self._advance is None
+        self._exclusive = (self._advance is None) if exclusive is None else exclusive
+        self._lock = threading.RLock()
+        self._held = False
+        self._speed = math.inf
+        self._movers: tuple[Mover, ...] = ()
+        self._loop_thread: int | None = None
+        self._warm = False
+        self._loop: SimulatedLoop | WallLoop
+        self._reset_wanted = False
+        self._clock: Clock = cell.clock
+        self._arm: Arm = cell.arm
+        self._cameras: Sequence[RgbdCamera] = cell.cameras
+        if self._wall and self._advance is not None:
+            self._clock = clock = WallClock(cell.clock.now())
+            clock.pause()
+            self._arm = SharedArm(cell.arm, self._lock)
+            self._cameras = [SharedCamera(c, self._lock) for c in cell.cameras]
+        self._build()
+
+    # -- outside view ---------------------------------------------------------------------------
+
+    @property
+    def wall(self) -> bool:
+        """Whether components run in threads under the wall clock."""
+        return self._wall
+
+    def now(self) -> float:
+        """The session's time [s]."""
+        return self._clock.now()
+
+    @property
+    def realtime_factor(self) -> float:
+        """Simulated seconds a second over all runs so far; 1 under the wall clock."""
+        if isinstance(self._loop, WallLoop):
+            return 1.0
+        wall = self._loop.wall_seconds
+        return self._loop.simulated_seconds / wall if wall > 0 else 0.0
+
+    def view(self) -> SessionView:
+        """One consistent look at everything that is published; safe from any thread."""
+        now = self.now()
+        channels = self._channels
+        if threading.get_ident() == self._loop_thread or self._loop_thread is None:
+            self._movers = self._read_movers()
+        return SessionView(
+            now=now,
+            running=not self._held,
+            speed=self._loop.speed if isinstance(self._loop, SimulatedLoop) else 1.0,
+            joints=channels.joints.read(now),
+            snapshot=channels.snapshot.read(now),
+            guard=channels.status.read(now),
+            frames=channels.frames.newest(),
+            health=self.health(),
+            movers=self._movers,
+        )
+
+    def health(self) -> tuple[ComponentHealth, ...]:
+        """Health of every component."""
+        reports = []
+        for component in self._components:
+            report = self._loop.meters[component.name].report()
+            problem = report.problem or str(getattr(component, "problem", ""))
+            reports.append(replace(report, problem=problem))
+        return tuple(reports)
+
+    # -- control, from any thread ---------------------------------------------------------------
+
+    def observe(self, component: Component) -> None:
+        """Add an observer before the first run.
+
+        Raises:
+            UsageError: the session has run already.
+        """
+        if self._warm:
+            raise UsageError("observers must be added before the session runs")
+        self._observers.append(component)
+        self._build()
+
+    def pause(self) -> None:
+        """Simulated: time stands still. Real: the arm stops and holds, the map goes on."""
+        self._held = True
+        if self._advance is None:
+            self._guard.held = True
+        else:
+            self._loop.pause(True)
+
+    def resume(self) -> None:
+        """Go on after :meth:`pause`."""
+        self._held = False
+        self._guard.held = False
+        self._loop.pause(False)
+
+    def set_speed(self, speed: float) -> None:
+        """Simulated seconds a second; inf for as fast as possible. Real time has one speed.
+
+        Raises:
+            UsageError: the speed is not above zero, or the clock cannot be hurried.
+        """
+        if not speed > 0:
+            raise UsageError(f"speed must be above 0, not {speed}; use pause() to stand still")
+        if isinstance(self._loop, SimulatedLoop):
+            self._speed = speed
+            self._loop.set_speed(speed)
+        elif speed != 1.0:
+            raise UsageError("under the wall clock a second takes a second")
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Let the loop's thread do something between two rounds (moving a simulated thing)."""
+        self._loop.post(action)
+
+    def drag(self, name: str, position_world: Vector3) -> None:
+        """Move an object or a person's hand of a simulated cell, soon."""
+        world = self.cell.world
+        if world is None:
+            raise UsageError("only simulated cells have things to drag")
+        target = np.asarray(position_world, float).copy()
+
+        def move() -> None:
+            with self._lock:
+                world.drag(name, target)
+
+        self.post(move)
+
+    def reset(self) -> None:
+        """Back to time 0 with an empty map, soon: the same seed runs the same again.
+
+        Raises:
+            UsageError: the cell is real; its time cannot be turned back.
+        """
+        if self.cell.world is None:
+            raise UsageError("only a simulated cell can be reset")
+        if self._loop_thread is None:
+            self._reset()
+        else:
+            self._reset_wanted = True
+            self._loop.stop()
+
+    def stop(self, why: str = "stop") -> None:
+        """End the run soon, arm stopped; from any thread or signal handler."""
+        self.ended_by = self.ended_by or why
+        self._loop.stop()
+
+    # -- running --------------------------------------------------------------------------------
+
+    def warm_up(self, progress: Callable[[str, float], None] = lambda stage, done: None) -> None:
+        """Compile and touch everything before the arm may move (several seconds the first time).
+
+        Args:
+            progress: told the stage and the share done, 0..1.
+        """
+        if not self._warm:
+            self._parts.warm_up(progress)
+            self._warm = True
+        progress("ready", 1.0)
+
+    def run(self, seconds: float | None = None) -> None:
+        """Run for a time on the session's clock [s], or until stopped.
+
+        Raises:
+            LoopError: a component failed; the arm was stopped.
+            CellBusyError: another process runs this cell.
+        """
+        self.ended_by = ""
+        with contextlib.ExitStack() as stack:
+            if self._exclusive:
+                stack.enter_context(cell_lock(self.cell.workcell.name))
+            self.warm_up()
+            stack.callback(setattr, self, "_loop_thread", None)
+            self._loop_thread = threading.get_ident()
+            stack.enter_context(orderly_signals(self.stop))
+            stack.callback(self._arm.stop)  # runs first on the way out, whatever the way
+            stack.enter_context(self._clock_running())
+            self._loop.run(None if seconds is None else self.now() + seconds)
+            while self._reset_wanted and not self.ended_by:
+                self._arm.stop()
+                self._reset()
+                self._loop.run(seconds)
+            self.ended_by = self.ended_by or "time"
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop("closed")
+        self._arm.stop()
+
+    # -- inside ---------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def _clock_running(self) -> Iterator[None]:
+        """A clock of our own (simulated cell, wall clock) stands still between runs."""
+        clock = self._clock
+        if not isinstance(clock, WallClock) or self._advance is None:
+            yield
+            return
+        if not self._held:
+            clock.resume()
+        try:
+            yield
+        finally:
+            clock.pause()
+
+    def _build(self) -> None:
+        """Make fresh parts, components and loop."""
+        config = self.config
+        charge: Literal["declared", "measured", "real"] = "real" if self._wall else config.charge
+        self._channels = channels = Channels()
+        self._parts = parts = self._make(self.cell, config)
+        sensing = SensingComponent(channels, self._arm, self._cameras, config.sensing_period)
+        mapping = MappingComponent(
+            channels,
+            parts.workspace,
+            Latency(config.mapping_latency, charge),
+            config.mapping_period,
+        )
+        planning = PlanningComponent(
+            channels,
+            parts.planner,
+            Latency(config.planning_latency, charge),
+            self.seed,
+            config.planning_time,
+            config.planning_period,
+        )
+        self._guard = GuardComponent(
+            channels,
+            parts.guard,
+            self._arm,
+            self.task,
+            Latency(config.guard_latency, charge),
+            config.guard_period,
+        )
+        self._components: list[Component] = [
+            sensing,
+            mapping,
+            planning,
+            self._guard,
+            *self._observers,
+        ]
+        if self._wall:
+            self._loop = WallLoop(self._clock, self._components, self._supervise, self._arm.stop)
+        else:
+            assert self._advance is not None
+            self._loop = SimulatedLoop(self.cell.clock.now, self._advance, self._components, speed)
+        loop = self._loop
+        sensing.on_frames = lambda at: loop.wake("mapping", at)
+        mapping.on_snapshot = lambda at: loop.wake("guard", at)
+        self._guard.on_request = lambda at: loop.wake("planning", at)
+        planning.on_plan = lambda at: loop.wake("guard", at)
+        if not self._wall:
+            self._guard.call_at = loop.call_at
+        self._guard.held = self._held and self._advance is None
+        if self._held and self._advance is not None:
+            self._loop.pause(True)
+
+    def _reset(self) -> None:
+        self._reset_wanted = False
+        world = self.cell.world
+        assert world is not None
+        world.reset()
+        if isinstance(self._clock, WallClock):
+            self._clock.restart()
+        reset_task = getattr(self.task, "reset", None)
+        if reset_task is not None:
+            reset_task()
+        self._build()
+
+    def _supervise(self) -> None:
+        """Under the wall clock: move a simulated world along, and watch the guard's heart."""
+        now = self.now()
+        if self._advance is not None:
+            with self._lock:
+                self._advance(now)
+        last = self._loop.meters["guard"].report().last
+        if math.isfinite(last) and now - last > HEARTBEAT:
+            self._arm.stop()
+
+    def _read_movers(self) -> tuple[Mover, ...]:
+        world = self.cell.world
+        if world is None:
+            return ()
+        with self._lock:
+            return tuple(Mover(m.name, m.solid, m.T_world_solid) for m in world.movers())
+
+
+def _advance_of(cell: Cell) -> Callable[[float], None] | None:
+    """What moves the cell's own clock, or None for a cell in real time."""
+    if cell.world is not None:
+        return cell.world.advance
+    advance: Callable[[float], None] | None = getattr(cell.clock, "advance", None)
+    return advance

@@ -1,0 +1,164 @@
+"""The loop under the wall clock: a thread a component, deadlines counted."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import sys
+import threading
+from collections.abc import Callable, Sequence
+
+from armsight.devices.protocols import Clock
+from armsight.errors import LoopError
+from armsight.runtime.clocks import WallClock
+from armsight.runtime.component import Component
+from armsight.runtime.loop import Inbox, do_round, make_meters
+
+SWITCH_INTERVAL = 0.0005
+"""Python's default of 5 ms is a whole budget (design guard 3.8) [s]."""
+NAP = 0.004
+"""Longest sleep of the supervising thread [s]."""
+JOIN_SECONDS = 2.0
+"""How long the end of a run waits for each thread [s]."""
+
+
+class WallLoop:
+    """Runs each component in a thread of its own.
+
+    Args:
+        clock: the workcell's time; paused with the loop if it is a :class:`WallClock`.
+        components: each gets a thread.
+        supervise: called every few milliseconds in the thread that called :meth:`run`; a simulated
+            world is advanced here, and the guard's heartbeat is watched.
+        on_failure: called at once, in the thread of a component that failed; stops the arm.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        components: Sequence[Component],
+        supervise: Callable[[], None] = lambda: None,
+        on_failure: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.clock = clock
+        self.meters = make_meters(components)
+        self._components = tuple(components)
+        self._supervise = supervise
+        self._on_failure = on_failure
+        self._bells = {c.name: threading.Event() for c in components}
+        self._stop = threading.Event()
+        self._threads_stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self._inbox = Inbox()
+        self._calls: list[tuple[float, int, Callable[[], None]]] = []
+        self._calls_lock = threading.Lock()
+        self._ticket = itertools.count()
+        self._failure: LoopError | None = None
+
+    def stop(self) -> None:
+        """End the run soon."""
+        self._stop.set()
+        self._inbox.bell.set()
+
+    def pause(self, paused: bool) -> None:
+        """Pause the clock where it can be; threads keep looking and find no time passing."""
+        if isinstance(self.clock, WallClock):
+            if paused:
+                self.clock.pause()
+            else:
+                self.clock.resume()
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Do something in the supervising thread, soon."""
+        self._inbox.put(action)
+
+    def wake(self, name: str, at: float) -> None:
+        """News for a component: it does a round at once."""
+        if at <= self.clock.now():
+            self._bells[name].set()
+        else:
+            self.call_at(at, self._bells[name].set)
+
+    def call_at(self, at: float, action: Callable[[], None]) -> None:
+        """Do something once at a time [s], within a few milliseconds."""
+        if at <= self.clock.now():
+            action()
+            return
+        with self._calls_lock:
+            heapq.heappush(self._calls, (at, next(self._ticket), action))
+
+    def run(self, until: float | None) -> None:
+        """Run until the clock says ``until`` [s], or until stopped."""
+        end = math.inf if until is None else until
+        self._stop.clear()
+        self._failure = None
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL)
+        try:
+            self._start_threads()
+            while not self._stop.is_set() and self.clock.now() < end:
+                self._inbox.run_all()
+                self._supervise()
+                self._run_calls()
+                self._inbox.bell.wait(NAP)
+        finally:
+            self._end_threads()
+            sys.setswitchinterval(interval)
+        if self._failure is not None:
+            raise self._failure
+
+    def _run_calls(self) -> None:
+        while True:
+            with self._calls_lock:
+                if not self._calls or self._calls[0][0] > self.clock.now():
+                    return
+                action = heapq.heappop(self._calls)[2]
+            action()
+
+    def _start_threads(self) -> None:
+        self._threads_stop.clear()
+        self._threads = [
+            threading.Thread(target=self._work, args=(c,), name=f"armsight-{c.name}", daemon=True)
+            for c in self._components
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def _end_threads(self) -> None:
+        self._threads_stop.set()
+        for bell in self._bells.values():
+            bell.set()
+        for thread in self._threads:
+            thread.join(JOIN_SECONDS)
+        self._threads = []
+
+    def _work(self, component: Component) -> None:
+        meter = self.meters[component.name]
+        bell = self._bells[component.name]
+        due = self.clock.now()
+        last = -math.inf
+        while not self._threads_stop.is_set():
+            now = self.clock.now()
+            rung = bell.is_set()
+            if now < due and not rung:
+                bell.wait(min(due - now, NAP * 5))
+                continue
+            bell.clear()
+            if now <= last:  # a paused clock: no time, no round
+                self._threads_stop.wait(NAP)
+                continue
+            last = now
+            if now >= due:
+                late = math.floor((now - due) / component.period)
+                if late > 0:
+                    meter.missed(late)
+                due += (late + 1) * component.period
+            try:
+                do_round(component, meter, now)
+            except LoopError as error:
+                self._on_failure()
+                if self._failure is None:
+                    self._failure = error
+                self.stop()
+                return

@@ -1,0 +1,179 @@
+"""Both loops run components on their periods, count what is missed, and end on failure."""
+
+import threading
+import time
+
+import pytest
+
+from armsight.errors import DeviceError, LoopError
+from armsight.runtime.clocks import WallClock
+from armsight.runtime.simulated_loop import SimulatedLoop
+from armsight.runtime.wall_loop import WallLoop
+
+
+class Ticker:
+    def __init__(self, name, period, clock=None, charge=0.0, fail_at=None, error=None):
+        self.name, self.period, self.charge = name, period, charge
+        self.fail_at, self.error = fail_at, error or ValueError("boom")
+        self.times = []
+
+    def update(self, now):
+        if self.fail_at is not None and now >= self.fail_at:
+            raise self.error
+        self.times.append(now)
+
+
+class Clock:
+    def __init__(self):
+        self.time = 0.0
+
+    def now(self):
+        return self.time
+
+    def advance(self, until):
+        assert until >= self.time
+        self.time = until
+
+
+def simulated(*components):
+    clock = Clock()
+    return clock, SimulatedLoop(clock.now, clock.advance, components)
+
+
+def test_periods_are_kept_without_drift():
+    a, b = Ticker("a", 0.004), Ticker("b", 0.1)
+    clock, loop = simulated(a, b)
+    loop.run(10.0)
+    assert clock.time == 10.0
+    assert len(a.times) == 2501
+    assert a.times == pytest.approx([k * 0.004 for k in range(2501)])
+    assert b.times == pytest.approx([k * 0.1 for k in range(101)])
+    assert loop.meters["a"].report().missed == 0
+
+
+def test_components_due_together_run_in_their_order():
+    order = []
+    parts = [Ticker(n, 0.01) for n in "cab"]
+    for part in parts:
+        part.update = lambda now, n=part.name: order.append(n)
+    _, loop = simulated(*parts)
+    loop.run(0.02)
+    assert "".join(order) == "cabcabcab"
+
+
+def test_charged_time_makes_a_component_late_and_is_counted():
+    slow = Ticker("slow", 0.01, charge=0.025)
+    _, loop = simulated(slow)
+    loop.run(0.1)
+    assert slow.times == pytest.approx([0.0, 0.025, 0.05, 0.075, 0.1])
+    assert loop.meters["slow"].report().missed == 6
+
+
+def test_wake_adds_a_round_and_waits_for_a_busy_component():
+    part = Ticker("p", 1.0, charge=0.2)
+    _, loop = simulated(part)
+    loop.wake("p", 0.05)
+    loop.wake("p", 0.5)
+    loop.run(0.9)
+    assert part.times == pytest.approx([0.0, 0.2, 0.5])
+
+
+def test_call_at_runs_once_at_its_time():
+    clock, loop = simulated(Ticker("p", 1.0))
+    seen = []
+    loop.call_at(0.25, lambda: seen.append(clock.time))
+    loop.run(0.5)
+    assert seen == [0.25]
+
+
+def test_run_can_be_continued():
+    part = Ticker("p", 0.01)
+    _, loop = simulated(part)
+    loop.run(0.095)
+    loop.run(0.2)
+    assert part.times == pytest.approx([k * 0.01 for k in range(21)])
+
+
+def test_names_must_be_unique():
+    with pytest.raises(ValueError, match="unique"):
+        simulated(Ticker("a", 1.0), Ticker("a", 1.0))
+
+
+@pytest.mark.parametrize("error", [ValueError("boom"), DeviceError("cable is out")])
+def test_a_failing_component_ends_the_loop_with_its_name(error):
+    _, loop = simulated(Ticker("good", 0.01), Ticker("bad", 0.01, fail_at=0.05, error=error))
+    with pytest.raises(LoopError, match="bad") as caught:
+        loop.run(1.0)
+    assert caught.value.__cause__ is error
+    assert str(error) in loop.meters["bad"].report().problem
+
+
+def test_speed_paces_the_simulation():
+    _, loop = simulated(Ticker("a", 0.01))
+    loop.set_speed(4.0)
+    began = time.perf_counter()
+    loop.run(0.4)
+    assert time.perf_counter() - began > 0.09
+
+
+def test_pause_and_post_and_stop_from_another_thread():
+    part = Ticker("p", 0.01)
+    _clock, loop = simulated(part)
+    loop.pause(True)
+    runner = threading.Thread(target=loop.run, args=(None,))
+    runner.start()
+    answered = threading.Event()
+    loop.post(answered.set)
+    assert answered.wait(5)
+    assert part.times == []
+    loop.pause(False)
+    while len(part.times) < 5:
+        time.sleep(0.001)
+    loop.stop()
+    runner.join(5)
+    assert not runner.is_alive()
+
+
+def test_wall_loop_runs_each_in_its_thread():
+    names = {}
+    parts = [Ticker(n, 0.005) for n in "ab"]
+    for part in parts:
+        part.update = lambda now, n=part.name: names.setdefault(n, threading.get_ident())
+    loop = WallLoop(WallClock(), parts)
+    loop.run(0.1)
+    assert len(set(names.values()) | {threading.get_ident()}) == 3
+    assert loop.meters["a"].report().rounds >= 1
+
+
+def test_wall_loop_counts_missed_deadlines_and_wakes():
+    slow = Ticker("slow", 0.002)
+    slow.update = lambda now: time.sleep(0.01)
+    lazy = Ticker("lazy", 100.0)
+    clock = WallClock()
+    loop = WallLoop(clock, [slow, lazy])
+    threading.Timer(0.05, lambda: loop.wake("lazy", 0.0)).start()
+    loop.call_at(0.06, lambda: loop.wake("lazy", 0.0))
+    loop.run(0.2)
+    assert loop.meters["slow"].report().missed > 0
+    assert len(lazy.times) == 3
+
+
+def test_wall_loop_stops_the_arm_at_once_when_a_component_fails():
+    stopped = threading.Event()
+    parts = [Ticker("bad", 0.002, fail_at=0.0), Ticker("good", 0.002)]
+    loop = WallLoop(WallClock(), parts, on_failure=stopped.set)
+    with pytest.raises(LoopError, match="bad"):
+        loop.run(5.0)
+    assert stopped.is_set()
+
+
+def test_wall_clock_pauses_resumes_restarts():
+    ticks = iter([0.0, 1.0, 2.0, 5.0, 6.0, 7.0, 8.0])
+    clock = WallClock(source=lambda: next(ticks))
+    assert clock.now() == 1.0
+    clock.pause()  # at 2
+    assert clock.now() == 2.0
+    clock.resume()  # source says 5
+    assert clock.now() == 3.0
+    clock.restart()  # source says 7
+    assert clock.now() == 1.0
