@@ -1,1 +1,40 @@
-"""One module a table of the papers, ours beside theirs."""
+"""One module a table of the papers, ours beside theirs.
+
+``armsight experiment NAME`` looks a name up here and imports that module alone.
+"""
+
+from __future__ import annotations
+
+import difflib
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from armsight.errors import UsageError
+
+if TYPE_CHECKING:
+    from armsight.experiments.frame import Experiment
+
+NAMES: dict[str, str] = {
+    "patrol-smoke": "60 simulated seconds of guarded patrol, a person reaching in",
+    "danger-map": "T2: mean danger of the cells along three circles",
+    "patrol": "T2: A-B-A, reactive and predictive, against the direct way",
+    "approach": "people from recorded motion reach into the cell; contacts",
+    "mbm": "MotionBenchMaker problems through rendered depth images",
+    "false-stops": "false stops with nobody near, under noise and calibration error",
+}
+"""Every experiment and its line of help. The module of ``a-b`` is ``armsight.experiments.a_b``."""
+
+
+def load_experiment(name: str) -> Experiment:
+    """The experiment of a name.
+
+    Raises:
+        UsageError: there is none; names those that there are.
+    """
+    if name not in NAMES:
+        close = difflib.get_close_matches(name, NAMES, n=1)
+        hint = f'did you mean "{close[0]}"? ' if close else ""
+        raise UsageError(f'unknown experiment "{name}"; {hint}known: {", ".join(NAMES)}')
+    module = import_module(f"armsight.experiments.{name.replace('-', '_')}")
+    experiment: Experiment = module.EXPERIMENT
+    return experiment

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from armsight.workcell.build import Cell, camera_info, open_cell, robot_in, world_spec
+    from armsight.workcell.build import Cell, camera_info_of, open_cell, robot_in, world_spec
     from armsight.workcell.load import load_workcell, parse_workcell
     from armsight.workcell.schema import Workcell
 
 __all__ = [
     "Cell",
     "Workcell",
-    "camera_info",
+    "camera_info_of",
     "load_workcell",
     "open_cell",
     "parse_workcell",
@@ -23,7 +23,7 @@ __all__ = [
 _HOME = {
     "Cell": "build",
     "Workcell": "schema",
-    "camera_info": "build",
+    "camera_info_of": "build",
     "load_workcell": "load",
     "open_cell": "build",
     "parse_workcell": "load",

@@ -10,7 +10,7 @@ from types import TracebackType
 import numpy as np
 
 from armsight.arrays import JointVector, Pose
-from armsight.devices.camera_models import CAMERA_MODELS
+from armsight.devices.camera_models import camera_info
 from armsight.devices.data import RgbdCameraInfo
 from armsight.devices.protocols import Arm, Clock, RgbdCamera
 from armsight.errors import ArmsightError, WorkcellError
@@ -119,7 +119,7 @@ def open_cell(workcell: Workcell, seed: int = 0, clock: Clock | None = None) -> 
         opened.append(arm)
         cameras = []
         for section in workcell.camera:
-            info = camera_info(section, T_world_base)
+            info = camera_info_of(workcell, section)
             cameras.append(real_driver(section.driver).open_camera(section, info, clock))
             opened.append(cameras[-1])
     except BaseException:
@@ -143,23 +143,20 @@ def robot_in(workcell: Workcell) -> Robot:
     )
 
 
-def camera_info(section: CameraSection, T_world_base: Pose) -> RgbdCameraInfo:
+def camera_info_of(workcell: Workcell, section: CameraSection) -> RgbdCameraInfo:
     """What the cell believes of a camera: its catalogue entry, rate, latency and calibration."""
-    model = CAMERA_MODELS[section.model]
     fixed = section.mounted_on == "world"
     T = section.T_mount_camera
-    return RgbdCameraInfo(
-        name=section.name,
-        model=section.model,
-        depth=model.depth,
-        color=model.color,
-        T_depth_color=model.T_depth_color,
-        mounted_on="base" if fixed else "flange",
-        T_mount_camera=inverse(T_world_base) @ T if fixed else T,
-        rate=section.rate_hz if section.rate_hz is not None else model.rate,
-        latency=section.latency_ms / 1e3 if section.latency_ms is not None else model.latency,
-        range=model.range,
-        noise=model.noise,
+    ideal = section.driver == SIMULATED and not workcell.simulation.sensor_errors
+    return camera_info(
+        section.name,
+        section.model,
+        "base" if fixed else "flange",
+        inverse(workcell.robot.T_world_base) @ T if fixed else T,
+        rate=section.rate_hz,
+        latency=None if section.latency_ms is None else section.latency_ms / 1e3,
+        ideal_lens=ideal,
+        color_scale=workcell.simulation.color_scale if section.driver == SIMULATED else 1.0,
     )
 
 
@@ -182,7 +179,7 @@ def world_spec(workcell: Workcell) -> WorldSpec:
     )
     cameras = tuple(
         CameraSpec(
-            info=camera_info(c, section.T_world_base),
+            info=camera_info_of(workcell, c),
             T_mount_camera_true=c.T_mount_camera,
             errors=settings.sensor_errors,
             pose_error=(

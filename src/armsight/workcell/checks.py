@@ -121,6 +121,12 @@ def check_camera(
     if section.model not in CAMERA_MODELS:
         yield Problem(f"{where}.model", _unknown("camera", section.model, CAMERA_MODELS))
         return
+    fastest = CAMERA_MODELS[section.model].max_rate
+    if section.rate_hz is not None and section.rate_hz > fastest:
+        yield Problem(
+            f"{where}.rate_hz",
+            f"found {section.rate_hz:g}, expected at most {fastest:g} [Hz] of {section.model}",
+        )
     if robot is None or not _sane(section.position):
         return
     if section.mounted_on == "flange":

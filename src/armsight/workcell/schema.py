@@ -240,6 +240,9 @@ class SimulationSection(Section):
     floor: Switch = key(True, "Whether there is a floor at z = 0.")
     time_step_ms: Positive = key(2.0, "Step of the physics.", "ms", ge=0.1, le=10.0)
     sensor_errors: Switch = key(True, "Whether the cameras' error models are on; ideal otherwise.")
+    color_scale: Share = key(
+        0.5, "Share of the colour lenses' resolution that is rendered, when colour is asked for."
+    )
     stamp_jitter_ms: NotNegative = key(
         0.0, "Uniform error of the cameras' stamps, plus or minus.", "ms", le=1000.0
     )

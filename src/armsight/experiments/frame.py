@@ -1,0 +1,240 @@
+"""The frame of all experiments: what one is, how its result is written, printed and published.
+
+An experiment is one module of this package with a module-level ``EXPERIMENT``; it is named in
+``armsight.experiments.NAMES`` and imported only when it is asked for.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rich.console import Console
+from rich.table import Table
+
+from armsight.errors import ArmsightError
+from armsight.experiments.machine import commit, machine
+from armsight.experiments.rows import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Draw = Callable[[], "Figure"]
+
+
+class Progress(Protocol):
+    """Told how far an experiment is; the command line draws a bar from it."""
+
+    def __call__(self, stage: str, done: float) -> None:
+        """``done`` is the share of the whole experiment, 0..1; ``stage`` says what comes now."""
+        ...
+
+
+def silent(stage: str, done: float) -> None:
+    """Progress that nobody watches."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment found.
+
+    Attributes:
+        rows: the figures.
+        plots: name to a function that draws it, called only when the result is published.
+        notes: sentences that belong beside the table: what was left out, and why.
+    """
+
+    rows: tuple[Row, ...]
+    plots: dict[str, Draw] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment.
+
+    Attributes:
+        name: as the command line knows it, such as ``patrol-smoke``.
+        title: one line for people.
+        run: ``run(runs, seed, progress)`` does it all and returns the outcome.
+        runs: how many runs are meant by default.
+        about: what is done and how, in Markdown, for the published page.
+    """
+
+    name: str
+    title: str
+    run: Callable[[int, int, Progress], Outcome]
+    runs: int = 1
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """An outcome with everything needed to repeat it."""
+
+    experiment: Experiment
+    outcome: Outcome
+    runs: int
+    seed: int
+    commit: str
+    machine: str
+
+    @property
+    def command(self) -> str:
+        """The command line that makes this result."""
+        return f"armsight experiment {self.experiment.name} --runs {self.runs} --seed {self.seed}"
+
+    @property
+    def missed(self) -> tuple[Row, ...]:
+        """Rows whose ``must`` is not reached."""
+        return tuple(row for row in self.outcome.rows if row.met is False)
+
+    def to_json(self) -> dict[str, Any]:
+        """The document that ``--json`` writes."""
+        return {
+            "name": self.experiment.name,
+            "command": self.command,
+            "commit": self.commit,
+            "machine": self.machine,
+            "seed": self.seed,
+            "rows": [row.to_json() for row in self.outcome.rows],
+        }
+
+
+def run_experiment(
+    experiment: Experiment,
+    runs: int | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> Result:
+    """Run an experiment and describe where and how it was run."""
+    runs = experiment.runs if runs is None else runs
+    outcome = experiment.run(runs, seed, progress)
+    keys = [(row.key, row.condition) for row in outcome.rows]
+    if len(set(keys)) != len(keys):
+        raise ValueError(f"{experiment.name}: two rows share a key and condition")
+    return Result(experiment, outcome, runs, seed, commit(), machine())
+
+
+def print_result(result: Result, console: Console | None = None) -> None:
+    """The table, ours beside the paper's figures and the budget."""
+    table = Table(title=result.experiment.title, caption=f"{result.machine}, {result.commit}")
+    for name in ("key", "condition"):
+        table.add_column(name)
+    for name in ("ours", "95 % / spread", "n", "paper", "must", "aim"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    for row in result.outcome.rows:
+        verdict = {None: "", True: "[green]met[/]", False: "[red]missed[/]"}[row.met]
+        table.add_row(row.key, row.condition, *_cells(row), verdict)
+    console = console or Console()
+    console.print(table)
+    for note in result.outcome.notes:
+        console.print(note)
+
+
+def _cells(row: Row) -> list[str]:
+    spread = f"{_figure(row.low)} - {_figure(row.high)}" if row.low is not None else ""
+    sign = {"lower": "<" if row.strict else "≤", "higher": ">" if row.strict else "≥"}[row.better]
+    budgets = ["" if b is None else f"{sign} {_figure(b)}" for b in (row.must, row.aim)]
+    ours = f"{_figure(row.value)} {row.unit}".strip()
+    return [ours, spread, str(row.n), _figure(row.paper), *budgets]
+
+
+def _figure(value: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:.0f}" if float(value).is_integer() and abs(value) < 1e7 else f"{value:.4g}"
+
+
+def write_json(result: Result, file: Path) -> None:
+    """Write the result, whole or not at all.
+
+    Raises:
+        ArmsightError: the file cannot be written.
+    """
+    text = json.dumps(result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomically(file, text.encode())
+
+
+def publish(result: Result, folder: Path) -> tuple[Path, ...]:
+    """Write ``NAME.json``, ``NAME.md`` and the plots ``NAME-PLOT.png`` into a folder.
+
+    Every file is written whole or not at all; the page comes last.
+
+    Raises:
+        ArmsightError: a file cannot be written.
+    """
+    name = result.experiment.name
+    plots: list[Path] = []
+    for plot, draw in result.outcome.plots.items():
+        plots.append(folder / f"{name}-{plot}.png")
+        _save(draw(), plots[-1])
+    write_json(result, folder / f"{name}.json")
+    page = folder / f"{name}.md"
+    write_atomically(page, _page(result, plots).encode())
+    return (folder / f"{name}.json", *plots, page)
+
+
+def _save(figure: Figure, file: Path) -> None:
+    import io
+
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+    write_atomically(file, buffer.getvalue())
+
+
+def _page(result: Result, plots: Sequence[Path]) -> str:
+    experiment = result.experiment
+    lines = [f"# {experiment.title}", ""]
+    if experiment.about:
+        lines += [experiment.about.strip(), ""]
+    lines += [
+        f"Made by `{result.command} --publish` at commit {result.commit} on {result.machine}.",
+        "",
+        "| key | condition | ours | 95 % / spread | n | paper | must | aim | |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---|",
+    ]
+    for row in result.outcome.rows:
+        verdict = {None: "", True: "met", False: "**missed**"}[row.met]
+        cells = [f"`{row.key}`", row.condition, *_cells(row), verdict]
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    lines += ["", *(f"* `{row.key}`: {row.measure}" for row in _first_of_each_key(result)), ""]
+    for note in result.outcome.notes:
+        lines += [note, ""]
+    for plot in plots:
+        lines += [f"![{plot.stem}]({plot.name})", ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _first_of_each_key(result: Result) -> list[Row]:
+    return list({row.key: row for row in reversed(result.outcome.rows)}.values())[::-1]
+
+
+def write_atomically(file: Path, data: bytes) -> None:
+    """Write a file through a temporary one beside it, so that no reader sees half of it.
+
+    Raises:
+        ArmsightError: the folder cannot be made or written, or the disk is full.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+    except OSError as error:
+        raise ArmsightError(f"{file}: cannot be written: {error.strerror or error}") from None
+    temporary = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.chmod(0o644)
+        temporary.replace(file)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise ArmsightError(f"{file}: cannot be written: {error.strerror or error}") from None
