@@ -329,7 +329,9 @@ class Session:
             self._loop = WallLoop(self._clock, self._components, self._supervise, self._arm.stop)
         else:
             assert self._advance is not None
-            self._loop = SimulatedLoop(self.cell.clock.now, self._advance, self._components, speed)
+            self._loop = SimulatedLoop(
+                self.cell.clock.now, self._advance, self._components, self._speed
+            )
         loop = self._loop
         sensing.on_frames = lambda at: loop.wake("mapping", at)
         mapping.on_snapshot = lambda at: loop.wake("guard", at)
