@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +12,17 @@ from armsight.arrays import Floats, Ints, JointVector, Points, Pose, Poses
 
 @dataclass(frozen=True)
 class JointLimits:
-    """(n,) limits of the joints: [rad], [rad], [rad/s], [rad/s^2], [rad/s^3]."""
+    """(n,) limits of the joints: [rad], [rad], [rad/s], [rad/s^2], [rad/s^3].
+
+    ``effort`` is the greatest torque [N m], NaN or None where nobody says.
+    """
 
     lower: JointVector
     upper: JointVector
     velocity: JointVector
     acceleration: JointVector
     jerk: JointVector
+    effort: JointVector | None = None
 
     def scaled(self, velocity: float, acceleration: float) -> JointLimits:
         """The same ranges at a share of speed, and of acceleration and jerk."""
@@ -63,11 +67,17 @@ class Capsules:
 
 @dataclass(frozen=True)
 class LinkMesh:
-    """One coloured surface of a link: an OBJ file in the link's frame [m], RGB 0..1."""
+    """One coloured surface of a link: a mesh file, RGB 0..1.
+
+    The catalogue's meshes are OBJ files in the link's frame [m]; only arms loaded with
+    ``load_urdf`` may have a pose or scale other than the defaults. ``read_mesh`` heeds both.
+    """
 
     link: int
     path: Path
     color: tuple[float, float, float]
+    T_link_mesh: Pose = field(default_factory=lambda: np.eye(4))
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -113,6 +123,7 @@ class Robot:
         home: (n,) an upright, free configuration [rad].
         reach: the maker's figure [m].
         tool: what the flange carries, or None.
+        tool_pairs: (p, 2) pairs that join ``self_pairs`` once the last link carries a tool.
     """
 
     name: str
@@ -132,6 +143,7 @@ class Robot:
     home: JointVector
     reach: float
     tool: Tool | None = None
+    tool_pairs: Ints = field(default_factory=lambda: np.empty((0, 2), np.int64))
 
     @property
     def n(self) -> int:
@@ -140,6 +152,8 @@ class Robot:
 
     def with_tool(self, tool: Tool) -> Robot:
         """The same arm carrying a tool: its shapes join the last link's.
+
+        Its meshes and mass do not: they stay with ``tool``, in the flange's frame.
 
         Raises:
             ValueError: the arm carries a tool already.
@@ -163,4 +177,5 @@ class Robot:
             np.concatenate([self.capsules.end, on_last(tool.capsules.end)]),
             np.concatenate([self.capsules.radius, tool.capsules.radius]),
         )
-        return replace(self, spheres=spheres, capsules=capsules, tool=tool)
+        pairs = np.concatenate([self.self_pairs, self.tool_pairs])
+        return replace(self, spheres=spheres, capsules=capsules, self_pairs=pairs, tool=tool)

@@ -1,0 +1,151 @@
+"""From a URDF file to a :class:`Robot`, for any serial arm with revolute joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from armsight.arrays import Floats, JointVector
+from armsight.errors import RobotError
+from armsight.robots.chain import Chain, fold_chain
+from armsight.robots.robot import JointLimits, LinkMesh, Robot
+from armsight.robots.shapes import BodyShapes
+from armsight.robots.urdf import read_urdf
+
+DEFAULT_ACCELERATION = 5.0
+"""[rad/s^2] where nobody says otherwise: MoveIt's conservative value for Universal Robots' arms."""
+DEFAULT_JERK = 100.0
+"""[rad/s^3] where nobody says otherwise: full default acceleration after 50 ms."""
+
+
+def load_urdf(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    base: str | None = None,
+    flange: str | None = None,
+    held: Mapping[str, float] | None = None,
+    packages: Mapping[str, Path] | None = None,
+    meshes: bool = True,
+    acceleration: Floats | float = DEFAULT_ACCELERATION,
+    jerk: Floats | float = DEFAULT_JERK,
+    home: JointVector | None = None,
+    reach: float | None = None,
+    shapes: BodyShapes | None = None,
+) -> Robot:
+    """Load an arm from a URDF file.
+
+    Spheres come from the file's collision geometry where a link's is spheres only, as in
+    "spherized" URDFs; otherwise spheres and capsules are fitted to collision geometry and visuals,
+    which takes some seconds a robot.
+
+    Args:
+        path: of the URDF.
+        name: of the robot; the URDF's own when None.
+        base, flange: links whose frames become ``base`` and the flange, see
+            :func:`~armsight.robots.chain.fold_chain`.
+        held: values of moving joints off the chain, such as fingers [rad or m].
+        packages: folders that ``package://NAME/`` stands for.
+        meshes: whether the visual meshes are wanted; when False they need not exist.
+        acceleration, jerk: limits, which URDF does not know [rad/s^2], [rad/s^3].
+        home: (n,) [rad]; the middle of the joints' ranges when None, or 0 where that is inside.
+        reach: [m]; the stretched length from the second joint to the flange when None.
+        shapes: ready-made shapes; fitted when None.
+
+    Raises:
+        RobotError: the file, its tree or a mesh is broken; the message names it.
+    """
+    urdf = read_urdf(Path(path), dict(packages or {}))
+    chain = fold_chain(urdf, base, flange, held)
+    limits = _limits(chain, urdf.path, acceleration, jerk)
+    looks = _meshes(chain, urdf.path) if meshes else ()
+    if shapes is None:
+        from armsight.robots.fitting import fit_chain
+
+        shapes = fit_chain(chain, limits.lower, limits.upper)
+    moving = chain.links[1:]
+    bodies = [link.inertial for link in chain.links]
+    return Robot(
+        name=name or urdf.name,
+        joint_names=tuple(link.joint.name for link in moving if link.joint),
+        link_names=tuple(link.name for link in chain.links),
+        T_link_joint=np.stack([link.T_parent_joint for link in moving]),
+        axis=np.stack([link.joint.axis for link in moving if link.joint]),
+        T_last_flange=chain.T_last_flange,
+        limits=limits,
+        spheres=shapes.spheres,
+        capsules=shapes.capsules,
+        self_pairs=shapes.self_pairs,
+        meshes=looks,
+        link_mass=np.array([body.mass for body in bodies]),
+        link_com=np.stack([body.center for body in bodies]),
+        link_inertia=np.stack([body.inertia for body in bodies]),
+        home=_home(limits) if home is None else np.asarray(home, float),
+        reach=_stretched(chain) if reach is None else reach,
+        tool_pairs=shapes.tool_pairs,
+    )
+
+
+def _limits(
+    chain: Chain, path: Path, acceleration: Floats | float, jerk: Floats | float
+) -> JointLimits:
+    joints = [link.joint for link in chain.links if link.joint is not None]
+    n = len(joints)
+    for joint in joints:
+        if not joint.velocity > 0.0:
+            raise RobotError(
+                f'{path}: joint "{joint.name}": <limit> needs velocity="..." above 0 rad/s'
+            )
+        if joint.kind != "continuous" and max(abs(joint.lower), abs(joint.upper)) > 7.0:
+            raise RobotError(
+                f'{path}: joint "{joint.name}" <limit>: {joint.lower:g} to {joint.upper:g} is more '
+                "than a turn each way; limits are in radians"
+            )
+    turn = 2.0 * math.pi  # a joint without end gets a turn each way
+    endless = [joint.kind == "continuous" for joint in joints]
+    return JointLimits(
+        lower=np.array([-turn if e else j.lower for j, e in zip(joints, endless)]),
+        upper=np.array([turn if e else j.upper for j, e in zip(joints, endless)]),
+        velocity=np.array([j.velocity for j in joints]),
+        acceleration=_per_joint(acceleration, n, "acceleration"),
+        jerk=_per_joint(jerk, n, "jerk"),
+        effort=np.array([j.effort for j in joints]),
+    )
+
+
+def _per_joint(value: Floats | float, n: int, what: str) -> JointVector:
+    values = np.asarray(value, float)
+    if values.ndim > 0 and values.shape != (n,):
+        raise RobotError(f"{what}: {values.size} values were given for {n} joints")
+    if not np.all(values > 0.0):
+        raise RobotError(f"{what}: every value must be above 0, got {value}")
+    return np.broadcast_to(values, (n,)).copy()
+
+
+def _meshes(chain: Chain, path: Path) -> tuple[LinkMesh, ...]:
+    found = []
+    for i, link in enumerate(chain.links):
+        for shape in link.visuals:
+            if shape.kind != "mesh" or shape.path is None:
+                continue
+            if not shape.path.is_file():
+                raise RobotError(
+                    f'{path}: link "{link.name}" <visual>: mesh {shape.path} is missing; put it '
+                    "there, or name its package's folder, or load without meshes"
+                )
+            found.append(LinkMesh(i, shape.path, shape.color, shape.T_link_geometry, shape.size))
+    return tuple(found)
+
+
+def _home(limits: JointLimits) -> JointVector:
+    inside = (limits.lower <= 0.0) & (limits.upper >= 0.0)
+    return np.where(inside, 0.0, 0.5 * (limits.lower + limits.upper))
+
+
+def _stretched(chain: Chain) -> float:
+    """Sum of the lengths behind the second joint: no point of the flange is farther from it."""
+    steps = [float(np.linalg.norm(link.T_parent_joint[:3, 3])) for link in chain.links[3:]]
+    return sum(steps) + float(np.linalg.norm(chain.T_last_flange[:3, 3]))
