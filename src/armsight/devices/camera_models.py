@@ -1,0 +1,217 @@
+"""The catalogue of depth cameras: SYSTEM.md's table as data, and what else a model of each needs.
+
+Figures without a source in SYSTEM.md are marked: lens distortion and the offsets between lenses
+are typical values of calibrated units, latencies are assumptions inside the usual 20-60 ms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from armsight.arrays import Pose
+from armsight.devices.data import DepthNoise, RgbdCameraInfo
+from armsight.errors import UsageError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import from_rpy, make_pose
+
+Principle = Literal["structured_light", "time_of_flight", "active_stereo", "coded_light", "stereo"]
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """What the maker's sheet, and calibrations of other people's units, say of a camera.
+
+    Attributes:
+        name: key of the catalogue.
+        title: for people.
+        principle: how it measures depth; decides its failures.
+        depth: depth (infrared) lens, or the left lens of a stereo pair.
+        color: colour lens; the right lens of a stereo pair.
+        T_depth_color: colour lens in the depth lens's frame.
+        rate: exposures a second as used [Hz]; max_rate: as sold [Hz].
+        latency: exposure to arrival [s].
+        range: least and greatest depth [m].
+        noise: random error to assume of depth.
+        baseline: between projector (or second lens) and depth lens [m]; 0 for time of flight.
+        planes: disparity planes of a stereo matcher, 0 for all else.
+    """
+
+    name: str
+    title: str
+    principle: Principle
+    depth: PinholeCamera
+    color: PinholeCamera
+    T_depth_color: Pose
+    rate: float
+    max_rate: float
+    latency: float
+    range: tuple[float, float]
+    noise: DepthNoise
+    baseline: float = 0.0
+    planes: int = 0
+
+
+def camera_model(name: str) -> CameraModel:
+    """The catalogue's entry.
+
+    Raises:
+        UsageError: there is no such model; names those that there are.
+    """
+    try:
+        return CAMERA_MODELS[name]
+    except KeyError:
+        known = ", ".join(sorted(CAMERA_MODELS))
+        raise UsageError(f"no camera model '{name}'; choose one of {known}") from None
+
+
+def camera_info(
+    name: str,
+    model: str,
+    mounted_on: str = "base",
+    T_mount_camera: Pose | None = None,
+    *,
+    rate: float | None = None,
+    latency: float | None = None,
+    ideal_lens: bool = False,
+    color_scale: float = 1.0,
+) -> RgbdCameraInfo:
+    """A camera of the cell from its catalogue entry.
+
+    Args:
+        name: unique in the cell.
+        model: key of :data:`CAMERA_MODELS`.
+        mounted_on: ``base`` or ``flange``.
+        T_mount_camera: depth lens in base or flange; identity if absent.
+        rate: exposures a second [Hz] instead of the model's.
+        latency: exposure to arrival [s] instead of the model's.
+        ideal_lens: drop the lens distortion.
+        color_scale: share of the colour resolution; 1920x1080 is slow to render without a GPU.
+
+    Raises:
+        UsageError: unknown model or mount, or a rate that the camera cannot do.
+    """
+    entry = camera_model(model)
+    if mounted_on not in ("base", "flange"):
+        raise UsageError(f"camera '{name}': mounted_on is '{mounted_on}', not 'base' or 'flange'")
+    rate = entry.rate if rate is None else rate
+    if not 0.0 < rate <= entry.max_rate:
+        raise UsageError(
+            f"camera '{name}': {model} runs at up to {entry.max_rate:g} Hz, not at {rate:g} Hz"
+        )
+    depth, color = entry.depth, entry.color
+    if ideal_lens:
+        depth, color = replace(depth, distortion=_IDEAL), replace(color, distortion=_IDEAL)
+    return RgbdCameraInfo(
+        name=name,
+        model=model,
+        depth=depth,
+        color=color if color_scale == 1.0 else color.scaled(color_scale),
+        T_depth_color=entry.T_depth_color,
+        mounted_on=mounted_on,
+        T_mount_camera=np.eye(4) if T_mount_camera is None else T_mount_camera,
+        rate=rate,
+        latency=entry.latency if latency is None else latency,
+        range=entry.range,
+        noise=entry.noise,
+    )
+
+
+_IDEAL = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _lens(
+    width: int,
+    height: int,
+    fov_deg: tuple[float, float],
+    distortion: tuple[float, float, float, float, float] = _IDEAL,
+    center: tuple[float, float] = (0.0, 0.0),
+) -> PinholeCamera:
+    """Lens from its fields of view [deg] and the principal point's offset from the middle [px]."""
+    lens = PinholeCamera.from_fov(width, height, *np.deg2rad(fov_deg))
+    return replace(lens, cx=lens.cx + center[0], cy=lens.cy + center[1], distortion=distortion)
+
+
+CAMERA_MODELS: dict[str, CameraModel] = {
+    model.name: model
+    for model in (
+        CameraModel(
+            name="kinect_v1",
+            title="Microsoft Kinect v1",
+            principle="structured_light",
+            depth=_lens(320, 240, (57.0, 43.0), (-0.026, 0.09, 0.0, 0.0, 0.0), (-0.9, 1.4)),
+            color=_lens(640, 480, (62.0, 48.6), (0.11, -0.23, 0.0, 0.0, 0.0), (2.1, -3.0)),
+            T_depth_color=from_rpy((0.001, -0.002, 0.001), (0.025, 0.0, 0.0)),
+            rate=15.0,
+            max_rate=30.0,
+            latency=0.04,
+            range=(0.4, 4.5),
+            # Khoshelham and Elberink 2012: sigma = 1.425e-3 z^2
+            noise=DepthNoise(0.0, 0.0, 1.425e-3),
+            baseline=0.075,
+        ),
+        CameraModel(
+            name="kinect_v2",
+            title="Microsoft Kinect v2",
+            principle="time_of_flight",
+            depth=_lens(512, 424, (70.0, 60.0), (0.09, -0.27, 0.0, 0.0, 0.10), (2.3, -3.5)),
+            color=_lens(1920, 1080, (84.1, 53.8), (0.05, -0.07, 0.0, 0.0, 0.01), (-3.0, 8.0)),
+            T_depth_color=from_rpy((0.002, -0.001, 0.003), (0.052, 0.0, 0.0)),
+            rate=15.0,
+            max_rate=30.0,
+            latency=0.04,
+            range=(0.5, 4.5),
+            # Fankhauser et al. 2015, at normal incidence: 1.5 - 0.5 z + 0.3 z^2 mm
+            noise=DepthNoise(1.5e-3, -0.5e-3, 0.3e-3),
+        ),
+        CameraModel(
+            name="r200",
+            title="Intel RealSense R200",
+            principle="active_stereo",
+            depth=_lens(480, 360, (59.0, 46.0)),  # rectified in the camera
+            color=_lens(1920, 1080, (70.0, 43.0), (-0.08, 0.05, 0.0, 0.0, 0.0), (6.0, -2.0)),
+            T_depth_color=make_pose(None, (0.058, 0.0, 0.0)),
+            rate=30.0,
+            max_rate=60.0,
+            latency=0.03,
+            range=(0.5, 3.5),
+            # elevation_mapping's ZR300: 2.42 + 6.63 (z - 0.772)^2 mm
+            noise=DepthNoise(6.37e-3, -10.24e-3, 6.63e-3),
+            baseline=0.070,
+        ),
+        CameraModel(
+            name="f200",
+            title="Intel RealSense F200",
+            principle="coded_light",
+            depth=_lens(640, 480, (73.0, 59.0), (-0.14, 0.05, 0.0, 0.0, 0.0), (-3.0, 1.5)),
+            color=_lens(1920, 1080, (77.0, 43.0), (0.03, -0.06, 0.0, 0.0, 0.0), (4.0, 3.0)),
+            T_depth_color=make_pose(None, (0.026, 0.0, 0.0)),
+            rate=30.0,
+            max_rate=30.0,
+            latency=0.03,
+            range=(0.2, 1.2),
+            noise=DepthNoise(0.5e-3, 0.0, 4.0e-3),  # 1.5 mm at 0.5 m (assumption)
+            baseline=0.047,
+        ),
+        CameraModel(
+            name="wrist_stereo",
+            title="stereo pair on the wrist",
+            principle="stereo",
+            depth=_lens(720, 480, (45.0, 30.9), (-0.12, 0.08, 0.0, 0.0, 0.0), (2.0, -1.0)),
+            color=_lens(720, 480, (45.0, 30.9), (-0.12, 0.07, 0.0, 0.0, 0.0), (-1.5, 2.0)),
+            T_depth_color=make_pose(None, (0.060, 0.0, 0.0)),
+            rate=10.0,
+            max_rate=10.0,
+            latency=0.05,
+            range=(0.20, 0.40),
+            noise=DepthNoise(
+                0.0, 0.0, 0.023
+            ),  # 30 planes, about 7 mm apart: 7 mm / sqrt(12) at 0.3
+            baseline=0.060,
+            planes=30,
+        ),
+    )
+}
+"""All models by key."""

@@ -1,0 +1,153 @@
+"""What the cell looks like: textures, materials, lights. No influence on depth or contact."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from armsight.arrays import Bytes
+from armsight.geometry.shapes import Solid
+from armsight.simulation.gl import mujoco
+
+Color = tuple[float, float, float]
+
+NEAR, FAR = 0.05, 25.0
+"""Clipping planes of every picture [m]."""
+
+LIGHTS = (
+    ((1.6, -2.2, 3.4), (0.0, 0.0, 0.4), 0.55, True),
+    ((-2.4, 1.6, 3.2), (0.0, 0.2, 0.6), 0.38, False),
+    ((2.6, 2.4, 3.0), (0.2, 0.0, 0.5), 0.30, False),
+)
+"""Spot lights: position and target in world [m], brightness, shadow. Directional lights leave
+specks on curved bodies in the classic renderer."""
+
+SKIN, HAIR, SHOES = (0.87, 0.67, 0.55), (0.20, 0.14, 0.10), (0.16, 0.16, 0.18)
+TROUSERS = ((0.17, 0.21, 0.32), (0.28, 0.27, 0.25), (0.13, 0.16, 0.17))
+SHIRTS = ((0.93, 0.55, 0.16), (0.20, 0.48, 0.70), (0.36, 0.58, 0.36), (0.72, 0.28, 0.30))
+
+
+def set_up(mj: Any, offscreen: tuple[int, int]) -> None:
+    """Textures, lights and picture quality of a model's specification."""
+    mj.stat.extent = 1.0
+    mj.stat.center = [0.0, 0.0, 0.5]
+    mj.visual.map.znear = NEAR
+    mj.visual.map.zfar = FAR
+    mj.visual.map.shadowclip = 1.0
+    mj.visual.quality.shadowsize = 2048
+    mj.visual.quality.offsamples = 4
+    mj.visual.quality.numslices = 24
+    mj.visual.quality.numstacks = 14
+    mj.visual.global_.offwidth, mj.visual.global_.offheight = offscreen
+    mj.visual.headlight.ambient = [0.30, 0.30, 0.31]
+    mj.visual.headlight.diffuse = [0.10, 0.10, 0.10]
+    mj.visual.headlight.specular = [0.0, 0.0, 0.0]
+    for position, target, brightness, shadow in LIGHTS:
+        light = mj.worldbody.add_light(
+            type=mujoco.mjtLightType.mjLIGHT_SPOT,
+            pos=position,
+            dir=np.subtract(target, position),
+            castshadow=shadow,
+            cutoff=70.0,
+            exponent=1.0,
+            attenuation=[1.0, 0.0, 0.0],
+        )
+        light.diffuse = np.array([1.0, 0.98, 0.95]) * brightness
+        light.ambient = [0.0, 0.0, 0.0]
+        light.specular = np.full(3, 0.25 * brightness)
+    _sky(mj)
+    _texture(mj, "floor", _concrete(512, seed=1), repeat=(4.0, 4.0))
+    _texture(mj, "table", _wood(512, seed=2), repeat=(1.0, 1.0), cube=True)
+
+
+def arm_material(mj: Any, color: Color) -> str:
+    """Painted or bare metal of the arm, and its plastics."""
+    return _material(mj, "arm", color, specular=0.35, shininess=0.45)
+
+
+def solid_material(mj: Any, solid: Solid) -> str:
+    """Material of a declared solid."""
+    if solid.material == "black_plastic":
+        return _material(mj, "black_plastic", solid.color, specular=0.05, shininess=0.1)
+    if solid.material == "shiny":
+        return _material(mj, "shiny", solid.color, specular=0.9, shininess=0.9)
+    return _material(mj, "plain", solid.color, specular=0.12, shininess=0.2)
+
+
+def cloth_material(mj: Any, look: str, person: str) -> str:
+    """Skin, hair, shirt, trousers or shoes of a person; the clothes follow the name."""
+    choice = sum(person.encode())
+    colors = {
+        "skin": SKIN,
+        "hair": HAIR,
+        "shoes": SHOES,
+        "shirt": SHIRTS[choice % len(SHIRTS)],
+        "trousers": TROUSERS[choice % len(TROUSERS)],
+    }
+    shine = 0.15 if look in ("skin", "hair", "shoes") else 0.02
+    return _material(mj, look, colors[look], specular=shine, shininess=0.2)
+
+
+def _material(mj: Any, kind: str, color: Color, specular: float, shininess: float) -> str:
+    name = f"{kind}/" + "/".join(f"{c:.3f}" for c in color)
+    if mj.material(name) is None:
+        mj.add_material(
+            name=name, rgba=[*color, 1.0], specular=specular, shininess=shininess, reflectance=0.0
+        )
+    return name
+
+
+def _texture(
+    mj: Any, name: str, image: Bytes, repeat: tuple[float, float], cube: bool = False
+) -> None:
+    kind = mujoco.mjtTexture.mjTEXTURE_CUBE if cube else mujoco.mjtTexture.mjTEXTURE_2D
+    if cube:
+        image = np.concatenate([image] * 6, axis=0)
+    texture = mj.add_texture(
+        name=name, type=kind, width=image.shape[1], height=image.shape[0], nchannel=3
+    )
+    texture.data = image.tobytes()
+    material = mj.add_material(
+        name=name, texrepeat=repeat, texuniform=not cube, specular=0.05, shininess=0.1
+    )
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+
+
+def _sky(mj: Any) -> None:
+    mj.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.80, 0.83, 0.86],
+        rgb2=[0.62, 0.65, 0.69],
+        width=64,
+        height=384,
+    )
+
+
+def _concrete(size: int, seed: int) -> Bytes:
+    """(size, size, 3) tiling grey noise with faint tile joints."""
+    rng = np.random.default_rng(seed)
+    noise = sum(
+        weight * gaussian_filter(rng.standard_normal((size, size)), sigma, mode="wrap") * sigma
+        for sigma, weight in ((1.0, 0.5), (4.0, 0.7), (24.0, 1.0))
+    )
+    value = 0.62 + 0.018 * noise
+    value[:2, :] -= 0.10
+    value[:, :2] -= 0.10
+    return _to_bytes(value[..., None] * np.array([1.0, 1.0, 0.985]))
+
+
+def _wood(size: int, seed: int) -> Bytes:
+    """(size, size, 3) light beech with grain along one axis."""
+    rng = np.random.default_rng(seed)
+    grain = gaussian_filter(rng.standard_normal((size, size)), (0.8, 40.0), mode="wrap")
+    wide = gaussian_filter(rng.standard_normal((size, size)), (10.0, 90.0), mode="wrap")
+    value = 1.0 + 0.045 * grain / grain.std() + 0.03 * wide / wide.std()
+    return _to_bytes(value[..., None] * np.array([0.78, 0.66, 0.50]))
+
+
+def _to_bytes(image: Any) -> Bytes:
+    return np.asarray(np.clip(255.0 * np.asarray(image), 0, 255), np.uint8)

@@ -1,0 +1,373 @@
+"""Builds the MuJoCo model of a cell from its :class:`WorldSpec`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from armsight.arrays import Bytes, Floats, Ints, Pose, Poses
+from armsight.geometry.pose import inverse, to_wxyz
+from armsight.geometry.shapes import Solid
+from armsight.robots.robot import Capsules, LinkMesh, Robot
+from armsight.simulation import looks
+from armsight.simulation.gl import mujoco
+from armsight.simulation.hulls import convex_pieces, load_mesh
+from armsight.simulation.people import PersonBody
+from armsight.simulation.spec import MovingObjectSpec, WorldSpec
+
+Kind = Literal["arm", "static", "undeclared", "person", "object", "floor"]
+
+VISUAL, CONTACT = 0, 3  # geom groups: what cameras see, what only touches
+ARM, OTHER = 1, 2  # contact bits: the arm touches others, others never each other
+TOUCH_ONLY = (1e-4, 1e-4, 1e-3, 0.5, 2.0)
+"""Impedance near zero: people and movers are noticed when touched but do not push the arm, since
+they follow their own motion whatever the arm does and would push with unlimited force."""
+SERVO_BANDWIDTH = 80.0
+"""[rad/s] of the position loop; the arm then follows its reference within a milliradian."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """What a geom belongs to.
+
+    Attributes:
+        kind: arm, static, undeclared, person, object or floor.
+        owner: name of the arm, solid, person or object.
+        part: name of the link or body part, or empty.
+        link: index of the arm's link, -1 for all else.
+        material: the solid's material.
+    """
+
+    kind: Kind
+    owner: str
+    part: str = ""
+    link: int = -1
+    material: str = "plain"
+
+
+@dataclass(frozen=True)
+class CellModel:
+    """The compiled model and where things are in it.
+
+    Attributes:
+        model: MuJoCo's model.
+        parts: one a geom.
+        link_bodies: (n + 1,) body of each link.
+        flange_body: body with the flange's frame; T_flange_body_true in it is the identity.
+        person_bodies: mocap index of the first part of each person.
+        object_bodies: mocap index of each moving object.
+        person_geoms: geom indices of each person.
+        robot_true: the arm as built, with its kinematic errors.
+    """
+
+    model: Any
+    parts: tuple[Part, ...]
+    link_bodies: Ints
+    person_bodies: tuple[int, ...]
+    object_bodies: tuple[int, ...]
+    materials: Bytes
+    torque_limit: Floats
+
+
+def build_model(
+    spec: WorldSpec,
+    people: Sequence[PersonBody],
+    T_link_joint_true: Poses,
+    offscreen: tuple[int, int],
+) -> CellModel:
+    """Compile the cell.
+
+    Args:
+        spec: of the cell.
+        people: bodies of ``spec.people``, in order.
+        T_link_joint_true: (n, 4, 4) the arm's true geometry.
+        offscreen: width and height that the largest picture needs [px].
+    """
+    mj = mujoco.MjSpec()
+    mj.modelname = "cell"
+    mj.compiler.degree = False
+    mj.compiler.autolimits = True
+    mj.option.timestep = spec.time_step
+    mj.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    mj.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    mj.option.impratio = 10.0
+    looks.set_up(mj, offscreen)
+    builder = _Builder(mj)
+    if spec.floor:
+        builder.floor()
+    for solid in spec.static:
+        builder.solid(mj.worldbody, solid, solid.T_frame_solid, "static")
+    for solid in spec.undeclared:
+        builder.solid(mj.worldbody, solid, solid.T_frame_solid, "undeclared")
+    link_names = builder.arm(spec.arm.robot, spec.arm.T_world_base, T_link_joint_true)
+    people_first = tuple(builder.person(person) for person in people)
+    objects_first = tuple(builder.moving_object(item) for item in spec.objects)
+    _add_servos(mj, spec.arm.robot)
+    model = mj.compile()
+    kp, torque = _servo_gains(model, spec.arm.robot)
+    n = spec.arm.robot.n
+    model.actuator_gainprm[:n, 0] = kp
+    model.actuator_biasprm[:n, 1] = -kp
+    kv = 2.0 * kp / SERVO_BANDWIDTH
+    model.actuator_gainprm[n:, 0] = kv
+    model.actuator_biasprm[n:, 2] = -kv
+    model.jnt_actfrcrange[:n] = np.stack([-torque, torque], axis=1)
+    model.jnt_actfrclimited[:n] = True
+    parts = tuple(builder.parts[model.geom(i).name] for i in range(model.ngeom))
+    materials = np.array([MATERIALS.index(part.material) for part in parts], np.uint8)
+    return CellModel(
+        model,
+        parts,
+        np.array([model.body(name).id for name in link_names]),
+        tuple(int(model.body(name).mocapid[0]) for name in people_first),
+        tuple(int(model.body(name).mocapid[0]) for name in objects_first),
+        materials,
+        torque,
+    )
+
+
+MATERIALS = ("plain", "black_plastic", "shiny")
+"""Materials that the sensors tell apart, in the order of their codes."""
+
+
+class _Builder:
+    """Adds things to a model's specification and remembers what each geom is."""
+
+    def __init__(self, mj: Any) -> None:
+        self.mj = mj
+        self.parts: dict[str, Part] = {}
+
+    def floor(self) -> None:
+        self._geom(
+            self.mj.worldbody,
+            Part("floor", "floor"),
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[6.0, 6.0, 0.1],
+            material="floor",
+            conaffinity=ARM,
+            contype=OTHER,
+        )
+
+    def solid(
+        self, body: Any, solid: Solid, T: Pose, kind: Kind, owner: str = "", **options: Any
+    ) -> None:
+        kinds = {
+            "box": (mujoco.mjtGeom.mjGEOM_BOX, 0.5 * np.asarray(solid.size)),
+            "cylinder": (
+                mujoco.mjtGeom.mjGEOM_CYLINDER,
+                np.array([solid.size[0], 0.5 * solid.size[1], 0.0]),
+            ),
+            "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, np.array([solid.size[0], 0.0, 0.0])),
+        }
+        geom_type, size = kinds[solid.kind]
+        self._geom(
+            body,
+            Part(kind, owner or solid.name, material=solid.material),
+            type=geom_type,
+            size=size,
+            pos=T[:3, 3],
+            quat=to_wxyz(T),
+            material=looks.solid_material(self.mj, solid),
+            contype=OTHER,
+            conaffinity=ARM,
+            **options,
+        )
+
+    def arm(self, robot: Robot, T_world_base: Pose, T_link_joint: Poses) -> tuple[str, ...]:
+        body = self.mj.worldbody
+        names = []
+        for link in range(robot.n + 1):
+            T = T_world_base if link == 0 else T_link_joint[link - 1]
+            name = f"arm/{link}/{robot.link_names[link]}"
+            body = body.add_body(name=name, pos=T[:3, 3], quat=to_wxyz(T), gravcomp=1.0)
+            names.append(name)
+            if link > 0:
+                body.add_joint(
+                    name=f"arm/{robot.joint_names[link - 1]}",
+                    type=mujoco.mjtJoint.mjJNT_HINGE,
+                    axis=robot.axis[link - 1],
+                    limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+                    armature=0.05,
+                )
+            self._inertia(body, robot, link)
+            meshes = [m for m in robot.meshes if m.link == link]
+            capsules = _of_link(robot.capsules, link)
+            if link == robot.n and robot.tool is not None:
+                meshes += [
+                    LinkMesh(link, m.path, m.color) for m in robot.tool.meshes
+                ]  # placed below
+            self._link(body, robot, link, meshes, capsules)
+        return tuple(names)
+
+    def _link(
+        self, body: Any, robot: Robot, link: int, meshes: Sequence[LinkMesh], capsules: Capsules
+    ) -> None:
+        part = Part("arm", robot.name, robot.link_names[link], link)
+        on_tool = set() if robot.tool is None else {m.path for m in robot.tool.meshes}
+        for mesh in meshes:
+            T = robot.T_last_flange if mesh.path in on_tool else np.eye(4)
+            surface = load_mesh(mesh.path)
+            vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces)
+            name = f"arm/{link}/{mesh.path.parent.name}/{mesh.path.stem}"
+            self.mj.add_mesh(
+                name=name,
+                uservert=vertices.ravel(),
+                userface=faces.ravel().astype(np.int32),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+            )
+            self._geom(
+                body,
+                part,
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=name,
+                pos=T[:3, 3],
+                quat=to_wxyz(T),
+                material=looks.arm_material(self.mj, mesh.color),
+                contype=0,
+                conaffinity=0,
+            )
+            for i, piece in enumerate(convex_pieces(vertices, faces)):
+                self.mj.add_mesh(name=f"{name}/{i}", uservert=piece.ravel(), maxhullvert=48)
+                self._geom(
+                    body,
+                    part,
+                    type=mujoco.mjtGeom.mjGEOM_MESH,
+                    meshname=f"{name}/{i}",
+                    pos=T[:3, 3],
+                    quat=to_wxyz(T),
+                    **_TOUCHING,
+                )
+        if not meshes:
+            for start, end, radius in zip(capsules.start, capsules.end, capsules.radius):
+                shape = _capsule(start, end, radius)
+                material = looks.arm_material(self.mj, (0.75, 0.77, 0.8))
+                self._geom(body, part, **shape, material=material, contype=0, conaffinity=0)
+                self._geom(body, part, **shape, **_TOUCHING)
+
+    def _inertia(self, body: Any, robot: Robot, link: int) -> None:
+        mass, com = float(robot.link_mass[link]), robot.link_com[link]
+        inertia = robot.link_inertia[link]
+        tool = robot.tool
+        if link == robot.n and tool is not None and tool.mass > 0:
+            p = robot.T_last_flange[:3, :3] @ tool.center_of_mass + robot.T_last_flange[:3, 3]
+            total = mass + tool.mass
+            center = (mass * com + tool.mass * p) / total
+            inertia = (
+                inertia
+                + _point_inertia(mass, com - center)
+                + _point_inertia(tool.mass, p - center)
+                + np.eye(3) * tool.mass * 0.03**2
+            )
+            mass, com = total, center
+        mass = max(mass, 1e-3)
+        i = inertia + np.eye(3) * 1e-6 * mass
+        body.explicitinertial = True
+        body.mass = mass
+        body.ipos = com
+        body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+
+    def person(self, person: PersonBody) -> str:
+        first = ""
+        for part in person.parts:
+            name = f"person/{person.name}/{part.name}"
+            first = first or name
+            body = self.mj.worldbody.add_body(name=name, mocap=True, pos=[0, 0, -10])
+            for shape in part.shapes:
+                self._geom(
+                    body,
+                    Part("person", person.name, part.name),
+                    **shape.geom(),
+                    material=looks.cloth_material(self.mj, shape.look, person.name),
+                    **_TOUCHED,
+                )
+        return first
+
+    def moving_object(self, item: MovingObjectSpec) -> str:
+        name = f"object/{item.solid.name}"
+        T = item.solid.T_frame_solid
+        body = self.mj.worldbody.add_body(name=name, mocap=True, pos=T[:3, 3], quat=to_wxyz(T))
+        self.solid(
+            body,
+            item.solid,
+            np.eye(4),
+            "object",
+            solimp=list(TOUCH_ONLY),
+            priority=1,
+            solref=[0.02, 1],
+        )
+        return name
+
+    def _geom(self, body: Any, part: Part, **options: Any) -> None:
+        name = f"{len(self.parts)}"
+        self.parts[name] = part
+        body.add_geom(name=name, **options)
+
+
+_TOUCHING: dict[str, Any] = {
+    "contype": ARM,
+    "conaffinity": OTHER,
+    "group": CONTACT,
+    "friction": [0.4, 0.005, 0.0001],
+}
+_TOUCHED: dict[str, Any] = {
+    "contype": OTHER,
+    "conaffinity": ARM,
+    "solimp": list(TOUCH_ONLY),
+    "priority": 1,
+}
+
+
+def _of_link(capsules: Capsules, link: int) -> Capsules:
+    mine = capsules.link == link
+    return Capsules(
+        capsules.link[mine], capsules.start[mine], capsules.end[mine], capsules.radius[mine]
+    )
+
+
+def _capsule(start: Floats, end: Floats, radius: float) -> dict[str, Any]:
+    if np.linalg.norm(end - start) < 1e-6:
+        return {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0], "pos": start}
+    return {
+        "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+        "size": [radius, 0, 0],
+        "fromto": np.concatenate([start, end]),
+    }
+
+
+def _point_inertia(mass: float, offset: Floats) -> Floats:
+    return np.asarray(mass * (offset @ offset * np.eye(3) - np.outer(offset, offset)))
+
+
+def _add_servos(mj: Any, robot: Robot) -> None:
+    """A position servo a joint, then a velocity servo a joint; gains follow the inertia."""
+    for kind in ("position", "velocity"):
+        for name in robot.joint_names:
+            servo = mj.add_actuator(
+                name=f"{kind}/{name}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"arm/{name}"
+            )
+            servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+            servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+
+
+def _servo_gains(model: Any, robot: Robot) -> tuple[Floats, Floats]:
+    """Position gains [N m/rad] and torque limits [N m] from the greatest inertia of each joint."""
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    n = robot.n
+    inertia = np.zeros(n)
+    full = np.zeros((model.nv, model.nv))
+    lower, upper = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
+    for _ in range(64):
+        data.qpos[:n] = rng.uniform(lower, upper)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        inertia = np.maximum(inertia, np.diag(full)[:n])
+    return inertia * SERVO_BANDWIDTH**2, 3.0 * inertia * robot.limits.acceleration + 5.0
+
+
+def base_pose(spec: WorldSpec) -> tuple[Pose, Pose]:
+    """``T_world_base`` and its inverse."""
+    return spec.arm.T_world_base, inverse(spec.arm.T_world_base)

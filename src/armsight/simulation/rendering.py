@@ -1,0 +1,197 @@
+"""Pictures of the cell: depth with segmentation in one pass, colour on demand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from armsight.arrays import ColorImage, DepthImage, Pose
+from armsight.geometry.camera import PinholeCamera
+from armsight.simulation.gl import OpenGLContext, mujoco
+from armsight.simulation.kernels import resample_depth
+from armsight.simulation.lens import RenderLens, render_lens
+from armsight.simulation.looks import FAR, NEAR
+from armsight.simulation.model import CellModel
+
+GeomImage = NDArray[np.int16]
+"""(h, w) index of the geom seen, -1 for none; ``CellModel.parts`` says what each is."""
+
+_SAMPLES = {"depth": 0, "color": 4}
+_SHADOWS = {"depth": 0, "color": 2048}
+
+
+@dataclass(frozen=True)
+class DepthPicture:
+    """What an ideal depth camera sees.
+
+    Attributes:
+        depth: (h, w) float32 [m] along the optical axis, NaN where there is nothing.
+        geom: (h, w) index of the geom seen, -1 for none.
+    """
+
+    depth: DepthImage
+    geom: GeomImage
+
+
+class Shot:
+    """The cell at one instant, ready to be rendered from one lens later and by another thread."""
+
+    def __init__(self, model: Any) -> None:
+        self.scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 64)
+
+
+class Renderer:
+    """Renders a compiled cell from any camera pose.
+
+    A shot (:meth:`take`) freezes the cell; :meth:`depth` and :meth:`color` draw shots. Threads may
+    share a renderer: drawing is serialised.
+    """
+
+    def __init__(self, cell: CellModel) -> None:
+        self._cell = cell
+        self._gl = OpenGLContext()
+        self._contexts: dict[str, Any] = {}
+        self._option = mujoco.MjvOption()
+        self._option.label = mujoco.mjtLabel.mjLABEL_NONE
+        self._free = mujoco.MjvCamera()
+        self._spare: list[Shot] = []
+        self._geom_of_id: NDArray[np.int16] | None = None
+
+    def take(self, data: Any, T_world_camera: Pose, lens: PinholeCamera) -> Shot:
+        """Freeze the cell as ``data`` has it, seen by a lens at an optical pose in world."""
+        shot = self._spare.pop() if self._spare else Shot(self._cell.model)
+        mujoco.mjv_updateScene(
+            self._cell.model,
+            data,
+            self._option,
+            None,
+            self._free,
+            mujoco.mjtCatBit.mjCAT_ALL,
+            shot.scene,
+        )
+        self.aim(shot, T_world_camera, lens)
+        return shot
+
+    def aim(self, shot: Shot, T_world_camera: Pose, lens: PinholeCamera) -> None:
+        """Point a shot elsewhere."""
+        pinhole = render_lens(lens).pinhole
+        left = (-0.5 - pinhole.cx) / pinhole.fx
+        right = (pinhole.width - 0.5 - pinhole.cx) / pinhole.fx
+        top = (pinhole.cy + 0.5) / pinhole.fy
+        bottom = (pinhole.cy + 0.5 - pinhole.height) / pinhole.fy
+        for camera in shot.scene.camera:
+            camera.pos[:] = T_world_camera[:3, 3]
+            camera.forward[:] = T_world_camera[:3, 2]
+            camera.up[:] = -T_world_camera[:3, 1]
+            camera.frustum_near, camera.frustum_far = NEAR, FAR
+            camera.frustum_center = 0.5 * (left + right) * NEAR
+            camera.frustum_width = 0.5 * (right - left) * NEAR
+            camera.frustum_bottom, camera.frustum_top = bottom * NEAR, top * NEAR
+
+    def give_back(self, shot: Shot) -> None:
+        """A shot that is no longer needed may be used again."""
+        self._spare.append(shot)
+
+    def depth(self, shot: Shot, lens: PinholeCamera) -> DepthPicture:
+        """Depth and segmentation of a shot aimed with the same lens."""
+        view = render_lens(lens)
+        w, h = view.pinhole.width, view.pinhole.height
+        ids = np.empty((h, w, 3), np.uint8)
+        raw = np.empty((h, w), np.float32)
+        flags = shot.scene.flags
+        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
+            flags[flag] = True
+        for flag in _COLOR_ONLY:
+            flags[flag] = False
+        with self._gl.current():
+            self._draw(shot, view, "depth", ids, raw)
+        geom_of_id = self._geom_table(shot)
+        depth = np.empty((lens.height, lens.width), np.float32)
+        geom = np.empty((lens.height, lens.width), np.int16)
+        offset, factor = _depth_coefficients()
+        resample_depth(
+            raw, ids, view.map_u, view.map_v, geom_of_id, offset, factor, view.exact, depth, geom
+        )
+        return DepthPicture(depth, geom)
+
+    def color(self, shot: Shot, lens: PinholeCamera, shadows: bool = True) -> ColorImage:
+        """(h, w, 3) colour picture of a shot aimed with the same lens."""
+        view = render_lens(lens)
+        pixels = np.empty((view.pinhole.height, view.pinhole.width, 3), np.uint8)
+        flags = shot.scene.flags
+        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
+            flags[flag] = False
+        flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = True
+        with self._gl.current():
+            self._draw(shot, view, "color", pixels, None)
+        upright = pixels[::-1]
+        if view.exact:
+            return np.ascontiguousarray(upright)
+        return np.asarray(
+            cv2.remap(np.ascontiguousarray(upright), view.map_u, view.map_v, cv2.INTER_LINEAR)
+        )
+
+    def close(self) -> None:
+        """Give OpenGL's memory back; may be repeated."""
+        with self._gl.current():
+            for context in self._contexts.values():
+                context.free()
+            self._contexts.clear()
+        self._spare.clear()
+        self._gl.close()
+
+    def _draw(self, shot: Shot, view: RenderLens, kind: str, pixels: Any, raw: Any) -> None:
+        context = self._context(kind, view.pinhole.width, view.pinhole.height)
+        rect = mujoco.MjrRect(0, 0, view.pinhole.width, view.pinhole.height)
+        mujoco.mjr_render(rect, shot.scene, context)
+        mujoco.mjr_readPixels(pixels, raw, rect, context)
+
+    def _context(self, kind: str, width: int, height: int) -> Any:
+        """Drawing state without antialiasing for depth and with it for colour, large enough."""
+        model = self._cell.model
+        context = self._contexts.get(kind)
+        if context is None:
+            model.vis.quality.offsamples = _SAMPLES[kind]
+            model.vis.quality.shadowsize = _SHADOWS[kind]
+            context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+            context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+            self._contexts[kind] = context
+        if width > context.offWidth or height > context.offHeight:
+            mujoco.mjr_resizeOffscreen(
+                max(width, context.offWidth), max(height, context.offHeight), context
+            )
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+        return context
+
+    def _geom_table(self, shot: Shot) -> NDArray[np.int16]:
+        """Geom of each segmentation id; the scene lists the geoms in the same order every time."""
+        table = self._geom_of_id
+        if table is None or len(table) != shot.scene.ngeom + 1:
+            table = np.full(shot.scene.ngeom + 1, -1, np.int16)
+            for geom in shot.scene.geoms[: shot.scene.ngeom]:
+                if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
+                    table[geom.segid + 1] = geom.objid
+            self._geom_of_id = table
+        return table
+
+
+_COLOR_ONLY = (
+    mujoco.mjtRndFlag.mjRND_SHADOW,
+    mujoco.mjtRndFlag.mjRND_REFLECTION,
+    mujoco.mjtRndFlag.mjRND_SKYBOX,
+    mujoco.mjtRndFlag.mjRND_FOG,
+    mujoco.mjtRndFlag.mjRND_HAZE,
+)
+
+
+def _depth_coefficients() -> tuple[float, float]:
+    """``z = factor / (raw + offset)`` for a reversed depth buffer (1 near, 0 far)."""
+    near, far = np.float32(NEAR), np.float32(FAR)
+    offset = 0.5 * (far + near) / (far - near) - 0.5
+    factor = far * near / (far - near)
+    return float(offset), float(factor)
