@@ -1,0 +1,155 @@
+"""Whether the arm touches anything: one configuration, a straight motion, a path, a trajectory."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from armsight.arrays import Floats, JointPath, JointVector
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.body import make_body
+from armsight.motion.kernels import (
+    Obstacles,
+    Scratch,
+    body_centers,
+    config_free,
+    edge_free,
+    make_scratch,
+    path_free,
+    self_clearance,
+    sphere_clearances,
+)
+from armsight.motion.obstacles import CollisionConfig, obstacles_of
+from armsight.robots.robot import Robot
+
+
+class CollisionModel:
+    """Collision checks of one robot against snapshots, itself included. Safe to share by threads.
+
+    A motion is judged for a body that stands at the motion's first configuration: unknown voxels
+    close to it are excused (see :mod:`armsight.motion.obstacles`). Single configurations are
+    judged strictly unless ``at`` says where the body is.
+    """
+
+    def __init__(self, robot: Robot, config: CollisionConfig | None = None) -> None:
+        self.robot = robot
+        self.config = config or CollisionConfig()
+        self.body = make_body(robot, self.config.margin)
+        self._local = threading.local()
+
+    def obstacles(self, snapshot: WorkspaceSnapshot, at: JointVector | None = None) -> Obstacles:
+        """The snapshot as the kernels read it, for a body at ``at`` (n,) [rad]."""
+        key = None if at is None else np.asarray(at, float).tobytes()
+        known = getattr(self._local, "obstacles", None)
+        if known is not None and known[0] is snapshot and known[1] == key:
+            return known[2]
+        result = obstacles_of(snapshot, self.body, self.config, at)
+        self._local.obstacles = (snapshot, key, result)
+        return result
+
+    def scratch(self) -> Scratch:
+        """This thread's working memory."""
+        if not hasattr(self._local, "scratch"):
+            self._local.scratch = make_scratch(self.body)
+        return self._local.scratch
+
+    def within_limits(self, q: JointVector) -> bool:
+        """Whether (n,) positions are finite and inside the joint limits."""
+        q = np.asarray(q, float)
+        return bool(
+            np.isfinite(q).all() and (q >= self.body.lower).all() and (q <= self.body.upper).all()
+        )
+
+    def clearances(
+        self, q: JointVector, snapshot: WorkspaceSnapshot, at: JointVector | None = None
+    ) -> Floats:
+        """(m,) clearance of each moving sphere from the surroundings [m]; negative: it touches.
+
+        A lower bound far away, exact within a voxel of contact. ``model.body.original`` tells
+        which spheres of the robot these are.
+        """
+        scratch = self.scratch()
+        body_centers(self.body, _vector(q), scratch.centers)
+        out = np.empty(len(self.body.radius))
+        ob = self.obstacles(snapshot, at)
+        sphere_clearances(ob, scratch.centers, self.body.radius, ob.voxel, out)
+        return out
+
+    def clearance(
+        self, q: JointVector, snapshot: WorkspaceSnapshot, at: JointVector | None = None
+    ) -> float:
+        """Least clearance of the body at (n,) [rad] from surroundings and itself [m]."""
+        out = self.clearances(q, snapshot, at)
+        own = self_clearance(self.body, self.scratch().centers)
+        return float(min(out.min(initial=np.inf), own))
+
+    def valid(
+        self, q: JointVector, snapshot: WorkspaceSnapshot, at: JointVector | None = None
+    ) -> bool:
+        """Whether (n,) positions are within the limits and touch nothing."""
+        return self.within_limits(q) and bool(
+            config_free(self.body, self.obstacles(snapshot, at), _vector(q), self.scratch())
+        )
+
+    def edge_valid(
+        self,
+        q0: JointVector,
+        q1: JointVector,
+        snapshot: WorkspaceSnapshot,
+        at: JointVector | None = None,
+    ) -> bool:
+        """Whether the straight joint motion is proven to touch nothing, ends included.
+
+        The proof covers every point of the motion, not samples of it.
+        """
+        if not (self.within_limits(q0) and self.within_limits(q1)):
+            return False
+        q0 = _vector(q0)
+        ob = self.obstacles(snapshot, q0 if at is None else at)
+        return bool(edge_free(self.body, ob, q0, _vector(q1), self.scratch()))
+
+    def first_blocked(
+        self, path: JointPath, snapshot: WorkspaceSnapshot, at: JointVector | None = None
+    ) -> int | None:
+        """Index of the first segment of a (k, n) path that is not proven free, or None."""
+        path = np.ascontiguousarray(path, np.float64).reshape(-1, self.robot.n)
+        for i, q in enumerate(path):
+            if not self.within_limits(q):
+                return max(i - 1, 0)
+        ob = self.obstacles(snapshot, path[0] if at is None else at)
+        index = int(path_free(self.body, ob, path, self.scratch()))
+        return None if index < 0 else index
+
+    def path_valid(
+        self, path: JointPath, snapshot: WorkspaceSnapshot, at: JointVector | None = None
+    ) -> bool:
+        """Whether every segment of a (k, n) path is proven free."""
+        return self.first_blocked(path, snapshot, at) is None
+
+    def contact(
+        self, q: JointVector, snapshot: WorkspaceSnapshot, at: JointVector | None = None
+    ) -> str:
+        """What (n,) positions touch, in words; empty when nothing."""
+        q = np.asarray(q, float)
+        if not np.isfinite(q).all():
+            return "joint positions that are not numbers"
+        for j, name in enumerate(self.robot.joint_names):
+            if not self.body.lower[j] <= q[j] <= self.body.upper[j]:
+                return (
+                    f"{name} at {q[j]:.3f} rad is outside its limits "
+                    f"{self.body.lower[j]:.3f}..{self.body.upper[j]:.3f}"
+                )
+        if self.valid(q, snapshot, at):
+            return ""
+        out = self.clearances(q, snapshot, at)
+        worst = int(np.argmin(out)) if len(out) else -1
+        if worst >= 0 and out[worst] < self.config.floor:
+            x, y, z = self.scratch().centers[worst]
+            link = self.robot.link_names[int(self.body.link[worst])]
+            return f"{link} touches something near ({x:.2f}, {y:.2f}, {z:.2f}) m"
+        return "the arm touches itself"
+
+
+def _vector(q: JointVector) -> JointVector:
+    return np.ascontiguousarray(q, np.float64)

@@ -1,0 +1,120 @@
+"""What of a snapshot the body must not touch: the policy for unknown space and for the box's edge.
+
+* Occupied voxels are solid, always.
+* Unknown voxels are solid too (``CollisionConfig.avoid_unknown``), save those close to where the
+  body is *now*: the arm hides its own surroundings from the cameras, and a start inside its own
+  shadow must not forbid every motion. Only unknown voxels are excused, never occupied ones;
+  whoever might hide in that thin shell is counted by separation (``WorkspaceSnapshot.hazards``).
+* Outside the mapped box nothing is known, so the body must stay inside; the box is widened where
+  the body already reaches out of it now, and no farther.
+* What cannot move (the base, and what lies on the first joint's axis) is not checked: no plan can
+  make it touch anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from armsight.arrays import Floats, JointVector, Points
+from armsight.mapping.snapshot import FREE, UNKNOWN, WorkspaceSnapshot
+from armsight.motion.body import Body
+from armsight.motion.field import distance_to_solid
+from armsight.motion.kernels import Obstacles, body_centers
+
+
+@dataclass(frozen=True)
+class CollisionConfig:
+    """How careful collision checks are.
+
+    Attributes:
+        margin: added to every sphere against the surroundings and the body itself [m].
+        floor: least clearance that counts as free; a proof needs some room to advance [m].
+        avoid_unknown: treat unseen voxels as solid.
+        excuse: unknown voxels up to this far from the body's present surface are excused [m].
+    """
+
+    margin: float = 0.0
+    floor: float = 0.0005
+    avoid_unknown: bool = True
+    excuse: float = 0.06
+
+
+def obstacles_of(
+    snapshot: WorkspaceSnapshot, body: Body, config: CollisionConfig, at: JointVector | None = None
+) -> Obstacles:
+    """What the kernels see of a snapshot, for a body that is at ``at`` (n,) [rad] now."""
+    grid = snapshot.grid
+    origin = np.asarray(grid.origin, float)
+    lower, upper = origin.copy(), origin + np.asarray(grid.shape) * grid.voxel
+    state, distance = snapshot.state, snapshot.distance
+    if config.avoid_unknown and not snapshot.distance_counts_unknown:
+        distance = distance_to_solid(snapshot)
+    if at is not None:
+        centers = np.empty_like(body.center)
+        body_centers(body, np.asarray(at, float), centers)
+        reach = (body.radius + config.floor + 1e-6)[:, None]
+        if len(centers):
+            lower = np.minimum(lower, (centers - reach).min(axis=0))
+            upper = np.maximum(upper, (centers + reach).max(axis=0))
+        if config.avoid_unknown:
+            state = _excused(state, origin, grid.voxel, centers, body.radius + config.excuse)
+    return Obstacles(
+        origin,
+        float(grid.voxel),
+        state,
+        distance,
+        lower,
+        upper,
+        config.avoid_unknown,
+        config.floor,
+    )
+
+
+def _excused(
+    state: np.ndarray, origin: Floats, voxel: float, centers: Points, reach: Floats
+) -> np.ndarray:
+    """``state``, or a copy of it in which unknown voxels within reach of the body are free."""
+    if not _excuse(state, state, origin, voxel, centers, reach, False):
+        return state
+    copy = state.copy()
+    _excuse(state, copy, origin, voxel, centers, reach, True)
+    return copy
+
+
+@njit(cache=True, nogil=True)
+def _excuse(
+    state: np.ndarray,
+    out: np.ndarray,
+    origin: Floats,
+    voxel: float,
+    centers: Points,
+    reach: Floats,
+    write: bool,
+) -> bool:
+    """Free unknown voxels whose cube meets a sphere; without ``write`` only say if there is one."""
+    nx, ny, nz = state.shape
+    found = False
+    for k in range(centers.shape[0]):
+        gx = (centers[k, 0] - origin[0]) / voxel
+        gy = (centers[k, 1] - origin[1]) / voxel
+        gz = (centers[k, 2] - origin[2]) / voxel
+        r = reach[k] / voxel
+        for ix in range(max(0, int(gx - r)), min(nx - 1, int(gx + r)) + 1):
+            dx = max(ix - gx, gx - ix - 1.0, 0.0)
+            for iy in range(max(0, int(gy - r)), min(ny - 1, int(gy + r)) + 1):
+                dy = max(iy - gy, gy - iy - 1.0, 0.0)
+                if dx * dx + dy * dy > r * r:
+                    continue
+                for iz in range(max(0, int(gz - r)), min(nz - 1, int(gz + r)) + 1):
+                    if state[ix, iy, iz] != UNKNOWN:
+                        continue
+                    dz = max(iz - gz, gz - iz - 1.0, 0.0)
+                    if dx * dx + dy * dy + dz * dz <= r * r:
+                        if not write:
+                            return True
+                        out[ix, iy, iz] = FREE
+                        found = True
+    return found

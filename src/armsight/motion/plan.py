@@ -1,0 +1,59 @@
+"""The planner's answer, and what every planner back end is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from armsight.arrays import JointPath
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.data import PlanRequest
+from armsight.motion.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A path and its motion, or why there is none.
+
+    Attributes:
+        request: sequence of the request it answers.
+        path: (k, n) waypoints [rad], from the start to the goal; (0, n) on failure.
+        trajectory: the motion along it within the limits, proven free; None on failure.
+        cost: C_traj of the path [m] (:mod:`armsight.motion.cost`); inf on failure.
+        snapshot_sequence: the snapshot that it was planned and proven against.
+        planning_s: until the first path was found [s].
+        optimisation_s: spent on better paths and on the motion in time [s].
+        failure: why there is no path, in words; empty when all is well.
+        solutions: paths found before the cheapest was chosen.
+    """
+
+    request: int
+    path: JointPath
+    trajectory: Trajectory | None
+    cost: float
+    snapshot_sequence: int
+    planning_s: float
+    optimisation_s: float
+    failure: str = ""
+    solutions: int = 0
+
+    @property
+    def good(self) -> bool:
+        """Whether there is a motion to execute."""
+        return not self.failure
+
+
+class Planner(Protocol):
+    """Finds motions. Knows no thread and no clock."""
+
+    def plan(
+        self,
+        request: PlanRequest,
+        snapshot: WorkspaceSnapshot,
+        time_limit: float,
+        rng: np.random.Generator,
+    ) -> Plan:
+        """Answer a request within about ``time_limit`` [s]; never raises for what it was asked."""
+        ...
