@@ -33,6 +33,8 @@ FARTHEST = 10.0
 """Nothing in a cell is farther from the robot's base than this [m]."""
 SMALLEST = 0.001
 """No edge or radius is smaller [m]."""
+SCRIPTS = ("reach_in", "walk_by", "stand")
+"""Built-in scripts of people."""
 ENTERS = 0.01
 """How deep the body's spheres (which overshoot the meshes a little) may enter a solid [m]."""
 
@@ -178,8 +180,6 @@ def check_solid(where: str, section: SolidSection) -> Iterator[Problem]:
 
 def check_person(where: str, section: PersonSection, folder: Path | None) -> Iterator[Problem]:
     """Clip, units and place of a person."""
-    from armsight.simulation.people import SCRIPTS
-
     yield from check_metres(f"{where}.position", section.position)
     yield from check_degrees(f"{where}.yaw_deg", (section.yaw_deg,))
     if section.motion == "script" and section.script not in SCRIPTS:
