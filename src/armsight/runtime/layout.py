@@ -1,0 +1,182 @@
+"""Where in a recording the things are that a replay needs: ours by name, others' by looking."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Pose
+from armsight.devices.data import DepthNoise, RgbdCameraInfo
+from armsight.errors import RecordingError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse
+from armsight.runtime import messages
+from armsight.runtime.description import CellDescription, from_metadata
+from armsight.runtime.mcap_file import McapReader
+from armsight.runtime.no_robot import NAME as NO_ROBOT
+from armsight.runtime.recording import depth_frame, depth_topic
+
+LOOK = 400
+"""Messages of a foreign recording that are looked at to learn what is in it."""
+
+
+class FrameTree:
+    """The newest transform of every frame to its parent."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, Pose]] = {}
+
+    def set(self, parent: str, child: str, T_parent_child: Pose) -> None:
+        """Learn where a frame is."""
+        self._parents[child] = (parent, T_parent_child)
+
+    def root(self, frame: str) -> str:
+        """The frame at the top of another's chain."""
+        return self._chain(frame)[-1][0]
+
+    def pose(self, base: str, frame: str) -> Pose | None:
+        """``T_base_frame``, or None where the tree does not connect them."""
+        up_base, up_frame = dict(self._chain(base)), dict(self._chain(frame))
+        for name, T_frame in up_frame.items():
+            if name in up_base:
+                return inverse(up_base[name]) @ T_frame
+        return None
+
+    def _chain(self, frame: str) -> list[tuple[str, Pose]]:
+        """(ancestor, ``T_ancestor_frame``) from the frame itself up to its root."""
+        chain = [(frame, np.eye(4))]
+        while chain[-1][0] in self._parents and len(chain) < 100:
+            parent, T = self._parents[chain[-1][0]]
+            chain.append((parent, T @ chain[-1][1]))
+        return chain
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a recording holds and where.
+
+    Attributes:
+        description: of the cell.
+        depth, color: topic to camera name.
+        joints: topic of the arm's joints, or empty.
+        posed: camera name to the frame of its depth lens, for cameras that say where they are.
+        base: the frame that poses are wanted in.
+        moving: every pose comes from the transforms, not only those that are recorded directly.
+        tree: the transforms known at the start.
+    """
+
+    description: CellDescription
+    depth: Mapping[str, str]
+    color: Mapping[str, str]
+    joints: str
+    posed: Mapping[str, str]
+    base: str = "base"
+    moving: bool = False
+    tree: FrameTree = field(default_factory=FrameTree)
+
+
+def layout_of(reader: McapReader) -> Layout:
+    """The layout of a recording, ours or another program's.
+
+    Raises:
+        RecordingError: there is no depth image in it, or a camera's lens or place is not known.
+    """
+    description = from_metadata(reader.contents.metadata)
+    if description is None:
+        return _foreign(reader)
+    cameras = description.cameras
+    return Layout(
+        description,
+        {depth_topic(info): info.name for info in cameras},
+        {f"/{info.name}/color/image_raw": info.name for info in cameras},
+        "/joint_states",
+        {info.name: depth_frame(info.name) for info in cameras},
+    )
+
+
+def _foreign(reader: McapReader) -> Layout:
+    images, lenses, tree, moving = _look(reader)
+    depth = {t: m for t, m in images.items() if m.encoding in ("32FC1", "16UC1", "mono16")}
+    if not depth:
+        raise RecordingError(
+            f"{reader.path}: no depth images (sensor_msgs/Image, 32FC1 or 16UC1) among its topics "
+            f"({', '.join(sorted(reader.topics)) or 'none'})"
+        )
+    frames = {topic: message.header.frame_id.lstrip("/") for topic, message in depth.items()}
+    base = _base(tree, next(iter(frames.values())))
+    cameras, names = [], {}
+    for topic, frame in frames.items():
+        lens = lenses.get(topic.rsplit("/", 1)[0] + "/camera_info")
+        if lens is None:
+            raise RecordingError(
+                f"{reader.path}: {topic} has no camera_info beside it, so its lens is not known"
+            )
+        pose = tree.pose(base, frame)
+        if pose is None:
+            raise RecordingError(
+                f"{reader.path}: /tf and /tf_static do not say where {frame} ({topic}) is in {base}"
+            )
+        names[topic] = topic.strip("/").split("/")[0] if len(frames) == 1 else _name(topic)
+        cameras.append(_camera(names[topic], lens, pose))
+    description = CellDescription(NO_ROBOT, "none", np.eye(4), (), tuple(cameras), ())
+    posed = {names[t]: f for t, f in frames.items() if moving}
+    return Layout(description, names, {}, "", posed, base, moving, tree)
+
+
+def _look(
+    reader: McapReader,
+) -> tuple[dict[str, Any], dict[str, PinholeCamera], FrameTree, bool]:
+    """First image and lens of each topic, the transforms, and whether any of them moves."""
+    kinds = (messages.IMAGE, messages.CAMERA_INFO, messages.TRANSFORMS)
+    wanted = [topic for topic, kind in reader.topics.items() if kind in kinds]
+    images: dict[str, Any] = {}
+    lenses: dict[str, PinholeCamera] = {}
+    tree = FrameTree()
+    moving = False
+    for i, (topic, kind, record) in enumerate(reader.messages(wanted)):
+        if i >= LOOK:
+            break
+        if kind == messages.TRANSFORMS:
+            moving = moving or not topic.endswith("tf_static")
+            for _, parent, child, T in messages.decode_transforms(
+                messages.decode(record.data, kind)
+            ):
+                tree.set(parent, child, T)
+        elif kind == messages.IMAGE and topic not in images:
+            images[topic] = messages.decode(record.data, kind)
+        elif kind == messages.CAMERA_INFO and topic not in lenses:
+            lenses[topic] = messages.decode_camera_info(messages.decode(record.data, kind))
+    return images, lenses, tree, moving
+
+
+def _base(tree: FrameTree, frame: str) -> str:
+    for name in ("base", "base_link"):
+        if tree.pose(name, frame) is not None:
+            return name
+    return tree.root(frame)
+
+
+def _name(topic: str) -> str:
+    """A camera's name from its image topic: the part that tells it from the others."""
+    parts = topic.strip("/").split("/")
+    return "_".join(part for part in parts[:-1] if part != "depth") or parts[0]
+
+
+def _camera(name: str, lens: PinholeCamera, pose: Pose) -> RgbdCameraInfo:
+    """What may be assumed of a camera that nobody described."""
+    return RgbdCameraInfo(
+        name=name,
+        model="unknown",
+        depth=lens,
+        color=None,
+        T_depth_color=np.eye(4),
+        mounted_on="base",
+        T_mount_camera=pose,
+        rate=30.0,
+        latency=0.0,
+        range=(0.2, 6.0),
+        noise=DepthNoise(0.001, 0.0, 0.002),
+    )

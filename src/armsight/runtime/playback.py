@@ -1,0 +1,126 @@
+"""Plays recorded devices on the recording's clock, as a simulated world moves simulated ones.
+
+A source yields dated deliveries in the order of time; :meth:`Playback.advance` hands them to the
+devices up to a moment. Whether that moment follows a simulated or the wall clock is all the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from armsight.arrays import Vector3
+from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
+from armsight.errors import UsageError
+from armsight.motion.data import GuardStatus
+from armsight.runtime.messages import to_ns
+from armsight.runtime.view import Mover
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What came into the session at one moment.
+
+    Attributes:
+        at: on the recording's clock [ns].
+        item: a frame, a joint reading, a tick of the guard, or all that moves besides the arm.
+    """
+
+    at: int
+    item: RgbdFrame | JointState | GuardStatus | tuple[Mover, ...]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Something that can be played.
+
+    Attributes:
+        name: of the file or folder.
+        span: first and last moment [s].
+        deliveries: starts over and yields in the order of time.
+        note: what the user should know of it, such as where it was cut short.
+        close: lets go of files.
+    """
+
+    name: str
+    span: tuple[float, float]
+    deliveries: Callable[[], Iterator[Delivery]]
+    note: str = ""
+    close: Callable[[], None] = field(default=lambda: None)
+
+
+class Playback:
+    """Moves recorded devices along. Named after, and used like, a simulated world."""
+
+    def __init__(
+        self,
+        source: Source,
+        clock: RecordedClock,
+        arm: RecordedArm,
+        cameras: Sequence[RecordedCamera],
+    ) -> None:
+        self.source = source
+        self.clock = clock
+        self.arm = arm
+        self.cameras = tuple(cameras)
+        self.guard: GuardStatus | None = None
+        self.note = source.note
+        self._cameras: Mapping[str, RecordedCamera] = {c.info.name: c for c in cameras}
+        self._movers: tuple[Mover, ...] = ()
+        self._rest = source.deliveries()
+        self._next = next(self._rest, None)
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording [s]."""
+        return self.source.span[1] - self.source.span[0]
+
+    @property
+    def finished(self) -> bool:
+        """Whether everything was delivered."""
+        return self._next is None
+
+    def advance(self, until: float) -> None:
+        """Deliver all that came up to a time [s] and move the clock there."""
+        limit = to_ns(until)
+        while self._next is not None and self._next.at <= limit:
+            self._deliver(self._next.item)
+            self._next = next(self._rest, None)
+        self.clock.set(max(until, self.clock.now()))
+
+    def reset(self) -> None:
+        """Back to the start."""
+        self._rest = self.source.deliveries()
+        self._next = next(self._rest, None)
+        self.guard, self._movers = None, ()
+        self.arm.deliver(None)
+        for camera in self.cameras:
+            camera.deliver(None)
+        self.clock.set(self.source.span[0])
+
+    def movers(self) -> tuple[Mover, ...]:
+        """People and things that moved, as the recording's simulation knew them."""
+        return self._movers
+
+    def drag(self, name: str, position_world: Vector3) -> None:
+        """What is recorded cannot be moved.
+
+        Raises:
+            UsageError: always.
+        """
+        raise UsageError(f"{name} is part of a recording and cannot be dragged")
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self.source.close()
+
+    def _deliver(self, item: RgbdFrame | JointState | GuardStatus | tuple[Mover, ...]) -> None:
+        if isinstance(item, RgbdFrame):
+            self._cameras[item.camera].deliver(item)
+        elif isinstance(item, JointState):
+            self.arm.deliver(item)
+        elif isinstance(item, GuardStatus):
+            self.guard = item
+        else:
+            self._movers = item
