@@ -71,6 +71,18 @@ class Latency:
         return self.declared if self.charge == "declared" else seconds
 
 
+class SensorTap(Protocol):
+    """Sees every reading as it comes in, in sensing's thread: it must be quick and never raise."""
+
+    def on_joints(self, state: JointState, now: float) -> None:
+        """The newest joint reading at ``now`` [s]; the same one may come again."""
+        ...
+
+    def on_frame(self, frame: RgbdFrame, now: float) -> None:
+        """A new frame came in at ``now`` [s]."""
+        ...
+
+
 def _nothing(_at: float) -> None:
     """Default of the hooks that the session wires."""
 
@@ -91,6 +103,7 @@ class SensingComponent:
         self.charge = 0.0
         self.problem = ""
         self.on_frames: Callable[[float], None] = _nothing
+        self.taps: list[SensorTap] = []
         self._channels = channels
         self._arm = arm
         self._cameras = tuple(cameras)
@@ -106,6 +119,8 @@ class SensingComponent:
         if joints is not None:
             self._channels.history.add(joints)
             self._channels.joints.publish(joints, now)
+            for tap in self.taps:
+                tap.on_joints(joints, now)
         fresh = False
         for camera in self._cameras:
             try:
@@ -116,6 +131,8 @@ class SensingComponent:
             if frame is not None:
                 self._channels.frames.put(frame)
                 fresh = True
+                for tap in self.taps:
+                    tap.on_frame(frame, now)
         self.problem = "; ".join(problems)
         if fresh:
             self.on_frames(now)
