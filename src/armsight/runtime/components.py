@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -71,6 +71,7 @@ class Latency:
         return self.declared if self.charge == "declared" else seconds
 
 
+@runtime_checkable
 class SensorTap(Protocol):
     """Sees every reading as it comes in, in sensing's thread: it must be quick and never raise."""
 

@@ -25,6 +25,7 @@ from armsight.runtime.components import (
     MappingComponent,
     PlanningComponent,
     SensingComponent,
+    SensorTap,
 )
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.lock import cell_lock
@@ -54,7 +55,9 @@ class Session:
         task: what to do, or None to watch only (the arm holds still).
         seed: of the planner's randomness; the world has its own.
         wall: run a simulated cell under the wall clock, in threads. Real cells always are.
-        observers: further components (page, recorder, experiment) that read :meth:`view`.
+        observers: further components (page, recorder, experiment) that read :meth:`view`. One
+            with ``attach(session)`` is given the session; a :class:`SensorTap` (the recorder) also
+            sees every reading as it comes in.
         config: periods, latencies, configuration of the parts.
         exclusive: refuse to run while another process runs this cell. None: only for real arms;
             simulated ones do not get in each other's way.
@@ -296,6 +299,10 @@ class Session:
         self._channels = channels = Channels()
         self._parts = parts = self._make(self.cell, config)
         sensing = SensingComponent(channels, self._arm, self._cameras, config.sensing_period)
+        sensing.taps = [o for o in self._observers if isinstance(o, SensorTap)]
+        for observer in self._observers:
+            if hasattr(observer, "attach"):
+                observer.attach(self)
         mapping = MappingComponent(
             channels,
             parts.workspace,
