@@ -49,3 +49,7 @@ class LoopError(ArmsightError):
 
 class CellBusyError(ArmsightError):
     """Another process is working with the same cell."""
+
+
+class ViewerError(ArmsightError):
+    """The page cannot be shown: its port is in use, or its address is none of this machine's."""
