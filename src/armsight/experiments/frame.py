@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
@@ -27,12 +27,8 @@ if TYPE_CHECKING:
 Draw = Callable[[], "Figure"]
 
 
-class Progress(Protocol):
-    """Told how far an experiment is; the command line draws a bar from it."""
-
-    def __call__(self, stage: str, done: float) -> None:
-        """``done`` is the share of the whole experiment, 0..1; ``stage`` says what comes now."""
-        ...
+Progress = Callable[[str, float], None]
+"""Told what comes now and the share of the whole that is done, 0..1; the command line draws it."""
 
 
 def silent(stage: str, done: float) -> None:

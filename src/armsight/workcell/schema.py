@@ -273,8 +273,20 @@ class MappingSection(Section):
     )
     upper: Triple | None = key(None, "Upper corner of the mapped box; likewise.", "m")
     voxel: Positive = key(0.02, "Edge of a voxel.", "m", ge=0.005, le=0.1)
+    crop: Positive = key(
+        1.5, "Points farther from the base are left out of the shown cloud.", "m", le=10.0
+    )
     stale_after_ms: Positive = key(
         100.0, "A camera older than this is not trusted: slow down, then stop.", "ms", le=2000.0
+    )
+    calibration_mm: NotNegative = key(
+        5.0, "Greatest believable error of a camera's position.", "mm", le=200.0
+    )
+    calibration_deg: NotNegative = key(
+        0.5, "Greatest believable error of a camera's rotation.", "deg", le=10.0
+    )
+    align: Switch = key(
+        True, "Refine the cameras' poses against the arm and the declared solids at the start."
     )
 
     @model_validator(mode="after")

@@ -1,0 +1,88 @@
+"""The command line: parses, calls, prints. Everything else lives in ``armsight.commands``.
+
+Exit codes: 0 well, 1 an error, 2 not understood, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any, Union
+
+import tyro
+
+from armsight import __version__
+from armsight.commands.check import Check
+from armsight.commands.demo import Demo
+from armsight.commands.doctor import Doctor
+from armsight.commands.experiment import Experiment
+from armsight.commands.new import New
+from armsight.commands.patrol import Patrol
+from armsight.commands.record import Record
+from armsight.commands.replay import Replay
+from armsight.commands.robots import Robots
+from armsight.commands.view import View
+
+COMMANDS = (Demo, Doctor, Check, New, Patrol, Record, Replay, Robots, View, Experiment)
+
+DESCRIPTION = """armsight: a robot arm that knows its surroundings.
+
+  armsight demo                                  a guarded patrol, live in the browser
+  armsight doctor                                what of this machine is missing or slow
+  armsight new my_cell.toml                      start a cell of your own, then check it:
+  armsight check my_cell.toml
+  armsight patrol my_cell.toml --seconds 120 --headless --json result.json
+  armsight experiment patrol-smoke               a table beside the papers' figures
+
+armsight COMMAND --help explains a command; --version tells the version; --debug shows the trace of
+an error. armsight is no certified safety function: never rely on it alone beside a person."""
+
+# Built from the tuple, so that a command is named once.
+_Command: Any = Union[  # noqa: UP007
+    tuple(Annotated[c, tyro.conf.subcommand(c.__name__.lower())] for c in COMMANDS)
+]
+
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit."""
+    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command line and return its exit code; errors go to stderr in one line each."""
+    words = list(arguments)
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
+    if words == ["--version"]:
+        print(f"armsight {__version__}")
+        return 0
+    if not words:
+        words = ["--help"]
+    from armsight.errors import ArmsightError
+
+    try:
+        command = tyro.cli(
+            _Command,
+            prog="armsight",
+            description=DESCRIPTION,
+            args=words,
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+        )
+        return int(command.run())
+    except ArmsightError as error:
+        if debug:
+            raise
+        print(error, file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        if debug:
+            raise
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader has gone (`armsight robots | head`); keep Python from complaining at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0

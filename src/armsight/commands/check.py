@@ -1,0 +1,59 @@
+"""``armsight check``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from armsight.workcell import Workcell
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check workcell files and say all that is wrong, one line a problem.
+
+    Example: armsight check workcells/*.toml
+
+    Attributes:
+        files: workcell files, or names of packaged cells.
+    """
+
+    files: Annotated[
+        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE ...]")
+    ]
+
+    def run(self) -> int:
+        """Check every file; 1 if any has a problem."""
+        from rich.console import Console
+
+        from armsight.commands.cells import find
+        from armsight.errors import ArmsightError, UsageError
+        from armsight.workcell import load_workcell
+
+        if not self.files:
+            raise UsageError("name at least one file: armsight check FILE")
+        out, bad = Console(soft_wrap=True, highlight=False), 0
+        for file in self.files:
+            try:
+                out.print(f"[green]good[/] {file}: {described(load_workcell(find(file)))}")
+            except ArmsightError as error:
+                bad += 1
+                out.print(str(error), markup=False)
+        return 1 if bad else 0
+
+
+def described(workcell: Workcell) -> str:
+    """A cell in a line."""
+    counts = (
+        (len(workcell.camera), "camera"),
+        (len(workcell.solid), "solid"),
+        (len(workcell.patrol.goals_deg), "goal"),
+        (len(workcell.simulation.person), "simulated person"),
+    )
+    parts = [f"{n} {word}{'s' if n != 1 else ''}" for n, word in counts if n]
+    return ", ".join([f"{workcell.name}, {workcell.robot.model}", *parts]).replace(
+        "persons", "people"
+    )

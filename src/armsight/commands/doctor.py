@@ -1,0 +1,243 @@
+"""``armsight doctor``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from armsight.commands.serving import Page
+
+Verdict = Literal["good", "slow", "missing", "info"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at.
+
+    Attributes:
+        verdict: ``good``; ``slow``: works, but badly; ``missing``: something will not work;
+            ``info``: neither.
+        title: what was looked at.
+        found: what was found.
+        mend: what to do, or empty.
+    """
+
+    verdict: Verdict
+    title: str
+    found: str
+    mend: str = ""
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Say what of this machine is missing or slow, and how to mend it.
+
+    Example: armsight doctor
+
+    Attributes:
+        port: that the live page would use.
+    """
+
+    port: int = Page().port
+
+    def run(self) -> int:
+        """Print the findings; 1 if something is missing."""
+        from rich.console import Console
+
+        marks = {
+            "good": "[green]good   [/]",
+            "slow": "[yellow]slow   [/]",
+            "missing": "[red]missing[/]",
+            "info": "[dim]       [/]",
+        }
+        out, missing = Console(soft_wrap=True, highlight=False), 0
+        for finding in findings(self.port):
+            out.print(f"{marks[finding.verdict]} {finding.title:16} ", end="")
+            out.print(finding.found, markup=False)
+            if finding.mend:
+                out.print(f"{'':24} -> {finding.mend}", markup=False)
+            missing += finding.verdict == "missing"
+        return 1 if missing else 0
+
+
+def findings(port: int) -> Iterator[Finding]:
+    """Everything that is looked at; a check that breaks is itself a finding."""
+    checks: tuple[tuple[str, Callable[[], Finding]], ...] = (
+        ("armsight", _version),
+        ("Python", _python),
+        ("cores", _cores),
+        ("memory", _memory),
+        ("disk", _disk),
+        ("packages", _packages),
+        ("OpenGL", _opengl),
+        ("rendering", _rendering),
+        ("kernels", _kernels),
+        ("cells", _cells),
+        ("port", lambda: _port(port)),
+        ("browser", _browser),
+    )
+    for title, check in checks:
+        try:
+            yield check()
+        except Exception as error:  # the doctor must not fall ill
+            first = (str(error).splitlines() or [""])[0]
+            yield Finding("missing", title, f"{type(error).__name__}: {first}")
+
+
+def _version() -> Finding:
+    from armsight import __version__
+    from armsight.experiments.machine import commit
+
+    return Finding("info", "armsight", f"{__version__}, commit {commit()}")
+
+
+def _python() -> Finding:
+    import platform
+    import sys
+
+    found = f"{platform.python_version()} at {sys.prefix}"
+    if sys.version_info >= (3, 14):
+        return Finding("slow", "Python", found, "tested with 3.11 to 3.13; prefer one of these")
+    return Finding("good", "Python", found)
+
+
+def _cores() -> Finding:
+    import os
+
+    from armsight.experiments.machine import processor, usable_cores
+
+    cores, load = usable_cores(), os.getloadavg()[0]
+    found = f"{cores} of {processor()}, load {load:.1f}"
+    if cores < 2:
+        return Finding("slow", "cores", found, "mapping and planning want 2 cores beside the page")
+    if load > cores:
+        return Finding("slow", "cores", found, "other programs keep this machine busy; end them")
+    return Finding("good", "cores", found)
+
+
+def _memory() -> Finding:
+    from armsight.experiments.machine import memory_gib
+
+    size = memory_gib()
+    if size < 3.5:
+        return Finding("slow", "memory", f"{size:.1f} GiB", "4 GiB or more; use a coarser voxel")
+    return Finding("good", "memory", f"{size:.1f} GiB")
+
+
+def _disk() -> Finding:
+    import shutil
+    from pathlib import Path
+
+    free = shutil.disk_usage(Path.cwd()).free / 2**30
+    found = f"{free:.1f} GiB free in {Path.cwd()}"
+    if free < 2:
+        return Finding("slow", "disk", found, "a recording of four cameras takes 1 GiB a minute")
+    return Finding("good", "disk", found)
+
+
+def _packages() -> Finding:
+    from importlib.metadata import PackageNotFoundError, version
+
+    names = ("numpy", "numba", "mujoco", "ompl", "viser", "opencv-python-headless", "mcap")
+    found, lost = [], []
+    for name in names:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            lost.append(name)
+    if lost:
+        return Finding(
+            "missing", "packages", f"not installed: {', '.join(lost)}", "remove .venv, run ./run"
+        )
+    return Finding("good", "packages", ", ".join(found))
+
+
+def _opengl() -> Finding:
+    from armsight.errors import ArmsightError
+    from armsight.simulation.gl import OPENGL_HELP, check_opengl
+
+    try:
+        renderer = check_opengl()
+    except ArmsightError as error:
+        return Finding("missing", "OpenGL", str(error).partition(":")[0], OPENGL_HELP)
+    return Finding("good", "OpenGL", renderer)
+
+
+def _rendering() -> Finding:
+    import time
+
+    from armsight.commands.cells import DEFAULT, packaged
+    from armsight.errors import ArmsightError
+    from armsight.workcell import load_workcell, open_cell
+
+    try:
+        with open_cell(load_workcell(packaged()[DEFAULT])) as cell:
+            assert cell.world is not None
+            cell.world.advance(0.15)  # every camera once
+            start = time.perf_counter()
+            cell.world.advance(1.15)
+            factor = 1.0 / (time.perf_counter() - start)
+    except ArmsightError as error:
+        return Finding("missing", "rendering", str(error))
+    found = f"four Kinect v2 at 15 Hz: {factor:.1f} simulated seconds a second, world alone"
+    if factor < 1.5:
+        return Finding(
+            "slow", "rendering", found, "the page will run slower than life; use fewer cameras"
+        )
+    return Finding("good", "rendering", found)
+
+
+def _kernels() -> Finding:
+    import os
+    from pathlib import Path
+
+    import armsight
+
+    package = Path(armsight.__file__).parent
+    compiled = sum(1 for _ in package.rglob("__pycache__/*.nbc"))
+    folder = os.environ.get("NUMBA_CACHE_DIR", "")
+    if not folder and not os.access(package, os.W_OK):
+        return Finding(
+            "info",
+            "kernels",
+            f"{compiled} compiled; {package} is read-only, new ones go to the user's cache",
+        )
+    if compiled == 0 and not folder:
+        return Finding("info", "kernels", "none compiled yet: the first start takes longer")
+    return Finding("good", "kernels", f"{compiled} compiled and kept")
+
+
+def _cells() -> Finding:
+    from armsight.commands.cells import packaged
+    from armsight.workcell import load_workcell
+
+    names = [load_workcell(file).name for file in packaged().values()]
+    return Finding("good" if names else "missing", "cells", ", ".join(names) or "none packaged")
+
+
+def _port(port: int) -> Finding:
+    import socket
+
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return Finding(
+                "slow",
+                "port",
+                f"{port} is in use",
+                "the page takes the next free one, or --page.port",
+            )
+    return Finding("good", "port", f"{port} is free")
+
+
+def _browser() -> Finding:
+    import shutil
+
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        found = shutil.which(name)
+        if found:
+            return Finding("info", "browser", f"{found} (for the tests of the page)")
+    return Finding("info", "browser", "no Chromium here: the tests of the page are skipped")

@@ -1,0 +1,57 @@
+"""``armsight new``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class New:
+    """Start a workcell file from the commented blank.
+
+    Example: armsight new my_cell.toml --robot ur10
+
+    Attributes:
+        file: to write; never overwrites one.
+        robot: key of the robot catalogue (`armsight robots`).
+        name: of the cell; the file's name if left out.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    robot: str = "ur5"
+    name: str | None = None
+
+    def run(self) -> int:
+        """Write the file, whole or not at all."""
+        import os
+
+        from armsight.commands.cells import folder
+        from armsight.commands.running import say
+        from armsight.errors import UsageError
+        from armsight.experiments.frame import write_atomically
+        from armsight.robots import ROBOT_NAMES
+        from armsight.workcell import parse_workcell
+        from armsight.workcell.problems import nearest
+
+        if self.robot not in ROBOT_NAMES:
+            raise UsageError(f'unknown robot "{self.robot}"; {nearest(self.robot, ROBOT_NAMES)}')
+        file = self.file if self.file.suffix else self.file.with_suffix(".toml")
+        if os.path.lexists(file):
+            raise UsageError(f"{file} exists already; choose another name, or remove it first")
+        text = (folder() / "blank.toml").read_text(encoding="utf-8")
+        text = text.replace('name = "blank"', f'name = "{self.name or cell_name(file)}"')
+        text = text.replace('model = "ur5"', f'model = "{self.robot}"')
+        parse_workcell(text, str(file))  # a bad --name is told before anything is written
+        write_atomically(file, text.encode())
+        say(f"wrote {file}; edit it, then: armsight check {file}")
+        return 0
+
+
+def cell_name(file: Path) -> str:
+    """A cell's name from a file's: letters, digits, ``_`` and ``-``."""
+    name = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in file.stem)
+    return name if name[:1].isalpha() else f"cell_{name}"

@@ -1,0 +1,90 @@
+"""``armsight replay``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from armsight.commands.serving import Page
+
+if TYPE_CHECKING:
+    from armsight.runtime.view import SessionView
+    from armsight.workcell import Cell
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Replay a recording through the same mapping and page as when it was made.
+
+    Example: armsight replay monday.mcap
+
+    Attributes:
+        source: a recording (.mcap), or a folder of posed depth images (frame-NNNNNN.depth.png,
+            frame-NNNNNN.pose.txt).
+        seconds: stop after so long; the whole recording if left out.
+        headless: no page, and as fast as the machine can; prints what the map holds at the end.
+        json: write the run's figures here; `-` is standard output.
+        speed: recorded seconds a second; 0 for as fast as the machine can.
+        page: where the live page is served.
+    """
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")]
+    seconds: float | None = None
+    headless: bool = False
+    json: Path | None = None
+    speed: float | None = None
+    page: Page = field(default_factory=Page)
+
+    def run(self) -> int:
+        """Replay without a task."""
+        from armsight.commands.patrol import speed_of
+        from armsight.commands.running import Wanted, run_session, say, write_summary
+        from armsight.errors import RecordingError
+
+        if not self.source.exists():
+            raise RecordingError(f"{self.source}: no such recording or folder of depth images")
+        with _open(self.source) as cell:
+            note = getattr(cell.world, "note", "")
+            if note:
+                say(note)
+            end = getattr(cell.world, "duration", None)
+            wanted = Wanted(
+                seconds=self.seconds if self.seconds is not None or not self.headless else end,
+                page=None if self.headless else self.page,
+                speed=speed_of(self.speed, self.headless),
+            )
+            session = run_session(cell, None, wanted)
+            summary = map_summary(session.view())
+        for key, value in summary.items():
+            say(f"{key.replace('_', ' '):18} {value}")
+        if self.json is not None:
+            write_summary(self.json, summary)
+        return 0
+
+
+def _open(source: Path) -> Cell:
+    from armsight.runtime.depth_folder import open_depth_folder
+    from armsight.runtime.replay import open_recording
+
+    return open_depth_folder(source) if source.is_dir() else open_recording(source)
+
+
+def map_summary(view: SessionView) -> dict[str, float | int]:
+    """What the map holds, in figures."""
+    from armsight.mapping.snapshot import FREE, OCCUPIED
+
+    snapshot = view.snapshot
+    if snapshot is None:
+        return {"seconds": round(view.now, 3), "frames": 0}
+    return {
+        "seconds": round(view.now, 3),
+        "frames": sum(camera.frames for camera in snapshot.cameras),
+        "dropped": sum(camera.dropped for camera in snapshot.cameras),
+        "snapshots": snapshot.sequence + 1,
+        "voxels_occupied": int((snapshot.state == OCCUPIED).sum()),
+        "voxels_free": int((snapshot.state == FREE).sum()),
+        "cloud_points": len(snapshot.cloud),
+    }

@@ -1,0 +1,142 @@
+"""Runs a session for the command line: cell, task, page, recorder, progress, summary."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from armsight.commands.serving import Page
+
+if TYPE_CHECKING:
+    from armsight.motion.data import Task
+    from armsight.runtime.component import Component
+    from armsight.runtime.session import Session
+    from armsight.workcell import Cell
+
+console = Console(stderr=True)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a run should do.
+
+    Attributes:
+        seconds: how long on the cell's clock [s], None until interrupted.
+        page: where it is served, or None for none.
+        record: file to record into, or None.
+        seed: of everything random.
+        speed: simulated seconds a second; inf as fast as possible.
+        observers: more components that look on.
+    """
+
+    seconds: float | None = None
+    page: Page | None = field(default_factory=Page)
+    record: Path | None = None
+    seed: int = 0
+    speed: float = 1.0
+    observers: Sequence[Component] = ()
+
+
+def run_session(cell: Cell, task: Task | None, wanted: Wanted) -> Session:
+    """Run to the end (time, Ctrl-C, SIGTERM) and return the session for its figures."""
+    from armsight.runtime.configure import session_config
+    from armsight.runtime.session import Session
+
+    with ExitStack() as stack:
+        session = Session(
+            cell,
+            task,
+            seed=wanted.seed,
+            config=session_config(cell),
+            observers=wanted.observers,
+        )
+        if wanted.record is not None:
+            from armsight.runtime.recording import Recorder
+
+            recorder = Recorder(wanted.record, cell, wait=not session.wall)
+            stack.callback(lambda: say(f"recorded {recorder.close()}"))
+            session.observe(recorder)
+        if wanted.page is not None:
+            from armsight.viewer import LivePage
+
+            page = LivePage(session, wanted.page.host, wanted.page.port, wanted.page.token)
+            stack.callback(page.close)
+            session.observe(page)
+            say(f"live page: [bold]{page.url}[/]   (Ctrl-C ends)")
+        if cell.simulated and math.isfinite(wanted.speed):
+            session.set_speed(wanted.speed)
+        ticker = _Ticker(wanted.seconds)
+        session.observe(ticker)
+        with progress_bar() as progress:
+            session.warm_up(progress)
+        # With a page there is something to watch, and usually no end.
+        if wanted.seconds is None or wanted.page is not None:
+            session.run(wanted.seconds)
+        else:
+            with progress_bar() as ticker.progress:
+                session.run(wanted.seconds)
+    return session
+
+
+class _Ticker:
+    """Tells the progress bar how far a run is."""
+
+    name = "progress"
+    period = 0.5
+
+    def __init__(self, seconds: float | None) -> None:
+        self._seconds = seconds or math.inf
+        self.progress: Callable[[str, float], None] = lambda stage, done: None
+
+    def update(self, now: float) -> None:
+        share = min(1.0, now / self._seconds)
+        self.progress(f"{now:.0f} of {self._seconds:.0f} s", share)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Callable[[str, float], None]]:
+    """A bar on stderr for ``progress(stage, share)``; lines where there is no terminal."""
+    if not console.is_terminal:
+        yield _lines()
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+
+
+def _lines() -> Callable[[str, float], None]:
+    """Progress as a line every tenth, for logs."""
+    told = [-1.0]
+
+    def tell(stage: str, done: float) -> None:
+        if done - told[0] >= 0.1 or (done >= 1.0 > told[0]):
+            told[0] = done
+            say(f"  {100 * done:3.0f} %  {stage}")
+
+    return tell
+
+
+def say(text: str) -> None:
+    """One line to the person, on stderr; stdout is for results."""
+    console.print(text, highlight=False, soft_wrap=True)
+
+
+def write_summary(file: Path, summary: dict[str, Any]) -> None:
+    """Write figures as JSON, whole or not at all; ``-`` is stdout."""
+    from armsight.experiments.frame import write_atomically
+
+    text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    if str(file) == "-":
+        sys.stdout.write(text)
+    else:
+        write_atomically(file, text.encode())

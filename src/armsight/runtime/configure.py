@@ -1,0 +1,52 @@
+"""Turns a workcell's settings into the configuration of a session's parts."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armsight.arrays import Pose
+from armsight.geometry.pose import inverse, transform
+from armsight.mapping.config import MappingConfig
+from armsight.runtime.config import SessionConfig
+
+if TYPE_CHECKING:
+    from armsight.workcell import Cell, Workcell
+
+REACH_MARGIN = 0.35
+"""Without a box of its own, a cell is mapped this far beyond the robot's reach [m]."""
+
+
+def session_config(cell: Cell) -> SessionConfig:
+    """Map and guard as the cell's file wants them; everything else at its default."""
+    return SessionConfig(mapping=mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach))
+
+
+def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> MappingConfig:
+    """The map's configuration: the file's box in world becomes the box around it in base."""
+    section = workcell.mapping
+    lower, upper = section.lower, section.upper
+    if lower is None or upper is None:
+        around = reach + REACH_MARGIN
+        base = T_world_base[:3, 3]
+        low, high = base - around, base + around
+        if workcell.simulation.floor:
+            low[2] = max(low[2], min(0.0, base[2] - 0.05))
+    else:
+        low, high = np.asarray(lower), np.asarray(upper)
+    corners = np.array(list(itertools.product(*zip(low, high))))
+    in_base = transform(inverse(T_world_base), corners)
+    low, high = in_base.min(axis=0), in_base.max(axis=0)
+    return MappingConfig(
+        lower=(float(low[0]), float(low[1]), float(low[2])),
+        upper=(float(high[0]), float(high[1]), float(high[2])),
+        voxel=section.voxel,
+        distance_cap=min(MappingConfig.distance_cap, 15 * section.voxel),
+        stale_after=section.stale_after_ms / 1e3,
+        calibration_m=section.calibration_mm / 1e3,
+        calibration_rad=float(np.deg2rad(section.calibration_deg)),
+        align=section.align,
+        crop=section.crop,
+    )
