@@ -1,0 +1,127 @@
+"""Finding and refining corners on grey images; OpenCV's pitfalls are dealt with here.
+
+The classic checkerboard detector is used: the newer one (SB) returned wrong corners for most small
+dark boards with its accuracy flag (61 of 78). Small boards are found on an enlarged crop.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from armsight.arrays import Bytes, Floats
+
+_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
+_COMFORT = 26.0  # [px] a square of this size is found reliably
+
+
+def exposure_problem(gray: Bytes) -> str:
+    """``black``, ``over-exposed`` or nothing."""
+    sample = gray[::4, ::4]
+    if float(np.quantile(sample, 0.99)) < 20:
+        return "black"
+    if float(np.mean(sample >= 250)) > 0.7:
+        return "over-exposed"
+    return ""
+
+
+def classic_checkerboard(gray: Bytes, across: int, down: int) -> Floats | None:
+    """(across * down, 2) inner corners [px], row by row, or None.
+
+    Looks at the whole image at a comfortable size first, then again on an enlarged crop about what
+    was found, which is what is returned.
+    """
+    h, w = gray.shape
+    size = (across, down)
+    # Big images are searched at half size first: four times quicker, and most boards are found.
+    tries = [0.5, 1.0, 2.0] if w > 1200 else [1.0, 2.0, 3.0]
+    for scale in tries:
+        image = gray if scale == 1.0 else _resized(gray, scale)
+        ok, found = cv2.findChessboardCorners(image, size, flags=_FLAGS | cv2.CALIB_CB_FAST_CHECK)
+        if not ok and scale > 1.0:
+            ok, found = cv2.findChessboardCorners(image, size, flags=_FLAGS)
+        if ok:
+            rough = _unscaled(np.asarray(found, float).reshape(-1, 2), scale)
+            return _on_crop(gray, rough, across, down)
+    return None
+
+
+def _on_crop(gray: Bytes, rough: Floats, across: int, down: int) -> Floats:
+    grid = rough.reshape(down, across, 2)
+    step = float(
+        min(
+            np.linalg.norm(np.diff(grid, axis=1), axis=2).min(),
+            np.linalg.norm(np.diff(grid, axis=0), axis=2).min(),
+        )
+    )
+    scale = float(np.clip(np.ceil(_COMFORT / max(step, 1.0)), 1, 4))
+    if scale <= 1.0:
+        return rough
+    pad = 1.8 * float(np.linalg.norm(np.diff(grid, axis=1), axis=2).max()) + 4
+    x0, y0 = np.maximum(np.floor(rough.min(0) - pad), 0).astype(int)
+    x1, y1 = np.minimum(np.ceil(rough.max(0) + pad), [gray.shape[1], gray.shape[0]]).astype(int)
+    crop = _resized(gray[y0:y1, x0:x1], scale)
+    ok, found = cv2.findChessboardCorners(crop, (across, down), flags=_FLAGS)
+    if not ok:
+        return rough
+    return _unscaled(np.asarray(found, float).reshape(-1, 2), scale) + [x0, y0]
+
+
+def refine(gray: Bytes, pixel: Floats, across: int, reach: float) -> Floats:
+    """Sub-pixel corners: the saddle point of the grey values about each.
+
+    Args:
+        gray: the image.
+        pixel: (m, 2) rough places.
+        across: corners in a row, or 0 when they are not a full grid.
+        reach: half width of the window as a share of the distance to the nearest corner.
+    """
+    pixel = np.ascontiguousarray(pixel, np.float64)
+    gaps = np.linalg.norm(pixel[:, None] - pixel[None], axis=-1)
+    np.fill_diagonal(gaps, np.inf)
+    nearest = float(np.median(gaps.min(1))) if len(pixel) > 1 else 20.0
+    shortest = float(gaps.min()) if len(pixel) > 1 else 20.0
+    # A crop enlarged to a comfortable size: windows of whole pixels are too coarse for small boards.
+    scale = int(np.clip(np.ceil(16.0 / max(shortest, 1.0)), 1, 4))
+    half = int(np.clip(round(reach * min(nearest, 1.3 * shortest) * scale), 2, 14))
+    if scale == 1:
+        points = pixel.astype(np.float32).reshape(-1, 1, 2).copy()
+        out = cv2.cornerSubPix(gray, points, (half, half), (-1, -1), _STOP)
+        refined = np.asarray(out, float).reshape(-1, 2)
+    else:
+        pad = int(2 * nearest) + 6
+        x0, y0 = np.maximum(np.floor(pixel.min(0) - pad), 0).astype(int)
+        x1, y1 = np.ceil(pixel.max(0) + pad).astype(int)
+        crop = _resized(gray[y0:y1, x0:x1], scale)
+        points = _scaled(pixel - [x0, y0], scale).astype(np.float32).reshape(-1, 1, 2)
+        out = cv2.cornerSubPix(crop, points, (half, half), (-1, -1), _STOP)
+        refined = _unscaled(np.asarray(out, float).reshape(-1, 2), scale) + [x0, y0]
+    # A corner that wandered off is better left where it was found.
+    moved = np.linalg.norm(refined - pixel, axis=1) > max(0.45 * nearest, 1.5)
+    refined[moved] = pixel[moved]
+    return refined
+
+
+def straightness(flat: Floats, pixel: Floats) -> float:
+    """Rms distance of corners from the best perspective of a flat board [px]."""
+    H, _ = cv2.findHomography(flat, pixel, 0)
+    if H is None:
+        return float("inf")
+    p = np.column_stack([flat, np.ones(len(flat))]) @ H.T
+    d = p[:, :2] / p[:, 2:] - pixel
+    return float(np.sqrt(np.mean(np.sum(d * d, axis=1))))
+
+
+def _resized(gray: Bytes, scale: float) -> Bytes:
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(gray, None, fx=scale, fy=scale, interpolation=method), np.uint8)
+
+
+def _unscaled(pixel: Floats, scale: float) -> Floats:
+    """From a resized image back: pixel centres stay where they belong."""
+    return (pixel + 0.5) / scale - 0.5
+
+
+def _scaled(pixel: Floats, scale: float) -> Floats:
+    return (pixel + 0.5) * scale - 0.5
