@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame
-from armsight.errors import DeviceError
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.spec import CameraSpec
 
@@ -18,6 +16,7 @@ class SimulatedCamera:
 
     def __init__(self, spec: CameraSpec, clock: SimulatedClock) -> None:
         self.spec = spec
+        self.T_mount_camera = spec.T_mount_camera_true
         self._clock = clock
         self.reset()
 
@@ -38,6 +37,20 @@ class SimulatedCamera:
 
     def want_color(self, wanted: bool) -> None:
         self.wants_color = wanted
+
+    def expose(self, now, T, data, renderer):
+        info = self.info
+        shot = renderer.take(data, T, info.depth)
+        depth = renderer.depth(shot, info.depth).depth
+        low, high = info.range
+        depth[(depth < low) | (depth > high)] = np.nan
+        color = None
+        if self.wants_color and info.color is not None:
+            renderer.aim(shot, T @ info.T_depth_color, info.color)
+            color = renderer.color(shot, info.color)
+        renderer.give_back(shot)
+        self.deliver(RgbdFrame(info.name, self.sequence, now, now + info.latency, depth, color))
+        self.sequence += 1
 
     def deliver(self, frame: RgbdFrame) -> None:
         self._arrivals.append(frame)

@@ -77,17 +77,21 @@ def solid_material(mj: Any, solid: Solid) -> str:
 
 
 def cloth_material(mj: Any, look: str, person: str) -> str:
-    """Skin, hair, shirt, trousers or shoes of a person; the clothes follow the name."""
+    """Skin, hair, shirt, trousers or shoes of a person."""
+    shine = 0.15 if look in ("skin", "hair", "shoes") else 0.02
+    return _material(mj, look, cloth_colors(person)[look], specular=shine, shininess=0.2)
+
+
+def cloth_colors(person: str) -> dict[str, Color]:
+    """Colours of a person's looks; the clothes follow the name."""
     choice = sum(person.encode())
-    colors = {
+    return {
         "skin": SKIN,
         "hair": HAIR,
         "shoes": SHOES,
         "shirt": SHIRTS[choice % len(SHIRTS)],
         "trousers": TROUSERS[choice % len(TROUSERS)],
     }
-    shine = 0.15 if look in ("skin", "hair", "shoes") else 0.02
-    return _material(mj, look, colors[look], specular=shine, shininess=0.2)
 
 
 def _material(mj: Any, kind: str, color: Color, specular: float, shininess: float) -> str:

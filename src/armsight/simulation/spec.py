@@ -75,11 +75,17 @@ class PersonSpec:
             forearm and hand that the page or a search moves).
         script: name of the built-in script, such as ``reach_in``, ``walk_by``, ``stand``.
         clip: folder/number of a motion clip, with its file.
-        T_world_person: where the script's or clip's origin lies.
+        T_world_person: where the motion's frame lies. A script starts at its origin on the floor,
+            looking along x. In a clip the robot of the recording stood at the origin on the floor
+            and the person stands on the positive x, facing it. A lone hand starts at the origin
+            and points along x.
         period: seconds between repetitions of a script [s]; start: first time [s].
         speed_scale: time scale of the motion; max_hand_speed caps it [m/s].
         mirror: left and right exchanged.
         height: of the person [m].
+        target: where a script's hand goes, in the script's frame [m]; a place at bench height an
+            arm's length ahead if absent.
+        distance: how far a script's walk goes [m].
     """
 
     name: str
@@ -93,6 +99,8 @@ class PersonSpec:
     max_hand_speed: float = 2.0
     mirror: bool = False
     height: float = 1.75
+    target: tuple[float, float, float] | None = None
+    distance: float = 2.5
 
 
 @dataclass(frozen=True)
@@ -103,12 +111,14 @@ class MovingObjectSpec:
         solid: its shape; ``T_frame_solid`` is its pose at the start in world.
         path: ``circle`` about ``center``, ``line`` from the start to ``center``, or ``free``.
         center: (x, y, z) [m]; period: seconds a round [s].
+        max_speed: when it is dragged [m/s].
     """
 
     solid: Solid
     path: Literal["circle", "line", "free"] = "free"
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     period: float = 10.0
+    max_speed: float = 1.5
 
 
 @dataclass(frozen=True)

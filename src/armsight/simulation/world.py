@@ -2,91 +2,210 @@
 
 from __future__ import annotations
 
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Pose
-from armsight.devices.data import RgbdFrame
+from armsight.arrays import ColorImage, Pose, Vector3
+from armsight.errors import UsageError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import from_quaternion
 from armsight.simulation.arm import SimulatedArm
 from armsight.simulation.cameras import SimulatedCamera
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.gl import mujoco
+from armsight.simulation.looks import cloth_colors
 from armsight.simulation.model import build_model
-from armsight.simulation.people import person_body
+from armsight.simulation.movers import (
+    Hand,
+    MoverState,
+    MovingObject,
+    Trajectory,
+    drawn_solids,
+    make_person,
+)
 from armsight.simulation.rendering import Renderer
-from armsight.simulation.skeleton import Proportions
 from armsight.simulation.spec import WorldSpec
+from armsight.simulation.truth import Truth
+
+MOVER_PERIOD = 0.004
+"""Seconds between updates of people and objects [s]."""
+TRUTH_PERIOD = 0.02
+"""Seconds between measurements of the distance to people [s]."""
 
 
 class SimulatedWorld:
-    """See the module."""
+    """The cell behind the simulated devices.
+
+    Time moves in whole physics steps inside :meth:`advance`; exposures happen at the first step at
+    or after their time and carry that step's stamp. Everything random follows ``seed``: two worlds
+    of the same spec and seed that are commanded alike give the same bits.
+
+    Attributes:
+        clock, arm, cameras: the devices.
+        truth: what really happened, for experiments only.
+        renderer: pictures from any pose (see also :meth:`picture`).
+    """
 
     def __init__(self, spec: WorldSpec, seed: int = 0) -> None:
         self.spec = spec
+        self.seed = seed
         self.clock = SimulatedClock()
-        people = [person_body(p.name, Proportions(p.height)) for p in spec.people]
-        self.cell = build_model(spec, people, spec.arm.robot.T_link_joint, (640, 480))
-        self._data: Any = mujoco.MjData(self.cell.model)
+        self._people = tuple(make_person(person) for person in spec.people)
+        self._objects = tuple(MovingObject(item) for item in spec.objects)
+        self._movers = {mover.name: mover for mover in (*self._people, *self._objects)}
+        if len(self._movers) < len(self._people) + len(self._objects):
+            raise UsageError("people and moving objects need names of their own")
+        self._cell = build_model(
+            spec, [p.body for p in self._people], spec.arm.robot.T_link_joint, (640, 480)
+        )
+        self._data: Any = mujoco.MjData(self._cell.model)
         self.arm = SimulatedArm(spec.arm, self.clock, spec.time_step, seed)
         self.cameras = tuple(SimulatedCamera(c, self.clock) for c in spec.cameras)
-        self.renderer = Renderer(self.cell)
+        self.renderer = Renderer(self._cell)
+        self.truth = Truth(self._cell, spec.arm.robot, self._data)
+        self._drawn = [drawn_solids(p.body, cloth_colors(p.name)) for p in self._people]
+        self._mover_steps = max(1, round(MOVER_PERIOD / spec.time_step))
+        self._truth_steps = max(1, round(TRUTH_PERIOD / spec.time_step))
         self.reset()
 
     def reset(self) -> None:
-        mujoco.mj_resetData(self.cell.model, self._data)
+        """Back to time 0: the same run again, bit for bit."""
+        mujoco.mj_resetData(self._cell.model, self._data)
         n = self.spec.arm.robot.n
         self._data.qpos[:n] = self.spec.arm.home
         self._data.ctrl[:n] = self.spec.arm.home
-        mujoco.mj_forward(self.cell.model, self._data)
         self._step = 0
         self.clock._set(0.0)
         self.arm.reset()
+        for mover in self._movers.values():
+            mover.reset()
         for camera in self.cameras:
             camera.reset()
+        self.truth.reset()
+        self._move_movers(0.0)
+        mujoco.mj_forward(self._cell.model, self._data)
 
     def advance(self, until: float) -> None:
+        """Let time pass to ``until`` [s]: physics, exposures, deliveries."""
         dt = self.spec.time_step
-        m, d = self.cell.model, self._data
+        model, data, truth = self._cell.model, self._data, self.truth
         n = self.spec.arm.robot.n
-        q, qd, ctrl, eff = d.qpos[:n], d.qvel[:n], d.ctrl, d.qfrc_actuator[:n]
-        while True:
-            now = self._step * dt
+        q, qd, control, effort = data.qpos[:n], data.qvel[:n], data.ctrl, data.qfrc_actuator[:n]
+        step, last = self._step, int(np.floor(until / dt + 1e-6))
+        while step <= last:
+            now = step * dt
+            if step % self._mover_steps == 0:
+                self._move_movers(now)
             self._expose(now)
-            if now + dt > until + 1e-9:
+            if step == last:
                 break
-            self.arm.before_step(now, q, ctrl)
-            mujoco.mj_step(m, d)
-            self._step += 1
-            self.arm.sense(self._step, self._step * dt, q, qd, eff)
+            self.arm.before_step(now, q, control)
+            mujoco.mj_step(model, data)
+            if data.ncon:
+                truth.note_contacts(now)
+            if step % self._truth_steps == 0:
+                truth.note_separation(now)
+            step += 1
+            self.arm.sense(step, step * dt, q, qd, effort)
+        self._step = step
         self.clock._set(max(until, self.clock.now()))
+
+    def movers(self) -> tuple[MoverState, ...]:
+        """Every solid of people and moving objects where it is now, for drawing."""
+        states = []
+        for person, first, drawn in zip(self._people, self._cell.person_bodies, self._drawn):
+            poses = [self._mocap_pose(first + i) for i in range(len(person.body.parts))]
+            for index, solid in drawn:
+                states.append(MoverState(solid.name, solid, poses[index] @ solid.T_frame_solid))
+        for item, first in zip(self.spec.objects, self._cell.object_bodies):
+            states.append(MoverState(item.solid.name, item.solid, self._mocap_pose(first)))
+        return tuple(states)
+
+    def drag(self, name: str, position_world: Vector3 | None) -> None:
+        """Lead an object, a lone hand or a person's right hand to a point of the world [m].
+
+        It goes there at its own greatest speed. None lets it go.
+
+        Raises:
+            UsageError: nothing of that name moves.
+        """
+        self._mover(name).drag(position_world)
+
+    def follow(self, name: str, trajectory: Trajectory | None) -> None:
+        """Let a lone hand follow a function of time, for searches; None ends it.
+
+        Raises:
+            UsageError: there is no such hand.
+        """
+        hand = self._mover(name)
+        if not isinstance(hand, Hand):
+            raise UsageError(f"'{name}' is no lone hand (motion = 'hand'); only those follow")
+        hand.follow(trajectory)
+
+    def picture(self, T_world_camera: Pose, lens: PinholeCamera) -> ColorImage:
+        """(h, w, 3) colour picture of the cell as it is now, from any optical pose."""
+        self._settle()
+        shot = self.renderer.take(self._data, T_world_camera, lens)
+        image = self.renderer.color(shot, lens)
+        self.renderer.give_back(shot)
+        return image
+
+    def close(self) -> None:
+        """Give OpenGL's memory back; may be repeated."""
+        self.renderer.close()
+
+    def __enter__(self) -> SimulatedWorld:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _mover(self, name: str) -> Any:
+        owner = name.split("/")[0]
+        if owner not in self._movers:
+            known = ", ".join(sorted(self._movers)) or "nothing at all"
+            raise UsageError(f"nothing called '{owner}' moves in this cell; what moves: {known}")
+        return self._movers[owner]
+
+    def _mocap_pose(self, index: int) -> Pose:
+        w, x, y, z = self._data.mocap_quat[index]
+        return from_quaternion([x, y, z, w], self._data.mocap_pos[index])
+
+    def _move_movers(self, now: float) -> None:
+        positions, quaternions = self._data.mocap_pos, self._data.mocap_quat
+        for person, first in zip(self._people, self._cell.person_bodies):
+            to = first + len(person.body.parts)
+            person.update(now, positions[first:to], quaternions[first:to])
+        for item, first in zip(self._objects, self._cell.object_bodies):
+            item.update(now, positions[first : first + 1], quaternions[first : first + 1])
+
+    def _settle(self) -> None:
+        """Make everything's place agree with the joints and movers as they are now."""
+        mujoco.mj_kinematics(self._cell.model, self._data)
+        mujoco.mj_camlight(self._cell.model, self._data)
 
     def _expose(self, now: float) -> None:
         due = [c for c in self.cameras if c.next_exposure() <= now + 1e-9]
         if not due:
             return
-        mujoco.mj_kinematics(self.cell.model, self._data)
-        mujoco.mj_camlight(self.cell.model, self._data)
+        self._move_movers(now)
+        self._settle()
         for camera in due:
-            T = self.camera_pose(camera)
-            info = camera.info
-            shot = self.renderer.take(self._data, T, info.depth)
-            picture = self.renderer.depth(shot, info.depth)
-            depth = picture.depth
-            low, high = info.range
-            depth[(depth < low) | (depth > high)] = np.nan
-            color = None
-            if camera.wants_color and info.color is not None:
-                self.renderer.aim(shot, T @ info.T_depth_color, info.color)
-                color = self.renderer.color(shot, info.color)
-            self.renderer.give_back(shot)
-            camera.deliver(
-                RgbdFrame(info.name, camera.sequence, now, now + info.latency, depth, color)
-            )
-            camera.sequence += 1
+            camera.expose(now, self._camera_pose(camera), self._data, self.renderer)
 
-    def camera_pose(self, camera: SimulatedCamera) -> Pose:
-        return camera.spec.T_mount_camera_true
-
-    def close(self) -> None:
-        self.renderer.close()
+    def _camera_pose(self, camera: SimulatedCamera) -> Pose:
+        """True optical pose of the depth lens in world."""
+        if camera.info.mounted_on == "base":
+            return camera.T_mount_camera
+        last = int(self._cell.link_bodies[-1])
+        T = np.eye(4)
+        T[:3, :3] = self._data.xmat[last].reshape(3, 3)
+        T[:3, 3] = self._data.xpos[last]
+        return np.asarray(T @ self.spec.arm.robot.T_last_flange @ camera.T_mount_camera)

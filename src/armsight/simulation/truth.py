@@ -1,0 +1,189 @@
+"""What really happened, for experiments only: contacts, distances, speeds. No device knows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats, Ints, Vector3
+from armsight.robots.robot import Robot
+from armsight.simulation.gl import mujoco
+from armsight.simulation.model import CellModel, Part
+
+MOVING = 0.05
+"""The arm moves when the touching point is faster than this [m/s]."""
+APART = 0.05
+"""A contact is over when the two have been apart for this long [s]."""
+FAR = 3.0
+"""Distances beyond this are not measured [m]."""
+
+
+@dataclass
+class Contact:
+    """The arm, or its tool, touched something.
+
+    Attributes:
+        kind: person, object, static, undeclared or floor.
+        owner: whom or what; part: of a person's body.
+        link: index of the arm's link.
+        start, end: first and last touch [s].
+        depth: greatest penetration [m].
+        arm_speed: greatest speed of the arm at the touching point while touching [m/s].
+        position: of the first touch in world [m].
+    """
+
+    kind: str
+    owner: str
+    part: str
+    link: int
+    start: float
+    end: float
+    depth: float
+    arm_speed: float
+    position: Vector3
+
+    @property
+    def moving(self) -> bool:
+        """Whether the arm moved while touching: such a contact counts."""
+        return self.arm_speed > MOVING
+
+
+@dataclass(frozen=True)
+class Separation:
+    """The arm and the nearest person at one instant.
+
+    Attributes:
+        time: [s]; distance: [m], ``inf`` when nobody is within :data:`FAR`, negative in contact.
+        owner, part: nearest person and body part; link: nearest link of the arm.
+        arm_speed: of the arm's nearest point [m/s].
+        tip_speed: of the tip [m/s].
+    """
+
+    time: float
+    distance: float
+    owner: str
+    part: str
+    link: int
+    arm_speed: float
+    tip_speed: float
+
+
+class Truth:
+    """Collects what happens; :attr:`contacts` and :attr:`separations` grow until a reset."""
+
+    def __init__(self, cell: CellModel, robot: Robot, data: Any) -> None:
+        self._cell = cell
+        self._data = data
+        self._n = robot.n
+        tip = np.eye(4) if robot.tool is None else robot.tool.T_flange_tip
+        self._T_last_tip = robot.T_last_flange @ tip
+        contact = [i for i, part in enumerate(cell.parts) if part.kind == "arm"]
+        touching = cell.model.geom_contype
+        self._arm: Ints = np.array([i for i in contact if touching[i]], int)
+        self._people: Ints = np.array(
+            [i for i, part in enumerate(cell.parts) if part.kind == "person"], int
+        )
+        self._jacobian = np.zeros((3, cell.model.nv))
+        self._fromto = np.zeros(6)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.contacts: list[Contact] = []
+        self.separations: list[Separation] = []
+        self._open: dict[tuple[int, str, str], Contact] = {}
+
+    @property
+    def moving_contacts(self) -> list[Contact]:
+        """Contacts that count: the arm moved faster than :data:`MOVING`."""
+        return [contact for contact in self.contacts if contact.moving]
+
+    @property
+    def min_distance(self) -> float:
+        """Least distance of the arm to a person so far [m]; ``inf`` with nobody near."""
+        return min((s.distance for s in self.separations), default=float("inf"))
+
+    def tip_position(self) -> Vector3:
+        """(3,) true position of the tip in world [m]."""
+        body = self._cell.link_bodies[-1]
+        R = self._data.xmat[body].reshape(3, 3)
+        return np.asarray(R @ self._T_last_tip[:3, 3] + self._data.xpos[body])
+
+    def link_poses(self) -> Floats:
+        """(n + 1, 4, 4) true poses of the links in world."""
+        poses = np.tile(np.eye(4), (self._n + 1, 1, 1))
+        poses[:, :3, :3] = self._data.xmat[self._cell.link_bodies].reshape(-1, 3, 3)
+        poses[:, :3, 3] = self._data.xpos[self._cell.link_bodies]
+        return poses
+
+    def note_contacts(self, now: float) -> None:
+        """Look at the contacts of the step that began at ``now`` [s]."""
+        contact = self._data.contact
+        for (a, b), gap, point in zip(contact.geom, contact.dist, contact.pos):
+            if gap > 0.0:
+                continue
+            arm, other = self._cell.parts[a], self._cell.parts[b]
+            if arm.kind != "arm":
+                arm, other = other, arm
+            if arm.kind == "arm" and other.kind != "arm":
+                self._note(arm, other, now, float(gap), np.array(point))
+
+    def note_separation(self, now: float) -> None:
+        """Measure the distance from the arm to the nearest person."""
+        tip_body = int(self._cell.link_bodies[-1])
+        tip_speed = self._speed(tip_body, self.tip_position())
+        found = self._nearest()
+        if found is None:
+            if len(self._people):
+                nobody = Separation(now, float("inf"), "", "", -1, 0.0, tip_speed)
+                self.separations.append(nobody)
+            return
+        distance, arm_geom, person_geom, point = found
+        arm, person = self._cell.parts[arm_geom], self._cell.parts[person_geom]
+        speed = self._speed(int(self._cell.link_bodies[arm.link]), point)
+        self.separations.append(
+            Separation(now, distance, person.owner, person.part, arm.link, speed, tip_speed)
+        )
+
+    def _note(self, arm: Part, other: Part, now: float, gap: float, point: Vector3) -> None:
+        key = (arm.link, other.owner, other.part)
+        speed = self._speed(int(self._cell.link_bodies[arm.link]), point)
+        known = self._open.get(key)
+        if known is None or now - known.end > APART:
+            known = Contact(
+                other.kind, other.owner, other.part, arm.link, now, now, -gap, speed, point
+            )
+            self._open[key] = known
+            self.contacts.append(known)
+            return
+        known.end = now
+        known.depth = max(known.depth, -gap)
+        known.arm_speed = max(known.arm_speed, speed)
+
+    def _nearest(self) -> tuple[float, int, int, Vector3] | None:
+        """Least distance between the arm's and people's shapes, nearest bounds first."""
+        if not len(self._people):
+            return None
+        d, m = self._data, self._cell.model
+        away = np.linalg.norm(
+            d.geom_xpos[self._arm][:, None] - d.geom_xpos[self._people][None], axis=2
+        )
+        bound = away - m.geom_rbound[self._arm][:, None] - m.geom_rbound[self._people][None]
+        order = np.argsort(bound, axis=None, kind="stable")
+        best, pair, point = FAR, (-1, -1), np.zeros(3)
+        for flat in order:
+            i, j = divmod(int(flat), len(self._people))
+            if bound[i, j] >= best:
+                break
+            a, b = int(self._arm[i]), int(self._people[j])
+            distance = mujoco.mj_geomDistance(m, d, a, b, best, self._fromto)
+            if distance < best:
+                best, pair, point = float(distance), (a, b), self._fromto[:3].copy()
+        return None if pair[0] < 0 else (best, *pair, point)
+
+    def _speed(self, body: int, point: Vector3) -> float:
+        """Speed of a point of the arm [m/s]."""
+        mujoco.mj_jac(self._cell.model, self._data, self._jacobian, None, point, body)
+        return float(np.linalg.norm(self._jacobian @ self._data.qvel))
