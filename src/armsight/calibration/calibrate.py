@@ -1,0 +1,239 @@
+"""From sightings to an answer: start, robust solve, mis-seen boards out, honest errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armsight.arrays import Floats, Pose
+from armsight.calibration.covariance import Covariance, covariance
+from armsight.calibration.ladder import (
+    WHITE,
+    Ladder,
+    LeftOut,
+    climb,
+    left_out_errors,
+    solve_with_noise,
+)
+from armsight.calibration.model import Model
+from armsight.calibration.problem import (
+    Freedom,
+    Priors,
+    Problem,
+    Sighting,
+    lens_from_vector,
+)
+from armsight.calibration.solver import Solution, SolverOptions, solve
+from armsight.calibration.start import HandEyeStart, find_start
+from armsight.errors import CalibrationError
+from armsight.geometry.camera import PinholeCamera
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """How a calibration is made.
+
+    Attributes:
+        solve_lenses: lenses have never been calibrated and are part of the answer; otherwise they
+            are freed only if the ladder finds that unseen views gain from it.
+        ladder: choose the error model by left-out views (recorded sets of unknown arms); otherwise
+            everything that can be wrong is modelled with its prior.
+        left_out: test the answer on views left out.
+        folds: of that test.
+        priors: beliefs about the board.
+        solver: of every solve.
+    """
+
+    solve_lenses: bool = True
+    ladder: bool = False
+    left_out: bool = True
+    folds: int = 5
+    priors: Priors | None = None
+    solver: SolverOptions | None = None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The answer.
+
+    Attributes:
+        problem: what was kept, with start values.
+        solution, covariance: the chosen model's.
+        freedom: what it moved.
+        ladder: all models that were tried, or None.
+        left_out: test on unseen views, or None.
+        rejected: (sighting, reason) of what was left out of the solve.
+        starts: of each rig.
+    """
+
+    problem: Problem
+    solution: Solution
+    covariance: Covariance
+    freedom: Freedom
+    ladder: Ladder | None
+    left_out: LeftOut | None
+    rejected: tuple[tuple[Sighting, str], ...]
+    starts: tuple[HandEyeStart | None, ...]
+
+    def camera_pose(self, rig: int) -> Pose:
+        """``T_mount_rig``."""
+        return np.asarray(self.solution.state.T_mount_rig[rig])
+
+    def board_pose(self, board: int = 0) -> Pose:
+        """``T_mount_board``."""
+        return np.asarray(self.solution.state.T_mount_board[board])
+
+    def lens(self, lens: int) -> PinholeCamera:
+        """A lens as solved (or kept)."""
+        camera = self.problem.lenses[lens].camera
+        return lens_from_vector(self.solution.state.lens[lens], camera.width, camera.height)
+
+    def lens_pose(self, lens: int) -> Pose:
+        """``T_rig_lens``."""
+        return np.asarray(self.solution.state.T_rig_lens[lens])
+
+    def main_lens(self, rig: int) -> int:
+        """Index of a rig's first lens."""
+        return next(i for i, lens in enumerate(self.problem.lenses) if lens.rig == rig)
+
+    def target_sigma(self, lens: int) -> float:
+        """Expected 3D error of a point seen 1.0-1.5 m away anywhere in the image [m]."""
+        return self.covariance.target_sigma(lens, *target_points(self.problem.lenses[lens].camera))
+
+
+def target_points(
+    lens: PinholeCamera, depths: tuple[float, ...] = (1.0, 1.25, 1.5)
+) -> tuple[Floats, Floats]:
+    """(t, 2) pixels over the image and (t,) depths [m]: where accuracy is asked for."""
+    u = np.linspace(0.1, 0.9, 5) * (lens.width - 1)
+    v = np.linspace(0.1, 0.9, 4) * (lens.height - 1)
+    grid = np.array([(a, b, d) for d in depths for b in v for a in u])
+    return grid[:, :2], grid[:, 2]
+
+
+def calibrate(
+    problem: Problem,
+    rng: np.random.Generator,
+    options: CalibrationOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Calibration:
+    """Solve a calibration from cold.
+
+    Raises:
+        CalibrationError: there is too little to solve; says what is missing.
+    """
+    options = options or CalibrationOptions()
+    say = progress or (lambda _: None)
+    if not problem.sightings:
+        raise CalibrationError(
+            "no board was seen in any image: check the board's kind and size, the light and that "
+            "the board is in the camera's view"
+        )
+    say("start values")
+    start = find_start(problem, rng)
+    if not start.problem.sightings:
+        raise CalibrationError(
+            "no sighting fits another: the arm's poses and the images do not belong together "
+            "(wrong order, wrong units, or a wrong board size)"
+        )
+    say("mis-seen boards")
+    full = full_freedom(start.problem, options.solve_lenses)
+    kept, rejected = reject_misseen(start.problem, full, options)
+    if options.ladder:
+        ladder = climb(
+            kept,
+            lens=options.solve_lenses,
+            priors=options.priors,
+            options=options.solver,
+            folds=options.folds,
+            progress=say,
+        )
+        best = ladder.best
+        solution, freedom, left_out = best.solution, best.freedom, best.left_out
+    else:
+        say("solve")
+        ladder, left_out = None, None
+        solution, freedom = solve_with_noise(kept, full, options.priors, options.solver)
+        if options.left_out:
+            say("unseen views")
+            left_out = left_out_errors(
+                solution.model.problem,
+                freedom,
+                solution,
+                options.folds,
+                options.priors,
+                options.solver,
+            )
+    return Calibration(
+        solution.model.problem,
+        solution,
+        covariance(solution),
+        freedom,
+        ladder,
+        left_out,
+        (*start.rejected, *rejected),
+        start.hand_eye,
+    )
+
+
+def full_freedom(problem: Problem, lenses: bool) -> Freedom:
+    """Everything that can be wrong, held by its prior."""
+    return Freedom(lens=lenses, shape=True, robot=problem.robot is not None, white=WHITE)
+
+
+def reject_misseen(
+    problem: Problem,
+    freedom: Freedom,
+    options: CalibrationOptions,
+    rounds: int = 4,
+    limit: float = 4.0,
+) -> tuple[Problem, list[tuple[Sighting, str]]]:
+    """Leave out boards that a robust solve of the rest cannot explain.
+
+    A detector that slips by one square is consistent within its image; only the other views and
+    the arm show it. In each round the worst board of each lens goes, if its median corner is off
+    by ``limit`` times that of the lens's other boards.
+
+    Returns:
+        What is left, and what went with the reason.
+    """
+    rejected: list[tuple[Sighting, str]] = []
+    # Lenses stiff and no pose errors: free ones would bend to swallow a slipped board.
+    stiff = replace(freedom, white=None, robot=False)
+    state = None
+    for _ in range(rounds):
+        model = Model(problem, stiff, options.priors)
+        quick = replace(options.solver or SolverOptions(), iterations=15, tolerance=1e-5)
+        solution = solve(model, state, quick)
+        raw = np.linalg.norm(solution.residual, axis=-1) * model.sigma[:, None]
+        middle = np.array([np.median(r[m]) for r, m in zip(raw, model.seen)])
+        gone: list[int] = []
+        for lens in np.unique(model.lens_of):
+            mine = np.flatnonzero(model.lens_of == lens)
+            if len(mine) < 4:
+                continue
+            usual = float(np.median(middle[mine]))
+            bar = max(limit * usual, 6.0 * float(np.median(model.sigma[mine])))
+            bad = mine[middle[mine] > bar]
+            # The worst third at most in one round: a slipped board pulls its neighbours along.
+            bad = bad[np.argsort(-middle[bad])][: max(1, len(mine) // 6)]
+            gone += [int(f) for f in bad]
+            for f in bad:
+                rejected.append(
+                    (
+                        problem.sightings[f],
+                        f"{middle[f]:.1f} px off where the other views are {usual:.1f} px: "
+                        "mis-seen board or wrong arm pose",
+                    )
+                )
+        if not gone:
+            break
+        dropped = set(gone)
+        problem = replace(
+            problem,
+            sightings=tuple(s for k, s in enumerate(problem.sightings) if k not in dropped),
+        )
+        state = solution.state
+    return problem, rejected
