@@ -1,0 +1,104 @@
+"""What the map is told about its cell: one frozen record, every default explained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armsight.errors import UsageError
+
+
+@dataclass(frozen=True)
+class MappingConfig:
+    """Settings of :class:`~armsight.mapping.workspace_map.WorkspaceMap`; defaults suit a UR5 cell.
+
+    Attributes:
+        lower, upper: corners of the fine map in ``base`` [m]. Should hold all that the arm can
+            reach, and exclude what nobody cares about (below the table, above the ceiling).
+        voxel: edge of a fine voxel [m].
+        far_margin: how far the coarse layer goes beyond the fine map on all sides [m]; people are
+            seen coming there. 0 switches it off.
+        far_voxel: edge of a coarse voxel [m]; a whole multiple of ``voxel``.
+        distance_cap: where the distance field saturates [m]; at most 15 voxels.
+        unknown_is_solid: the distance field keeps away from unseen space as well.
+        crop: radius about the base beyond which points are left out of the cloud [m] (T2).
+        stale_after: a camera is not alive once its newest frame is older than this [s], or than
+            its declared latency and one and a half of its periods, whichever is more.
+        future: a stamp may be this far ahead of the clock [s] (clocks are never exact).
+        stamp_error: greatest error of a depth stamp against the joints' stamps [s].
+        min_returns: a frame with a smaller share of valid pixels is refused as empty.
+        self_margin: the arm's skin: points this close to a link's surface are the arm [m] (T2).
+        sigmas: how many standard deviations of depth noise count as possible.
+        calibration_m, calibration_rad: greatest believable error of a camera's pose.
+        aligned_m, aligned_rad: the same after fine alignment against arm and declared solids.
+        align: refine each camera's pose by ICP at the start and when it seems to have moved.
+        support: of a pixel's 8 neighbours, how many must lie at a like depth; pixels with fewer
+            are taken for flying pixels: they neither occupy nor free anything.
+        strong_share: a voxel hit by at least this share of the pixels that would see one of its
+            faces is occupied at once; fewer hits need a second frame within ``weak_window``.
+        weak_window: seconds in which two weak sightings count as one strong [s].
+        hold: a voxel that one camera has hit is not cleared by another before this time [s].
+        person_speed: how fast someone unseen may move through unseen space [m/s].
+        hand: edge of the smallest cube that counts as room for a person [m].
+        static_margin: points this close to a declared solid are that solid [m], besides noise and
+            calibration.
+        cloud_period: seconds between renewals of the page's cloud [s]; 0 renews always.
+        cloud_voxel: edge of the cloud's centroid voxels [m] (T2's voxel grid).
+        threads: cameras worked on at the same time.
+    """
+
+    lower: tuple[float, float, float] = (-1.3, -1.3, -0.2)
+    upper: tuple[float, float, float] = (1.3, 1.3, 1.4)
+    voxel: float = 0.02
+    far_margin: float = 1.2
+    far_voxel: float = 0.06
+    distance_cap: float = 0.3
+    unknown_is_solid: bool = False
+    crop: float = 1.5
+    stale_after: float = 0.1
+    future: float = 0.01
+    stamp_error: float = 0.005
+    min_returns: float = 0.002
+    self_margin: float = 0.005
+    sigmas: float = 3.0
+    calibration_m: float = 0.005
+    calibration_rad: float = 0.00873
+    aligned_m: float = 0.003
+    aligned_rad: float = 0.002
+    align: bool = True
+    support: int = 3
+    strong_share: float = 0.15
+    weak_window: float = 0.15
+    hold: float = 0.06
+    person_speed: float = 2.0
+    hand: float = 0.08
+    static_margin: float = 0.01
+    cloud_period: float = 0.1
+    cloud_voxel: float = 0.02
+    threads: int = 2
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be meant.
+
+        Raises:
+            UsageError: a value is out of its range; the message names it.
+        """
+        if not 0.005 <= self.voxel <= 0.2:
+            raise UsageError(f"mapping.voxel is {self.voxel} m; expected 0.005 to 0.2 m")
+        if any(high - low < 4 * self.voxel for low, high in zip(self.lower, self.upper)):
+            raise UsageError(
+                f"mapping bounds {self.lower} to {self.upper} m: each upper value must exceed its "
+                "lower one by at least four voxels"
+            )
+        count = 1.0
+        for low, high in zip(self.lower, self.upper):
+            count *= (high - low) / self.voxel
+        if count > 6e7:
+            raise UsageError(
+                f"mapping bounds at {self.voxel} m make {count / 1e6:.0f} million voxels; "
+                "use larger voxels or closer bounds (at most 60 million)"
+            )
+        if not 2 * self.voxel <= self.distance_cap <= 15 * self.voxel + 1e-9:
+            raise UsageError(
+                f"mapping.distance_cap is {self.distance_cap} m; expected 2 to 15 voxels "
+                f"({2 * self.voxel:g} to {15 * self.voxel:g} m)"
+            )

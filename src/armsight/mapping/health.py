@@ -1,0 +1,79 @@
+"""Which frames the map accepts, and which cameras are alive."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armsight.devices.data import RgbdCameraInfo, RgbdFrame
+from armsight.mapping.config import MappingConfig
+from armsight.mapping.snapshot import CameraStatus
+
+
+class CameraHealth:
+    """Judges the frames of one camera by their stamps and shape."""
+
+    def __init__(self, info: RgbdCameraInfo, config: MappingConfig) -> None:
+        self._info = info
+        self._config = config
+        self.stamp = -np.inf
+        self._sequence = -1
+        self._frames = 0
+        self._dropped = 0
+        self._refusal = ""
+        period = 1.0 / info.rate if info.rate > 0 else 0.0
+        self.allowed_age = max(config.stale_after, info.latency + 1.5 * period)
+
+    def admit(self, frame: RgbdFrame, now: float) -> bool:
+        """Whether a frame may be used, by all that can be told without looking at its pixels."""
+        problem = self._problem(frame, now)
+        if problem:
+            self.refuse(problem)
+            return False
+        return True
+
+    def _problem(self, frame: RgbdFrame, now: float) -> str:
+        depth = frame.depth
+        want = (self._info.depth.height, self._info.depth.width)
+        if not isinstance(depth, np.ndarray) or depth.shape != want:
+            shape = getattr(depth, "shape", type(depth).__name__)
+            return f"depth image is {shape}, expected {want}"
+        if depth.dtype != np.float32:
+            return f"depth image holds {depth.dtype}, expected float32 metres"
+        if not np.isfinite(frame.stamp):
+            return f"stamp is {frame.stamp}"
+        if frame.stamp > now + self._config.future:
+            return f"stamp is {frame.stamp - now:.3f} s in the future"
+        if frame.stamp == self.stamp:
+            return "the same frame again"
+        if frame.stamp < self.stamp:
+            return f"out of order by {self.stamp - frame.stamp:.3f} s"
+        return ""
+
+    def refuse(self, reason: str) -> None:
+        """Count a frame that was not used."""
+        self._dropped += 1
+        self._refusal = reason
+
+    def accept(self, frame: RgbdFrame) -> None:
+        """Count a frame that was used; a gap in its sequence counts as lost frames."""
+        if 0 <= self._sequence < frame.sequence - 1:
+            self._dropped += frame.sequence - 1 - self._sequence
+        self._sequence = frame.sequence
+        self.stamp = frame.stamp
+        self._frames += 1
+        self._refusal = ""
+
+    def alive(self, now: float) -> bool:
+        """Whether the newest frame used is young enough."""
+        return now - self.stamp <= self.allowed_age
+
+    def status(self, now: float) -> CameraStatus:
+        """For the snapshot."""
+        alive = self.alive(now)
+        reason = self._refusal
+        if not alive:
+            age = now - self.stamp
+            reason = "no frame yet" if not np.isfinite(age) else f"newest frame is {age:.2f} s old"
+            if self._refusal:
+                reason += f"; last one refused: {self._refusal}"
+        return CameraStatus(self._info.name, self.stamp, alive, self._frames, self._dropped, reason)

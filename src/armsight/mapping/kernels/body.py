@@ -1,0 +1,215 @@
+"""Compiled loops over the arm's own body: link distance fields against images and voxels.
+
+A link's field is a small grid, in the link's frame, of the signed distance to its surface; all
+fields of a body lie one after the other in one flat array.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from armsight.mapping.kernels.image import ROBOT, VALID
+
+
+@njit(cache=True, nogil=True)
+def triangle_distance2(px, py, pz, a, b, c):
+    """Squared distance [m^2] of a point to a triangle (Ericson, Real-Time Collision Detection)."""
+    abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    apx, apy, apz = px - a[0], py - a[1], pz - a[2]
+    d1 = abx * apx + aby * apy + abz * apz
+    d2 = acx * apx + acy * apy + acz * apz
+    if d1 <= 0.0 and d2 <= 0.0:
+        return apx * apx + apy * apy + apz * apz
+    bpx, bpy, bpz = px - b[0], py - b[1], pz - b[2]
+    d3 = abx * bpx + aby * bpy + abz * bpz
+    d4 = acx * bpx + acy * bpy + acz * bpz
+    if d3 >= 0.0 and d4 <= d3:
+        return bpx * bpx + bpy * bpy + bpz * bpz
+    cpx, cpy, cpz = px - c[0], py - c[1], pz - c[2]
+    d5 = abx * cpx + aby * cpy + abz * cpz
+    d6 = acx * cpx + acy * cpy + acz * cpz
+    if d6 >= 0.0 and d5 <= d6:
+        return cpx * cpx + cpy * cpy + cpz * cpz
+    vc = d1 * d4 - d3 * d2
+    vb = d5 * d2 - d1 * d6
+    va = d3 * d6 - d5 * d4
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        s = d1 / (d1 - d3) if d1 != d3 else 0.0
+        x, y, z = apx - s * abx, apy - s * aby, apz - s * abz
+        return x * x + y * y + z * z
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        s = d2 / (d2 - d6) if d2 != d6 else 0.0
+        x, y, z = apx - s * acx, apy - s * acy, apz - s * acz
+        return x * x + y * y + z * z
+    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        t = (d4 - d3) + (d5 - d6)
+        s = (d4 - d3) / t if t != 0.0 else 0.0
+        x = bpx - s * (c[0] - b[0])
+        y = bpy - s * (c[1] - b[1])
+        z = bpz - s * (c[2] - b[2])
+        return x * x + y * y + z * z
+    t = va + vb + vc
+    if t == 0.0:
+        return apx * apx + apy * apy + apz * apz
+    v, q = vb / t, vc / t
+    x = apx - v * abx - q * acx
+    y = apy - v * aby - q * acy
+    z = apz - v * abz - q * acz
+    return x * x + y * y + z * z
+
+
+@njit(cache=True, nogil=True)
+def mesh_distance(vertices, faces, origin, cell, band, field):
+    """Lower the nodes of a field to their distance from a mesh, within a band of each triangle.
+
+    Of the arguments:
+        vertices: (n, 3) float64 [m]; faces: (m, 3) int64.
+        origin: (3,) position of node (0, 0, 0) [m]; cell: node spacing [m].
+        band: distances up to this are exact; farther nodes may keep a larger value [m].
+        field: (nx, ny, nz) float32, in and out.
+    """
+    for f in range(faces.shape[0]):
+        a = vertices[faces[f, 0]]
+        b = vertices[faces[f, 1]]
+        c = vertices[faces[f, 2]]
+        low = np.empty(3, np.int64)
+        high = np.empty(3, np.int64)
+        for d in range(3):
+            lo = min(a[d], min(b[d], c[d])) - band
+            hi = max(a[d], max(b[d], c[d])) + band
+            low[d] = max(int(np.ceil((lo - origin[d]) / cell)), 0)
+            high[d] = min(int(np.floor((hi - origin[d]) / cell)), field.shape[d] - 1)
+        for i in range(low[0], high[0] + 1):
+            for j in range(low[1], high[1] + 1):
+                for k in range(low[2], high[2] + 1):
+                    d2 = triangle_distance2(
+                        origin[0] + i * cell, origin[1] + j * cell, origin[2] + k * cell, a, b, c
+                    )
+                    old = field[i, j, k]
+                    if d2 < old * old:
+                        field[i, j, k] = np.sqrt(d2)
+
+
+@njit(cache=True, nogil=True)
+def capsule_distance(start, end, radius, origin, cell, field):
+    """Lower the nodes of a field to their signed distance from a capsule; see mesh_distance."""
+    nx, ny, nz = field.shape
+    dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    length2 = dx * dx + dy * dy + dz * dz
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                x = origin[0] + i * cell - start[0]
+                y = origin[1] + j * cell - start[1]
+                z = origin[2] + k * cell - start[2]
+                s = 0.0
+                if length2 > 0.0:
+                    s = min(max((x * dx + y * dy + z * dz) / length2, 0.0), 1.0)
+                x -= s * dx
+                y -= s * dy
+                z -= s * dz
+                d = np.sqrt(x * x + y * y + z * z) - radius
+                if d < field[i, j, k]:
+                    field[i, j, k] = d
+
+
+@njit(cache=True, nogil=True)
+def interpolate(values, offset, nx, ny, nz, gx, gy, gz):
+    """Trilinear value at grid coordinates that lie inside the field."""
+    i = int(gx)
+    j = int(gy)
+    k = int(gz)
+    if i > nx - 2:
+        i = nx - 2
+    if j > ny - 2:
+        j = ny - 2
+    if k > nz - 2:
+        k = nz - 2
+    a = np.float32(gx - i)
+    b = np.float32(gy - j)
+    c = np.float32(gz - k)
+    p = offset + (i * ny + j) * nz + k
+    q = p + ny * nz
+    one = np.float32(1.0)
+    v00 = values[p] * (one - c) + values[p + 1] * c
+    v01 = values[p + nz] * (one - c) + values[p + nz + 1] * c
+    v10 = values[q] * (one - c) + values[q + 1] * c
+    v11 = values[q + nz] * (one - c) + values[q + nz + 1] * c
+    v0 = v00 * (one - b) + v01 * b
+    v1 = v10 * (one - b) + v11 * b
+    return v0 * (one - a) + v1 * a
+
+
+@njit(cache=True, nogil=True)
+def label_body(
+    depth, label, rays, rect, T_field_camera, values, offset, shape, cell, tolerance, noise, sigmas
+):
+    """Label as ROBOT the valid pixels whose point lies on or in a body's link.
+
+    Of the arguments:
+        rect: (m, 4) int64 first and last column, first and last row that can see each field.
+        T_field_camera: (m, 4, 4) camera in each field's grid frame, lengths in cells.
+        values, offset, shape: the fields: flat float32 [m], (m,) starts, (m, 3) nodes.
+        tolerance: (m, 2) a point is the link within t0 [m] + t1 [rad] x depth + sigmas x sigma.
+
+    Returns:
+        Number of pixels labelled.
+    """
+    found = 0
+    for f in range(offset.shape[0]):
+        T = T_field_camera[f]
+        nx, ny, nz = shape[f, 0], shape[f, 1], shape[f, 2]
+        ox, oy, oz = T[0, 3], T[1, 3], T[2, 3]
+        for v in range(rect[f, 2], rect[f, 3] + 1):
+            for u in range(rect[f, 0], rect[f, 1] + 1):
+                if label[v, u] != VALID:
+                    continue
+                z = depth[v, u]
+                rx = rays[v, u, 0]
+                ry = rays[v, u, 1]
+                gx = z * (T[0, 0] * rx + T[0, 1] * ry + T[0, 2]) + ox
+                if not (gx >= 0.0 and gx <= nx - 1):
+                    continue
+                gy = z * (T[1, 0] * rx + T[1, 1] * ry + T[1, 2]) + oy
+                if not (gy >= 0.0 and gy <= ny - 1):
+                    continue
+                gz = z * (T[2, 0] * rx + T[2, 1] * ry + T[2, 2]) + oz
+                if not (gz >= 0.0 and gz <= nz - 1):
+                    continue
+                d = interpolate(values, offset[f], nx, ny, nz, gx, gy, gz)
+                limit = tolerance[f, 0] + tolerance[f, 1] * z
+                limit += sigmas * (noise[0] + noise[1] * z + noise[2] * z * z)
+                if d <= limit:
+                    label[v, u] = ROBOT
+                    found += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def mark_body(T_field_base, box, values, offset, shape, origin, voxel, limit, value, mask):
+    """Set ``mask`` to ``value`` where a voxel's centre is within ``limit`` [m] of a link.
+
+    Of the arguments:
+        T_field_base: (m, 4, 4) base in each field's grid frame, lengths in cells.
+        box: (m, 6) int64 voxel ranges i0 i1 j0 j1 k0 k1 (inclusive, inside the grid).
+    """
+    for f in range(offset.shape[0]):
+        T = T_field_base[f]
+        nx, ny, nz = shape[f, 0], shape[f, 1], shape[f, 2]
+        for i in range(box[f, 0], box[f, 1] + 1):
+            x = origin[0] + (i + 0.5) * voxel
+            for j in range(box[f, 2], box[f, 3] + 1):
+                y = origin[1] + (j + 0.5) * voxel
+                for k in range(box[f, 4], box[f, 5] + 1):
+                    z = origin[2] + (k + 0.5) * voxel
+                    gx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+                    gy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+                    gz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+                    if gx < 0.0 or gy < 0.0 or gz < 0.0:
+                        continue
+                    if gx > nx - 1 or gy > ny - 1 or gz > nz - 1:
+                        continue
+                    if interpolate(values, offset[f], nx, ny, nz, gx, gy, gz) <= limit:
+                        mask[i, j, k] = value

@@ -1,0 +1,94 @@
+"""Compiled bookkeeping of evidence: what is occupied, by whose word, since when."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
+
+
+@njit(cache=True, nogil=True)
+def add_hits(hits, strong, n, stamp, bit, window, occupied, seen_by, last, weak, listed, count):
+    """Let one frame's hits occupy voxels.
+
+    Of the arguments:
+        hits, strong, n: flat voxel indices, 1 where sighting is strong, and how many.
+        stamp: exposure of the frame [s]; bit: the camera's bit in ``seen_by``.
+        window: a weak sighting counts when another came no longer ago than this [s].
+        occupied, seen_by: uint8 per voxel, in and out; last, weak: float64 per voxel, times of the
+            last sighting that counts and of the last weak one [s], in and out.
+        listed: (capacity,) int32 list of occupied voxels; count: its length.
+
+    Returns:
+        The new length of the list.
+    """
+    for a in range(n):
+        v = hits[a]
+        if occupied[v] == 0:
+            if strong[a] == 0 and not (stamp - weak[v] <= window):
+                weak[v] = stamp
+                continue
+            occupied[v] = 1
+            seen_by[v] = 0
+            listed[count] = v
+            count += 1
+        seen_by[v] |= bit
+        last[v] = stamp
+    return count
+
+
+@njit(cache=True, nogil=True)
+def clear_seen_through(free, gone, stamp, bit, hold, occupied, seen_by, last, listed, count):
+    """Free the occupied voxels that one frame saw through.
+
+    The camera that hit a voxel clears its own word at once; another camera's word stands for
+    ``hold`` [s] after its last sighting, so that two cameras that disagree about a voxel at an
+    edge leave it occupied.
+
+    Of the arguments:
+        free: uint8 per voxel, 1 where this frame saw through the whole voxel.
+        gone: uint8 per voxel, 1 where this frame proves the voxel empty of anything foreign in
+            another way (the arm's own body is there).
+
+    Returns:
+        The new length of the list; the order of the rest is kept.
+    """
+    kept = 0
+    for a in range(count):
+        v = listed[a]
+        if (free[v] != 0 or gone[v] != 0) and last[v] < stamp:
+            seen_by[v] &= ~bit
+            if seen_by[v] == 0 or stamp - last[v] >= hold or gone[v] != 0:
+                occupied[v] = 0
+                seen_by[v] = 0
+                continue
+        listed[kept] = v
+        kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def compose_state(free, alive, occupied, static, state):
+    """State of every voxel from the newest frame of each living camera.
+
+    Of the arguments:
+        free: (cameras, n) uint8; alive: (cameras,) uint8; occupied, static: (n,) uint8.
+        state: (n,) uint8 out.
+    """
+    n = state.shape[0]
+    block = 4096
+    for start in range(0, n, block):
+        stop = min(start + block, n)
+        for v in range(start, stop):
+            state[v] = UNKNOWN
+        for c in range(free.shape[0]):
+            if alive[c] != 0:
+                seen = free[c]
+                for v in range(start, stop):
+                    state[v] |= np.uint8(seen[v])
+        for v in range(start, stop):
+            solid = occupied[v] | static[v]
+            state[v] = np.uint8(OCCUPIED) if solid != 0 else state[v]
+    # seen = 1 is FREE itself
+    assert FREE == 1

@@ -1,0 +1,92 @@
+"""The evidence of all cameras about the voxels of one grid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armsight.arrays import Bytes, Floats32, Ints32
+from armsight.mapping.kernels.evidence import add_hits, clear_seen_through, compose_state
+from armsight.mapping.snapshot import VoxelGrid
+
+
+class Occupancy:
+    """What is free, occupied and unknown, and by whose word.
+
+    * Free: the newest frame of a living camera saw through the whole voxel.
+    * Occupied: a frame hit it with enough pixels, or two frames with few; until seen through.
+    * Unknown: neither. A camera that dies takes its free voxels with it; never its occupied ones.
+    """
+
+    def __init__(
+        self, grid: VoxelGrid, cameras: int, static: Bytes, hold: float, weak_window: float
+    ) -> None:
+        if cameras > 8:
+            raise ValueError(f"{cameras} depth cameras; the map can tell 8 apart")
+        self.grid = grid
+        self._hold = hold
+        self._window = weak_window
+        size = int(np.prod(grid.shape))
+        self._static = np.ascontiguousarray(static).reshape(-1)
+        self.free = np.zeros((max(cameras, 1), size), np.uint8)
+        self.occupied = np.zeros(size, np.uint8)
+        self._seen_by = np.zeros(size, np.uint8)
+        self._last = np.full(size, -np.inf)
+        self._weak = np.full(size, -np.inf)
+        self._listed = np.empty(size, np.int32)
+        self._count = 0
+
+    def take(
+        self, camera: int, stamp: float, hits: Ints32, strong: Bytes, count: int, body: Bytes
+    ) -> None:
+        """Take in one frame's evidence; its free voxels already lie in ``free[camera]``.
+
+        Args:
+            camera: index of the camera.
+            stamp: exposure [s].
+            hits: (m,) int32 flat indices of the voxels hit.
+            strong: (m,) uint8, 1 where the sighting is strong.
+            count: how many of them count.
+            body: flat uint8, 1 where the arm's own body fills the voxel.
+        """
+        bit = np.uint8(1 << camera)
+        self._count = add_hits(
+            hits,
+            strong,
+            count,
+            stamp,
+            bit,
+            self._window,
+            self.occupied,
+            self._seen_by,
+            self._last,
+            self._weak,
+            self._listed,
+            self._count,
+        )
+        self._count = clear_seen_through(
+            self.free[camera],
+            body,
+            stamp,
+            bit,
+            self._hold,
+            self.occupied,
+            self._seen_by,
+            self._last,
+            self._listed,
+            self._count,
+        )
+
+    @property
+    def dynamic(self) -> Ints32:
+        """(m,) int32 flat indices of the voxels occupied by something undeclared."""
+        return self._listed[: self._count]
+
+    def state(self, alive: Bytes) -> Bytes:
+        """(nx, ny, nz) uint8 state, a new array; ``alive`` (cameras,) says whose word counts."""
+        out = np.empty(len(self.occupied), np.uint8)
+        compose_state(self.free, alive, self.occupied, self._static, out)
+        return out.reshape(self.grid.shape)
+
+    def last_occupied(self) -> Floats32:
+        """(nx, ny, nz) float32 [s] when each voxel was last seen occupied, a new array."""
+        return self._last.astype(np.float32).reshape(self.grid.shape)

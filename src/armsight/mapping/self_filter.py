@@ -1,0 +1,282 @@
+"""The arm in its own images: link distance fields tell which pixels and voxels are the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import label as connected
+
+from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints, Pose, Poses
+from armsight.errors import ArmsightError
+from armsight.geometry.pose import inverse, transform
+from armsight.geometry.shapes import Solid
+from armsight.mapping.kernels.body import (
+    capsule_distance,
+    label_body,
+    mark_body,
+    mesh_distance,
+)
+from armsight.mapping.lens import Lens
+from armsight.mapping.snapshot import VoxelGrid
+from armsight.robots.kinematics import link_poses
+from armsight.robots.meshes import read_mesh
+from armsight.robots.robot import LinkMesh, Robot
+
+CELL = 0.01
+"""Spacing of a link field's nodes [m]."""
+BAND = 0.06
+"""How far beyond a link's surface its field reaches [m]: the greatest useful tolerance."""
+
+
+@dataclass(frozen=True)
+class BodyFields:
+    """Signed distance to each moving part of the body, on small grids in the parts' frames.
+
+    Attributes:
+        link: (m,) which link carries each part.
+        T_link_grid: (m, 4, 4) the grid's corner node in the link's frame [m].
+        values: flat float32 distances [m], one part after the other, C order.
+        offset: (m,) where each part begins in ``values``.
+        shape: (m, 3) nodes of each.
+        reach: (m,) greatest distance of the part's nodes from the link's origin [m].
+    """
+
+    link: Ints
+    T_link_grid: Poses
+    values: Floats32
+    offset: Ints
+    shape: Ints
+    reach: Floats
+
+
+def body_fields(robot: Robot, held: Iterable[Solid] = (), from_meshes: bool = True) -> BodyFields:
+    """Distance fields of an arm, of its tool and of what it holds.
+
+    Links are taken from their meshes; a link without one, or all with ``from_meshes`` false, from
+    the capsules.
+
+    Args:
+        robot: the arm, with its tool.
+        held: solids that the arm holds, in the flange's frame.
+        from_meshes: meshes are tighter than capsules.
+
+    Raises:
+        ArmsightError: the arm has no shapes at all.
+    """
+    tool = robot.tool
+    parts: list[tuple[int, Floats32, Floats]] = []
+    for link in range(robot.n + 1):
+        meshes = (
+            [_load(m, np.eye(4)) for m in robot.meshes if m.link == link] if from_meshes else []
+        )
+        rows = np.flatnonzero(np.asarray(robot.capsules.link) == link)
+        if tool is not None and link == robot.n and meshes:
+            bare = len(robot.capsules.link) - len(tool.capsules.link)
+            tool_meshes = [_load(m, robot.T_last_flange) for m in tool.meshes]
+            rows = rows[rows >= bare]  # the tool's own capsules, where it has no mesh
+            meshes += tool_meshes
+            if tool_meshes:
+                rows = rows[:0]
+        elif meshes:
+            rows = rows[:0]
+        capsules = [
+            (robot.capsules.start[r], robot.capsules.end[r], float(robot.capsules.radius[r]))
+            for r in rows
+        ]
+        if meshes or capsules:
+            parts.append((link, *_field(meshes, capsules)))
+    for solid in held:
+        parts.append((robot.n, *_solid_field(solid, robot.T_last_flange)))
+    if not parts:
+        raise ArmsightError(
+            f"robot {robot.name} has neither link meshes nor capsules, so it cannot be told from "
+            "obstacles: give its URDF visual meshes, or fit its capsules"
+        )
+    return _pack(parts)
+
+
+def _load(mesh: LinkMesh, T_link_mesh: Pose) -> tuple[Floats, Ints]:
+    vertices, faces = read_mesh(mesh)
+    placed = transform(T_link_mesh, vertices)
+    return np.ascontiguousarray(placed), np.ascontiguousarray(faces, np.int64)
+
+
+def _field(
+    meshes: list[tuple[Floats, Ints]], capsules: list[tuple[Floats, Floats, float]]
+) -> tuple[Floats32, Floats]:
+    """Field and corner of one part, in the link's frame."""
+    lows = [v.min(axis=0) for v, _ in meshes] + [np.minimum(a, b) - r for a, b, r in capsules]
+    highs = [v.max(axis=0) for v, _ in meshes] + [np.maximum(a, b) + r for a, b, r in capsules]
+    field, corner = _empty(np.min(lows, axis=0), np.max(highs, axis=0))
+    for vertices, faces in meshes:
+        mesh_distance(vertices, faces, corner, CELL, BAND + CELL, field)
+    if meshes:
+        _sign(field)
+    for start, end, radius in capsules:
+        capsule_distance(
+            np.asarray(start, float), np.asarray(end, float), radius, corner, CELL, field
+        )
+    return field, corner
+
+
+def _empty(low: Floats, high: Floats) -> tuple[Floats32, Floats]:
+    corner = low - BAND - CELL
+    shape = tuple(int(n) for n in np.ceil((high - low + 2 * (BAND + CELL)) / CELL) + 1)
+    return np.full(shape, BAND + 2 * CELL, np.float32), corner
+
+
+def _sign(field: Floats32) -> None:
+    """Make a mesh's field negative inside: what the outside cannot reach without crossing it.
+
+    Meshes with holes larger than a cell have no inside; their field stays positive, which only
+    means that points deep in such a link are not called the arm (none can be seen there).
+    """
+    open_space, _ = connected(field > 0.87 * CELL)
+    inside = open_space != open_space[0, 0, 0]
+    inside &= field > 0.87 * CELL
+    # Nodes within the wall itself stay unsigned: at most 9 mm off, on the safe side of zero.
+    field[inside] = -np.minimum(field[inside], BAND)
+
+
+def _solid_field(solid: Solid, T_last_flange: Pose) -> tuple[Floats32, Floats]:
+    T_link_solid = T_last_flange @ solid.T_frame_solid
+    size = np.asarray(solid.size)
+    half = {
+        "box": 0.5 * size,
+        "cylinder": np.array([size[0], size[0], 0.5 * size[1]]),
+        "sphere": np.full(3, size[0]),
+    }[solid.kind]
+    extent = np.abs(T_link_solid[:3, :3]) @ half
+    field, corner = _empty(T_link_solid[:3, 3] - extent, T_link_solid[:3, 3] + extent)
+    nodes = np.stack(np.meshgrid(*(np.arange(n) for n in field.shape), indexing="ij"), -1)
+    in_link = nodes.reshape(-1, 3) * CELL + corner
+    placed = Solid(solid.name, solid.kind, solid.size, T_link_solid)
+    return placed.distance(in_link).reshape(field.shape).astype(np.float32), corner
+
+
+def _pack(parts: list[tuple[int, Floats32, Floats]]) -> BodyFields:
+    T_link_grid = np.tile(np.eye(4), (len(parts), 1, 1))
+    T_link_grid[:, :3, 3] = [corner for _, _, corner in parts]
+    shape = np.array([field.shape for _, field, _ in parts], np.int64)
+    sizes = np.prod(shape, axis=1)
+    far = [
+        np.linalg.norm(np.maximum(np.abs(c), np.abs(c + (np.array(f.shape) - 1) * CELL)))
+        for _, f, c in parts
+    ]
+    return BodyFields(
+        np.array([link for link, _, _ in parts], np.int64),
+        T_link_grid,
+        np.concatenate([np.ascontiguousarray(field).ravel() for _, field, _ in parts]),
+        np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
+        shape,
+        np.asarray(far, float),
+    )
+
+
+@dataclass(frozen=True)
+class BodyPose:
+    """Where the body's parts were at one instant.
+
+    Attributes:
+        T_base_grid: (m, 4, 4) each part's grid in ``base`` [m].
+        speed: (m,) an upper bound of the speed of any point of each part [m/s].
+    """
+
+    T_base_grid: Poses
+    speed: Floats
+
+
+class SelfFilter:
+    """Tells which pixels of a depth image, and which voxels, are the arm itself."""
+
+    def __init__(self, robot: Robot, held: Iterable[Solid] = ()) -> None:
+        self._robot = robot
+        self.fields = body_fields(robot, held)
+        corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
+        self._corners = corners[None] * (self.fields.shape[:, None, :] - 1) * CELL  # (m, 8, 3)
+        self._to_cells = np.diag([1 / CELL, 1 / CELL, 1 / CELL, 1.0])
+
+    def pose(self, position: Floats, velocity: Floats) -> BodyPose:
+        """The body at (n,) joint positions [rad] and velocities [rad/s]."""
+        poses = link_poses(self._robot, position)
+        T_base_grid = poses[self.fields.link] @ self.fields.T_link_grid
+        corners = np.einsum("mij,mcj->mci", T_base_grid[:, :3, :3], self._corners)
+        corners += T_base_grid[:, None, :3, 3]
+        joint_pose = poses[:-1] @ self._robot.T_link_joint
+        axis = np.einsum("nij,nj->ni", joint_pose[:, :3, :3], self._robot.axis)
+        speed = np.zeros(len(corners))
+        for m, link in enumerate(self.fields.link):
+            if link == 0:
+                continue
+            lever = corners[m][:, None] - joint_pose[None, :link, :3, 3]
+            v = np.cross(axis[None, :link], lever) * velocity[None, :link, None]
+            speed[m] = np.linalg.norm(v.sum(axis=1), axis=1).max()
+        return BodyPose(T_base_grid, speed)
+
+    def label(
+        self,
+        depth: DepthImage,
+        label: Bytes,
+        lens: Lens,
+        T_base_camera: Pose,
+        body: BodyPose,
+        tolerance: tuple[float, float],
+        stamp_error: float,
+        noise: Floats,
+        sigmas: float,
+    ) -> int:
+        """Mark the arm's pixels in ``label`` (valid pixels only); returns how many.
+
+        A pixel is the arm if its point lies within tolerance[0] [m] + tolerance[1] [rad] x depth
+        + sigmas x noise + speed of the link x ``stamp_error`` of the link's surface, or inside.
+        """
+        T_camera_base = inverse(T_base_camera)
+        T_camera_grid = T_camera_base @ body.T_base_grid
+        rect = lens.rectangles(
+            np.einsum("mij,mcj->mci", T_camera_grid[:, :3, :3], self._corners)
+            + T_camera_grid[:, None, :3, 3]
+        )
+        T_grid_camera = np.stack([self._to_cells @ inverse(T) for T in T_camera_grid])
+        limits = np.empty((len(rect), 2))
+        limits[:, 0] = np.minimum(tolerance[0] + body.speed * stamp_error, BAND - 0.01)
+        limits[:, 1] = tolerance[1]
+        return int(
+            label_body(
+                depth,
+                label,
+                lens.rays,
+                rect,
+                T_grid_camera,
+                self.fields.values,
+                self.fields.offset,
+                self.fields.shape,
+                CELL,
+                limits,
+                noise,
+                sigmas,
+            )
+        )
+
+    def mark(self, mask: Bytes, grid: VoxelGrid, body: BodyPose, limit: float, value: int) -> None:
+        """Set ``mask`` to ``value`` where a voxel's centre is within ``limit`` [m] of the body."""
+        corners = np.einsum("mij,mcj->mci", body.T_base_grid[:, :3, :3], self._corners)
+        corners += body.T_base_grid[:, None, :3, 3]
+        low = np.floor((corners.min(axis=1) - grid.origin) / grid.voxel).astype(np.int64)
+        high = np.floor((corners.max(axis=1) - grid.origin) / grid.voxel).astype(np.int64)
+        top = np.asarray(grid.shape) - 1
+        box = np.stack([np.maximum(low, 0), np.minimum(high, top)], axis=2).reshape(-1, 6)
+        T_grid_base = np.stack([self._to_cells @ inverse(T) for T in body.T_base_grid])
+        mark_body(
+            T_grid_base,
+            box,
+            self.fields.values,
+            self.fields.offset,
+            self.fields.shape,
+            np.asarray(grid.origin, float),
+            grid.voxel,
+            limit,
+            value,
+            mask,
+        )
