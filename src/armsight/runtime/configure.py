@@ -10,6 +10,8 @@ import numpy as np
 from armsight.arrays import Pose
 from armsight.geometry.pose import inverse, transform
 from armsight.mapping.config import MappingConfig
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.separation import Separation
 from armsight.runtime.config import SessionConfig
 
 if TYPE_CHECKING:
@@ -21,7 +23,29 @@ REACH_MARGIN = 0.35
 
 def session_config(cell: Cell) -> SessionConfig:
     """Map and guard as the cell's file wants them; everything else at its default."""
-    return SessionConfig(mapping=mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach))
+    return SessionConfig(
+        mapping=mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach),
+        guard=guard_config(cell.workcell),
+    )
+
+
+def guard_config(workcell: Workcell) -> GuardConfig:
+    """The guard's configuration: the arm's declared behaviour, and the file's ``[guard]``."""
+    robot, section = workcell.robot, workcell.guard
+    return GuardConfig(
+        start_delay=robot.start_delay_ms / 1e3,
+        speed=robot.speed,
+        acceleration=robot.acceleration,
+        task_speed=section.speed,
+        brake=section.brake,
+        separation=Separation(
+            walking=section.walking_speed,
+            reaching=section.reaching_speed,
+            intrusion=section.intrusion_mm / 1e3,
+        ),
+        reflex_distance=section.reflex_distance_mm / 1e3,
+        stale_after=workcell.mapping.stale_after_ms / 1e3,
+    )
 
 
 def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> MappingConfig:

@@ -16,6 +16,7 @@ from armsight.devices.camera_models import CAMERA_MODELS
 from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot, load_tool
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
+from armsight.simulation.scripts import SCRIPTS
 from armsight.workcell.drivers import driver_names
 from armsight.workcell.problems import Problem, nearest, shown
 from armsight.workcell.schema import (
@@ -33,8 +34,6 @@ FARTHEST = 10.0
 """Nothing in a cell is farther from the robot's base than this [m]."""
 SMALLEST = 0.001
 """No edge or radius is smaller [m]."""
-SCRIPTS = ("reach_in", "walk_by", "stand")
-"""Built-in scripts of people."""
 ENTERS = 0.01
 """How deep the body's spheres (which overshoot the meshes a little) may enter a solid [m]."""
 

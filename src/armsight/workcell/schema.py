@@ -299,19 +299,21 @@ class MappingSection(Section):
 
 
 class GuardSection(Section):
-    """How the guard protects people. Left out, the documented defaults hold."""
+    """How the guard protects people. What is left out keeps its documented default."""
 
     speed: Share = key(
         1.0, "Share of the robot's allowed speed (`robot.speed`) that tasks may use."
     )
-    person_speed: Positive = key(
-        2.0,
-        "How fast a person may come nearer: the protective distance counts with it.",
-        "m/s",
-        le=10.0,
+    brake: Share = key(1.0, "Share of the joints' acceleration limits with which the arm stops.")
+    walking_speed: Positive = key(
+        1.6, "How fast a person comes nearer from afar (ISO 13855).", "m/s", le=10.0
     )
-    margin_mm: NotNegative = key(
-        20.0, "Least distance that is always kept on top of all computed ones.", "mm", le=1000.0
+    reaching_speed: Positive = key(2.0, "How fast a hand comes nearer, close by.", "m/s", le=20.0)
+    intrusion_mm: NotNegative = key(
+        20.0, "How far a limb can be inside before a camera sees it.", "mm", le=1000.0
+    )
+    reflex_distance_mm: NotNegative = key(
+        150.0, "Nearer than this, the arm leaves if it can instead of standing.", "mm", le=1000.0
     )
 
 
