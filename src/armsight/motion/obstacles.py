@@ -77,7 +77,10 @@ def _excused(
     state: np.ndarray, origin: Floats, voxel: float, centers: Points, reach: Floats
 ) -> np.ndarray:
     """``state``, or a copy of it in which unknown voxels within reach of the body are free."""
-    if not _excuse(state, state, origin, voxel, centers, reach, False):
+    # A snapshot's state is read-only, which compiled code takes for another type: nothing is
+    # written in this pass.
+    nowhere = np.empty((0, 0, 0), np.uint8)
+    if not _excuse(state, nowhere, origin, voxel, centers, reach, False):
         return state
     copy = state.copy()
     _excuse(state, copy, origin, voxel, centers, reach, True)
