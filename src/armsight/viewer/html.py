@@ -1,0 +1,183 @@
+"""The panel's words and figures as small pieces of HTML; every text from outside is escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from armsight.mapping.snapshot import CameraStatus
+from armsight.motion.data import GuardStatus
+from armsight.runtime.view import ComponentHealth
+from armsight.viewer.colors import MODES
+
+FONT = "font-family:ui-sans-serif,system-ui,sans-serif"
+DIM = "opacity:.65"
+GOOD, BAD, OFF = "#2dd4bf", "#ef4444", "#94a3b8"
+
+REASONS = {
+    "idle": "no goal: the arm holds still",
+    "planning": "holds still until a path is ready",
+    "predictive": "follows its path at full allowed speed",
+}
+"""What a mode means where the guard gives no reason of its own."""
+
+
+def banner(guard: GuardStatus | None, note: str) -> str:
+    """The guard's mode in its colour, and why."""
+    if guard is None:
+        title, color, words = "starting", "#64748b", "waiting for the first look at the cell"
+    else:
+        title, color = MODES[guard.mode]
+        words = guard.reason or REASONS.get(guard.mode.value, "")
+    if note:
+        words = f"{note} — {words}" if words else note
+    goal = ""
+    if guard is not None and guard.goal:
+        arrow = "at" if guard.reached else "to"
+        goal = f"<span style='float:right;{DIM}'>{arrow} {escape(guard.goal)}</span>"
+    return (
+        f"<div style='{FONT};margin:0 .2em .5em;padding:.65em .8em;border-radius:.5em;"
+        f"background:{color};color:#fff'>"
+        f"<div style='font-size:1.25em;font-weight:700;letter-spacing:.04em;"
+        f"text-transform:uppercase'>{title}{goal}</div>"
+        f"<div style='font-size:.85em;line-height:1.3;min-height:2.6em'>{escape(words)}</div></div>"
+    )
+
+
+def figures(guard: GuardStatus | None, tip_speed: float, now: float) -> str:
+    """The four numbers that one looks for first."""
+    distance = protective = scale = "–"
+    color = "inherit"
+    if guard is not None:
+        distance = metres(guard.distance)
+        protective = metres(guard.protective_distance)
+        scale = f"{100 * guard.speed_scale:.0f} %"
+        if np.isfinite(guard.distance) and guard.distance < guard.protective_distance:
+            color = BAD
+    cells = (
+        ("distance", distance, color, "nearest hazard to the robot's body"),
+        ("protective", protective, "inherit", "distance that separation demands now"),
+        ("tip speed", f"{tip_speed:.2f} m/s", "inherit", "commanded"),
+        ("speed scale", scale, "inherit", "share of the planned speed"),
+    )
+    boxes = "".join(
+        f"<div title='{hint}' style='background:rgba(127,127,127,.12);border-radius:.4em;"
+        f"padding:.35em .6em'><div style='font-size:.72em;{DIM}'>{name}</div>"
+        f"<div style='font-size:1.15em;font-weight:600;font-variant-numeric:tabular-nums;"
+        f"color:{tint}'>{value}</div></div>"
+        for name, value, tint, hint in cells
+    )
+    counts = ""
+    if guard is not None:
+        counts = f"{guard.replans} plans · {guard.reflexes} reflexes · "
+    return (
+        f"<div style='{FONT};margin:0 .2em .4em'>"
+        f"<div style='display:grid;grid-template-columns:1fr 1fr;gap:.35em'>{boxes}</div>"
+        f"<div style='font-size:.75em;{DIM};margin-top:.4em;text-align:right;"
+        f"font-variant-numeric:tabular-nums'>{counts}t = {now:.1f} s</div></div>"
+    )
+
+
+def cameras(statuses: Sequence[CameraStatus], now: float) -> str:
+    """Health of the cameras."""
+    rows = []
+    for status in statuses:
+        age = now - status.stamp
+        told = f"{1e3 * age:.0f} ms" if np.isfinite(age) else "never"
+        rows.append(
+            _row(
+                GOOD if status.alive else BAD,
+                status.name,
+                (told, f"{status.frames}", f"{status.dropped}"),
+                status.reason,
+            )
+        )
+    return _table(("camera", "age", "frames", "lost"), rows) if rows else _faint("no cameras")
+
+
+def components(reports: Sequence[ComponentHealth]) -> str:
+    """Health of the loop's components."""
+    rows = [
+        _row(
+            BAD if report.problem else GOOD,
+            report.name,
+            (
+                f"{1e3 * report.seconds[0]:.1f}",
+                f"{1e3 * report.seconds[1]:.1f}",
+                f"{report.missed}",
+            ),
+            report.problem,
+        )
+        for report in reports
+    ]
+    return _table(("component", "ms", "p99", "missed"), rows) if rows else _faint("nothing runs")
+
+
+def timings(stages: Sequence[tuple[str, float]]) -> str:
+    """Seconds of each stage as bars on one scale."""
+    if not stages:
+        return _faint("no timings yet")
+    longest = max(max(seconds for _, seconds in stages), 1e-6)
+    bars = "".join(
+        f"<div style='display:grid;grid-template-columns:7.5em 1fr 4em;gap:.4em;"
+        f"align-items:center;font-size:.78em;margin:.1em 0'>"
+        f"<span style='overflow:hidden;text-overflow:ellipsis;{DIM}'>{escape(name)}</span>"
+        f"<span style='background:rgba(127,127,127,.15);border-radius:.2em;height:.7em'>"
+        f"<span style='display:block;height:100%;border-radius:.2em;background:#38bdf8;"
+        f"width:{100 * seconds / longest:.0f}%'></span></span>"
+        f"<span style='text-align:right;font-variant-numeric:tabular-nums'>"
+        f"{1e3 * seconds:.2f} ms</span></div>"
+        for name, seconds in stages
+    )
+    return f"<div style='{FONT};margin:0 .3em'>{bars}</div>"
+
+
+def legend() -> str:
+    """What the voxels' colours mean, and the plain word on safety."""
+    return (
+        f"<div style='{FONT};margin:.2em .3em .5em;font-size:.74em'>"
+        "<div style='height:.5em;border-radius:.25em;background:linear-gradient(90deg,"
+        "rgb(60,90,150),rgb(90,160,120),rgb(240,200,60),rgb(245,130,40),rgb(235,50,45))'></div>"
+        f"<div style='display:flex;justify-content:space-between;{DIM}'>"
+        "<span>left 24 s ago</span><span>voxels</span><span>there now</span></div>"
+        f"<div style='margin-top:.6em;{DIM}'>This is no certified safety function: "
+        "never rely on it alone to protect people.</div></div>"
+    )
+
+
+def metres(value: float) -> str:
+    """A distance, or a dash where there is none."""
+    return f"{value:.2f} m" if np.isfinite(value) else "–"
+
+
+def _row(color: str, name: str, values: Sequence[str], reason: str) -> str:
+    dot = (
+        f"<span style='display:inline-block;width:.6em;height:.6em;border-radius:50%;"
+        f"background:{color};margin-right:.45em'></span>"
+    )
+    cells = "".join(f"<td style='text-align:right;padding-left:.6em'>{v}</td>" for v in values)
+    line = f"<tr><td>{dot}{escape(name)}</td>{cells}</tr>"
+    if reason:
+        line += (
+            f"<tr><td colspan='{1 + len(values)}' style='color:{BAD};padding-left:1.1em;"
+            f"white-space:normal'>{escape(reason)}</td></tr>"
+        )
+    return line
+
+
+def _table(heads: Sequence[str], rows: Sequence[str]) -> str:
+    titles = "".join(
+        f"<th style='font-weight:500;{DIM};text-align:{'left' if i == 0 else 'right'}'>{head}</th>"
+        for i, head in enumerate(heads)
+    )
+    return (
+        f"<table style='{FONT};width:calc(100% - .6em);margin:0 .3em;font-size:.78em;"
+        f"border-collapse:collapse;font-variant-numeric:tabular-nums'>"
+        f"<tr>{titles}</tr>{''.join(rows)}</table>"
+    )
+
+
+def _faint(text: str) -> str:
+    return f"<div style='{FONT};margin:0 .3em;font-size:.8em;{DIM}'>{text}</div>"

@@ -1,0 +1,248 @@
+"""The live page: an observer of a session that shows it in the browser and passes on its wishes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any, Protocol
+from urllib.parse import quote
+
+import numpy as np
+
+from armsight.arrays import Vector3
+from armsight.errors import ArmsightError
+from armsight.robots.kinematics import flange_jacobian
+from armsight.runtime.view import SessionView
+from armsight.viewer.cameras import mosaic
+from armsight.viewer.panels import Controls, Panels
+from armsight.viewer.scene import Scene
+from armsight.viewer.server import open_server, stop_server
+from armsight.workcell import Cell
+
+PERIOD = 0.1
+"""Between updates [s]."""
+HEALTH_PERIOD = 0.5
+"""Between updates of tables and plots, on the computer's clock [s]."""
+SILENT = 1.0
+"""A loop that gave no sign for so long is said to stand still [s]."""
+
+
+class Watched(Protocol):
+    """What the page needs of a session."""
+
+    cell: Cell
+
+    def view(self) -> SessionView:
+        """One consistent look; safe from any thread."""
+        ...
+
+    def pause(self) -> None:
+        """Stand still."""
+        ...
+
+    def resume(self) -> None:
+        """Go on."""
+        ...
+
+    def set_speed(self, speed: float) -> None:
+        """Simulated seconds a second."""
+        ...
+
+    def reset(self) -> None:
+        """Back to time 0."""
+        ...
+
+    def drag(self, name: str, position_world: Vector3) -> None:
+        """Move a thing or a hand of a simulated cell."""
+        ...
+
+
+class LivePage:
+    """Shows a session; also while it is paused, and when it has ended.
+
+    The loop calls :meth:`update`. When it does not (paused, ended, stuck), a thread of the page
+    looks now and then by itself. Nothing is sent while nobody watches.
+
+    Args:
+        session: to show.
+        host: loopback only, unless told otherwise, and then a token is needed.
+        port: 0 takes a free one.
+        token: see :mod:`armsight.viewer.gate`.
+    """
+
+    name = "page"
+    period = PERIOD
+
+    def __init__(
+        self,
+        session: Watched,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        token: str | None = None,
+    ) -> None:
+        """Open the page.
+
+        Raises:
+            UsageError: beyond loopback without a token.
+            ViewerError: the port is in use, or the host is none of this machine's.
+        """
+        self.problem = ""
+        self._session = session
+        self._token = token
+        self._host = host
+        cell = session.cell
+        self._cell = cell
+        self._server = open_server(host, port, token, f"armsight · {cell.workcell.name}")
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._updated = self._health_shown = -np.inf
+        self._now = -np.inf
+        self._camera_turn = 0
+        self._clients = 0
+        with self._server.atomic():
+            self._scene = Scene(self._server, cell)
+            self._panels = Panels(
+                self._server,
+                cell.workcell.name,
+                Controls(
+                    self._pause,
+                    self._reset if cell.world is not None else None,
+                    session.set_speed if cell.world is not None else None,
+                ),
+                self._scene.layers(),
+                draggable(cell),
+                self._choose_dragged,
+            )
+        self._gizmo: Any = None
+        self._server.on_client_connect(lambda _: self._look())
+        self._thread = threading.Thread(target=self._watch, name="armsight-page", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """The port it listens on."""
+        return self._server.get_port()
+
+    @property
+    def url(self) -> str:
+        """What to open in a browser, with the token if there is one."""
+        host = {"0.0.0.0": "localhost", "::": "localhost"}.get(self._host, self._host)  # noqa: S104
+        host = f"[{host}]" if ":" in host else host
+        query = f"?token={quote(self._token)}" if self._token else ""
+        return f"http://{host}:{self.port}/{query}"
+
+    def update(self, now: float) -> None:
+        """Show what the session looks like, if somebody watches."""
+        view = self._session.view()
+        with self._lock:
+            self._updated = time.monotonic()
+            speed = self._tip_speed(view)
+            if view.now < self._now - 1e-6:
+                self._scene.forget()
+                self._panels.clear()
+            self._now = view.now
+            self._panels.sample(view, speed)
+            if self._server.get_clients():
+                self._show(view, speed, "")
+
+    def close(self) -> None:
+        """End the page; may be repeated."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        self._thread.join(timeout=2.0)
+        stop_server(self._server)
+
+    # -- showing --------------------------------------------------------------------------------
+
+    def _show(self, view: SessionView, tip_speed: float, note: str) -> None:
+        with self._server.atomic():
+            self._scene.update(view)
+            self._panels.update(view, tip_speed, note)
+            fresh = self._show_next_picture(view)
+            now = time.monotonic()
+            if now >= self._health_shown + HEALTH_PERIOD:
+                self._health_shown = now
+                self._panels.update_health(view)
+                if fresh:
+                    pictures = [camera.picture for camera in self._scene.cameras.values()]
+                    self._panels.show_pictures(mosaic(pictures))
+
+    def _show_next_picture(self, view: SessionView) -> bool:
+        """One camera's picture a round: encoding them all at once would be a hiccup."""
+        if not view.frames:
+            return False
+        self._camera_turn += 1
+        frame = view.frames[self._camera_turn % len(view.frames)]
+        camera = self._scene.cameras.get(frame.camera)
+        return camera is not None and (camera.show_picture(frame) or camera.picture is not None)
+
+    def _look(self) -> None:
+        """Look without the loop: for a newcomer, and when the loop is silent."""
+        view = self._session.view()
+        with self._lock:
+            silent = time.monotonic() - self._updated > SILENT
+            note = "" if view.running or not silent else "paused"
+            if view.running and silent and np.isfinite(self._updated):
+                note = "the loop stands still: it has ended, or is busy"
+            self._health_shown = -np.inf
+            self._show(view, 0.0 if silent else self._tip_speed(view), note)
+
+    def _watch(self) -> None:
+        while not self._closed.wait(HEALTH_PERIOD):
+            if time.monotonic() - self._updated > SILENT and self._server.get_clients():
+                try:
+                    self._look()
+                except Exception as error:  # a page must never take the session down
+                    self.problem = f"page: {type(error).__name__}: {error}"
+
+    def _tip_speed(self, view: SessionView) -> float:
+        """Speed of the flange under the last command [m/s]."""
+        guard, joints, robot = view.guard, view.joints, self._cell.robot
+        if guard is None or joints is None or not robot.n or guard.command.shape != (robot.n,):
+            return 0.0
+        return float(np.linalg.norm((flange_jacobian(robot, joints.position) @ guard.command)[:3]))
+
+    # -- wishes ---------------------------------------------------------------------------------
+
+    def _pause(self, paused: bool) -> None:
+        self._session.pause() if paused else self._session.resume()
+
+    def _reset(self) -> None:
+        self._session.reset()
+        self._session.resume()
+
+    def _choose_dragged(self, name: str) -> None:
+        """Put arrows on a thing that the person may drag, or take them away."""
+        if self._gizmo is not None:
+            self._gizmo.remove()
+            self._gizmo = None
+        if not name:
+            return
+        parts = [m for m in self._session.view().movers if _belongs(m.name, name)]
+        place = np.mean([m.T_world_solid[:3, 3] for m in parts], axis=0) if parts else np.zeros(3)
+        self._gizmo = self._server.scene.add_transform_controls(
+            "/drag", scale=0.25, disable_rotations=True, position=place, depth_test=False
+        )
+        gizmo = self._gizmo
+
+        def moved(_: Any) -> None:
+            try:
+                self._session.drag(name, np.array(gizmo.position, float))
+            except ArmsightError as error:
+                self.problem = str(error)
+
+        gizmo.on_update(moved)
+
+
+def draggable(cell: Cell) -> tuple[str, ...]:
+    """Names of what may be dragged: free objects, and hands that the page moves."""
+    if cell.world is None or not hasattr(cell.world, "spec"):
+        return ()
+    settings = cell.workcell.simulation
+    hands = [p.name for p in settings.person if p.motion == "hand"]
+    return (*hands, *(o.name for o in settings.object if o.path == "free"))
+
+
+def _belongs(mover: str, name: str) -> bool:
+    return mover == name or mover.startswith((f"{name}/", f"{name}_", f"{name}."))

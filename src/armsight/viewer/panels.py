@@ -1,0 +1,214 @@
+"""The panels of the page: state and controls on the right, pictures and plots on the left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import viser
+
+from armsight.arrays import ColorImage
+from armsight.runtime.view import SessionView
+from armsight.viewer import html
+from armsight.viewer.history import SECONDS, History
+from armsight.viewer.scene import Layer
+
+SPEEDS = {"¼×": 0.25, "½×": 0.5, "1×": 1.0, "2×": 2.0, "max": math.inf}
+WIDTH = 320
+"""Of each column of panels [px]."""
+NO_PLOT_ABOVE = 1.5
+"""Distances beyond are drawn as this [m]: what matters is near."""
+
+
+class Controls:
+    """What the page may do to a session; ``None`` where it cannot."""
+
+    def __init__(
+        self,
+        pause: Callable[[bool], None],
+        reset: Callable[[], None] | None,
+        speed: Callable[[float], None] | None,
+    ) -> None:
+        self.pause = pause
+        self.reset = reset
+        self.speed = speed
+
+
+class Panels:
+    """All that is not the 3D scene."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        title: str,
+        controls: Controls,
+        layers: Sequence[Layer],
+        draggable: Sequence[str],
+        drag: Callable[[str], None],
+    ) -> None:
+        self._gui = gui = server.gui
+        self._controls = controls
+        gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False, brand_color=(56, 189, 248)
+        )
+        gui.set_panel_label(f"armsight · {title}")
+        self._distances = History(2)
+        self._speeds = History(1)
+        self._texts: dict[str, Any] = {}
+        self._put("banner", html.banner(None, ""))
+        self._put("figures", html.figures(None, 0.0, 0.0))
+        self._add_controls(draggable, drag)
+        self._add_layers(layers)
+        self._put("legend", html.legend())
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
+        self._add_left()
+
+    def update(self, view: SessionView, tip_speed: float, note: str) -> None:
+        """Words and figures."""
+        guard = view.guard
+        self._set("banner", html.banner(guard, note))
+        self._set("figures", html.figures(guard, tip_speed, view.now))
+        self._show_running(view.running)
+
+    def update_health(self, view: SessionView) -> None:
+        """Tables and plots; a few times a second is enough."""
+        snapshot, guard = view.snapshot, view.guard
+        statuses = () if snapshot is None else snapshot.cameras
+        self._set("cameras", html.cameras(statuses, view.now))
+        self._set("components", html.components(view.health))
+        stages = [*(() if snapshot is None else snapshot.timings)]
+        stages += [*(() if guard is None else guard.timings)]
+        self._set("timings", html.timings(stages))
+        self._distance_plot.data = self._distances.columns()
+        self._speed_plot.data = self._speeds.columns()
+
+    def sample(self, view: SessionView, tip_speed: float) -> None:
+        """Remember what the plots show; done whether somebody watches or not."""
+        guard = view.guard
+        if guard is None:
+            return
+        if self._distances.add(
+            view.now,
+            min(guard.distance, NO_PLOT_ABOVE),
+            min(guard.protective_distance, NO_PLOT_ABOVE),
+        ):
+            self._speeds.add(view.now, tip_speed)
+
+    def show_pictures(self, mosaic: ColorImage) -> None:
+        """What the cameras see."""
+        self._pictures.image = mosaic
+
+    def clear(self) -> None:
+        """After a reset: empty plots."""
+        self._distances.clear()
+        self._speeds.clear()
+
+    # -- parts ----------------------------------------------------------------------------------
+
+    def _put(self, key: str, content: str) -> None:
+        self._texts[key] = self._gui.add_html(content)
+
+    def _set(self, key: str, content: str) -> None:
+        self._texts[key].content = content  # viser sends it only if it changed
+
+    def _add_controls(self, draggable: Sequence[str], drag: Callable[[str], None]) -> None:
+        gui, controls = self._gui, self._controls
+        with gui.add_folder("Session"):
+            self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
+            self._pause.on_click(lambda _: self._toggle())
+            if controls.speed is not None:
+                speed = gui.add_button_group(
+                    "Speed", tuple(SPEEDS), hint="simulated seconds a second"
+                )
+                set_speed = controls.speed
+                speed.on_click(lambda _: set_speed(SPEEDS[speed.value]))
+            if controls.reset is not None:
+                reset = gui.add_button(
+                    "Reset", icon=viser.Icon.REFRESH, color="gray", hint="back to t = 0"
+                )
+                reset_now = controls.reset
+                reset.on_click(lambda _: reset_now())
+            if draggable:
+                nothing = "nothing"
+                choice = gui.add_dropdown(
+                    "Drag", (nothing, *draggable), hint="move it with the arrows in the scene"
+                )
+                choice.on_update(
+                    lambda _: drag("" if choice.value == nothing else str(choice.value))
+                )
+        self._running = True
+
+    def _toggle(self) -> None:
+        self._controls.pause(self._running)
+        self._show_running(not self._running)
+
+    def _show_running(self, running: bool) -> None:
+        if running is self._running:
+            return
+        self._running = running
+        self._pause.label = "Pause" if running else "Go on"
+        self._pause.icon = viser.Icon.PLAYER_PAUSE if running else viser.Icon.PLAYER_PLAY
+
+    def _add_layers(self, layers: Sequence[Layer]) -> None:
+        with self._gui.add_folder("Layers", expand_by_default=False):
+            for layer in layers:
+                box = self._gui.add_checkbox(layer.label, layer.on, hint=layer.hint)
+                _switches(box, layer)
+
+    def _add_left(self) -> None:
+        gui = self._gui
+        seen = gui.add_panel()
+        with seen.add_tab("Cameras", viser.Icon.CAMERA):
+            self._pictures = gui.add_image(np.full((216, 576, 3), 12, np.uint8), jpeg_quality=70)
+            self._put("cameras", html.cameras((), 0.0))
+        with seen.add_tab("Health", viser.Icon.HEARTBEAT):
+            self._put("components", html.components(()))
+        with seen.add_tab("Timings", viser.Icon.CLOCK):
+            self._put("timings", html.timings(()))
+        seen.dock_left()
+        seen.set_width(WIDTH)
+        plots = gui.add_panel()
+        with plots.add_tab("Plots", viser.Icon.CHART_LINE):
+            self._distance_plot = self._plot(
+                "distance and protective distance [m]",
+                self._distances,
+                (("distance", "#facc15"), ("protective", "#f87171")),
+                NO_PLOT_ABOVE,
+            )
+            self._speed_plot = self._plot(
+                "tip speed [m/s]", self._speeds, (("speed", "#38bdf8"),), None
+            )
+        plots.dock_below(seen)
+
+    def _plot(
+        self,
+        title: str,
+        history: History,
+        lines: Sequence[tuple[str, str]],
+        top: float | None,
+    ) -> Any:
+        axis: Any = {
+            "stroke": "#94a3b8",
+            "grid": {"stroke": "rgba(148,163,184,.15)", "width": 1},
+            "ticks": {"show": False},
+            "size": 34,
+        }
+        limits: Any = {"range": (0.0, top)} if top is not None else {"auto": True}
+        series: Any = ({"label": "t"}, *({"label": n, "stroke": c, "width": 2} for n, c in lines))
+        return self._gui.add_uplot(
+            data=history.columns(),
+            series=series,
+            scales={"x": {"time": False, "range": (-SECONDS, 0.0)}, "y": limits},
+            axes=(axis | {"size": 26}, axis),
+            title=title,
+            legend={"show": False},
+            cursor={"show": False},
+            aspect=2.1,
+        )
+
+
+def _switches(box: viser.GuiCheckboxHandle, layer: Layer) -> None:
+    box.on_update(lambda _: layer.switch(bool(box.value)))

@@ -1,0 +1,309 @@
+"""The 3D side of the page: the cell as built, and what moves in it; only changes are sent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+
+from armsight.arrays import Floats, JointPath, Points
+from armsight.devices.data import JointState, RgbdFrame
+from armsight.geometry.pose import to_wxyz, transform
+from armsight.mapping.snapshot import CameraStatus, WorkspaceSnapshot
+from armsight.motion.data import GuardStatus
+from armsight.robots.kinematics import flange_pose, tip_pose
+from armsight.robots.robot import Robot
+from armsight.runtime.view import Mover, SessionView
+from armsight.viewer import colors
+from armsight.viewer.cameras import CameraModel
+from armsight.viewer.danger import voxels
+from armsight.viewer.nodes import Cloud, Cubes, Line, Posed, add_solid
+from armsight.viewer.robot_model import RobotModel
+from armsight.workcell import Cell
+
+MOST_POINTS = 20_000
+MOST_VOXELS = 5_000
+MOST_HAZARDS = 3_000
+HAZARD_REACH = 0.6
+"""Hazards are drawn this near the robot's tip or its base [m]."""
+PATH_POINTS = 60
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Something that can be switched on and off.
+
+    Attributes:
+        label: on the page; hint: what it is.
+        on: at the start.
+        switch: shows or hides it.
+    """
+
+    label: str
+    hint: str
+    on: bool
+    switch: Callable[[bool], None]
+
+
+class Scene:
+    """Draws a cell and follows a session's view."""
+
+    def __init__(self, server: viser.ViserServer, cell: Cell) -> None:
+        self._api = api = server.scene
+        self._cell = cell
+        self._robot: Robot = cell.robot
+        _light(api)
+        self._grid = api.add_grid(
+            "/floor",
+            width=12.0,
+            height=12.0,
+            cell_size=0.25,
+            section_size=1.0,
+            cell_color=(58, 64, 76),
+            section_color=(84, 92, 108),
+            cell_thickness=0.6,
+            section_thickness=1.0,
+            fade_distance=14.0,
+            fade_strength=1.5,
+            infinite_grid=True,
+        )
+        base = "/base"
+        api.add_frame(
+            base,
+            show_axes=False,
+            wxyz=to_wxyz(cell.T_world_base),
+            position=cell.T_world_base[:3, 3],
+        )
+        self._axes = api.add_frame(
+            f"{base}/axes", axes_length=0.15, axes_radius=0.004, visible=False
+        )
+        self._solids = api.add_frame(f"{base}/static", show_axes=False)
+        for solid in cell.static:
+            add_solid(api, f"{base}/static/{solid.name}", solid, solid.T_frame_solid)
+        self._robot_root = api.add_frame(f"{base}/robot", show_axes=False)
+        self.robot = RobotModel(api, f"{base}/robot", cell.robot)
+        self._camera_root = api.add_frame(f"{base}/cameras", show_axes=False)
+        self.cameras = {
+            camera.info.name: CameraModel(api, f"{base}/cameras/{camera.info.name}", camera.info)
+            for camera in cell.cameras
+        }
+        self._people = api.add_frame("/movers", show_axes=False)
+        self._movers: dict[str, tuple[Any, Posed]] = {}
+        self.cloud = Cloud(api, f"{base}/cloud", 0.008, "circle")
+        self.hazards = Cloud(api, f"{base}/hazards", 0.012, "square")
+        self.hazards.visible = False
+        self.voxels = Cubes(api, f"{base}/voxels", MOST_VOXELS)
+        self.planned = Line(api, f"{base}/planned", colors.PLANNED, 0.008)
+        self.executed = Line(api, f"{base}/executed", colors.EXECUTED, 0.005)
+        self.nearest = Line(api, f"{base}/nearest", colors.NEAREST, 0.006)
+        self._distance = api.add_label(
+            f"{base}/distance", "", anchor="bottom-center", font_screen_scale=1.1, visible=False
+        )
+        self._labels_on = True
+        self._drawn_snapshot = -1
+        self._drawn_path: object = None
+        self._drawn_executed: object = None
+        _first_look(server, cell)
+
+    def layers(self) -> list[Layer]:
+        """What the person may switch."""
+
+        def of(*nodes: Any) -> Callable[[bool], None]:
+            def switch(on: bool) -> None:
+                for node in nodes:
+                    node.visible = on
+
+            return switch
+
+        return [
+            Layer("Cloud", "merged, cleaned points; the arm is filtered out", True, of(self.cloud)),
+            Layer("Voxels", "occupied now (red) to left 24 s ago (blue)", True, of(self.voxels)),
+            Layer(
+                "Hazards",
+                "where a person could be, near the arm: seen (orange), unseen (violet)",
+                False,
+                of(self.hazards),
+            ),
+            Layer(
+                "Paths",
+                "of the tip: planned (green), driven (grey)",
+                True,
+                of(self.planned, self.executed),
+            ),
+            Layer(
+                "Distance", "the two nearest points of robot and hazard", True, self._show_nearest
+            ),
+            Layer("Cameras", "frustums with what they see", True, of(self._camera_root)),
+            Layer("People", "the simulation's truth, for comparison", True, of(self._people)),
+            Layer("Robot", "at the last joint reading", True, of(self._robot_root)),
+            Layer("Solids", "what the cell's file declares", True, of(self._solids)),
+            Layer("Axes", "of the robot's base: x red, y green, z blue", False, of(self._axes)),
+            Layer("Floor", "one line every 25 cm", True, of(self._grid)),
+        ]
+
+    def update(self, view: SessionView) -> None:
+        """Follow a view."""
+        joints = view.joints
+        if joints is not None:
+            self.robot.move(joints.position)
+        self._update_cameras(view, joints)
+        self._update_movers(view.movers)
+        snapshot = view.snapshot
+        if snapshot is not None and snapshot.sequence != self._drawn_snapshot:
+            self._update_map(snapshot, view.now)
+        if view.guard is not None:
+            self._update_guard(view.guard, snapshot)
+
+    def forget(self) -> None:
+        """After a reset: draw the map anew."""
+        self._drawn_snapshot = -1
+
+    # -- parts ----------------------------------------------------------------------------------
+
+    def _update_cameras(self, view: SessionView, joints: JointState | None) -> None:
+        frames: dict[str, RgbdFrame] = {frame.camera: frame for frame in view.frames}
+        health: dict[str, CameraStatus] = (
+            {} if view.snapshot is None else {s.name: s for s in view.snapshot.cameras}
+        )
+        q = self._robot.home if joints is None else joints.position
+        for name, camera in self.cameras.items():
+            frame, status = frames.get(name), health.get(name)
+            if frame is not None and frame.T_base_camera is not None:
+                camera.move(frame.T_base_camera)
+            elif camera.info.mounted_on == "flange":
+                camera.move(flange_pose(self._robot, q) @ camera.info.T_mount_camera)
+            camera.show_health(None if status is None else status.alive)
+
+    def _update_movers(self, movers: tuple[Mover, ...]) -> None:
+        names = {mover.name for mover in movers}
+        for gone in self._movers.keys() - names:
+            self._movers.pop(gone)[1].handle.remove()
+        for mover in movers:
+            known = self._movers.get(mover.name)
+            shape = (mover.solid.kind, mover.solid.size, mover.solid.color)
+            if known is None or known[0] != shape:
+                node = add_solid(
+                    self._api, f"/movers/{mover.name}", mover.solid, mover.T_world_solid
+                )
+                self._movers[mover.name] = (shape, node)
+            else:
+                known[1].move(mover.T_world_solid)
+
+    def _update_map(self, snapshot: WorkspaceSnapshot, now: float) -> None:
+        self._drawn_snapshot = snapshot.sequence
+        if self.cloud.visible:
+            points = snapshot.cloud
+            if len(points) > MOST_POINTS:
+                points = points[:: -(-len(points) // MOST_POINTS)]
+            low, high = float(snapshot.grid.origin[2]), _top(snapshot)
+            self.cloud.show(points, colors.by_value(colors.HEIGHT, points[:, 2], low, high))
+        if self.voxels.visible:
+            centers, shades, _ = voxels(snapshot, now, MOST_VOXELS)
+            self.voxels.show(centers, 0.92 * snapshot.grid.voxel, shades)
+
+    def _update_guard(self, guard: GuardStatus, snapshot: WorkspaceSnapshot | None) -> None:
+        if guard.path is not self._drawn_path:
+            self._drawn_path = guard.path
+            self.planned.show(self._tips(guard.path))
+        if guard.executed is not self._drawn_executed:
+            self._drawn_executed = guard.executed
+            self.executed.show(self._tips(guard.executed))
+        hazard, body = guard.nearest_hazard, guard.nearest_body
+        near = hazard is not None and body is not None and np.isfinite(guard.distance)
+        if near:
+            assert hazard is not None
+            assert body is not None
+            self.nearest.show(np.stack([body, hazard]))
+            self._distance.position = 0.5 * (body + hazard)
+            self._distance.text = f"{guard.distance:.2f} m"
+        else:
+            self.nearest.show(None)
+        self._distance.visible = near and self._labels_on
+        if self.hazards.visible and snapshot is not None:
+            self._show_hazards(snapshot, body)
+
+    def _show_hazards(self, snapshot: WorkspaceSnapshot, body: Points | None) -> None:
+        center = np.zeros(3) if body is None else body
+        square = np.square(snapshot.hazards - center.astype(np.float32)).sum(axis=1)
+        near = np.flatnonzero(square < HAZARD_REACH**2)
+        if len(near) > MOST_HAZARDS:
+            near = near[np.argpartition(square[near], MOST_HAZARDS)[:MOST_HAZARDS]]
+        shades = np.where(
+            snapshot.hazard_unknown[near][:, None],
+            np.array(colors.UNSEEN, np.uint8),
+            np.array(colors.SEEN, np.uint8),
+        )
+        self.hazards.show(snapshot.hazards[near], shades)
+
+    def _show_nearest(self, on: bool) -> None:
+        self._labels_on = on
+        self.nearest.visible = on
+        self._distance.visible = on and bool(self._distance.text)
+
+    def _tips(self, path: JointPath | None) -> Points | None:
+        """(k, 3) where the tip goes along a joint path."""
+        if path is None or len(path) < 2:
+            return None
+        if len(path) < PATH_POINTS // 2:  # a straight line of joints is a curve of the tip
+            at = np.linspace(0.0, len(path) - 1.0, PATH_POINTS)
+            knots = np.arange(len(path))
+            path = np.stack([np.interp(at, knots, column) for column in path.T], axis=1)
+        elif len(path) > 4 * PATH_POINTS:
+            path = path[:: len(path) // (2 * PATH_POINTS)]
+        return np.array([tip_pose(self._robot, q)[:3, 3] for q in path])
+
+
+def _top(snapshot: WorkspaceSnapshot) -> float:
+    grid = snapshot.grid
+    return float(grid.origin[2] + grid.voxel * grid.shape[2])
+
+
+def _light(api: viser.SceneApi) -> None:
+    """Two soft lamps and the sky; nothing is fetched from the network."""
+    api.set_up_direction("+z")
+    api.configure_environment_map(None)
+    api.configure_default_lights(enabled=False)
+    api.add_light_hemisphere(
+        "/lights/sky", sky_color=(225, 235, 255), ground_color=(110, 105, 98), intensity=1.6
+    )
+    api.add_light_directional(
+        "/lights/key",
+        color=(255, 247, 235),
+        intensity=1.9,
+        position=(2.5, -1.5, 4.0),
+        cast_shadow=True,
+    )
+    api.add_light_directional(
+        "/lights/fill", color=(205, 220, 255), intensity=0.7, position=(-3.0, 2.5, 2.0)
+    )
+
+
+def _first_look(server: viser.ViserServer, cell: Cell) -> None:
+    """Where a newcomer stands: a little above, looking at the arm, between the cameras."""
+    T = cell.T_world_base
+    fixed = [c.info for c in cell.cameras if c.info.mounted_on == "base"]
+    places = transform(T, np.array([c.T_mount_camera[:3, 3] for c in fixed]).reshape(-1, 3))
+    if not cell.robot.n:  # a scanned place: stand behind the camera that scanned it
+        target = transform(T, np.array([[0.0, 0.0, 0.6]]))[0]
+        away = 1.3 * (places[0] - target) if len(places) else np.array([2.0, -2.0, 1.5])
+        eye = target + away
+    else:
+        reach = max(cell.robot.reach, 0.6)
+        target = T[:3, 3] + np.array([0.3 * reach, 0.0, 0.2 * reach])
+        eye = target + reach * np.array([*(2.9 * _clear_view(places - target)), 1.3])
+    server.initial_camera.look_at = tuple(target)
+    server.initial_camera.position = tuple(eye)
+    server.initial_camera.fov = float(np.deg2rad(42.0))
+
+
+def _clear_view(cameras: Points) -> Floats:
+    """(2,) horizontal direction from which no camera hides the arm, best near the front right."""
+    angles = np.deg2rad(np.arange(-180.0, 180.0, 5.0))
+    seen = np.arctan2(cameras[:, 1], cameras[:, 0])
+    apart = np.abs(np.angle(np.exp(1j * (angles[:, None] - seen)))).min(axis=1, initial=np.pi)
+    liked = 0.35 * np.cos(angles - np.deg2rad(-60.0))
+    best = float(angles[np.argmax(np.minimum(apart, 0.6) + liked)])
+    return np.array([np.cos(best), np.sin(best)])
