@@ -33,7 +33,23 @@ class SimulatedArm:
     drives have (``limits.acceleration``).
     """
 
-    def __init__(self, spec: ArmSpec, clock: SimulatedClock, time_step: float, seed: int) -> None:
+    def __init__(
+        self,
+        spec: ArmSpec,
+        clock: SimulatedClock,
+        time_step: float,
+        seed: int,
+        compliance: float = 0.0,
+    ) -> None:
+        """Prepare the arm.
+
+        Args:
+            spec: which arm and how it is driven.
+            clock: of the cell.
+            time_step: of the physics [s].
+            seed: of its noise.
+            compliance: twist of a joint under the load it carries [rad/(N m)].
+        """
         limits = spec.robot.limits
         self._spec = spec
         self._clock = clock
@@ -43,6 +59,9 @@ class SimulatedArm:
         self._speed = limits.velocity * spec.speed
         self._acceleration = limits.acceleration * spec.acceleration
         self._brake = limits.acceleration.astype(float)
+        self._compliance = compliance
+        # The tip's error follows the joints' with levers of about a reach in all.
+        self._rest_sigma = spec.repeatability / (1.1 * spec.robot.reach)
         self._every = max(1, round(1.0 / (spec.state_rate * time_step)))
         self.reset()
 
@@ -62,9 +81,9 @@ class SimulatedArm:
         self._count = 0
         self._rng = np.random.default_rng((self._seed, 1))
         self._noise = np.random.default_rng((self._seed, 2)).standard_normal((HISTORY, 2, n))
-        self._rest_offset = np.zeros(n)
-        self._rest_target = np.zeros(n)
-        self._moving = False
+        self._rest_offset = self._rng.standard_normal(n) * self._rest_sigma
+        self._rest_next = self._rest_offset
+        self._resting = True
 
     # What the rest of armsight sees -----------------------------------------------------------
 
@@ -159,16 +178,37 @@ class SimulatedArm:
         control[n:] = self.reference_velocity
 
     def sense(
-        self, step: int, now: float, position: Floats, velocity: Floats, effort: Floats
+        self, step: int, now: float, position: Floats, velocity: Floats, drive: Floats, load: Floats
     ) -> None:
-        """Remember the joints after a physics step, at the state rate."""
+        """Remember the joints after a physics step, at the state rate.
+
+        Args:
+            step: number of the step; now: its end [s].
+            position, velocity: (n,) true joints.
+            drive: (n,) torque of the servos [N m]; load: (n,) torque that holds the weight [N m].
+        """
         if step % self._every:
             return
         slot = self._count % HISTORY
         reading = self._readings[slot]
-        reading[0], reading[1], reading[2] = position, velocity, effort
+        reading[0] = position + self._rest_offset + self._compliance * load
+        reading[1] = velocity
+        reading[2] = drive + load
         self._stamps[slot] = now
         self._count += 1
+        self._settle()
+
+    def _settle(self) -> None:
+        """After every rest the arm stops a little elsewhere; the change happens on the way."""
+        resting = not self.reference_velocity.any()
+        if resting:
+            self._resting = True
+            return
+        if self._resting:
+            self._resting = False
+            n = len(self._rest_offset)
+            self._rest_next = self._rng.standard_normal(n) * self._rest_sigma
+        self._rest_offset = self._rest_offset + 0.01 * (self._rest_next - self._rest_offset)
 
     def _check(self) -> None:
         if self._failed:

@@ -1,59 +1,351 @@
-"""Simulated cameras: when they expose, what they deliver, and when it arrives."""
+"""Simulated cameras: when they expose, what goes wrong, what is delivered and when it arrives."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from armsight.devices.data import RgbdCameraInfo, RgbdFrame
+from armsight.arrays import Bytes, ColorImage, DepthImage, Pose
+from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame
+from armsight.errors import DeviceError
+from armsight.geometry.pose import exp
 from armsight.simulation.clock import SimulatedClock
+from armsight.simulation.darkroom import Darkroom
+from armsight.simulation.rendering import DepthPicture, Shot
+from armsight.simulation.sensor_errors import DepthSensor, interference_mask, structured
 from armsight.simulation.spec import CameraSpec
 
+FaultKind = Literal["fail", "lost", "freeze", "delay", "drop", "empty"]
+Frame = TypeVar("Frame", RgbdFrame, StereoFrame)
 
-class SimulatedCamera:
-    """Implements :class:`armsight.devices.protocols.RgbdCamera`."""
 
-    def __init__(self, spec: CameraSpec, clock: SimulatedClock) -> None:
+@dataclass(frozen=True)
+class Fault:
+    """Something that goes wrong with a camera for a while, for tests and experiments.
+
+    Attributes:
+        kind: ``fail`` no frames; ``lost`` no frames and reading raises; ``freeze`` the same picture
+            again and again with fresh stamps; ``delay`` frames arrive later by ``amount`` seconds;
+            ``drop`` each frame is lost with probability ``amount``; ``empty`` no returns at all.
+        start, end: [s].
+        amount: see ``kind``.
+    """
+
+    kind: FaultKind
+    start: float = 0.0
+    end: float = float("inf")
+    amount: float = 0.0
+
+    def active(self, now: float) -> bool:
+        """Whether it is at work at ``now`` [s]."""
+        return self.start <= now < self.end
+
+
+class Faults:
+    """Faults of one device; they stay over a reset of the world."""
+
+    def __init__(self) -> None:
+        self._faults: list[Fault] = []
+
+    def add(self, fault: Fault) -> None:
+        """From now on this goes wrong as well."""
+        self._faults.append(fault)
+
+    def clear(self) -> None:
+        """All is well again."""
+        self._faults.clear()
+
+    def find(self, kind: FaultKind, now: float) -> Fault | None:
+        """The active fault of a kind, the latest added first."""
+        active = (f for f in reversed(self._faults) if f.kind == kind and f.active(now))
+        return next(active, None)
+
+
+@dataclass
+class _Delivery:
+    """A frame on its way."""
+
+    sequence: int
+    stamp: float
+    arrival: float
+    picture: Future[Any]
+
+
+class _Deliveries:
+    """Frames on their way to the computer; a reader gets the newest that has arrived."""
+
+    def __init__(self) -> None:
+        self._queue: deque[_Delivery] = deque()
+        self._read = -1
+
+    def add(self, delivery: _Delivery, now: float, cancel: bool) -> None:
+        """Send a frame; those that nobody will read any more are forgotten."""
+        while len(self._queue) > 1 and self._queue[1].arrival <= now:
+            stale = self._queue.popleft()
+            if cancel:
+                stale.picture.cancel()
+        self._queue.append(delivery)
+
+    def newest(self, now: float) -> _Delivery | None:
+        """The newest frame that has arrived and is newer than the last one read."""
+        arrived = [d for d in self._queue if d.arrival <= now + 1e-9 and d.sequence > self._read]
+        if not arrived:
+            return None
+        best = max(arrived, key=lambda d: d.sequence)
+        self._read = best.sequence
+        self._queue = deque(d for d in self._queue if d.sequence > best.sequence)
+        return best
+
+
+class _Timing:
+    """Exposure times, stamps and arrivals of a camera, with the faults that change them."""
+
+    def __init__(self, spec: CameraSpec, clock: SimulatedClock, seed: tuple[int, ...]) -> None:
         self.spec = spec
-        self.T_mount_camera = spec.T_mount_camera_true
-        self._clock = clock
+        self.clock = clock
+        self.faults = Faults()
+        self._seed = seed
         self.reset()
 
     def reset(self) -> None:
-        self._arrivals: deque[RgbdFrame] = deque()
+        """Back to time 0."""
         self.sequence = 0
-        self.wants_color = False
+        self._rng = np.random.default_rng(self._seed)
+
+    @property
+    def next_exposure(self) -> float:
+        """When the shutter opens next [s]."""
+        return self.spec.phase + self.sequence / self.spec.info.rate
+
+    def expose(self, now: float) -> tuple[int, float, float] | None:
+        """Number, stamp and arrival of an exposure at ``now`` [s], or None when it is lost."""
+        sequence = self.sequence
+        self.sequence += 1
+        chance, jitter = self._rng.uniform(-1.0, 1.0, 2)
+        if self.faults.find("fail", now) or self.faults.find("lost", now):
+            return None
+        drop = self.faults.find("drop", now)
+        if drop is not None and 0.5 * (chance + 1.0) < drop.amount:
+            return None
+        delay = self.faults.find("delay", now)
+        late = delay.amount if delay is not None else 0.0
+        stamp = now + self.spec.stamp_jitter * jitter
+        return sequence, stamp, now + self.spec.info.latency + late
+
+    def check(self) -> None:
+        """Raise when the camera is lost."""
+        if self.faults.find("lost", self.clock.now()):
+            raise DeviceError(f"camera '{self.spec.info.name}' is lost (no answer on its bus)")
+
+
+class SimulatedCamera:
+    """Implements :class:`armsight.devices.protocols.RgbdCamera`.
+
+    Attributes:
+        faults: what goes wrong, see :class:`Fault`.
+        T_mount_camera: where it truly is: in world when fixed, else in the flange.
+    """
+
+    def __init__(
+        self, spec: CameraSpec, clock: SimulatedClock, materials: Bytes, seed: tuple[int, ...]
+    ) -> None:
+        self._spec = spec
+        self._timing = _Timing(spec, clock, (*seed, 1))
+        self.faults = self._timing.faults
+        self.T_mount_camera = misplaced(spec, np.random.default_rng((*seed, 2)))
+        self._sensor = DepthSensor(spec.info, materials, (*seed, 3)) if spec.errors else None
+        self.disturbs = spec.errors and structured(spec.info)
+        self.rivals: tuple[SimulatedCamera, ...] = ()
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to time 0; faults stay."""
+        self._timing.reset()
+        self._deliveries = _Deliveries()
+        self._frozen: Future[Any] | None = None
+        self._color_wanted = False
+        self.seen: tuple[DepthPicture, Pose] | None = None
 
     @property
     def info(self) -> RgbdCameraInfo:
-        return self.spec.info
+        """What the cell believes of it."""
+        return self._spec.info
 
     def read(self) -> RgbdFrame | None:
-        frame = None
-        while self._arrivals and self._arrivals[0].arrival <= self._clock.now() + 1e-9:
-            frame = self._arrivals.popleft()
-        return frame
+        """The newest frame that has arrived since the last call, or None.
+
+        Raises:
+            DeviceError: the camera is lost.
+        """
+        self._timing.check()
+        found = self._deliveries.newest(self._timing.clock.now())
+        if found is None:
+            return None
+        depth, color = found.picture.result()
+        return RgbdFrame(self.info.name, found.sequence, found.stamp, found.arrival, depth, color)
 
     def want_color(self, wanted: bool) -> None:
-        self.wants_color = wanted
+        """Ask for colour beside depth from the next exposure on, or spare it."""
+        self._color_wanted = wanted
 
-    def expose(self, now, T, data, renderer):
-        info = self.info
-        shot = renderer.take(data, T, info.depth)
-        depth = renderer.depth(shot, info.depth).depth
-        low, high = info.range
-        depth[(depth < low) | (depth > high)] = np.nan
+    # What the world does with it ---------------------------------------------------------------
+
+    @property
+    def next_exposure(self) -> float:
+        """When the shutter opens next [s]."""
+        return self._timing.next_exposure
+
+    def expose(
+        self, now: float, T_world_camera: Pose, take: Callable[..., Shot], darkroom: Darkroom
+    ) -> None:
+        """Open the shutter at ``now`` [s] from a true optical pose."""
+        times = self._timing.expose(now)
+        if times is None:
+            return
+        sequence, stamp, arrival = times
+        if self.faults.find("freeze", now) and self._frozen is not None:
+            picture = self._frozen
+        else:
+            shot = take(T_world_camera, self.info.depth)
+            color = self._color_wanted and self.info.color is not None
+            empty = self.faults.find("empty", now) is not None
+            picture = darkroom.submit(
+                lambda: self._develop(darkroom, shot, T_world_camera, sequence, now, color, empty)
+            )
+            self._frozen = picture
+        keep = bool(self.rivals) or picture is self._frozen
+        self._deliveries.add(_Delivery(sequence, stamp, arrival, picture), now, cancel=not keep)
+
+    def _develop(
+        self,
+        darkroom: Darkroom,
+        shot: Shot,
+        T_world_camera: Pose,
+        sequence: int,
+        now: float,
+        color_wanted: bool,
+        empty: bool,
+    ) -> tuple[DepthImage, ColorImage | None]:
+        """Depth as the sensor gives it, and colour; runs in the darkroom."""
+        renderer, info = darkroom.renderer, self.info
+        picture = renderer.depth(shot, info.depth)
+        self.seen = (picture, T_world_camera)
         color = None
-        if self.wants_color and info.color is not None:
-            renderer.aim(shot, T @ info.T_depth_color, info.color)
+        if color_wanted and info.color is not None:
+            renderer.aim(shot, T_world_camera @ info.T_depth_color, info.color)
             color = renderer.color(shot, info.color)
         renderer.give_back(shot)
-        self.deliver(RgbdFrame(info.name, self.sequence, now, now + info.latency, depth, color))
-        self.sequence += 1
+        if empty:
+            depth = np.full_like(picture.depth, np.nan)
+        elif self._sensor is None:
+            depth = picture.depth
+            near, far = info.range
+            with np.errstate(invalid="ignore"):
+                depth[(depth < near) | (depth > far)] = np.nan
+        else:
+            mask = self._interference(picture, T_world_camera)
+            depth = self._sensor.measure(picture, sequence, now, mask)
+        depth.flags.writeable = False
+        return depth, color
 
-    def deliver(self, frame: RgbdFrame) -> None:
-        self._arrivals.append(frame)
+    def _interference(self, picture: DepthPicture, T_world_camera: Pose) -> Any:
+        mask = None
+        for rival in self.rivals:
+            if rival.seen is None:
+                continue
+            other, T_other = rival.seen
+            found = interference_mask(
+                picture.depth,
+                self.info.depth,
+                T_world_camera,
+                other.depth,
+                rival.info.depth,
+                T_other,
+            )
+            mask = found if mask is None else mask | found
+        return mask
 
+
+class SimulatedStereo:
+    """Implements :class:`armsight.devices.protocols.StereoCamera`: the pair's two colour pictures.
+
+    Colour is slow without a GPU: the pair takes pictures from the first :meth:`read` on.
+    """
+
+    def __init__(self, camera: SimulatedCamera, spec: CameraSpec, clock: SimulatedClock) -> None:
+        self._camera = camera
+        self._timing = _Timing(spec, clock, (0,))
+        self._timing.faults = camera.faults
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to time 0; faults stay."""
+        self._timing.reset()
+        self._deliveries = _Deliveries()
+        self._wanted = False
+
+    @property
+    def info(self) -> RgbdCameraInfo:
+        """The left lens is ``depth``, the right one ``color``."""
+        return self._camera.info
+
+    @property
+    def T_mount_camera(self) -> Pose:
+        """Where the left lens truly is."""
+        return self._camera.T_mount_camera
+
+    def read(self) -> StereoFrame | None:
+        """The newest pair that has arrived since the last call, or None."""
+        self._timing.check()
+        self._wanted = True
+        found = self._deliveries.newest(self._timing.clock.now())
+        if found is None:
+            return None
+        left, right = found.picture.result()
+        return StereoFrame(self.info.name, found.sequence, found.stamp, found.arrival, left, right)
+
+    @property
     def next_exposure(self) -> float:
-        return self.spec.phase + self.sequence / self.spec.info.rate
+        """When the shutter opens next [s]."""
+        return self._timing.next_exposure
+
+    def expose(
+        self, now: float, T_world_camera: Pose, take: Callable[..., Shot], darkroom: Darkroom
+    ) -> None:
+        """Open both shutters at ``now`` [s]."""
+        times = self._timing.expose(now)
+        if times is None or not self._wanted or self.info.color is None:
+            return
+        shot = take(T_world_camera, self.info.depth)
+        picture = darkroom.submit(lambda: self._develop(darkroom, shot, T_world_camera))
+        self._deliveries.add(_Delivery(*times, picture), now, cancel=True)
+
+    def _develop(self, darkroom: Darkroom, shot: Shot, T: Pose) -> tuple[ColorImage, ColorImage]:
+        assert self.info.color is not None
+        left = darkroom.renderer.color(shot, self.info.depth)
+        darkroom.renderer.aim(shot, T @ self.info.T_depth_color, self.info.color)
+        right = darkroom.renderer.color(shot, self.info.color)
+        darkroom.renderer.give_back(shot)
+        return left, right
+
+
+def misplaced(spec: CameraSpec, rng: np.random.Generator) -> Pose:
+    """The camera's true pose: the specified one, off by the calibration error drawn from ``rng``."""
+    meters, radians = spec.pose_error
+    twist = rng.standard_normal(6) * np.repeat([meters, radians], 3)
+    return np.asarray(spec.T_mount_camera_true @ exp(twist))
+
+
+def make_rivals(cameras: tuple[SimulatedCamera, ...]) -> None:
+    """Tell structured-light cameras of each other: their patterns interfere."""
+    disturbing = [camera for camera in cameras if camera.disturbs]
+    for camera in disturbing:
+        camera.rivals = tuple(other for other in disturbing if other is not camera)
+
+
+__all__ = ["Fault", "Faults", "SimulatedCamera", "SimulatedStereo", "make_rivals"]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
 from armsight.arrays import Floats, Mask
@@ -48,16 +48,18 @@ OFFSETS: dict[str, tuple[str, tuple[float, float, float]]] = {
     "neck": ("collar", (0.017, -0.140, 0.145)),
     "left_elbow": ("left_elbow", (-0.042, 0.010, -0.033)),
     "right_elbow": ("right_elbow", (0.070, 0.025, -0.015)),
-    "left_wrist": ("left_hand", (-0.045, 0.0, -0.02)),
-    "right_wrist": ("right_hand", (0.060, 0.0, -0.02)),
-    "left_hand": ("left_hand", (-0.130, 0.0, -0.02)),
-    "right_hand": ("right_hand", (0.145, 0.0, -0.02)),
-    "pelvis": ("hip", (0.015, -0.140, -0.060)),
+    "pelvis": ("hip", (0.015, -0.185, -0.060)),
     "head": ("head", (0.0, 0.090, -0.060)),
 }
 """Joint: cluster, position in the cluster's frame [m] (x right, y forward, z up in a T-pose)."""
-JUMP = 6.0
-"""A cluster faster than this was lost, not moved [m/s]."""
+JUMP, SPIN = 0.03, 25.0
+"""A cluster that leaves its course by this much between two samples [m], or turns this fast
+[rad/s], was taken for another or relabelled, not moved."""
+FLIP = 1.0
+"""What lies between two such breaks within this time is dropped [s]."""
+WRIST = 0.045
+"""The hand clusters sit on the forearm, this far above the wrist [m]; their rotation is not used:
+it flips by half a turn in several clips. The hand is drawn straight on."""
 STRETCH = 0.05
 """The length from elbow to hand cluster may differ this much from its median [m]."""
 
@@ -91,7 +93,7 @@ def load_clip(path: Path) -> Clip:
     rate, rotation, position = _read(path)
     robot = _robot_place(path)
     lost = np.isnan(position).any(axis=2) | np.isnan(rotation).any(axis=2)
-    lost |= _jumped(position, lost, rate)
+    lost |= _jumped(rotation, position, lost, rate)
     kept = np.sum(~lost, axis=0)
     if len(position) < 3 or kept.min() < 2:
         raise ArmsightError(
@@ -145,19 +147,25 @@ def _robot_place(path: Path) -> Floats:
     return place
 
 
-def _jumped(position: Floats, lost: Mask, rate: float) -> Mask:
-    """(k, 9) clusters that jumped away, or whose forearm changed its length."""
+def _jumped(rotation: Floats, position: Floats, lost: Mask, rate: float) -> Mask:
+    """(k, 9) clusters that jumped or flipped away, or whose forearm changed its length."""
     jumped = np.zeros_like(lost)
     for s in range(position.shape[1]):
         seen = np.flatnonzero(~lost[:, s])
-        if len(seen) < 3:
+        if len(seen) < 12:
             continue
-        track = position[seen, s]
-        # Distance to the line between the neighbours in time: a jump there and back stands out.
-        middle = 0.5 * (track[2:] + track[:-2])
-        away = np.linalg.norm(track[1:-1] - middle, axis=1)
-        gap = (seen[2:] - seen[:-2]) / rate
-        jumped[seen[1:-1][away > 0.5 * JUMP * gap], s] = True
+        moved = np.diff(position[seen, s], axis=0)
+        course = median_filter(moved, size=(11, 1), mode="nearest")
+        gap = np.diff(seen) / rate
+        off = np.linalg.norm(moved - course, axis=1) > JUMP
+        turned = Rotation.from_rotvec(rotation[seen, s])
+        off |= (turned[:-1].inv() * turned[1:]).magnitude() > SPIN * gap
+        breaks = np.flatnonzero(off)
+        for first, last in zip(breaks[:-1], breaks[1:]):
+            if seen[last] - seen[first] < FLIP * rate:
+                jumped[seen[first + 1] : seen[last] + 1, s] = True
+        for each in breaks:
+            jumped[max(seen[each] - 4, 0) : seen[each] + 6, s] = True
     for side in ("left", "right"):
         elbow, hand = SEGMENTS.index(f"{side}_elbow"), SEGMENTS.index(f"{side}_hand")
         length = np.linalg.norm(position[:, hand] - position[:, elbow], axis=1)
@@ -188,6 +196,16 @@ def _joints(rotation: Floats, position: Floats, lost: Mask, rate: float) -> Floa
     for joint, (cluster, offset) in OFFSETS.items():
         joints[:, INDEX[joint]] = placed[cluster] + turned[cluster].apply(offset)
     _settle_head(joints, turned["head"])
+    for side in ("left", "right"):
+        elbow, cluster = joints[:, INDEX[f"{side}_elbow"]], placed[f"{side}_hand"]
+        along = cluster - elbow
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        along /= np.maximum(length, 1e-6)
+        wrist = elbow + along * np.clip(
+            length + WRIST, PERSON.forearm - 0.03, PERSON.forearm + 0.03
+        )
+        joints[:, INDEX[f"{side}_wrist"]] = wrist
+        joints[:, INDEX[f"{side}_hand"]] = wrist + PERSON.hand * along
     for side in ("left", "right"):  # constant bones: elbow and wrist are the best known
         shoulder, elbow = joints[:, INDEX[f"{side}_shoulder"]], joints[:, INDEX[f"{side}_elbow"]]
         arm = elbow - shoulder

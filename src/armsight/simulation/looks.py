@@ -29,7 +29,7 @@ TROUSERS = ((0.17, 0.21, 0.32), (0.28, 0.27, 0.25), (0.13, 0.16, 0.17))
 SHIRTS = ((0.93, 0.55, 0.16), (0.20, 0.48, 0.70), (0.36, 0.58, 0.36), (0.72, 0.28, 0.30))
 
 
-def set_up(mj: Any, offscreen: tuple[int, int]) -> None:
+def set_up(mj: Any) -> None:
     """Textures, lights and picture quality of a model's specification."""
     mj.stat.extent = 1.0
     mj.stat.center = [0.0, 0.0, 0.5]
@@ -40,7 +40,7 @@ def set_up(mj: Any, offscreen: tuple[int, int]) -> None:
     mj.visual.quality.offsamples = 4
     mj.visual.quality.numslices = 24
     mj.visual.quality.numstacks = 14
-    mj.visual.global_.offwidth, mj.visual.global_.offheight = offscreen
+    mj.visual.global_.offwidth, mj.visual.global_.offheight = 640, 480  # grows when needed
     mj.visual.headlight.ambient = [0.30, 0.30, 0.31]
     mj.visual.headlight.diffuse = [0.10, 0.10, 0.10]
     mj.visual.headlight.specular = [0.0, 0.0, 0.0]

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from armsight.arrays import Bytes, Floats, Ints, Pose, Poses
-from armsight.geometry.pose import inverse, to_wxyz
+from armsight.geometry.pose import to_wxyz
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Capsules, LinkMesh, Robot
 from armsight.simulation import looks
@@ -56,11 +56,10 @@ class CellModel:
         model: MuJoCo's model.
         parts: one a geom.
         link_bodies: (n + 1,) body of each link.
-        flange_body: body with the flange's frame; T_flange_body_true in it is the identity.
         person_bodies: mocap index of the first part of each person.
         object_bodies: mocap index of each moving object.
-        person_geoms: geom indices of each person.
-        robot_true: the arm as built, with its kinematic errors.
+        materials: code of each geom's material, its place in :data:`MATERIALS`.
+        greatest_load: torque that the arm's weight asks of a joint [N m].
     """
 
     model: Any
@@ -69,14 +68,13 @@ class CellModel:
     person_bodies: tuple[int, ...]
     object_bodies: tuple[int, ...]
     materials: Bytes
-    torque_limit: Floats
+    greatest_load: float
 
 
 def build_model(
     spec: WorldSpec,
     people: Sequence[PersonBody],
     T_link_joint_true: Poses,
-    offscreen: tuple[int, int],
 ) -> CellModel:
     """Compile the cell.
 
@@ -84,7 +82,6 @@ def build_model(
         spec: of the cell.
         people: bodies of ``spec.people``, in order.
         T_link_joint_true: (n, 4, 4) the arm's true geometry.
-        offscreen: width and height that the largest picture needs [px].
     """
     mj = mujoco.MjSpec()
     mj.modelname = "cell"
@@ -94,7 +91,7 @@ def build_model(
     mj.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     mj.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     mj.option.impratio = 10.0
-    looks.set_up(mj, offscreen)
+    looks.set_up(mj)
     builder = _Builder(mj)
     if spec.floor:
         builder.floor()
@@ -107,7 +104,7 @@ def build_model(
     objects_first = tuple(builder.moving_object(item) for item in spec.objects)
     _add_servos(mj, spec.arm.robot)
     model = mj.compile()
-    kp, torque = _servo_gains(model, spec.arm.robot)
+    kp, torque, load = _servo_gains(model, spec.arm.robot)
     n = spec.arm.robot.n
     model.actuator_gainprm[:n, 0] = kp
     model.actuator_biasprm[:n, 1] = -kp
@@ -125,7 +122,7 @@ def build_model(
         tuple(int(model.body(name).mocapid[0]) for name in people_first),
         tuple(int(model.body(name).mocapid[0]) for name in objects_first),
         materials,
-        torque,
+        load,
     )
 
 
@@ -352,12 +349,12 @@ def _add_servos(mj: Any, robot: Robot) -> None:
             servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
 
 
-def _servo_gains(model: Any, robot: Robot) -> tuple[Floats, Floats]:
-    """Position gains [N m/rad] and torque limits [N m] from the greatest inertia of each joint."""
+def _servo_gains(model: Any, robot: Robot) -> tuple[Floats, Floats, float]:
+    """Position gains [N m/rad], torque limits [N m], greatest load [N m], from random poses."""
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)
     n = robot.n
-    inertia = np.zeros(n)
+    inertia, load = np.zeros(n), 0.0
     full = np.zeros((model.nv, model.nv))
     lower, upper = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
     for _ in range(64):
@@ -365,9 +362,6 @@ def _servo_gains(model: Any, robot: Robot) -> tuple[Floats, Floats]:
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, full)
         inertia = np.maximum(inertia, np.diag(full)[:n])
-    return inertia * SERVO_BANDWIDTH**2, 3.0 * inertia * robot.limits.acceleration + 5.0
-
-
-def base_pose(spec: WorldSpec) -> tuple[Pose, Pose]:
-    """``T_world_base`` and its inverse."""
-    return spec.arm.T_world_base, inverse(spec.arm.T_world_base)
+        load = max(load, float(np.abs(data.qfrc_gravcomp[:n]).max()))
+    torque = 3.0 * inertia * robot.limits.acceleration + 5.0
+    return inertia * SERVO_BANDWIDTH**2, torque, load

@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import ColorImage, Pose, Vector3
+from armsight.devices.camera_models import camera_model
 from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_quaternion
 from armsight.simulation.arm import SimulatedArm
-from armsight.simulation.cameras import SimulatedCamera
+from armsight.simulation.arm_errors import compliance, true_geometry
+from armsight.simulation.cameras import SimulatedCamera, SimulatedStereo, make_rivals
 from armsight.simulation.clock import SimulatedClock
+from armsight.simulation.darkroom import Darkroom
 from armsight.simulation.gl import mujoco
 from armsight.simulation.looks import cloth_colors
 from armsight.simulation.model import build_model
@@ -25,7 +28,7 @@ from armsight.simulation.movers import (
     drawn_solids,
     make_person,
 )
-from armsight.simulation.rendering import Renderer
+from armsight.simulation.rendering import Renderer, Shot
 from armsight.simulation.spec import WorldSpec
 from armsight.simulation.truth import Truth
 
@@ -43,7 +46,7 @@ class SimulatedWorld:
     of the same spec and seed that are commanded alike give the same bits.
 
     Attributes:
-        clock, arm, cameras: the devices.
+        clock, arm, cameras, stereo_cameras: the devices.
         truth: what really happened, for experiments only.
         renderer: pictures from any pose (see also :meth:`picture`).
     """
@@ -57,13 +60,33 @@ class SimulatedWorld:
         self._movers = {mover.name: mover for mover in (*self._people, *self._objects)}
         if len(self._movers) < len(self._people) + len(self._objects):
             raise UsageError("people and moving objects need names of their own")
-        self._cell = build_model(
-            spec, [p.body for p in self._people], spec.arm.robot.T_link_joint, (640, 480)
-        )
+        robot, scale = spec.arm.robot, spec.arm.kinematic_error
+        geometry = true_geometry(robot, scale, np.random.default_rng((seed, 10)))
+        self._cell = build_model(spec, [p.body for p in self._people], geometry)
         self._data: Any = mujoco.MjData(self._cell.model)
-        self.arm = SimulatedArm(spec.arm, self.clock, spec.time_step, seed)
-        self.cameras = tuple(SimulatedCamera(c, self.clock) for c in spec.cameras)
+        self.arm = SimulatedArm(
+            spec.arm,
+            self.clock,
+            spec.time_step,
+            seed,
+            compliance(robot, scale, self._cell.greatest_load),
+        )
+        self.cameras = tuple(
+            SimulatedCamera(camera, self.clock, self._cell.materials, (seed, 20 + i))
+            for i, camera in enumerate(spec.cameras)
+        )
+        make_rivals(self.cameras)
+        self.stereo_cameras = tuple(
+            SimulatedStereo(camera, camera_spec, self.clock)
+            for camera, camera_spec in zip(self.cameras, spec.cameras)
+            if camera_model(camera.info.model).principle == "stereo"
+        )
+        self._shutters: tuple[SimulatedCamera | SimulatedStereo, ...] = (
+            *self.cameras,
+            *self.stereo_cameras,
+        )
         self.renderer = Renderer(self._cell)
+        self._darkroom = Darkroom(self.renderer)
         self.truth = Truth(self._cell, spec.arm.robot, self._data)
         self._drawn = [drawn_solids(p.body, cloth_colors(p.name)) for p in self._people]
         self._mover_steps = max(1, round(MOVER_PERIOD / spec.time_step))
@@ -81,7 +104,8 @@ class SimulatedWorld:
         self.arm.reset()
         for mover in self._movers.values():
             mover.reset()
-        for camera in self.cameras:
+        self._darkroom.finish()
+        for camera in self._shutters:
             camera.reset()
         self.truth.reset()
         self._move_movers(0.0)
@@ -92,7 +116,8 @@ class SimulatedWorld:
         dt = self.spec.time_step
         model, data, truth = self._cell.model, self._data, self.truth
         n = self.spec.arm.robot.n
-        q, qd, control, effort = data.qpos[:n], data.qvel[:n], data.ctrl, data.qfrc_actuator[:n]
+        q, qd, control = data.qpos[:n], data.qvel[:n], data.ctrl
+        drive, load = data.qfrc_actuator[:n], data.qfrc_gravcomp[:n]
         step, last = self._step, int(np.floor(until / dt + 1e-6))
         while step <= last:
             now = step * dt
@@ -108,7 +133,7 @@ class SimulatedWorld:
             if step % self._truth_steps == 0:
                 truth.note_separation(now)
             step += 1
-            self.arm.sense(step, step * dt, q, qd, effort)
+            self.arm.sense(step, step * dt, q, qd, drive, load)
         self._step = step
         self.clock._set(max(until, self.clock.now()))
 
@@ -154,7 +179,7 @@ class SimulatedWorld:
 
     def close(self) -> None:
         """Give OpenGL's memory back; may be repeated."""
-        self.renderer.close()
+        self._darkroom.close()
 
     def __enter__(self) -> SimulatedWorld:
         return self
@@ -192,15 +217,18 @@ class SimulatedWorld:
         mujoco.mj_camlight(self._cell.model, self._data)
 
     def _expose(self, now: float) -> None:
-        due = [c for c in self.cameras if c.next_exposure() <= now + 1e-9]
+        due = [c for c in self._shutters if c.next_exposure <= now + 1e-9]
         if not due:
             return
         self._move_movers(now)
         self._settle()
         for camera in due:
-            camera.expose(now, self._camera_pose(camera), self._data, self.renderer)
+            camera.expose(now, self._camera_pose(camera), self._take, self._darkroom)
 
-    def _camera_pose(self, camera: SimulatedCamera) -> Pose:
+    def _take(self, T_world_camera: Pose, lens: PinholeCamera) -> Shot:
+        return self.renderer.take(self._data, T_world_camera, lens)
+
+    def _camera_pose(self, camera: SimulatedCamera | SimulatedStereo) -> Pose:
         """True optical pose of the depth lens in world."""
         if camera.info.mounted_on == "base":
             return camera.T_mount_camera
