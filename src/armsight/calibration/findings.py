@@ -1,0 +1,28 @@
+"""What is wrong with a calibration's data, in words a user can act on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Severity = Literal["error", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing found.
+
+    Attributes:
+        code: short name of the mistake, stable, for programs.
+        severity: ``error``: the answer is wrong as it stands; ``warning``: worse than it could be.
+        message: what is wrong, with figures.
+        cure: what to do.
+    """
+
+    code: str
+    severity: Severity
+    message: str
+    cure: str
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.message}; {self.cure}"
