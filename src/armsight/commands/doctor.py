@@ -228,7 +228,7 @@ def _port(port: int) -> Finding:
                 "slow",
                 "port",
                 f"{port} is in use",
-                "the page takes the next free one, or --page.port",
+                "choose another with --port; --port 0 takes a free one",
             )
     return Finding("good", "port", f"{port} is free")
 

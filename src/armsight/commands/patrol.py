@@ -55,7 +55,8 @@ class Patrol:
         if self.headless and self.seconds is None:
             raise UsageError("--headless needs --seconds: nobody would see when to end it")
         with open_cell(workcell, self.seed) as cell:
-            log = PatrolLog(cell)
+            task = PatrolTask(workcell.goals, workcell.patrol.dwell_s)
+            log = PatrolLog(cell, task)
             wanted = Wanted(
                 seconds=self.seconds,
                 page=None if self.headless else self.page,
@@ -64,10 +65,9 @@ class Patrol:
                 speed=speed_of(self.speed, self.headless),
                 observers=(log,),
             )
-            task = PatrolTask(workcell.goals, workcell.patrol.dwell_s)
             session = run_session(cell, task, wanted)
-            summary = log.summary(session)
-        for line in log.lines(session):
+            summary, lines = log.summary(session), log.lines(session)
+        for line in lines:
             say(line)
         if self.json is not None:
             write_summary(self.json, summary)

@@ -11,8 +11,8 @@ class Page:
 
     Attributes:
         host: address to listen on; anything but loopback needs a token.
-        port: TCP port; the next free one is taken if it is in use.
-        token: secret that the page's address must carry; made up if the host is not loopback.
+        port: TCP port; 0 takes a free one.
+        token: secret of at least 12 characters that the page's address must then carry.
     """
 
     host: str = "127.0.0.1"
