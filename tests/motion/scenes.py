@@ -49,23 +49,16 @@ def make_snapshot(
 
     ``was_there`` are solids seen this many seconds ago and gone: they leave danger only.
     """
-    shape = tuple(int(np.ceil((u - l) / voxel - 1e-9)) for l, u in zip(lower, upper))
+    shape = tuple(int(np.ceil((b - a) / voxel - 1e-9)) for a, b in zip(lower, upper))
     grid = VoxelGrid(np.asarray(lower, float), voxel, shape)
-    centers = grid.center(np.stack(np.indices(shape), -1).reshape(-1, 3))
-    state = np.full(len(centers), FREE, np.uint8)
-    reach = 0.5 * np.sqrt(3.0) * voxel
-
-    def near(solid: Solid) -> np.ndarray:
-        return solid.distance(centers) <= reach
-
+    state = np.full(shape, FREE, np.uint8)
+    last = np.full(shape, -np.inf, np.float32)
     for solid in unknown:
-        state[near(solid)] = UNKNOWN
-    last = np.full(len(centers), -np.inf, np.float32)
+        mark(state, grid, solid, UNKNOWN)
     for solid, age in was_there:
-        last[near(solid)] = stamp - age
+        mark(last, grid, solid, stamp - age)
     for solid in solids:
-        state[near(solid)] = OCCUPIED
-    state = state.reshape(shape)
+        mark(state, grid, solid, OCCUPIED)
     solid_voxels = state != FREE if counts_unknown else state == OCCUPIED
     return WorkspaceSnapshot(
         sequence,
@@ -75,15 +68,34 @@ def make_snapshot(
         state,
         bounded_field(solid_voxels, voxel, cap),
         cap,
-        last.reshape(shape),
+        last,
         np.zeros((0, 3), np.float32),
-        reach,
+        0.5 * np.sqrt(3.0) * voxel,
         np.zeros(0, bool),
         np.zeros((0, 3), np.float32),
         (),
         (),
         counts_unknown,
     )
+
+
+def mark(array: np.ndarray, grid: VoxelGrid, solid: Solid, value: float) -> None:
+    """Set every voxel whose cube may meet a solid: centre within half a diagonal of it."""
+    reach = 0.5 * np.sqrt(3.0) * grid.voxel
+    half = {
+        "box": 0.5 * np.asarray(solid.size),
+        "sphere": np.full(3, solid.size[0]),
+        "cylinder": np.array([solid.size[0], solid.size[0], 0.5 * solid.size[1]]),
+    }[solid.kind]
+    T = solid.T_frame_solid
+    extent = np.abs(T[:3, :3]) @ half + reach
+    low = np.maximum(grid.index(T[:3, 3] - extent), 0)
+    high = np.minimum(grid.index(T[:3, 3] + extent) + 1, grid.shape)
+    if (high <= low).any():
+        return
+    index = np.stack(np.meshgrid(*map(np.arange, low, high), indexing="ij"), -1).reshape(-1, 3)
+    index = index[solid.distance(grid.center(index)) <= reach]
+    array[tuple(index.T)] = value
 
 
 def bounded_field(solid: np.ndarray, voxel: float, cap: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armsight.arrays import Floats, Ints
+from armsight.arrays import Floats, Ints, Points
 from armsight.robots.robot import Robot
 
 RIM_SAMPLES = 720
@@ -33,8 +33,12 @@ class Body(NamedTuple):
         original: (m,) index of each sphere in ``Robot.spheres``.
         fixed_center: (f, 3) spheres of the base that never move, in ``base`` [m].
         fixed_radius: (f,) [m].
-        pairs: (p, 2) spheres a, b of different links that may touch, link(a) < link(b).
-        pairs_fixed: (k, 2) fixed sphere a, moving sphere b that may touch.
+        pairs: (p, 2) spheres a, b of different links that may touch, link(a) < link(b), b moves;
+            numbers from m on are the fixed spheres.
+        pair_radius: (p,) sum of their radii [m].
+        groups: (g, 6) pairs by links: link a (0 where a's spheres are fixed), link b, a sphere in
+            the middle of each, first and last + 1 pair.
+        group_reach: (g,) links whose middles are farther apart than this cannot touch [m].
         lower, upper: (n,) joint limits [rad].
     """
 
@@ -49,7 +53,9 @@ class Body(NamedTuple):
     fixed_center: Floats
     fixed_radius: Floats
     pairs: Ints
-    pairs_fixed: Ints
+    pair_radius: Floats
+    groups: Ints
+    group_reach: Floats
     lower: Floats
     upper: Floats
 
@@ -84,7 +90,8 @@ def make_body(robot: Robot, inflate: float = 0.0) -> Body:
     fixed = lever.max(axis=1) < 1e-6
     zero = _centers_at_zero(rotation, offset, link, center)
     moving = ~fixed
-    pairs, pairs_fixed = _sphere_pairs(robot.self_pairs, link, fixed)
+    pairs, groups, reach = _self_groups(robot.self_pairs, link, fixed, center, radius)
+    both = np.concatenate([radius[moving], radius[fixed]])
     return Body(
         rotation=rotation,
         offset=offset,
@@ -97,7 +104,9 @@ def make_body(robot: Robot, inflate: float = 0.0) -> Body:
         fixed_center=np.ascontiguousarray(zero[fixed]),
         fixed_radius=np.ascontiguousarray(radius[fixed]),
         pairs=pairs,
-        pairs_fixed=pairs_fixed,
+        pair_radius=both[pairs].sum(axis=1),
+        groups=groups,
+        group_reach=reach,
         lower=np.asarray(robot.limits.lower, float).copy(),
         upper=np.asarray(robot.limits.upper, float).copy(),
     )
@@ -144,16 +153,45 @@ def _centers_at_zero(rotation: Floats, offset: Floats, link: Ints, center: Float
     return np.array([R[k] @ c + p[k] for k, c in zip(link, center)])
 
 
-def _sphere_pairs(link_pairs: Ints, link: Ints, fixed: NDArray[np.bool_]) -> tuple[Ints, Ints]:
-    """Pairs of moving spheres, and of a fixed with a moving one, whose links may touch."""
-    number = np.where(fixed, np.cumsum(fixed) - 1, np.cumsum(~fixed) - 1)
-    moving_pairs: list[tuple[int, int]] = []
-    fixed_pairs: list[tuple[int, int]] = []
+def _self_groups(
+    link_pairs: Ints, link: Ints, fixed: NDArray[np.bool_], center: Points, radius: Floats
+) -> tuple[Ints, Ints, Floats]:
+    """Pairs of spheres that may touch, in groups of two links, and how far each group reaches."""
+    moving = int((~fixed).sum())
+    number = np.where(fixed, moving + np.cumsum(fixed) - 1, np.cumsum(~fixed) - 1)
+    pairs: list[tuple[int, int]] = []
+    groups: list[tuple[int, ...]] = []
+    reaches: list[float] = []
     for a, b in np.sort(np.asarray(link_pairs, np.int64).reshape(-1, 2), axis=1):
-        for i in np.flatnonzero(link == a):
-            for k in np.flatnonzero((link == b) & ~fixed):
-                (fixed_pairs if fixed[i] else moving_pairs).append((int(number[i]), int(number[k])))
+        second = np.flatnonzero((link == b) & ~fixed)
+        for still in (True, False):
+            first = np.flatnonzero((link == a) & (fixed == still))
+            if len(first) == 0 or len(second) == 0:
+                continue
+            hub_a, reach_a = _hub(center[first], radius[first])
+            hub_b, reach_b = _hub(center[second], radius[second])
+            begin = len(pairs)
+            pairs += [(int(number[i]), int(number[k])) for i in first for k in second]
+            groups.append(
+                (
+                    0 if still else int(a),
+                    int(b),
+                    int(number[first[hub_a]]),
+                    int(number[second[hub_b]]),
+                    begin,
+                    len(pairs),
+                )
+            )
+            reaches.append(reach_a + reach_b)
     return (
-        np.array(moving_pairs, np.int64).reshape(-1, 2),
-        np.array(fixed_pairs, np.int64).reshape(-1, 2),
+        np.array(pairs, np.int64).reshape(-1, 2),
+        np.array(groups, np.int64).reshape(-1, 6),
+        np.array(reaches, float),
     )
+
+
+def _hub(center: Points, radius: Floats) -> tuple[int, float]:
+    """The sphere about which the smallest ball holds all others, and that ball's radius [m]."""
+    reach = (np.linalg.norm(center[:, None] - center[None], axis=2) + radius[None]).max(axis=1)
+    best = int(np.argmin(reach))
+    return best, float(reach[best])

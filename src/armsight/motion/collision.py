@@ -73,7 +73,7 @@ class CollisionModel:
         body_centers(self.body, _vector(q), scratch.centers)
         out = np.empty(len(self.body.radius))
         ob = self.obstacles(snapshot, at)
-        sphere_clearances(ob, scratch.centers, self.body.radius, ob.voxel, out)
+        sphere_clearances(ob, scratch.centers, self.body.radius, out)
         return out
 
     def clearance(

@@ -1,9 +1,11 @@
 """Compiled collision queries: body against the distance field, exact near things, proven motions.
 
 All clearances are lower bounds in metres. A motion is proven with symmetric conservative
-advancement: at the middle of an interval of the motion, sphere i has clearance c_i; as it travels
-at most L_i per unit of the parameter, it is free for c_i / L_i to both sides. What is left of the
-interval is queued, so rough places are met early and free motions need few looks.
+advancement: at the middle of an interval of the motion, sphere i has clearance c_i; from there it
+travels at most L_i per unit of the parameter (worst levers), and also at most V_i s + B_i s^2 / 2
+after s units (its velocity there, and a bound of its acceleration along the motion). So it is
+proven free some way to both sides; what is left of the interval is queued. Rough places are met
+early and free motions need few looks.
 """
 
 from __future__ import annotations
@@ -46,13 +48,30 @@ class Obstacles(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Working memory of one caller: (m, 3), (m, n), (m,), (QUEUE, 2), (n,) and a counter."""
+    """Working memory of one caller.
+
+    Attributes:
+        centers: (m + f, 3) sphere centres; the last f never move and are filled in here.
+        velocity: (m, 3) of the centres per unit of the motion's parameter.
+        twist: (n + 1, 6) of the links: turning rate, and velocity of the link's material at the
+            origin of ``base``.
+        travel: (m, n) how far sphere i moves at most per unit, seen from link a.
+        bend: (m, n) bound of the second derivative of centre i, seen from link a.
+        link_travel: (n + 1, n) greatest ``travel`` of each link.
+        clearance: (m,); queue: (QUEUE, 2) open intervals; q, dq: (n,).
+        looks: (1,) poses evaluated.
+    """
 
     centers: Points
+    velocity: Points
+    twist: Floats
     travel: Floats
+    bend: Floats
+    link_travel: Floats
     clearance: Floats
     queue: Floats
     q: JointVector
+    dq: JointVector
     looks: Ints
 
 
@@ -60,10 +79,15 @@ def make_scratch(body: Body) -> Scratch:
     """Working memory for one thread."""
     m, n = body.lever.shape
     return Scratch(
+        np.concatenate([np.zeros((m, 3)), body.fixed_center]),
         np.zeros((m, 3)),
+        np.zeros((n + 1, 6)),
         np.zeros((m, n)),
+        np.zeros((m, n)),
+        np.zeros((n + 1, n)),
         np.zeros(m),
         np.zeros((QUEUE, 2)),
+        np.zeros(n),
         np.zeros(n),
         np.zeros(1, np.int64),
     )
@@ -104,21 +128,83 @@ def body_centers(body: Body, q: JointVector, out: Points) -> None:
 
 
 @njit(cache=True, nogil=True)
+def body_motion(body: Body, q: JointVector, dq: JointVector, scratch: Scratch) -> None:
+    """Write the sphere centres at q, and velocities and twists when joints move at dq."""
+    out, velocity, twist = scratch.centers, scratch.velocity, scratch.twist
+    r00, r01, r02 = 1.0, 0.0, 0.0
+    r10, r11, r12 = 0.0, 1.0, 0.0
+    r20, r21, r22 = 0.0, 0.0, 1.0
+    x, y, z = 0.0, 0.0, 0.0
+    wx, wy, wz = 0.0, 0.0, 0.0
+    vx, vy, vz = 0.0, 0.0, 0.0
+    for i in range(q.shape[0] + 1):
+        if i > 0:
+            o = body.offset[i - 1]
+            A = body.rotation[i - 1]
+            ox = r00 * o[0] + r01 * o[1] + r02 * o[2]
+            oy = r10 * o[0] + r11 * o[1] + r12 * o[2]
+            oz = r20 * o[0] + r21 * o[1] + r22 * o[2]
+            x += ox
+            y += oy
+            z += oz
+            vx += wy * oz - wz * oy
+            vy += wz * ox - wx * oz
+            vz += wx * oy - wy * ox
+            s, c = np.sin(q[i - 1]), np.cos(q[i - 1])
+            a0 = r00 * A[0, 0] + r01 * A[1, 0] + r02 * A[2, 0]
+            a1 = r00 * A[0, 1] + r01 * A[1, 1] + r02 * A[2, 1]
+            a2 = r00 * A[0, 2] + r01 * A[1, 2] + r02 * A[2, 2]
+            b0 = r10 * A[0, 0] + r11 * A[1, 0] + r12 * A[2, 0]
+            b1 = r10 * A[0, 1] + r11 * A[1, 1] + r12 * A[2, 1]
+            b2 = r10 * A[0, 2] + r11 * A[1, 2] + r12 * A[2, 2]
+            d0 = r20 * A[0, 0] + r21 * A[1, 0] + r22 * A[2, 0]
+            d1 = r20 * A[0, 1] + r21 * A[1, 1] + r22 * A[2, 1]
+            d2 = r20 * A[0, 2] + r21 * A[1, 2] + r22 * A[2, 2]
+            r00, r01, r02 = c * a0 + s * a1, c * a1 - s * a0, a2
+            r10, r11, r12 = c * b0 + s * b1, c * b1 - s * b0, b2
+            r20, r21, r22 = c * d0 + s * d1, c * d1 - s * d0, d2
+            # The joint turns about the link's z axis.
+            wx += dq[i - 1] * r02
+            wy += dq[i - 1] * r12
+            wz += dq[i - 1] * r22
+        twist[i, 0] = wx
+        twist[i, 1] = wy
+        twist[i, 2] = wz
+        twist[i, 3] = vx - wy * z + wz * y
+        twist[i, 4] = vy - wz * x + wx * z
+        twist[i, 5] = vz - wx * y + wy * x
+        for k in range(body.first[i], body.first[i + 1]):
+            p0, p1, p2 = body.center[k, 0], body.center[k, 1], body.center[k, 2]
+            px = r00 * p0 + r01 * p1 + r02 * p2
+            py = r10 * p0 + r11 * p1 + r12 * p2
+            pz = r20 * p0 + r21 * p1 + r22 * p2
+            out[k, 0] = px + x
+            out[k, 1] = py + y
+            out[k, 2] = pz + z
+            velocity[k, 0] = vx + wy * pz - wz * py
+            velocity[k, 1] = vy + wz * px - wx * pz
+            velocity[k, 2] = vz + wx * py - wy * px
+
+
+@njit(cache=True, nogil=True)
 def exact_distance(
     ob: Obstacles, x: float, y: float, z: float, limit: float, enough: float
 ) -> float:
     """Distance [m] from a point to the nearest solid cube, or ``limit`` when none is nearer.
 
-    Stops early, with any distance below ``enough``, once one is found.
+    Stops early, with any distance below ``enough``, once one is found. Rows of voxels are walked
+    in the strides that the distance field allows.
     """
     nx, ny, nz = ob.state.shape
-    h = ob.voxel
-    gx, gy, gz = (x - ob.origin[0]) / h, (y - ob.origin[1]) / h, (z - ob.origin[2]) / h
-    reach = limit / h
+    scale = 1.0 / ob.voxel
+    gx = (x - ob.origin[0]) * scale
+    gy = (y - ob.origin[1]) * scale
+    gz = (z - ob.origin[2]) * scale
+    reach = limit * scale
     x0, x1 = max(0, int(np.floor(gx - reach))), min(nx - 1, int(np.floor(gx + reach)))
     y0, y1 = max(0, int(np.floor(gy - reach))), min(ny - 1, int(np.floor(gy + reach)))
     best = reach * reach
-    stop = (enough / h) ** 2 if enough > 0.0 else -1.0
+    stop = (enough * scale) ** 2
     for ix in range(x0, x1 + 1):
         dx = max(ix - gx, gx - ix - 1.0, 0.0)
         if dx * dx >= best:
@@ -129,8 +215,8 @@ def exact_distance(
             if dxy >= best:
                 continue
             span = np.sqrt(best - dxy)
-            z0, z1 = max(0, int(np.floor(gz - span))), min(nz - 1, int(np.floor(gz + span)))
-            for iz in range(z0, z1 + 1):
+            iz, z1 = max(0, int(np.floor(gz - span))), min(nz - 1, int(np.floor(gz + span)))
+            while iz <= z1:
                 s = ob.state[ix, iy, iz]
                 if s == 2 or (s == 0 and ob.avoid_unknown):
                     dz = max(iz - gz, gz - iz - 1.0, 0.0)
@@ -138,119 +224,223 @@ def exact_distance(
                     if d < best:
                         best = d
                         if best < stop:
-                            return np.sqrt(best) * h
-    return np.sqrt(best) * h
+                            return np.sqrt(best) * ob.voxel
+                    iz += 1
+                else:
+                    # Cubes whose gap to this one is less than the bound cannot be solid.
+                    iz += 1 + int(ob.distance[ix, iy, iz] * scale - 1e-3)
+    return np.sqrt(best) * ob.voxel
 
 
 @njit(cache=True, nogil=True)
-def sphere_clearance(
-    ob: Obstacles, x: float, y: float, z: float, radius: float, band: float
-) -> float:
-    """Clearance [m] of a sphere; exact where the field proves less than ``band``.
+def wall_clearance(ob: Obstacles, x: float, y: float, z: float, radius: float) -> float:
+    """Room [m] between a sphere and the walls of the box that it must stay inside."""
+    wall = min(x - ob.lower[0], ob.upper[0] - x)
+    wall = min(wall, min(y - ob.lower[1], ob.upper[1] - y))
+    return min(wall, min(z - ob.lower[2], ob.upper[2] - z)) - radius
 
-    Exact means the distance to the solid cubes, less the radius; at most ``band`` is said then.
-    Negative values say "touches", not how deep. Leaving the box counts as touching its wall.
+
+@njit(cache=True, nogil=True)
+def field_at(ob: Obstacles, x: float, y: float, z: float) -> float:
+    """The distance field at a point [m].
+
+    A point outside the grid takes the value of its projection onto the grid's box, which is no
+    farther from anything inside: the bound still holds.
     """
-    wall = min(
-        x - ob.lower[0],
-        ob.upper[0] - x,
-        y - ob.lower[1],
-        ob.upper[1] - y,
-        z - ob.lower[2],
-        ob.upper[2] - z,
-    )
-    wall -= radius
-    if wall < ob.floor:
-        return wall
-    nx, ny, nz = ob.state.shape
-    # Projection onto the grid's box is no farther from anything inside it: the bound still holds.
-    ix = min(max(int(np.floor((x - ob.origin[0]) / ob.voxel)), 0), nx - 1)
-    iy = min(max(int(np.floor((y - ob.origin[1]) / ob.voxel)), 0), ny - 1)
-    iz = min(max(int(np.floor((z - ob.origin[2]) / ob.voxel)), 0), nz - 1)
-    clear = ob.distance[ix, iy, iz] - radius
-    if clear < band:
-        clear = exact_distance(ob, x, y, z, radius + band, radius + ob.floor) - radius
-    return min(clear, wall)
+    nx, ny, nz = ob.distance.shape
+    scale = 1.0 / ob.voxel
+    ix = int(min(max((x - ob.origin[0]) * scale, 0.0), nx - 1.0))
+    iy = int(min(max((y - ob.origin[1]) * scale, 0.0), ny - 1.0))
+    iz = int(min(max((z - ob.origin[2]) * scale, 0.0), nz - 1.0))
+    return ob.distance[ix, iy, iz]
 
 
 @njit(cache=True, nogil=True)
-def sphere_clearances(
-    ob: Obstacles, centers: Points, radius: Floats, band: float, out: Floats
-) -> None:
-    """Write the clearance of (m,) spheres."""
-    for i in range(centers.shape[0]):
-        out[i] = sphere_clearance(ob, centers[i, 0], centers[i, 1], centers[i, 2], radius[i], band)
+def sphere_clearances(ob: Obstacles, centers: Points, radius: Floats, out: Floats) -> None:
+    """Write the clearance [m] of (m,) spheres.
+
+    Exact within a voxel of contact (the distance to the solid cubes, less the radius; negative
+    says "touches", not how deep); a lower bound of at least one voxel farther away. Leaving the
+    box counts as touching its wall.
+    """
+    for i in range(out.shape[0]):
+        x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radius[i]
+        clear = field_at(ob, x, y, z) - r
+        if clear < ob.voxel:
+            clear = exact_distance(ob, x, y, z, r + ob.voxel, 0.0) - r
+        out[i] = min(clear, wall_clearance(ob, x, y, z, r))
 
 
 @njit(cache=True, nogil=True)
-def set_travel(body: Body, dq: JointVector, travel: Floats) -> None:
-    """Write (m, n) ``travel[i, a]``: how far sphere i moves at most, seen from link a, for |dq|."""
+def set_travel(body: Body, dq: JointVector, scratch: Scratch) -> None:
+    """Bound how the spheres move when joints move along the straight line dq.
+
+    ``bend`` bounds |c''| = |sum_jk dq_j dq_k a_j x (a_k x (c - p_k))| (k the outer joint of the
+    two, a the axes) by sum_jk |dq_j dq_k| lever_k.
+    """
     m, n = body.lever.shape
+    scratch.dq[:] = dq
+    scratch.link_travel[:] = 0.0
     for i in range(m):
         total = 0.0
+        link = body.link[i]
         for j in range(n - 1, -1, -1):
             total += body.lever[i, j] * abs(dq[j])
-            travel[i, j] = total
+            scratch.travel[i, j] = total
+            if total > scratch.link_travel[link, j]:
+                scratch.link_travel[link, j] = total
+        for a in range(n):
+            inner = 0.0
+            bend = 0.0
+            for k in range(a, n):
+                size = abs(dq[k])
+                bend += size * body.lever[i, k] * (size + 2.0 * inner)
+                inner += size
+            scratch.bend[i, a] = bend
 
 
 @njit(cache=True, nogil=True)
-def free_span(body: Body, ob: Obstacles, q: JointVector, scratch: Scratch, enough: float) -> float:
-    """How far (share of the motion in ``scratch.travel``) the body is proven free around q.
+def surroundings_span(
+    body: Body, ob: Obstacles, q: JointVector, scratch: Scratch, enough: float
+) -> float:
+    """How far the body is proven free of the surroundings, to both sides of q on a motion.
 
-    Returns a value of at most ``enough``, or -1 when some clearance at q is below the floor.
+    Needs :func:`set_travel`. Returns a share of the motion of at most ``enough``, or -1 when some
+    clearance at q is below the floor.
     """
     scratch.looks[0] += 1
-    centers = scratch.centers
-    travel = scratch.travel
-    body_centers(body, q, centers)
+    centers, clearance, travel, bend = (
+        scratch.centers,
+        scratch.clearance,
+        scratch.travel,
+        scratch.bend,
+    )
+    velocity, radius, field = scratch.velocity, body.radius, ob.distance
+    body_motion(body, q, scratch.dq, scratch)
+    nx, ny, nz = field.shape
+    scale = 1.0 / ob.voxel
+    voxel, floor = ob.voxel, ob.floor
+    ox, oy, oz = ob.origin[0], ob.origin[1], ob.origin[2]
+    lx, ly, lz = ob.lower[0], ob.lower[1], ob.lower[2]
+    ux, uy, uz = ob.upper[0], ob.upper[1], ob.upper[2]
     span = enough
-    band = ob.voxel
-    for i in range(centers.shape[0]):
-        clear = sphere_clearance(
-            ob, centers[i, 0], centers[i, 1], centers[i, 2], body.radius[i], band
-        )
-        if clear < ob.floor:
-            return -1.0
+    # The field first: it is cheap, and shortens the span that exact looks must prove.
+    for i in range(radius.shape[0]):
+        x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radius[i]
+        ix = int(min(max((x - ox) * scale, 0.0), nx - 1.0))
+        iy = int(min(max((y - oy) * scale, 0.0), ny - 1.0))
+        iz = int(min(max((z - oz) * scale, 0.0), nz - 1.0))
+        clear = field[ix, iy, iz] - r
+        clearance[i] = clear
+        if clear < voxel:
+            clear = voxel
+        wall = min(min(min(x - lx, ux - x), min(y - ly, uy - y)), min(z - lz, uz - z)) - r
+        if wall < clear:
+            if wall < floor:
+                return -1.0
+            clear = wall
         if clear < span * travel[i, 0]:
-            span = clear / travel[i, 0]
-    for p in range(body.pairs.shape[0]):
-        a, b = body.pairs[p, 0], body.pairs[p, 1]
-        dx = centers[a, 0] - centers[b, 0]
-        dy = centers[a, 1] - centers[b, 1]
-        dz = centers[a, 2] - centers[b, 2]
-        r = body.radius[a] + body.radius[b]
-        t = travel[b, body.link[a]]
-        need = r + max(span * t, ob.floor)
-        d2 = dx * dx + dy * dy + dz * dz
-        if d2 < need * need:
-            clear = np.sqrt(d2) - r
-            if clear < ob.floor:
+            span = shorter(span, clear, travel[i, 0], velocity[i], bend[i, 0])
+    for i in range(radius.shape[0]):
+        if clearance[i] >= voxel:
+            continue
+        v = velocity[i]
+        speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        need = min(travel[i, 0] * span, (speed + 0.5 * bend[i, 0] * span) * span)
+        need = min(max(need, floor), voxel)
+        if clearance[i] < need:
+            r = radius[i]
+            clear = (
+                exact_distance(ob, centers[i, 0], centers[i, 1], centers[i, 2], r + need, r + floor)
+                - r
+            )
+            if clear < floor:
                 return -1.0
-            if clear < span * t:
-                span = clear / t
-    for p in range(body.pairs_fixed.shape[0]):
-        a, b = body.pairs_fixed[p, 0], body.pairs_fixed[p, 1]
-        dx = body.fixed_center[a, 0] - centers[b, 0]
-        dy = body.fixed_center[a, 1] - centers[b, 1]
-        dz = body.fixed_center[a, 2] - centers[b, 2]
-        r = body.fixed_radius[a] + body.radius[b]
-        t = travel[b, 0]
-        need = r + max(span * t, ob.floor)
-        d2 = dx * dx + dy * dy + dz * dz
-        if d2 < need * need:
-            clear = np.sqrt(d2) - r
-            if clear < ob.floor:
+            if clear < need:
+                span = shorter(span, clear, travel[i, 0], v, bend[i, 0])
+    return span
+
+
+@njit(cache=True, nogil=True)
+def shorter(span: float, clear: float, travel: float, velocity: Floats, bend: float) -> float:
+    """The part of a span in which a sphere cannot move farther than its clearance."""
+    speed2 = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
+    # Solves clear = speed s + bend s^2 / 2, in the form that is stable for small bend.
+    down = np.sqrt(speed2) + np.sqrt(speed2 + 2.0 * bend * clear)
+    best = clear / travel
+    if down > 0.0:
+        best = max(best, 2.0 * clear / down)
+    return min(span, best)
+
+
+@njit(cache=True, nogil=True)
+def own_span(body: Body, floor: float, q: JointVector, scratch: Scratch, enough: float) -> float:
+    """How far the body is proven not to touch itself; as :func:`surroundings_span`.
+
+    Only motion along the line between two centres brings them nearer, up to the bend.
+    """
+    scratch.looks[0] += 1
+    centers, twist = scratch.centers, scratch.twist
+    body_motion(body, q, scratch.dq, scratch)
+    span = enough
+    for g in range(body.groups.shape[0]):
+        link_a, link_b = body.groups[g, 0], body.groups[g, 1]
+        a, b = body.groups[g, 2], body.groups[g, 3]
+        dx = centers[b, 0] - centers[a, 0]
+        dy = centers[b, 1] - centers[a, 1]
+        dz = centers[b, 2] - centers[a, 2]
+        need = body.group_reach[g] + max(span * scratch.link_travel[link_b, link_a], floor)
+        if dx * dx + dy * dy + dz * dz >= need * need:
+            continue
+        # The motion of link b seen from link a.
+        wx = twist[link_b, 0] - twist[link_a, 0]
+        wy = twist[link_b, 1] - twist[link_a, 1]
+        wz = twist[link_b, 2] - twist[link_a, 2]
+        vx = twist[link_b, 3] - twist[link_a, 3]
+        vy = twist[link_b, 4] - twist[link_a, 4]
+        vz = twist[link_b, 5] - twist[link_a, 5]
+        for p in range(body.groups[g, 4], body.groups[g, 5]):
+            a, b = body.pairs[p, 0], body.pairs[p, 1]
+            x, y, z = centers[b, 0], centers[b, 1], centers[b, 2]
+            dx = x - centers[a, 0]
+            dy = y - centers[a, 1]
+            dz = z - centers[a, 2]
+            r = body.pair_radius[p]
+            travel = scratch.travel[b, link_a]
+            need = r + max(span * travel, floor)
+            d2 = dx * dx + dy * dy + dz * dz
+            if d2 >= need * need:
+                continue
+            d = np.sqrt(d2)
+            clear = d - r
+            if clear < floor:
                 return -1.0
-            if clear < span * t:
-                span = clear / t
+            closing = (
+                abs(
+                    (vx + wy * z - wz * y) * dx
+                    + (vy + wz * x - wx * z) * dy
+                    + (vz + wx * y - wy * x) * dz
+                )
+                / d
+            )
+            bend = scratch.bend[b, link_a]
+            if clear < (closing + 0.5 * bend * span) * span:
+                down = closing + np.sqrt(closing * closing + 2.0 * bend * clear)
+                span = min(span, max(clear / travel, 2.0 * clear / down))
     return span
 
 
 @njit(cache=True, nogil=True)
 def config_free(body: Body, ob: Obstacles, q: JointVector, scratch: Scratch) -> bool:
     """Whether nothing is touched at q (limits are not looked at)."""
+    scratch.dq[:] = 0.0
     scratch.travel[:] = 0.0
-    return free_span(body, ob, q, scratch, 1.0) >= 0.0
+    scratch.bend[:] = 0.0
+    scratch.link_travel[:] = 0.0
+    return (
+        surroundings_span(body, ob, q, scratch, 1.0) >= 0.0
+        and own_span(body, ob.floor, q, scratch, 1.0) >= 0.0
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -258,12 +448,21 @@ def edge_free(
     body: Body, ob: Obstacles, q0: JointVector, q1: JointVector, scratch: Scratch
 ) -> bool:
     """Whether the straight motion from q0 to q1 is proven free, ends included."""
-    n = q0.shape[0]
     q = scratch.q
-    for j in range(n):
+    for j in range(q0.shape[0]):
         q[j] = q1[j] - q0[j]
-    set_travel(body, q, scratch.travel)
-    queue = scratch.queue
+    set_travel(body, q, scratch)
+    # Two proofs: the body seldom comes near itself, so that one needs a few looks only.
+    return _edge_proven(body, ob, q0, q1, scratch, False) and _edge_proven(
+        body, ob, q0, q1, scratch, True
+    )
+
+
+@njit(cache=True, nogil=True)
+def _edge_proven(
+    body: Body, ob: Obstacles, q0: JointVector, q1: JointVector, scratch: Scratch, own: bool
+) -> bool:
+    q, queue = scratch.q, scratch.queue
     queue[0, 0], queue[0, 1] = 0.0, 1.0
     head, count = 0, 1
     while count > 0:
@@ -272,9 +471,12 @@ def edge_free(
         count -= 1
         middle = 0.5 * (low + high)
         half = 0.5 * (high - low)
-        for j in range(n):
+        for j in range(q.shape[0]):
             q[j] = q0[j] + middle * (q1[j] - q0[j])
-        span = free_span(body, ob, q, scratch, half)
+        if own:
+            span = own_span(body, ob.floor, q, scratch, half)
+        else:
+            span = surroundings_span(body, ob, q, scratch, half)
         if span < 0.0:
             return False
         if span < half:
@@ -308,13 +510,5 @@ def self_clearance(body: Body, centers: Points) -> float:
         dx = centers[a, 0] - centers[b, 0]
         dy = centers[a, 1] - centers[b, 1]
         dz = centers[a, 2] - centers[b, 2]
-        d = np.sqrt(dx * dx + dy * dy + dz * dz) - body.radius[a] - body.radius[b]
-        best = min(best, d)
-    for p in range(body.pairs_fixed.shape[0]):
-        a, b = body.pairs_fixed[p, 0], body.pairs_fixed[p, 1]
-        dx = body.fixed_center[a, 0] - centers[b, 0]
-        dy = body.fixed_center[a, 1] - centers[b, 1]
-        dz = body.fixed_center[a, 2] - centers[b, 2]
-        d = np.sqrt(dx * dx + dy * dy + dz * dz) - body.fixed_radius[a] - body.radius[b]
-        best = min(best, d)
+        best = min(best, np.sqrt(dx * dx + dy * dy + dz * dz) - body.pair_radius[p])
     return best
