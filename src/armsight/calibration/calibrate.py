@@ -194,7 +194,7 @@ def reject_misseen(
 
     A detector that slips by one square is consistent within its image; only the other views and
     the arm show it. In each round the worst board of each lens goes, if its median corner is off
-    by ``limit`` times that of the lens's other boards.
+    by ``limit`` times that of the lens's other boards (twice that with fewer than ten).
 
     Returns:
         What is left, and what went with the reason.
@@ -215,7 +215,9 @@ def reject_misseen(
             if len(mine) < 4:
                 continue
             usual = float(np.median(middle[mine]))
-            bar = max(limit * usual, 6.0 * float(np.median(model.sigma[mine])))
+            # Of a few views none is easily spared, and their scatter is hardly known.
+            strict = limit if len(mine) >= 10 else 2 * limit
+            bar = max(strict * usual, 6.0 * float(np.median(model.sigma[mine])))
             bad = mine[middle[mine] > bar]
             # The worst third at most in one round: a slipped board pulls its neighbours along.
             bad = bad[np.argsort(-middle[bad])][: max(1, len(mine) // 6)]
