@@ -147,7 +147,7 @@ class FakeGuard:
             now, GuardMode.IDLE, "", goal.name if goal else "", False, command, 1.0, np.inf, 0.0,
             None, None, None, None, -1, 0.0,
         )  # fmt: skip
-        return SimpleNamespace(command=command, status=status, request=request)
+        return SimpleNamespace(command=command, status=status, request=request, brake=False)
 
 
 class GoTo:

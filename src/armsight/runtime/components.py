@@ -269,7 +269,11 @@ class GuardComponent:
     ) -> None:
         status = decision.status
         try:
-            sent = self._arm.command_velocity(decision.command)
+            if decision.brake:
+                self._arm.stop()
+                sent = np.zeros_like(decision.command)
+            else:
+                sent = self._arm.command_velocity(decision.command)
             self.problem = ""
         except DeviceError as error:
             self._arm.stop()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from armsight.mapping.config import MappingConfig
-    from armsight.motion.guard import GuardConfig
+    from armsight.motion.guard_config import GuardConfig
     from armsight.motion.plan import Planner
 
 

@@ -1,19 +1,25 @@
-"""Map, planner and guard of a session, made from a cell; and their warm-up."""
+"""Map, planner and guard of a session, made from a cell's file; and their warm-up."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from armsight.mapping.config import MappingConfig
+from armsight.mapping.workspace_map import WorkspaceMap
+from armsight.motion.collision import CollisionModel
+from armsight.motion.guard import Guard
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.runtime.components import Guards, Maps
+from armsight.runtime.configure import guard_config, mapping_config
+from armsight.runtime.warm_up import Progress, warm_up
 
 if TYPE_CHECKING:
     from armsight.motion.plan import Planner
     from armsight.runtime.config import SessionConfig
     from armsight.workcell import Cell
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -32,19 +38,18 @@ class Parts:
 
 
 def make_parts(cell: Cell, config: SessionConfig) -> Parts:
-    """The parts for a cell."""
-    from armsight.mapping.config import MappingConfig
-    from armsight.mapping.workspace_map import WorkspaceMap
-    from armsight.motion.guard import Guard, GuardConfig
-    from armsight.motion.planner import default_planner
-    from armsight.runtime.warm_up import warm_up
-
+    """The parts for a cell: what ``config`` leaves open comes from the cell's file."""
     infos = [camera.info for camera in cell.cameras]
-    mapping = config.mapping or MappingConfig()
-    guard = config.guard or GuardConfig()
-    planner = config.planner or default_planner(cell.robot)
+    mapping = config.mapping or mapping_of(cell)
+    guard = config.guard or guard_of(cell, config)
+    planning = PlannerConfig(
+        speed=cell.workcell.robot.speed, acceleration=cell.workcell.robot.acceleration
+    )
 
     def make() -> tuple[WorkspaceMap, Planner, Guard]:
+        planner = config.planner or RrtConnectPlanner(
+            cell.robot, CollisionModel(cell.robot), planning
+        )
         return (
             WorkspaceMap(cell.robot, infos, cell.static, mapping),
             planner,
@@ -52,4 +57,26 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
         )
 
     workspace, planner, made_guard = make()
-    return Parts(workspace, planner, made_guard, lambda progress: warm_up(cell, make, progress))
+    return Parts(
+        workspace,
+        planner,
+        made_guard,
+        lambda progress: warm_up(cell.robot, infos, make, config.planning_time, progress),
+    )
+
+
+def guard_of(cell: Cell, config: SessionConfig) -> GuardConfig:
+    """The guard's settings from a cell's file, and what the session's own latencies add to them."""
+    base = guard_config(cell.workcell)
+    return replace(
+        base,
+        period=config.guard_period,
+        start_delay=base.start_delay + config.guard_latency,
+        compute_latency=config.mapping_latency + config.guard_latency,
+    )
+
+
+def mapping_of(cell: Cell) -> MappingConfig:
+    """The map's settings from a cell's file; its field counts unseen space, as the planner wants."""
+    base = mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
+    return replace(base, unknown_is_solid=True)

@@ -30,6 +30,7 @@ from armsight.runtime.components import (
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.lock import cell_lock
 from armsight.runtime.parts import Parts, make_parts
+from armsight.runtime.warm_up import Progress
 from armsight.runtime.shared_devices import SharedArm, SharedCamera
 from armsight.runtime.signals import orderly_signals
 from armsight.runtime.simulated_loop import SimulatedLoop
@@ -229,7 +230,7 @@ class Session:
 
     # -- running --------------------------------------------------------------------------------
 
-    def warm_up(self, progress: Callable[[str, float], None] = lambda stage, done: None) -> None:
+    def warm_up(self, progress: Progress = lambda stage, done: None) -> None:
         """Compile and touch everything before the arm may move (several seconds the first time).
 
         Args:

@@ -1,0 +1,193 @@
+"""What can be wrong with time, joints and pictures, and how hard the arm then stops."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from armsight.devices.data import JointState, RgbdCameraInfo
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.guard_config import GuardConfig
+from armsight.robots.robot import Robot
+
+OUTSIDE = 0.02
+"""Joint positions may exceed their limits by this much before they are absurd [rad]."""
+JUMP = 0.3
+"""Joint positions cannot change by more than this beyond speed times time [rad]."""
+
+
+class Severity(IntEnum):
+    """How the arm answers a fault."""
+
+    NONE = 0
+    SLOW = 1  # come to rest along the proven path
+    BRAKE = 2  # stop as hard as the drives can: the arm's own state or time cannot be trusted
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is wrong now.
+
+    Attributes:
+        severity: how to answer; reason: in words, empty when all is well.
+        joints: the reading that may be used, or None.
+        snapshot: the snapshot that may be used, or None.
+        age: of the stalest camera in it [s]; inf without a snapshot.
+        jumped: time made a jump: forget what was measured before.
+    """
+
+    severity: Severity
+    reason: str
+    joints: JointState | None
+    snapshot: WorkspaceSnapshot | None
+    age: float
+    jumped: bool = False
+
+
+class FaultWatch:
+    """Judges what the guard is given, tick by tick; keeps the last good snapshot.
+
+    Args:
+        robot: for the limits; cameras: for latency and rate; config: for the thresholds.
+    """
+
+    def __init__(
+        self, robot: Robot, cameras: Sequence[RgbdCameraInfo], config: GuardConfig
+    ) -> None:
+        self._robot = robot
+        self._config = config
+        self._limit = {
+            c.name: max(config.stale_after, c.latency + 1.5 / c.rate + config.compute_latency)
+            for c in cameras
+        }
+        self._now = -math.inf
+        self._joints: JointState | None = None
+        self._snapshot: WorkspaceSnapshot | None = None
+        self._well_since = -math.inf
+        self._last: Verdict | None = None
+
+    def check(
+        self, now: float, joints: JointState | None, snapshot: WorkspaceSnapshot | None
+    ) -> Verdict:
+        """Judge one tick's input. After a fault all must be well for ``recovery`` first."""
+        if not math.isfinite(now):
+            return Verdict(Severity.BRAKE, "the clock says no number", None, None, math.inf, True)
+        jumped, time_fault = self._time(now)
+        if jumped:
+            self._joints, self._snapshot = None, None
+        good_joints, joint_fault = self._judge_joints(now, joints)
+        good_snapshot, snapshot_fault = self._judge_snapshot(now, snapshot)
+        age = math.inf if good_snapshot is None else now - good_snapshot.oldest
+        severity, reason = max(
+            (joint_fault, time_fault, snapshot_fault, self._cameras(now, good_snapshot)),
+            key=lambda fault: fault[0],
+        )
+        if severity != Severity.NONE:
+            self._well_since = math.inf
+            self._last = Verdict(severity, reason, good_joints, good_snapshot, age, jumped)
+            return self._last
+        if self._well_since > now:
+            self._well_since = now
+        if self._last is not None:
+            if now - self._well_since < self._config.recovery:
+                reason = f"recovering: {self._last.reason}"
+                return Verdict(Severity.SLOW, reason, good_joints, good_snapshot, age)
+            self._last = None
+        return Verdict(Severity.NONE, "", good_joints, good_snapshot, age)
+
+    def _time(self, now: float) -> tuple[bool, tuple[Severity, str]]:
+        before, self._now = self._now, now
+        step = now - before
+        if not math.isfinite(before):
+            return False, (Severity.NONE, "")
+        if step < 0.0:
+            return True, (Severity.BRAKE, f"the clock jumped back by {-step:.3f} s")
+        if step > self._config.clock_jump:
+            return True, (Severity.BRAKE, f"the clock jumped ahead by {step:.3f} s")
+        if step > self._config.late:
+            return False, (Severity.SLOW, f"the guard was {step * 1e3:.0f} ms late")
+        return False, (Severity.NONE, "")
+
+    def _judge_joints(
+        self, now: float, joints: JointState | None
+    ) -> tuple[JointState | None, tuple[Severity, str]]:
+        brake = Severity.BRAKE
+        if joints is None:
+            return None, (brake, "no joint state has come yet; is the arm connected?")
+        limits, n = self._robot.limits, self._robot.n
+        q, v = np.asarray(joints.position), np.asarray(joints.velocity)
+        if q.shape != (n,) or v.shape != (n,):
+            return None, (brake, f"joint state has {q.shape} values; {self._robot.name} has {n}")
+        if not (np.isfinite(q).all() and np.isfinite(v).all() and math.isfinite(joints.stamp)):
+            return None, (brake, "joint state is not finite; check the arm's encoders")
+        names = self._robot.joint_names
+        outside = np.maximum(limits.lower - q, q - limits.upper)
+        if outside.max() > OUTSIDE:
+            j = int(np.argmax(outside))
+            return None, (
+                brake,
+                f"{names[j]} at {q[j]:.3f} rad is outside its limits "
+                f"{limits.lower[j]:.3f}..{limits.upper[j]:.3f}; move it back by hand",
+            )
+        fast = np.abs(v) / limits.velocity
+        if fast.max() > 1.5:
+            j = int(np.argmax(fast))
+            return None, (brake, f"{names[j]} says {v[j]:.2f} rad/s, which it cannot")
+        if joints.stamp > now + self._config.future:
+            return None, (
+                brake,
+                f"joint state from {joints.stamp - now:.3f} s in the future; check the clocks",
+            )
+        age = now - joints.stamp
+        if age > self._config.joints_stale:
+            return None, (brake, f"joint state is {age * 1e3:.0f} ms old")
+        known, self._joints = self._joints, joints
+        if known is not None:
+            elapsed = abs(joints.stamp - known.stamp)
+            moved = np.abs(q - known.position) - 1.5 * limits.velocity * elapsed
+            if moved.max() > JUMP:
+                j = int(np.argmax(moved))
+                self._joints = joints
+                return None, (brake, f"{names[j]} jumped by {moved[j]:.2f} rad")
+        return joints, (Severity.NONE, "")
+
+    def _judge_snapshot(
+        self, now: float, snapshot: WorkspaceSnapshot | None
+    ) -> tuple[WorkspaceSnapshot | None, tuple[Severity, str]]:
+        slow = Severity.SLOW
+        known = self._snapshot
+        if snapshot is None:
+            return known, (slow, "no map yet")
+        if known is not None and snapshot.sequence < known.sequence:
+            return known, (
+                slow,
+                f"map {snapshot.sequence} came after map {known.sequence}: refused as old",
+            )
+        if snapshot.stamp > now + self._config.future:
+            return known, (
+                slow,
+                f"map from {snapshot.stamp - now:.3f} s in the future; check the cameras' clocks",
+            )
+        self._snapshot = snapshot
+        return snapshot, (Severity.NONE, "")
+
+    def _cameras(self, now: float, snapshot: WorkspaceSnapshot | None) -> tuple[Severity, str]:
+        slow = Severity.SLOW
+        if snapshot is None:
+            return slow, "no map yet"
+        seen = {status.name: status for status in snapshot.cameras}
+        for name, limit in self._limit.items():
+            status = seen.get(name)
+            if status is None or not math.isfinite(status.stamp):
+                return slow, f"camera {name} has sent nothing yet"
+            age = now - status.stamp
+            if age > limit:
+                why = f" ({status.reason})" if status.reason else ""
+                return slow, f"camera {name} is {age * 1e3:.0f} ms old{why}"
+            if not status.alive:
+                return slow, f"camera {name} is not trusted ({status.reason or 'no reason given'})"
+        return Severity.NONE, ""

@@ -1,0 +1,361 @@
+"""Compiled search for the hazards that limit the arm's speed: exact, nothing sampled away.
+
+Hazards are sorted into cubic blocks with tight bounds once a snapshot; a search skips the blocks
+that provably hold nothing that matters. Plain-numpy twins are in the tests.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from armsight.arrays import Floats, Floats32, Ints, JointVector, Points, Poses
+
+
+class Blocks(NamedTuple):
+    """Hazards sorted by block.
+
+    Attributes:
+        points: (h, 3) float32 centres in ``base`` [m], block after block.
+        order: (h,) index of each in the snapshot's ``hazards``.
+        first: (b + 1,) points ``first[k]:first[k + 1]`` are block k's.
+        lower, upper: (b, 3) float32 bounds of each block's points [m].
+    """
+
+    points: Floats32
+    order: Ints
+    first: Ints
+    lower: Floats32
+    upper: Floats32
+
+
+class Law(NamedTuple):
+    """Numbers of the separation law; see :mod:`armsight.motion.separation`.
+
+    Attributes:
+        walking, reaching, close: of the person [m/s], [m/s], [m].
+        K: C + Z_d + Z_r [m].
+        T_person: time for which the person comes nearer before the arm brakes [s].
+        T_arm: time for which the arm goes on, as commanded, before it brakes [s].
+        hazard_radius: half diagonal of a hazard's cube [m].
+        retreat: speed at which a part may always move away [m/s].
+    """
+
+    walking: float
+    reaching: float
+    close: float
+    K: float
+    T_person: float
+    T_arm: float
+    hazard_radius: float
+    retreat: float
+
+
+@njit(cache=True, nogil=True)
+def sort_into_blocks(hazards: Floats32, size: float) -> Blocks:
+    """Sort (h, 3) hazards into cubes of edge ``size`` [m]."""
+    h = hazards.shape[0]
+    lo = np.array([np.inf, np.inf, np.inf])
+    hi = np.array([-np.inf, -np.inf, -np.inf])
+    for i in range(h):
+        for c in range(3):
+            lo[c] = min(lo[c], hazards[i, c])
+            hi[c] = max(hi[c], hazards[i, c])
+    if h == 0:
+        return Blocks(
+            np.empty((0, 3), np.float32),
+            np.empty(0, np.int64),
+            np.zeros(1, np.int64),
+            np.empty((0, 3), np.float32),
+            np.empty((0, 3), np.float32),
+        )
+    ny = int((hi[1] - lo[1]) / size) + 1
+    nz = int((hi[2] - lo[2]) / size) + 1
+    nx = int((hi[0] - lo[0]) / size) + 1
+    cell = np.empty(h, np.int64)
+    count = np.zeros(nx * ny * nz + 1, np.int64)
+    for i in range(h):
+        cx = int((hazards[i, 0] - lo[0]) / size)
+        cy = int((hazards[i, 1] - lo[1]) / size)
+        cz = int((hazards[i, 2] - lo[2]) / size)
+        cell[i] = (cx * ny + cy) * nz + cz
+        count[cell[i] + 1] += 1
+    blocks = 0
+    for c in range(nx * ny * nz):
+        if count[c + 1] > 0:
+            blocks += 1
+        count[c + 1] += count[c]
+    first = np.empty(blocks + 1, np.int64)
+    k = 0
+    for c in range(nx * ny * nz):
+        if count[c + 1] > count[c]:
+            first[k] = count[c]
+            k += 1
+    first[blocks] = h
+    points = np.empty((h, 3), np.float32)
+    order = np.empty(h, np.int64)
+    for i in range(h):
+        at = count[cell[i]]
+        count[cell[i]] += 1
+        order[at] = i
+        points[at, 0] = hazards[i, 0]
+        points[at, 1] = hazards[i, 1]
+        points[at, 2] = hazards[i, 2]
+    lower = np.empty((blocks, 3), np.float32)
+    upper = np.empty((blocks, 3), np.float32)
+    for k in range(blocks):
+        for c in range(3):
+            low, high = points[first[k], c], points[first[k], c]
+            for i in range(first[k] + 1, first[k + 1]):
+                low = min(low, points[i, c])
+                high = max(high, points[i, c])
+            lower[k, c] = low
+            upper[k, c] = high
+    return Blocks(points, order, first, lower, upper)
+
+
+@njit(cache=True, nogil=True)
+def allowed_share(distance: float, closing: float, speed: float, stopping: float, law: Law):
+    """Share of a motion that separation allows to one part in view of one hazard.
+
+    The motion at share s closes in at ``s closing`` and needs ``s stopping`` to stop; the share is
+    the root of ``D = v_h (T_r + s T_s) + s v_r T_r + s^2 v_r T_s / 2 + K``.
+
+    Args:
+        distance: D from the part's surface to the hazard's [m].
+        closing: speed towards the hazard of the whole motion [m/s]; negative when receding.
+        speed: of the part, in any direction [m/s].
+        stopping: time to stop from the whole motion [s].
+    """
+    if speed <= 0.0:
+        return np.inf
+    v_h = law.reaching if distance < law.close else law.walking
+    spare = distance - law.K - v_h * law.T_person
+    share = 0.0
+    towards = max(closing, 0.0)
+    if spare > 0.0:
+        b = v_h * stopping + towards * law.T_arm
+        root = b + np.sqrt(b * b + 2.0 * towards * stopping * spare)
+        share = 2.0 * spare / root if root > 0.0 else np.inf
+    if closing <= 0.0:
+        share = max(share, law.retreat / speed)
+    return share
+
+
+@njit(cache=True, nogil=True)
+def protective(distance: float, closing: float, stopping: float, law: Law) -> float:
+    """S_p [m] of one part in view of one hazard, for the motion as it is."""
+    v_h = law.reaching if distance < law.close else law.walking
+    towards = max(closing, 0.0)
+    return v_h * (law.T_person + stopping) + towards * law.T_arm + 0.5 * towards * stopping + law.K
+
+
+@njit(cache=True, nogil=True)
+def scan(
+    blocks: Blocks,
+    center: Points,
+    radius: Floats,
+    velocity: Points,
+    stopping: Floats,
+    law: Law,
+    horizon: float,
+    distance: Floats,
+    nearest: Ints,
+    share: Floats,
+    limiting: Ints,
+) -> None:
+    """Nearest hazard and allowed share of the motion for each of (m,) spheres.
+
+    Args:
+        blocks: the hazards; center: (m, 3) [m]; radius: (m,) [m].
+        velocity: (m, 3) of the whole motion [m/s]; stopping: (m,) its stopping time [s].
+        law: numbers of the law; horizon: hazards farther than this are of no interest unless
+            they limit the motion [m].
+        distance: (m,) out: to the nearest hazard [m], inf beyond the horizon.
+        nearest: (m,) out: index into ``blocks.points``, -1 for none.
+        share: (m,) out: allowed share of the motion, inf if unlimited.
+        limiting: (m,) out: index of the hazard that limits it, -1 for none.
+    """
+    for i in range(center.shape[0]):
+        x, y, z = center[i, 0], center[i, 1], center[i, 2]
+        vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        skin = radius[i] + law.hazard_radius
+        speed = np.sqrt(vx * vx + vy * vy + vz * vz)
+        best = horizon
+        best_index = -1
+        least = np.inf
+        least_index = -1
+        # Farther than this the whole motion is allowed, whatever its direction. (Nearer than
+        # ``close`` the person counts as faster, so that range is never skipped wrongly.)
+        need = law.K + speed * (law.T_arm + 0.5 * stopping[i])
+        time = law.T_person + stopping[i]
+        cut = need + law.walking * time
+        if cut < law.close:
+            cut = min(need + law.reaching * time, law.close)
+        if speed <= 0.0:
+            cut = -np.inf
+        for k in range(blocks.lower.shape[0]):
+            dx = max(blocks.lower[k, 0] - x, x - blocks.upper[k, 0], 0.0)
+            dy = max(blocks.lower[k, 1] - y, y - blocks.upper[k, 1], 0.0)
+            dz = max(blocks.lower[k, 2] - z, z - blocks.upper[k, 2], 0.0)
+            reach = max(cut, best) + skin
+            if dx * dx + dy * dy + dz * dz > reach * reach:
+                continue
+            for p in range(blocks.first[k], blocks.first[k + 1]):
+                ex = blocks.points[p, 0] - x
+                ey = blocks.points[p, 1] - y
+                ez = blocks.points[p, 2] - z
+                away = np.sqrt(ex * ex + ey * ey + ez * ez)
+                d = away - skin
+                if d < best:
+                    best = d
+                    best_index = p
+                if d < cut:
+                    # At the very centre every direction closes in.
+                    closing = speed
+                    if away > 1e-9:
+                        closing = (ex * vx + ey * vy + ez * vz) / away
+                    s = allowed_share(d, closing, speed, stopping[i], law)
+                    if s < least:
+                        least = s
+                        least_index = p
+        distance[i] = best if best_index >= 0 else np.inf
+        nearest[i] = best_index
+        share[i] = least
+        limiting[i] = least_index
+
+
+@njit(cache=True, nogil=True)
+def sphere_motion(
+    poses: Poses,
+    axis: Points,
+    link: Ints,
+    center: Points,
+    q_dot: JointVector,
+    out_center: Points,
+    out_velocity: Points,
+) -> None:
+    """Write (m, 3) centres in ``base`` [m] and their velocities [m/s] of spheres fixed to links."""
+    n = axis.shape[0]
+    # Twist of each link about the base's origin: angular w and linear u = velocity of the origin.
+    w = np.zeros((n + 1, 3))
+    u = np.zeros((n + 1, 3))
+    for j in range(n):
+        T = poses[j + 1]
+        ax = T[0, 0] * axis[j, 0] + T[0, 1] * axis[j, 1] + T[0, 2] * axis[j, 2]
+        ay = T[1, 0] * axis[j, 0] + T[1, 1] * axis[j, 1] + T[1, 2] * axis[j, 2]
+        az = T[2, 0] * axis[j, 0] + T[2, 1] * axis[j, 1] + T[2, 2] * axis[j, 2]
+        s = q_dot[j]
+        px, py, pz = T[0, 3], T[1, 3], T[2, 3]
+        w[j + 1, 0] = w[j, 0] + s * ax
+        w[j + 1, 1] = w[j, 1] + s * ay
+        w[j + 1, 2] = w[j, 2] + s * az
+        u[j + 1, 0] = u[j, 0] + s * (py * az - pz * ay)
+        u[j + 1, 1] = u[j, 1] + s * (pz * ax - px * az)
+        u[j + 1, 2] = u[j, 2] + s * (px * ay - py * ax)
+    for k in range(link.shape[0]):
+        i = link[k]
+        T = poses[i]
+        x = T[0, 0] * center[k, 0] + T[0, 1] * center[k, 1] + T[0, 2] * center[k, 2] + T[0, 3]
+        y = T[1, 0] * center[k, 0] + T[1, 1] * center[k, 1] + T[1, 2] * center[k, 2] + T[1, 3]
+        z = T[2, 0] * center[k, 0] + T[2, 1] * center[k, 1] + T[2, 2] * center[k, 2] + T[2, 3]
+        out_center[k, 0], out_center[k, 1], out_center[k, 2] = x, y, z
+        out_velocity[k, 0] = u[i, 0] + w[i, 1] * z - w[i, 2] * y
+        out_velocity[k, 1] = u[i, 1] + w[i, 2] * x - w[i, 0] * z
+        out_velocity[k, 2] = u[i, 2] + w[i, 0] * y - w[i, 1] * x
+
+
+@njit(cache=True, nogil=True)
+def drive_ahead(
+    q: JointVector,
+    q_dot: JointVector,
+    until: Floats,
+    target: Points,
+    braking: np.ndarray,
+    acceleration: JointVector,
+    brake: JointVector,
+    start: float,
+) -> None:
+    """Move (n,) joints in place through commands that are on their way.
+
+    Each joint ramps towards the command in force; the last command holds until its time.
+
+    Args:
+        q, q_dot: state at ``start`` [s], overwritten by the state at ``until[-1]``.
+        until: (k,) end of each command's time [s]; target: (k, n) [rad/s]; braking: (k,).
+        acceleration, brake: (n,) ramps of commands and of stops [rad/s^2].
+        start: time of the state [s].
+    """
+    t = start
+    for k in range(until.shape[0]):
+        dt = until[k] - t
+        if dt <= 0.0:
+            continue
+        for j in range(q.shape[0]):
+            a = brake[j] if braking[k] else acceleration[j]
+            wanted = 0.0 if braking[k] else target[k, j]
+            change = wanted - q_dot[j]
+            ramp = min(abs(change) / a, dt) if a > 0.0 else 0.0
+            signed = a if change > 0.0 else -a
+            q[j] += q_dot[j] * ramp + 0.5 * signed * ramp * ramp
+            q_dot[j] += signed * ramp
+            if ramp < dt:
+                q_dot[j] = wanted
+                q[j] += wanted * (dt - ramp)
+        t = until[k]
+
+
+@njit(cache=True, nogil=True)
+def stop_path(q: JointVector, q_dot: JointVector, brake: JointVector, pieces: int) -> Points:
+    """(pieces + 1, n) positions while every joint brakes as hard as it can, ends included."""
+    n = q.shape[0]
+    longest = 0.0
+    for j in range(n):
+        longest = max(longest, abs(q_dot[j]) / brake[j])
+    out = np.empty((pieces + 1, n))
+    for k in range(pieces + 1):
+        t = longest * k / pieces
+        for j in range(n):
+            own = min(t, abs(q_dot[j]) / brake[j])
+            slow = brake[j] if q_dot[j] > 0.0 else -brake[j]
+            out[k, j] = q[j] + q_dot[j] * own - 0.5 * slow * own * own
+    return out
+
+
+@njit(cache=True, nogil=True)
+def stopping_times(q_dot: JointVector, brake: JointVector, link: Ints, out: Floats) -> None:
+    """Write (m,) seconds until everything that moves each sphere's link has stopped."""
+    n = q_dot.shape[0]
+    until = np.zeros(n + 1)
+    for j in range(n):
+        until[j + 1] = max(until[j], abs(q_dot[j]) / brake[j])
+    for k in range(link.shape[0]):
+        out[k] = until[link[k]]
+
+
+@njit(cache=True, nogil=True)
+def project(wanted: JointVector, rows: Points, bounds: Floats, sweeps: int) -> JointVector:
+    """The motion nearest to a wanted one with ``rows @ motion <= bounds`` (Hildreth's method).
+
+    Args:
+        wanted: (n,); rows: (k, n); bounds: (k,); sweeps: over all rows; few suffice for few rows.
+    """
+    x = wanted.copy()
+    k, n = rows.shape
+    dual = np.zeros(k)
+    for _ in range(sweeps):
+        for i in range(k):
+            square = 0.0
+            excess = -bounds[i]
+            for j in range(n):
+                square += rows[i, j] * rows[i, j]
+                excess += rows[i, j] * x[j]
+            if square <= 1e-12:
+                continue
+            step = max(excess / square, -dual[i])
+            dual[i] += step
+            for j in range(n):
+                x[j] -= step * rows[i, j]
+    return x

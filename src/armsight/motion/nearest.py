@@ -1,0 +1,164 @@
+"""The hazards nearest to each part of the body, and what separation allows a motion in their view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armsight.arrays import Floats, Ints, JointVector, Points, Vector3
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.guard_kernels import (
+    Blocks,
+    Law,
+    scan,
+    sort_into_blocks,
+    sphere_motion,
+    stopping_times,
+)
+from armsight.robots.kernels import chain_poses
+from armsight.robots.robot import Robot
+
+BLOCK = 0.16
+"""Edge of a hazard block [m]; eight voxels of 2 cm."""
+HORIZON = 3.0
+"""Hazards farther away are not reported [m]."""
+
+
+@dataclass(frozen=True)
+class Hazards:
+    """The hazards of one snapshot, ready for searching.
+
+    Attributes:
+        blocks: sorted; radius: half diagonal of a hazard's cube [m].
+    """
+
+    blocks: Blocks
+    radius: float
+
+    @classmethod
+    def of(cls, snapshot: WorkspaceSnapshot) -> Hazards:
+        """Sort a snapshot's hazards; not finite ones are left out by nobody: they are an error."""
+        points = np.ascontiguousarray(snapshot.hazards, np.float32).reshape(-1, 3)
+        return cls(sort_into_blocks(points, BLOCK), float(snapshot.hazard_radius))
+
+    @classmethod
+    def at(cls, points: Points, radius: float) -> Hazards:
+        """Hazards from (h, 3) points [m]."""
+        rows = np.ascontiguousarray(points, np.float32).reshape(-1, 3)
+        return cls(sort_into_blocks(rows, BLOCK), radius)
+
+
+@dataclass(frozen=True)
+class View:
+    """What one pose and motion of the body looks like to separation.
+
+    Attributes:
+        center: (m, 3) of the moving spheres in ``base`` [m]; velocity: (m, 3) [m/s].
+        stopping: (m,) time until the sphere's link stands [s].
+        distance: (m,) to the nearest hazard's surface [m]; inf if none.
+        nearest: (m,) index into ``hazards.blocks.points``; -1 if none.
+        share: (m,) share of the motion that is allowed; inf if unlimited.
+        limiting: (m,) index of the hazard that limits it.
+    """
+
+    center: Points
+    velocity: Points
+    stopping: Floats
+    distance: Floats
+    nearest: Ints
+    share: Floats
+    limiting: Ints
+
+    @property
+    def closest(self) -> int:
+        """Sphere nearest to any hazard."""
+        return int(np.argmin(self.distance))
+
+    @property
+    def least(self) -> float:
+        """Least distance of any sphere [m]."""
+        return float(self.distance.min())
+
+    @property
+    def allowed(self) -> float:
+        """Share of the motion that every sphere allows, 0 or more."""
+        return float(self.share.min())
+
+
+class MovingBody:
+    """The spheres of a robot that its joints can move.
+
+    Raises:
+        ValueError: the robot has no spheres, so nothing of it could be protected.
+    """
+
+    def __init__(self, robot: Robot, brake: JointVector) -> None:
+        spheres = robot.spheres
+        if len(spheres.radius) == 0:
+            raise ValueError(
+                f"{robot.name} has no link spheres: nothing of it could be protected; "
+                "convert it with shapes (scripts/convert_robots.py) or use a catalogue robot"
+            )
+        moving = np.asarray(spheres.link) > 0
+        self.robot = robot
+        self.brake = np.ascontiguousarray(brake, float)
+        self.link = np.ascontiguousarray(np.asarray(spheres.link)[moving], np.int64)
+        self.local = np.ascontiguousarray(np.asarray(spheres.center)[moving], float)
+        self.radius = np.ascontiguousarray(np.asarray(spheres.radius)[moving], float)
+
+    def motion(self, q: JointVector, q_dot: JointVector) -> tuple[Points, Points]:
+        """(m, 3) centres in ``base`` [m] and their velocities [m/s]."""
+        robot = self.robot
+        poses = chain_poses(np.ascontiguousarray(q, float), robot.T_link_joint, robot.axis)
+        center, velocity = np.empty_like(self.local), np.empty_like(self.local)
+        rates = np.ascontiguousarray(q_dot, float)
+        sphere_motion(poses, robot.axis, self.link, self.local, rates, center, velocity)
+        return center, velocity
+
+    def view(
+        self,
+        q: JointVector,
+        q_dot: JointVector,
+        hazards: Hazards,
+        law: Law,
+        parts: np.ndarray | None = None,
+    ) -> View:
+        """What separation says of a motion (n,) [rad/s] at (n,) [rad].
+
+        Args:
+            q: joint positions; q_dot: joint velocities of the whole motion.
+            hazards: to look at; law: numbers of the law.
+            parts: (m,) bool, spheres to look at; all if left out. Others are unlimited.
+        """
+        center, velocity = self.motion(q, q_dot)
+        m = len(self.radius)
+        stopping = np.empty(m)
+        stopping_times(np.ascontiguousarray(q_dot, float), self.brake, self.link, stopping)
+        distance, share = np.full(m, np.inf), np.full(m, np.inf)
+        nearest, limiting = np.full(m, -1), np.full(m, -1)
+        if parts is None:
+            scan(
+                hazards.blocks, center, self.radius, velocity, stopping, law, HORIZON,
+                distance, nearest, share, limiting,
+            )  # fmt: skip
+        else:
+            d, k, s, g = distance[parts], nearest[parts], share[parts], limiting[parts]
+            scan(
+                hazards.blocks, center[parts], self.radius[parts], velocity[parts],
+                stopping[parts], law, HORIZON, d, k, s, g,
+            )  # fmt: skip
+            distance[parts], nearest[parts], share[parts], limiting[parts] = d, k, s, g
+        return View(center, velocity, stopping, distance, nearest, share, limiting)
+
+    def pair(self, view: View, hazards: Hazards, sphere: int) -> tuple[Vector3, Vector3] | None:
+        """Surface points (body, hazard) in ``base`` of a sphere and its nearest hazard, or None."""
+        index = int(view.nearest[sphere])
+        if index < 0:
+            return None
+        center = view.center[sphere]
+        hazard = hazards.blocks.points[index].astype(float)
+        away = hazard - center
+        length = float(np.linalg.norm(away))
+        unit = away / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+        return center + self.radius[sphere] * unit, hazard

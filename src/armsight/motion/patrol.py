@@ -1,0 +1,68 @@
+"""T2's patrol: from goal to goal and back again, resting at each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from armsight.arrays import JointVector
+from armsight.errors import UsageError
+from armsight.motion.data import GuardStatus, JointGoal
+
+
+class PatrolTask:
+    """Visits named goals in order, again and again (A-B-A with two).
+
+    Args:
+        goals: (n,) joint positions by name [rad], visited in this order.
+        dwell: rest at each goal [s].
+        speed: share of the allowed speed, 0..1.
+        tolerance: reached when every joint is this close [rad].
+
+    Attributes:
+        visits: goals reached so far; times: when each was reached [s].
+
+    Raises:
+        UsageError: fewer than two goals.
+    """
+
+    name = "patrol"
+
+    def __init__(
+        self,
+        goals: Mapping[str, JointVector],
+        dwell: float = 0.5,
+        speed: float = 1.0,
+        tolerance: float = 0.01,
+    ) -> None:
+        if len(goals) < 2:
+            raise UsageError(
+                f"a patrol needs at least two goals, found {len(goals)}; "
+                "name them in the workcell file under [patrol.goals_deg]"
+            )
+        self._goals = [JointGoal(name, q, tolerance, speed) for name, q in goals.items()]
+        self._dwell = dwell
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the first goal, nothing visited."""
+        self.visits = 0
+        self.times: list[float] = []
+        self._arrived = math.inf
+
+    @property
+    def goal(self) -> JointGoal:
+        """The goal pursued now."""
+        return self._goals[self.visits % len(self._goals)]
+
+    def update(self, now: float, status: GuardStatus | None) -> JointGoal | None:
+        """The goal to pursue now; the next one once the arm has rested at this one."""
+        here = self.goal
+        if status is not None and status.goal == here.name and status.reached:
+            if math.isinf(self._arrived):
+                self._arrived = now
+                self.times.append(now)
+            if now - self._arrived >= self._dwell:
+                self.visits += 1
+                self._arrived = math.inf
+        return self.goal
