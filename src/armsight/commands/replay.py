@@ -43,6 +43,7 @@ class Replay:
         from armsight.commands.patrol import speed_of
         from armsight.commands.running import Wanted, run_session, say, write_summary
         from armsight.errors import RecordingError
+        from armsight.runtime.replay_parts import HoldAtEnd
 
         if not self.source.exists():
             raise RecordingError(f"{self.source}: no such recording or folder of depth images")
@@ -55,6 +56,7 @@ class Replay:
                 seconds=self.seconds if self.seconds is not None or not self.headless else end,
                 page=None if self.headless else self.page,
                 speed=speed_of(self.speed, self.headless),
+                observers=() if self.headless else (HoldAtEnd(),),
             )
             session = run_session(cell, None, wanted)
             summary = map_summary(session.view())

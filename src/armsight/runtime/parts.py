@@ -14,6 +14,8 @@ from armsight.motion.guard_config import GuardConfig
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.runtime.components import Guards, Maps
 from armsight.runtime.configure import guard_config, mapping_config
+from armsight.runtime.playback import Playback
+from armsight.runtime.replay_parts import replay_parts
 from armsight.runtime.warm_up import Progress, warm_up
 
 if TYPE_CHECKING:
@@ -39,6 +41,9 @@ class Parts:
 
 def make_parts(cell: Cell, config: SessionConfig) -> Parts:
     """The parts for a cell: what ``config`` leaves open comes from the cell's file."""
+    world: object = cell.world
+    if isinstance(world, Playback):
+        return replay_parts(cell, config, world)
     infos = [camera.info for camera in cell.cameras]
     mapping = config.mapping or mapping_of(cell)
     guard = config.guard or guard_of(cell, config)

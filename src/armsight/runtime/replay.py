@@ -176,9 +176,9 @@ class _Decoder:
                 self._tree.set(parent, child, T)
                 self._moved.add(child) if topic == "/tf" else None
         elif topic == "/guard/path":
-            self._path = messages.decode_trajectory(message)
+            self._path = _or_none(messages.decode_trajectory(message))
         elif topic == "/guard/executed":
-            self._executed = messages.decode_trajectory(message)
+            self._executed = _or_none(messages.decode_trajectory(message))
         elif topic == "/guard/status":
             _, reason, values = messages.decode_diagnostics(message).get(GUARD, (0, "", {}))
             status = guard_from_status(reason, values, self._path, self._executed)
@@ -208,3 +208,8 @@ class _Decoder:
             color if color_stamp == stamp else None,
             pose,
         )
+
+
+def _or_none(path: JointPath) -> JointPath | None:
+    """An empty path was recorded for none."""
+    return path if len(path) else None

@@ -59,7 +59,7 @@ def figures(guard: GuardStatus | None, tip_speed: float, now: float) -> str:
     cells = (
         ("distance", distance, color, "nearest hazard to the robot's body"),
         ("protective", protective, "inherit", "distance that separation demands now"),
-        ("tip speed", f"{tip_speed:.2f} m/s", "inherit", "commanded"),
+        ("tip speed", f"{tip_speed:.2f} m/s", "inherit", "of the flange, measured"),
         ("speed scale", scale, "inherit", "share of the planned speed"),
     )
     boxes = "".join(

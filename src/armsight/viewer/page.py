@@ -197,11 +197,12 @@ class LivePage:
                     self.problem = f"page: {type(error).__name__}: {error}"
 
     def _tip_speed(self, view: SessionView) -> float:
-        """Speed of the flange under the last command [m/s]."""
-        guard, joints, robot = view.guard, view.joints, self._cell.robot
-        if guard is None or joints is None or not robot.n or guard.command.shape != (robot.n,):
+        """Speed of the flange at the last joint reading [m/s]."""
+        joints, robot = view.joints, self._cell.robot
+        if joints is None or not robot.n:
             return 0.0
-        return float(np.linalg.norm((flange_jacobian(robot, joints.position) @ guard.command)[:3]))
+        jacobian = flange_jacobian(robot, joints.position)
+        return float(np.linalg.norm((jacobian @ joints.velocity)[:3]))
 
     # -- wishes ---------------------------------------------------------------------------------
 

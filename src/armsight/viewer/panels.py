@@ -15,7 +15,7 @@ from armsight.viewer import html
 from armsight.viewer.history import SECONDS, History
 from armsight.viewer.scene import Layer
 
-SPEEDS = {"¼×": 0.25, "½×": 0.5, "1×": 1.0, "2×": 2.0, "max": math.inf}
+SPEEDS = {"½×": 0.5, "1×": 1.0, "2×": 2.0, "max": math.inf}
 WIDTH = 320
 """Of each column of panels [px]."""
 NO_PLOT_ABOVE = 1.5

@@ -267,7 +267,7 @@ def _light(api: viser.SceneApi) -> None:
     api.configure_environment_map(None)
     api.configure_default_lights(enabled=False)
     api.add_light_hemisphere(
-        "/lights/sky", sky_color=(225, 235, 255), ground_color=(110, 105, 98), intensity=1.6
+        "/lights/sky", sky_color=(225, 235, 255), ground_color=(130, 125, 118), intensity=2.4
     )
     api.add_light_directional(
         "/lights/key",
@@ -292,8 +292,8 @@ def _first_look(server: viser.ViserServer, cell: Cell) -> None:
         eye = target + away
     else:
         reach = max(cell.robot.reach, 0.6)
-        target = T[:3, 3] + np.array([0.3 * reach, 0.0, 0.2 * reach])
-        eye = target + reach * np.array([*(2.9 * _clear_view(places - target)), 1.3])
+        target = T[:3, 3] + np.array([0.45 * reach, 0.0, 0.1 * reach])
+        eye = target + reach * np.array([*(3.2 * _clear_view(places - target)), 1.5])
     server.initial_camera.look_at = tuple(target)
     server.initial_camera.position = tuple(eye)
     server.initial_camera.fov = float(np.deg2rad(42.0))

@@ -1,0 +1,121 @@
+"""What a session runs on a recording: the same map; no planner; the guard's word as recorded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from armsight.devices.data import JointState
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.mapping.workspace_map import WorkspaceMap
+from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
+from armsight.motion.guard import GuardDecision
+from armsight.motion.plan import Plan
+from armsight.runtime.config import SessionConfig
+from armsight.runtime.playback import Playback
+
+if TYPE_CHECKING:
+    from armsight.runtime.parts import Parts
+    from armsight.workcell import Cell
+
+HOLD_AFTER = 0.06
+"""A replay holds this long after its last reading: the map has seen it, no camera is stale [s]."""
+
+
+class RecordedGuard:
+    """Says what the guard said; commands nothing."""
+
+    def __init__(self, playback: Playback, joints: int) -> None:
+        self._playback = playback
+        self._rest = np.zeros(joints)
+
+    def step(
+        self,
+        now: float,
+        joints: JointState | None,
+        snapshot: WorkspaceSnapshot | None,
+        goal: JointGoal | None,
+        plan: Plan | None,
+    ) -> GuardDecision:
+        """The recorded status of this time, or an idle one where none was recorded."""
+        status = self._playback.guard or GuardStatus(
+            stamp=now,
+            mode=GuardMode.IDLE,
+            reason="a recording without an arm" if not len(self._rest) else "",
+            goal="",
+            reached=False,
+            command=self._rest,
+            speed_scale=0.0,
+            distance=np.inf,
+            protective_distance=np.nan,
+            nearest_hazard=None,
+            nearest_body=None,
+            path=None,
+            executed=None,
+            snapshot_sequence=-1 if snapshot is None else snapshot.sequence,
+            snapshot_age=np.inf if snapshot is None else now - snapshot.oldest,
+        )
+        return GuardDecision(self._rest, status)
+
+
+class NoPlanner:
+    """There is nothing to plan for an arm that moves as it did."""
+
+    def plan(
+        self,
+        request: PlanRequest,
+        snapshot: WorkspaceSnapshot,
+        time_limit: float,
+        rng: np.random.Generator,
+    ) -> Plan:
+        """Answer that no path is to be had."""
+        none = np.zeros((0, len(request.start)))
+        words = "a recording is not planned for"
+        return Plan(request.sequence, none, None, np.inf, snapshot.sequence, 0.0, 0.0, words)
+
+
+def replay_parts(cell: Cell, config: SessionConfig, playback: Playback) -> Parts:
+    """The parts of a session on a recording."""
+    from armsight.runtime.parts import Parts, mapping_of
+
+    infos = [camera.info for camera in cell.cameras]
+    workspace = WorkspaceMap(cell.robot, infos, cell.static, config.mapping or mapping_of(cell))
+    return Parts(workspace, NoPlanner(), RecordedGuard(playback, cell.robot.n))
+
+
+class Holds(Protocol):
+    """What :class:`HoldAtEnd` needs of a session."""
+
+    cell: Cell
+
+    def pause(self) -> None:
+        """Stand still."""
+        ...
+
+
+class HoldAtEnd:
+    """Pauses a session when its recording has come to the end, so that the last map stays."""
+
+    name = "replay"
+    period = 0.02
+
+    def __init__(self) -> None:
+        self.problem = ""
+        self._session: Holds | None = None
+        self._held = False
+
+    def attach(self, session: Holds) -> None:
+        """The session to pause."""
+        self._session = session
+
+    def update(self, now: float) -> None:
+        """Look whether it is time."""
+        session = self._session
+        playback: Any = None if session is None else session.cell.world
+        if session is None or not isinstance(playback, Playback):
+            return
+        end = playback.finished and now >= playback.source.span[1] + HOLD_AFTER
+        if end and not self._held:
+            session.pause()
+        self._held = end
