@@ -14,6 +14,9 @@ def no_robot(frame: str = "base") -> Robot:
     none = np.zeros(0)
     nowhere = np.zeros((0, 3))
     no_links = np.zeros(0, np.int64)
+    # The self-filter wants a shape: a grain of sand where no camera looks.
+    away = np.array([[0.0, 0.0, -1000.0]])
+    grain = Capsules(np.zeros(1, np.int64), away, away, np.array([0.001]))
     return Robot(
         name=NAME,
         joint_names=(),
@@ -23,7 +26,7 @@ def no_robot(frame: str = "base") -> Robot:
         T_last_flange=np.eye(4),
         limits=JointLimits(none, none, none, none, none),
         spheres=Spheres(no_links, nowhere, none),
-        capsules=Capsules(no_links, nowhere, nowhere, none),
+        capsules=grain,
         self_pairs=np.zeros((0, 2), np.int64),
         meshes=(),
         link_mass=np.zeros(1),

@@ -244,13 +244,14 @@ class Recorder:
     def _fail(self, error: Exception) -> None:
         """End the recording: close what there is, and say what happened."""
         self._queue.close(drop=True)
-        what = "the disk is full" if getattr(error, "errno", 0) in _FULL else str(error)
+        full = getattr(error, "errno", 0) in _FULL
+        what = "the disk is full" if full else f"{type(error).__name__}: {error}"
         seconds = self._last - (self._start or 0.0)
         try:
             kept = self._writer.abandon()
             self._failure = (
-                f"recording stopped: {what}; {kept} is complete up to {seconds:.1f} s. "
-                "Free some space, or record to another disk"
+                f"recording stopped: {what}; {kept} is complete up to {seconds:.1f} s"
+                + ". Free some space, or record to another disk" * full
             )
         except OSError as second:
             self._failure = (
@@ -280,8 +281,8 @@ class Recorder:
             topic,
             kind,
             data,
-            to_ns(now),
-            to_ns(stamp) if np.isfinite(stamp) else 0,
+            max(0, to_ns(now)),
+            max(0, to_ns(stamp)) if np.isfinite(stamp) else 0,  # MCAP's times are unsigned
             sequence=sequence,
             latched=latched,
         )

@@ -60,7 +60,9 @@ def make_cell(cameras: tuple[RgbdCameraInfo, ...] | None = None) -> Cell:
     )
 
 
-def make_frame(info: RgbdCameraInfo, sequence: int, stamp: float, rng: np.random.Generator) -> RgbdFrame:
+def make_frame(
+    info: RgbdCameraInfo, sequence: int, stamp: float, rng: np.random.Generator
+) -> RgbdFrame:
     depth = rng.uniform(0.5, 4.5, (info.depth.height, info.depth.width)).astype(np.float32)
     depth[rng.random(depth.shape) < 0.2] = np.nan
     color = None

@@ -1,0 +1,319 @@
+"""Recording a session: everything once, nothing lost, and a full disk ends only the recording."""
+
+from __future__ import annotations
+
+import errno
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded_cells import (
+    FakeSession,
+    camera_info,
+    empty_view,
+    make_cell,
+    make_frame,
+    make_joints,
+    make_movers,
+    make_status,
+)
+from rosbags.highlevel import AnyReader
+
+from armsight.devices.data import JointState, RgbdFrame
+from armsight.errors import RecordingError
+from armsight.runtime.mcap_file import McapWriter
+from armsight.runtime.messages import TRANSFORMS
+from armsight.runtime.recording import Recorder
+from armsight.runtime.replay import open_recording
+from armsight.runtime.view import Mover
+
+SEED = 3
+
+
+def record(path: Path, rounds: int = 20) -> tuple[list[RgbdFrame], list[JointState], list[Mover]]:
+    """A made-up session of 20 rounds at 20 Hz."""
+    rng = np.random.default_rng(SEED)
+    cell = make_cell()
+    recorder = Recorder(path, cell)
+    session = FakeSession(cell)
+    recorder.attach(session)
+    frames, states, movers = [], [], []
+    for i in range(rounds):
+        now = i * 0.05
+        state = make_joints(now - 0.002, 6, rng)
+        states.append(state)
+        for _ in range(3):
+            recorder.on_joints(state, now)  # sensing looks more often than the arm speaks
+        for camera in cell.cameras:
+            frames.append(make_frame(camera.info, i, now - 0.03, rng))
+            recorder.on_frame(frames[-1], now)
+        movers.append(make_movers(rng))
+        session.shown = empty_view(
+            now, joints=state, guard=make_status(now, 6, rng), movers=movers[-1]
+        )
+        recorder.update(now)
+    assert recorder.close() == path
+    assert recorder.problem == ""
+    assert recorder.close() == path  # again
+    return frames, states, movers
+
+
+def play(path: Path, rounds: int = 20) -> tuple[list[RgbdFrame], list[JointState], list[Mover]]:
+    frames, states, movers = [], [], []
+    with open_recording(path) as cell:
+        assert cell.world is not None
+        for i in range(rounds):
+            cell.world.advance(i * 0.05)
+            states.append(cell.arm.read())
+            movers.append(cell.world.movers())
+            frames += [f for camera in cell.cameras if (f := camera.read()) is not None]
+            assert all(camera.read() is None for camera in cell.cameras)
+        assert cell.world.finished
+    return frames, states, movers
+
+
+def test_what_is_recorded_is_replayed_bit_for_bit(tmp_path: Path) -> None:
+    frames, states, movers = record(tmp_path / "a.mcap")
+    again_frames, again_states, again_movers = play(tmp_path / "a.mcap")
+    assert len(again_frames) == len(frames)
+    for a, b in zip(frames, again_frames):
+        assert (a.camera, a.sequence) == (b.camera, b.sequence)
+        assert a.depth.tobytes() == b.depth.tobytes()
+        assert (a.color is None) == (b.color is None)
+        if a.color is not None:
+            assert a.color.tobytes() == b.color.tobytes()
+        assert abs(a.stamp - b.stamp) <= 0.5e-9
+        assert b.T_base_camera is None
+    for a, b in zip(states, again_states):
+        assert a.position.tobytes() == b.position.tobytes()
+        assert a.velocity.tobytes() == b.velocity.tobytes()
+        assert a.effort is not None
+        assert b.effort is not None
+        assert a.effort.tobytes() == b.effort.tobytes()
+    assert [[m.name for m in now] for now in again_movers] == [
+        [m.name for m in now] for now in movers
+    ]
+
+
+def test_the_cell_comes_back(tmp_path: Path) -> None:
+    record(tmp_path / "a.mcap", 2)
+    cell = make_cell()
+    with open_recording(tmp_path / "a.mcap") as again:
+        assert again.robot.name == cell.robot.name
+        assert again.T_world_base.tobytes() == cell.T_world_base.tobytes()
+        assert again.arm.joint_names == cell.robot.joint_names
+        for a, b in zip(cell.cameras, again.cameras, strict=True):
+            assert a.info.depth == b.info.depth
+            assert a.info.color == b.info.color
+            assert a.info.T_mount_camera.tobytes() == b.info.T_mount_camera.tobytes()
+            assert (a.info.noise, a.info.range, a.info.rate) == (
+                b.info.noise,
+                b.info.range,
+                b.info.rate,
+            )
+        [solid] = again.static
+        assert solid.T_frame_solid.tobytes() == cell.static[0].T_frame_solid.tobytes()
+
+
+def test_a_recorded_arm_takes_commands_and_sends_none(tmp_path: Path) -> None:
+    record(tmp_path / "a.mcap", 2)
+    with open_recording(tmp_path / "a.mcap") as cell:
+        np.testing.assert_array_equal(cell.arm.command_velocity(np.ones(6)), np.zeros(6))
+        cell.arm.stop()
+
+
+def test_a_reset_replays_the_same(tmp_path: Path) -> None:
+    record(tmp_path / "a.mcap", 5)
+    with open_recording(tmp_path / "a.mcap") as cell:
+        assert cell.world is not None
+        runs = []
+        for _ in range(2):
+            cell.world.advance(0.12)
+            runs.append((cell.cameras[0].read().depth.tobytes(), cell.arm.read().stamp))
+            cell.world.reset()
+            assert cell.clock.now() == 0.0
+            assert cell.arm.read() is None
+            assert cell.cameras[0].read() is None
+        assert runs[0] == runs[1]
+
+
+def test_another_reader_finds_standard_types(tmp_path: Path) -> None:
+    frames, _, _ = record(tmp_path / "a.mcap")
+    kinds = {
+        "/left/depth/image_raw": ("sensor_msgs/msg/Image", 20),  # it has distortion
+        "/right/depth/image_rect_raw": ("sensor_msgs/msg/Image", 20),
+        "/left/depth/camera_info": ("sensor_msgs/msg/CameraInfo", 20),
+        "/left/color/image_raw": ("sensor_msgs/msg/Image", 20),
+        "/joint_states": ("sensor_msgs/msg/JointState", 20),
+        "/tf": ("tf2_msgs/msg/TFMessage", 20),
+        "/tf_static": ("tf2_msgs/msg/TFMessage", 1),
+        "/robot_description": ("std_msgs/msg/String", 1),
+        "/guard/status": ("diagnostic_msgs/msg/DiagnosticArray", 20),
+        "/guard/distance": ("std_msgs/msg/Float64", 20),
+        "/guard/path": ("trajectory_msgs/msg/JointTrajectory", 20),
+        "/movers": ("visualization_msgs/msg/MarkerArray", 20),
+        "/workcell/solids": ("visualization_msgs/msg/MarkerArray", 1),
+    }
+    with AnyReader([tmp_path / "a.mcap"]) as bag:
+        for topic, (kind, count) in kinds.items():
+            assert (bag.topics[topic].msgtype, bag.topics[topic].msgcount) == (kind, count), topic
+        images = [
+            (at, bag.deserialize(raw, connection.msgtype))
+            for connection, at, raw in bag.messages()
+            if connection.topic == "/right/depth/image_rect_raw"
+        ]
+        latched = next(c for c in bag.connections if c.topic == "/tf_static")
+    mine = [frame for frame in frames if frame.camera == "right"]
+    for frame, (at, image) in zip(mine, images, strict=True):
+        assert image.encoding == "32FC1"
+        assert bytes(image.data) == frame.depth.tobytes()
+        assert at == round((frame.stamp + 0.03) * 1e9)
+        assert image.header.frame_id == "right_depth_optical_frame"
+    assert "transient_local" in str(latched.ext.offered_qos_profiles[0].durability).lower()
+
+
+def test_frames_connect_from_world_to_every_lens(tmp_path: Path) -> None:
+    record(tmp_path / "a.mcap", 2)
+    parents: dict[str, str] = {}
+    with AnyReader([tmp_path / "a.mcap"]) as bag:
+        for connection, _, raw in bag.messages():
+            if connection.msgtype == TRANSFORMS:
+                for t in bag.deserialize(raw, connection.msgtype).transforms:
+                    parents[t.child_frame_id] = t.header.frame_id
+    for leaf in ("left_color_optical_frame", "right_depth_optical_frame", "flange"):
+        while leaf in parents:
+            leaf = parents[leaf]
+        assert leaf == "world"
+
+
+def test_a_posed_frame_keeps_its_pose(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cell = make_cell((camera_info("hand"),))
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    pose = cell.cameras[0].info.T_mount_camera @ make_movers(rng)[0].T_world_solid
+    frame = make_frame(cell.cameras[0].info, 0, 0.0, rng)
+    recorder.on_frame(RgbdFrame(**(vars(frame) | {"T_base_camera": pose})), 0.0)
+    recorder.close()
+    with open_recording(tmp_path / "a.mcap") as again:
+        assert again.world is not None
+        again.world.advance(0.0)
+        back = again.cameras[0].read()
+    assert back is not None
+    np.testing.assert_allclose(back.T_base_camera, pose, atol=1e-12)
+
+
+def test_a_late_clock_is_moved_to_zero(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cell = make_cell((camera_info("c"),))
+    epoch = 1_790_000_000.0
+    cell.clock.set(epoch)  # type: ignore[attr-defined]
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    recorder.on_joints(make_joints(epoch + 1.0, 6, rng), epoch + 1.0)
+    recorder.on_frame(make_frame(cell.cameras[0].info, 0, epoch + 1.0, rng), epoch + 1.05)
+    recorder.close()
+    with open_recording(tmp_path / "a.mcap") as again:
+        assert again.world is not None
+        assert again.clock.now() == 0.0
+        again.world.advance(2.0)
+        frame, state = again.cameras[0].read(), again.arm.read()
+    assert frame is not None
+    assert state is not None
+    assert abs(frame.stamp - 1.0) < 1e-6
+    assert abs(state.stamp - 1.0) < 1e-6
+
+
+def test_a_full_disk_ends_the_recording_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+    cell = make_cell()
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    session = FakeSession(cell)
+    recorder.attach(session)
+    raw = recorder._writer._file
+    room = 300_000
+
+    class Disk:
+        """Takes ``room`` bytes in all."""
+
+        def write(self, data: memoryview) -> int:
+            if raw.tell() >= room:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return raw.write(data[: room - raw.tell()])
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(raw, name)
+
+    recorder._writer._stream._file = Disk()
+    monkeypatch.setattr(McapWriter, "flush", lambda self: self._writer.flush())
+    for i in range(200):
+        now = 0.05 * i
+        recorder.on_frame(make_frame(cell.cameras[0].info, i, now, rng), now)
+        session.shown = empty_view(now)
+        recorder.update(now)
+        if i % 10 == 9:
+            recorder._put(0, recorder._writer.flush, now)
+    with pytest.raises(RecordingError, match=r"the disk is full; .*a\.mcap is complete up to") as e:
+        recorder.close()
+    assert "Free some space" in str(e.value)
+    assert recorder.problem == str(e.value)
+    assert not list(tmp_path.glob("*.partial"))
+    with open_recording(tmp_path / "a.mcap") as again:
+        assert again.world is not None
+        assert again.world.note == ""
+        assert 0.0 < again.world.duration < 9.0
+        again.world.advance(10.0)
+        assert again.cameras[0].read() is not None
+
+
+def test_a_slow_disk_drops_and_counts_in_real_time(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cell = make_cell()
+    recorder = Recorder(tmp_path / "a.mcap", cell, waiting_bytes=200_000, wait=False)
+    gate = threading.Event()
+    recorder._put(0, lambda: bool(gate.wait(10.0)), 0.0)
+    frames = [make_frame(cell.cameras[1].info, i, 0.1 * i, rng) for i in range(40)]
+    for frame in frames:
+        recorder.on_frame(frame, frame.stamp)
+    dropped = recorder.dropped
+    assert 0 < dropped < 40
+    assert f"{dropped} frames not recorded" in recorder.problem
+    gate.set()
+    recorder.close()
+    with open_recording(tmp_path / "a.mcap") as again:
+        kept = sum(isinstance(d.item, RgbdFrame) for d in again.world.source.deliveries())
+    assert kept == 40 - dropped
+
+
+def test_a_slow_disk_is_waited_for_under_the_simulated_clock(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cell = make_cell()
+    recorder = Recorder(tmp_path / "a.mcap", cell, waiting_bytes=50_000, wait=True)
+    for i in range(100):
+        recorder.on_frame(make_frame(cell.cameras[1].info, i, 0.1 * i, rng), 0.1 * i)
+    recorder.close()
+    assert recorder.dropped == 0
+    with open_recording(tmp_path / "a.mcap") as again:
+        frames = [d.item for d in again.world.source.deliveries() if isinstance(d.item, RgbdFrame)]
+    assert [f.sequence for f in frames] == list(range(100))
+
+
+def test_a_bug_in_recording_closes_the_file(tmp_path: Path) -> None:
+    cell = make_cell()
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    rng = np.random.default_rng(0)
+    recorder.on_frame(make_frame(cell.cameras[0].info, 0, 0.0, rng), 0.0)
+    recorder._put(0, lambda: 1 // 0, 0.0)
+    with pytest.raises(RecordingError, match="recording stopped"):
+        recorder.close()
+    with open_recording(tmp_path / "a.mcap") as again:
+        assert not again.world.note
+
+
+def test_two_recorders_do_not_share_a_file(tmp_path: Path) -> None:
+    cell = make_cell()
+    first = Recorder(tmp_path / "a.mcap", cell)
+    with pytest.raises(RecordingError, match="exists already"):
+        Recorder(tmp_path / "a.mcap", cell)
+    first.close()
