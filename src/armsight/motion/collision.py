@@ -19,8 +19,10 @@ from armsight.motion.kernels import (
     path_free,
     self_clearance,
     sphere_clearances,
+    trajectory_blocked,
 )
 from armsight.motion.obstacles import CollisionConfig, obstacles_of
+from armsight.motion.trajectory import Trajectory
 from armsight.robots.robot import Robot
 
 
@@ -126,6 +128,53 @@ class CollisionModel:
     ) -> bool:
         """Whether every segment of a (k, n) path is proven free."""
         return self.first_blocked(path, snapshot, at) is None
+
+    def first_blocked_time(
+        self,
+        trajectory: Trajectory,
+        snapshot: WorkspaceSnapshot,
+        begin: float = 0.0,
+        until: float = float("inf"),
+        at: JointVector | None = None,
+    ) -> float | None:
+        """A time [s] at which a motion is not proven free between two of its times, or None.
+
+        Not always the earliest one. The whole curve is proven, not samples of it; joint limits
+        are checked at the ends of its pieces.
+        """
+        t = trajectory
+        inside = (t.q >= self.body.lower - 1e-9) & (t.q <= self.body.upper + 1e-9)
+        for k in np.flatnonzero(~inside.all(axis=1)):
+            if begin <= t.times[k] <= until:
+                return float(t.times[k])
+        begin, until = min(begin, t.duration), min(until, t.duration)
+        here = t.position(begin) if at is None else at
+        if until <= begin:
+            return None if self.valid(t.position(begin), snapshot, here) else begin
+        blocked = trajectory_blocked(
+            self.body,
+            self.obstacles(snapshot, here),
+            t.times,
+            t.q,
+            t.qd,
+            t.qdd,
+            t.jerk,
+            float(begin),
+            float(until),
+            self.scratch(),
+        )
+        return None if blocked < 0.0 else float(blocked)
+
+    def trajectory_valid(
+        self,
+        trajectory: Trajectory,
+        snapshot: WorkspaceSnapshot,
+        begin: float = 0.0,
+        until: float = float("inf"),
+        at: JointVector | None = None,
+    ) -> bool:
+        """Whether a motion is proven free between two of its times [s], from rest to rest."""
+        return self.first_blocked_time(trajectory, snapshot, begin, until, at) is None
 
     def contact(
         self, q: JointVector, snapshot: WorkspaceSnapshot, at: JointVector | None = None

@@ -21,6 +21,8 @@ from armsight.motion.body import Body
 OCCUPIED = 2
 QUEUE = 4096
 """Intervals that one proof may hold open; a motion that needs more is refused."""
+CHUNK = 8
+"""Pieces of a trajectory that are proven together."""
 
 
 class Obstacles(NamedTuple):
@@ -58,7 +60,7 @@ class Scratch(NamedTuple):
         travel: (m, n) how far sphere i moves at most per unit, seen from link a.
         bend: (m, n) bound of the second derivative of centre i, seen from link a.
         link_travel: (n + 1, n) greatest ``travel`` of each link.
-        clearance: (m,); queue: (QUEUE, 2) open intervals; q, dq: (n,).
+        clearance: (m,); queue: (QUEUE, 2) open intervals; q, dq: (n,); zero: (n,) zeros.
         looks: (1,) poses evaluated.
     """
 
@@ -72,6 +74,7 @@ class Scratch(NamedTuple):
     queue: Floats
     q: JointVector
     dq: JointVector
+    zero: JointVector
     looks: Ints
 
 
@@ -87,6 +90,7 @@ def make_scratch(body: Body) -> Scratch:
         np.zeros((n + 1, n)),
         np.zeros(m),
         np.zeros((QUEUE, 2)),
+        np.zeros(n),
         np.zeros(n),
         np.zeros(n),
         np.zeros(1, np.int64),
@@ -272,30 +276,28 @@ def sphere_clearances(ob: Obstacles, centers: Points, radius: Floats, out: Float
 
 
 @njit(cache=True, nogil=True)
-def set_travel(body: Body, dq: JointVector, scratch: Scratch) -> None:
-    """Bound how the spheres move when joints move along the straight line dq.
+def set_bounds(body: Body, speed: Floats, acceleration: Floats, scratch: Scratch) -> None:
+    """Bound how spheres move while joints move at no more than (n,) speeds and accelerations.
 
-    ``bend`` bounds |c''| = |sum_jk dq_j dq_k a_j x (a_k x (c - p_k))| (k the outer joint of the
-    two, a the axes) by sum_jk |dq_j dq_k| lever_k.
+    ``bend`` bounds |c''|, c'' = sum_j q''_j a_j x (c - p_j) + sum_jk q'_j q'_k a_j x (a_k x
+    (c - p_k)) with k the outer joint of the two and a the axes, by levers.
     """
     m, n = body.lever.shape
-    scratch.dq[:] = dq
     scratch.link_travel[:] = 0.0
     for i in range(m):
-        total = 0.0
         link = body.link[i]
+        total = 0.0
         for j in range(n - 1, -1, -1):
-            total += body.lever[i, j] * abs(dq[j])
+            total += body.lever[i, j] * speed[j]
             scratch.travel[i, j] = total
             if total > scratch.link_travel[link, j]:
                 scratch.link_travel[link, j] = total
         for a in range(n):
             inner = 0.0
             bend = 0.0
-            for k in range(a, n):
-                size = abs(dq[k])
-                bend += size * body.lever[i, k] * (size + 2.0 * inner)
-                inner += size
+            for k in range(a, min(link, n)):
+                bend += body.lever[i, k] * (acceleration[k] + speed[k] * (speed[k] + 2.0 * inner))
+                inner += speed[k]
             scratch.bend[i, a] = bend
 
 
@@ -305,7 +307,7 @@ def surroundings_span(
 ) -> float:
     """How far the body is proven free of the surroundings, to both sides of q on a motion.
 
-    Needs :func:`set_travel`. Returns a share of the motion of at most ``enough``, or -1 when some
+    Needs :func:`set_bounds`. Returns a share of the motion of at most ``enough``, or -1 when some
     clearance at q is below the floor.
     """
     scratch.looks[0] += 1
@@ -448,10 +450,11 @@ def edge_free(
     body: Body, ob: Obstacles, q0: JointVector, q1: JointVector, scratch: Scratch
 ) -> bool:
     """Whether the straight motion from q0 to q1 is proven free, ends included."""
-    q = scratch.q
+    speed, zero = scratch.q, scratch.zero
     for j in range(q0.shape[0]):
-        q[j] = q1[j] - q0[j]
-    set_travel(body, q, scratch)
+        scratch.dq[j] = q1[j] - q0[j]
+        speed[j] = abs(scratch.dq[j])
+    set_bounds(body, speed, zero, scratch)
     # Two proofs: the body seldom comes near itself, so that one needs a few looks only.
     return _edge_proven(body, ob, q0, q1, scratch, False) and _edge_proven(
         body, ob, q0, q1, scratch, True
@@ -488,6 +491,105 @@ def _edge_proven(
             queue[tail, 0], queue[tail, 1] = middle + span, high
             count += 2
     return True
+
+
+@njit(cache=True, nogil=True)
+def trajectory_blocked(
+    body: Body,
+    ob: Obstacles,
+    times: Floats,
+    q: JointPath,
+    qd: JointPath,
+    qdd: JointPath,
+    jerk: JointPath,
+    begin: float,
+    until: float,
+    scratch: Scratch,
+) -> float:
+    """First time found [s] from which a trajectory is not proven free, or -1 when all of it is.
+
+    The arrays are those of :class:`~armsight.motion.trajectory.Trajectory`. Some pieces at a time
+    are proven together, with the greatest speeds and accelerations met in them.
+    """
+    n = q.shape[1]
+    speed, acceleration = np.empty(n), np.empty(n)
+    k, pieces = 0, jerk.shape[0]
+    if pieces == 0:
+        return -1.0 if config_free(body, ob, q[0], scratch) else 0.0
+    while k < pieces and times[k] < until:
+        if times[k + 1] <= begin:
+            k += 1
+            continue
+        first = k
+        speed[:] = 0.0
+        acceleration[:] = 0.0
+        while k < pieces and times[k] < until and (k == first or k - first < CHUNK):
+            dt = times[k + 1] - times[k]
+            for j in range(n):
+                # Bezier points of the piece's quadratic velocity: the curve stays between them.
+                middle = qd[k, j] + 0.5 * dt * qdd[k, j]
+                v = max(abs(qd[k, j]), max(abs(middle), abs(qd[k + 1, j])))
+                speed[j] = max(speed[j], v)
+                acceleration[j] = max(acceleration[j], max(abs(qdd[k, j]), abs(qdd[k + 1, j])))
+            k += 1
+        low, high = max(begin, times[first]), min(until, times[k])
+        set_bounds(body, speed, acceleration, scratch)
+        for own in (False, True):
+            t = _pieces_blocked(
+                body, ob, times, q, qd, qdd, jerk, first, k, low, high, own, scratch
+            )
+            if t >= 0.0:
+                return t
+    return -1.0
+
+
+@njit(cache=True, nogil=True)
+def _pieces_blocked(
+    body: Body,
+    ob: Obstacles,
+    times: Floats,
+    q: JointPath,
+    qd: JointPath,
+    qdd: JointPath,
+    jerk: JointPath,
+    first: int,
+    last: int,
+    begin: float,
+    until: float,
+    own: bool,
+    scratch: Scratch,
+) -> float:
+    queue, now, rate = scratch.queue, scratch.q, scratch.dq
+    queue[0, 0], queue[0, 1] = begin, until
+    head, count = 0, 1
+    while count > 0:
+        low, high = queue[head, 0], queue[head, 1]
+        head = (head + 1) % QUEUE
+        count -= 1
+        middle = 0.5 * (low + high)
+        half = 0.5 * (high - low)
+        k = first
+        while k + 1 < last and times[k + 1] <= middle:
+            k += 1
+        dt = middle - times[k]
+        for j in range(now.shape[0]):
+            now[j] = q[k, j] + dt * (qd[k, j] + dt * (0.5 * qdd[k, j] + dt * jerk[k, j] / 6.0))
+            rate[j] = qd[k, j] + dt * (qdd[k, j] + 0.5 * dt * jerk[k, j])
+        if own:
+            span = own_span(body, ob.floor, now, scratch, half)
+        else:
+            span = surroundings_span(body, ob, now, scratch, half)
+        if span < 0.0:
+            return middle
+        if span < half:
+            if count + 2 > QUEUE:
+                return middle
+            tail = (head + count) % QUEUE
+            queue[tail, 0], queue[tail, 1] = low, middle - span
+            tail = (tail + 1) % QUEUE
+            queue[tail, 0], queue[tail, 1] = middle + span, high
+            count += 2
+    return -1.0
 
 
 @njit(cache=True, nogil=True)

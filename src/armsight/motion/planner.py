@@ -25,7 +25,7 @@ from armsight.motion.planner_kernels import (
     rrt_connect,
     traced,
 )
-from armsight.motion.trajectory import stopping_at_corners
+from armsight.motion.timing import time_parameterise
 from armsight.robots.robot import JointLimits, Robot
 
 
@@ -98,7 +98,9 @@ class RrtConnectPlanner:
         path, cost, count = self._cheapest(
             ob, danger, first, min(self.config.improvement, left), rng
         )
-        motion = stopping_at_corners(path, self.limits)
+        motion = time_parameterise(
+            path, self.limits, lambda t: self.model.first_blocked_time(t, snapshot, at=start)
+        )
         return Plan(
             request.sequence,
             path,

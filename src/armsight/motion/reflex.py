@@ -16,7 +16,7 @@ from armsight.motion.gate import Gate
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards
 from armsight.motion.route import Route
-from armsight.motion.trajectory import time_parameterise
+from armsight.motion.timing import time_parameterise
 from armsight.robots.robot import JointLimits
 
 MEMORY = 0.35

@@ -88,14 +88,17 @@ class Trajectory:
     def peak(self) -> tuple[JointVector, JointVector, JointVector]:
         """(n,) greatest |velocity|, |acceleration| and |jerk| reached anywhere, exactly."""
         speed = np.abs(self.qd).max(axis=0)
-        for k, j in enumerate(self.jerk):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                turn = -self.qdd[k] / j
-            inside = (turn > 0) & (turn < self.times[k + 1] - self.times[k])
-            v = self.qd[k] - self.qdd[k] ** 2 / np.where(inside, 2.0 * j, 1.0)
-            speed = np.maximum(speed, np.where(inside, np.abs(v), 0.0))
-        jerk = np.abs(self.jerk).max(axis=0) if len(self.jerk) else np.zeros(self.n)
-        return speed, np.abs(self.qdd).max(axis=0), jerk
+        if len(self.jerk) == 0:
+            return speed, np.abs(self.qdd).max(axis=0), np.zeros(self.n)
+        # Between the ends of a piece the speed is greatest where the acceleration is zero.
+        a, b = self.qdd[:-1], self.qdd[1:]
+        turns = a * b < 0.0
+        between = np.where(turns, self.qd[:-1] - a * a / np.where(turns, 2.0 * self.jerk, 1.0), 0.0)
+        return (
+            np.maximum(speed, np.abs(between).max(axis=0)),
+            np.abs(self.qdd).max(axis=0),
+            np.abs(self.jerk).max(axis=0),
+        )
 
     def slowed(self, factor: float) -> Trajectory:
         """The same motion, ``factor`` times as long."""
@@ -250,8 +253,3 @@ def stopping_at_corners(path: JointPath, limits: JointLimits) -> Trajectory:
     if len(path) == 1:
         return hold(path[0])
     return join([straight(a, b, limits) for a, b in pairwise(path)])
-
-
-def time_parameterise(path: JointPath, limits: JointLimits) -> Trajectory:
-    """A motion along a (k, n) path from rest to rest within velocity, acceleration, jerk limits."""
-    return stopping_at_corners(path, limits)
