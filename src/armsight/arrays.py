@@ -27,6 +27,8 @@ ColorImage: TypeAlias = NDArray[np.uint8]
 """(h, w, 3) RGB."""
 Mask: TypeAlias = NDArray[np.bool_]
 """(h, w) or (n,) truth values."""
+Shorts: TypeAlias = NDArray[np.uint16]
+Words: TypeAlias = NDArray[np.uint64]
 Floats: TypeAlias = NDArray[np.float64]
 Floats32: TypeAlias = NDArray[np.float32]
 Ints: TypeAlias = NDArray[np.int64]

@@ -6,39 +6,63 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Ints32, Pose
+from armsight.arrays import Bytes, Floats32, Ints32, Pose, Shorts
 from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.config import MappingConfig
-from armsight.mapping.kernels.image import (
-    LEVELS,
-    TILE,
-    build_pyramid,
-    carve,
-    collect_hits,
-    grade_hits,
-    label_valid,
-)
+from armsight.mapping.kernels.image import carve, collect_hits, grade_hits, label_valid
 from armsight.mapping.lens import Lens
 from armsight.mapping.self_filter import BodyPose, SelfFilter
-from armsight.mapping.snapshot import VoxelGrid
 from armsight.mapping.static_geometry import StaticGeometry
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """What one frame says; the voxels seen free are written to the caller's array.
+class Hits:
+    """Voxels of one layer that a frame hit.
 
     Attributes:
-        hits: (m,) int32 flat indices of voxels hit by something undeclared that is not the arm.
-        strong: (m,) uint8, 1 where enough pixels hit; count: m.
-        returns: share of pixels with a usable return; body: number of pixels that are the arm.
+        index: (m,) int32 flat indices; strong: (m,) uint8, 1 where enough pixels hit.
     """
 
-    hits: Ints32
+    index: Ints32
     strong: Bytes
-    count: int
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one frame says; the voxels seen free are written to the caller's arrays.
+
+    Attributes:
+        hits: one entry a layer: something undeclared that is not the arm.
+        returns: share of pixels with a usable return.
+        body: number of pixels that are the arm.
+    """
+
+    hits: tuple[Hits, ...]
     returns: float
     body: int
+
+
+class _Layer:
+    """A camera's buffers for one layer of voxels."""
+
+    def __init__(self, static: StaticGeometry, pixels: int, fine_radius: float) -> None:
+        grid = static.grid
+        size = int(np.prod(grid.shape))
+        self.static = static
+        self.origin = np.asarray(grid.origin, float)
+        self.voxel = float(grid.voxel)
+        self.fine_radius = fine_radius
+        self.shape = np.asarray(grid.shape, np.int64)
+        self.count: Shorts = np.zeros(size, np.uint16)
+        self.hits: Ints32 = np.zeros(min(size, pixels), np.int32)
+        self.strong: Bytes = np.zeros(len(self.hits), np.uint8)
+        self.table = (
+            self.origin.astype(np.float32),
+            self.voxel,
+            self.shape,
+            static.nearest.reshape(-1),
+            static.bound.reshape(-1),
+        )
 
 
 class CameraStage:
@@ -47,33 +71,25 @@ class CameraStage:
     def __init__(
         self,
         info: RgbdCameraInfo,
-        grid: VoxelGrid,
-        static: StaticGeometry,
+        static: tuple[StaticGeometry, StaticGeometry],
         filter_: SelfFilter,
         config: MappingConfig,
+        fine_radius: float,
     ) -> None:
         self.info = info
-        self.lens = Lens(info.depth)
-        self._grid = grid
-        self._origin = np.asarray(grid.origin, float)
-        self._shape = np.asarray(grid.shape, np.int64)
-        self._static = static
-        self._nearest = static.nearest.reshape(-1)
+        self.lens = Lens(info.depth, info.range[1])
+        self.noise = np.array([info.noise.a, info.noise.b, info.noise.c], float)
+        self.label: Bytes = np.zeros((info.depth.height, info.depth.width), np.uint8)
+        self.pose_error = (config.calibration_m, config.calibration_rad)
         self._filter = filter_
         self._config = config
-        self.noise = np.array([info.noise.a, info.noise.b, info.noise.c], float)
-        h, w = info.depth.height, info.depth.width
-        self.label = np.zeros((h, w), np.uint8)
-        self._least: Floats32 = np.zeros((LEVELS, h, w), np.float32)
-        self._greatest: Floats32 = np.zeros((-(-h // TILE), -(-w // TILE)), np.float32)
-        size = int(np.prod(grid.shape))
-        self._count = np.zeros(size, np.uint16)
-        self._hits = np.zeros(min(size, h * w), np.int32)
-        self._strong = np.zeros(len(self._hits), np.uint8)
-        self.pose_error = (config.calibration_m, config.calibration_rad)
+        pixels = self.label.size
+        self._layers = (_Layer(static[0], pixels, fine_radius), _Layer(static[1], pixels, 0.0))
+        solids = static[0]
+        self._solids = (solids.kinds, solids.sizes, solids.T_solid_base)
 
     def process(
-        self, depth: Floats32, T_base_camera: Pose, body: BodyPose, free: Bytes
+        self, depth: Floats32, T_base_camera: Pose, body: BodyPose, free: tuple[Bytes, ...]
     ) -> Evidence:
         """Judge one depth image.
 
@@ -81,15 +97,16 @@ class CameraStage:
             depth: (h, w) float32 [m].
             T_base_camera: where the camera was at exposure.
             body: where the arm was at exposure.
-            free: (voxels,) uint8, overwritten: 1 where the image saw through the whole voxel.
+            free: one (voxels,) uint8 array a layer, overwritten: 1 where the image saw through
+                the whole voxel.
         """
         config = self._config
         depth = np.ascontiguousarray(depth)
-        T = np.ascontiguousarray(T_base_camera)
+        T = np.ascontiguousarray(T_base_camera, float)
         near, far = self.info.range
         returns = label_valid(depth, near, far, self.label) / depth.size
         if returns < config.min_returns:
-            return Evidence(self._hits[:0], self._strong[:0], 0, returns, 0)
+            return Evidence((), returns, 0)
         error_m, error_rad = self.pose_error
         found = self._filter.label(
             depth,
@@ -102,53 +119,61 @@ class CameraStage:
             self.noise,
             config.sigmas,
         )
-        count = collect_hits(
+        hits = self._hits(depth, T)
+        self.lens.tabulate(depth, self.label)
+        for layer, out in zip(self._layers, free):
+            out[:] = 0
+            carve(
+                self.lens.least,
+                self.lens.most,
+                self.lens.units,
+                self.lens.ideal,
+                T,
+                layer.origin,
+                layer.voxel,
+                layer.shape,
+                near,
+                self.noise,
+                1.0,
+                layer.fine_radius,
+                out.reshape(layer.static.grid.shape),
+            )
+        return Evidence(hits, returns, found)
+
+    def _hits(self, depth: Floats32, T: Pose) -> tuple[Hits, ...]:
+        config = self._config
+        error_m, error_rad = self.pose_error
+        fine, far = self._layers
+        counts = collect_hits(
             depth,
             self.label,
             self.lens.rays,
-            T,
-            self._origin,
-            self._grid.voxel,
-            self._shape,
+            T.astype(np.float32),
             self.noise,
-            self._nearest,
-            self._static.kinds,
-            self._static.sizes,
-            self._static.T_solid_base,
-            config.static_margin + error_m,
-            error_rad,
-            config.sigmas,
+            fine.table,
+            far.table,
+            self._solids,
+            (config.static_margin + error_m, error_rad, config.sigmas),
             config.support,
-            self._count,
-            self._hits,
+            fine.count,
+            fine.hits,
+            far.count,
+            far.hits,
         )
-        lens = self.info.depth
-        grade_hits(
-            self._hits,
-            count,
-            self._count,
-            T,
-            self._origin,
-            self._grid.voxel,
-            self._shape,
-            lens.fx * lens.fy,
-            config.strong_share,
-            self._strong,
+        focal2 = self.info.depth.fx * self.info.depth.fy
+        for layer, count in zip(self._layers, counts):
+            grade_hits(
+                layer.hits,
+                count,
+                layer.count,
+                T,
+                layer.origin,
+                layer.voxel,
+                layer.shape,
+                focal2,
+                config.strong_share,
+                layer.strong,
+            )
+        return tuple(
+            Hits(layer.hits[:n], layer.strong[:n]) for layer, n in zip(self._layers, counts)
         )
-        build_pyramid(depth, self.label, self._least, self._greatest)
-        free[:] = 0
-        carve(
-            self._least,
-            self._greatest,
-            self.lens.vector,
-            T,
-            self._origin,
-            self._grid.voxel,
-            self._shape,
-            near,
-            self.noise,
-            0.0,
-            1.0,
-            free.reshape(self._grid.shape),
-        )
-        return Evidence(self._hits, self._strong, count, returns, found)

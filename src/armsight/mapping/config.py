@@ -15,9 +15,11 @@ class MappingConfig:
         lower, upper: corners of the fine map in ``base`` [m]. Should hold all that the arm can
             reach, and exclude what nobody cares about (below the table, above the ceiling).
         voxel: edge of a fine voxel [m].
-        far_margin: how far the coarse layer goes beyond the fine map on all sides [m]; people are
+        far_margin: how far the coarse layer goes beyond the fine map sideways [m]; people are
             seen coming there. 0 switches it off.
-        far_voxel: edge of a coarse voxel [m]; a whole multiple of ``voxel``.
+        far_parts: edge of a coarse voxel in fine ones (T2: coarser out of reach).
+        fine_margin: farther than this beyond the arm's reach, free space is told in cubes of two
+            voxels [m].
         distance_cap: where the distance field saturates [m]; at most 15 voxels.
         unknown_is_solid: the distance field keeps away from unseen space as well.
         crop: radius about the base beyond which points are left out of the cloud [m] (T2).
@@ -50,7 +52,8 @@ class MappingConfig:
     upper: tuple[float, float, float] = (1.3, 1.3, 1.4)
     voxel: float = 0.02
     far_margin: float = 1.2
-    far_voxel: float = 0.06
+    far_parts: int = 3
+    fine_margin: float = 0.3
     distance_cap: float = 0.3
     unknown_is_solid: bool = False
     crop: float = 1.5
@@ -97,6 +100,8 @@ class MappingConfig:
                 f"mapping bounds at {self.voxel} m make {count / 1e6:.0f} million voxels; "
                 "use larger voxels or closer bounds (at most 60 million)"
             )
+        if not 1 <= self.far_parts <= 8:
+            raise UsageError(f"mapping.far_parts is {self.far_parts}; expected 1 to 8 fine voxels")
         if not 2 * self.voxel <= self.distance_cap <= 15 * self.voxel + 1e-9:
             raise UsageError(
                 f"mapping.distance_cap is {self.distance_cap} m; expected 2 to 15 voxels "

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import Bytes, Ints32
+from armsight.arrays import Bytes, Ints32, Words
 from armsight.mapping.kernels.flood import (
     add_voxels,
+    clear_rim,
+    copy_shell,
     fill_rim,
     frontier,
     grow,
@@ -30,61 +32,104 @@ class UnseenPeople:
     """The set of voxels that could hide someone.
 
     Args:
-        grid: the grid; static: (nx, ny, nz) uint8 voxels filled by declared solids.
+        grid: the grid.
+        static: (nx, ny, nz) uint8 voxels filled by declared solids.
         speed: how fast someone may move [m/s].
         hand: edge of the smallest cube that can hold a part of a person [m].
+        around: the set of a coarser grid that encloses this one: people come from there. Without
+            it, anybody may be anywhere outside.
     """
 
-    def __init__(self, grid: VoxelGrid, static: Bytes, speed: float, hand: float) -> None:
+    def __init__(
+        self,
+        grid: VoxelGrid,
+        static: Bytes,
+        speed: float,
+        hand: float,
+        around: UnseenPeople | None = None,
+    ) -> None:
         self._grid = grid
         self._static = np.ascontiguousarray(static).reshape(grid.shape)
         self._speed = speed
-        self._edge = max(int(np.floor(hand / grid.voxel + 1e-9)), 1)
-        self._rim = self._edge
+        self._edge = max(int(np.ceil(hand / grid.voxel - 1e-6)), 1)
+        self._rim = max(self._edge, 1)
+        self._around = around
         nx, ny, nz = grid.shape
         self._depth = nz + 2 * self._rim
         shape = (nx + 2 * self._rim, ny + 2 * self._rim, (self._depth + 63) // 64)
-        self._possible = np.zeros(shape, np.uint64)
-        self._room = np.zeros(shape, np.uint64)
-        self._a = np.zeros(shape, np.uint64)
-        self._b = np.zeros(shape, np.uint64)
-        self._solid = np.zeros(shape, np.uint64)
+        self._possible: Words = np.zeros(shape, np.uint64)
+        self._room: Words = np.zeros(shape, np.uint64)
+        self._a: Words = np.zeros(shape, np.uint64)
+        self._b: Words = np.zeros(shape, np.uint64)
+        self._solid: Words = np.zeros(shape, np.uint64)
         pack(self._static, self._rim, self._solid)
+        if around is not None:
+            self._shell, self._cells = self._shell_in(around)
+        self._nobody = np.zeros(grid.shape, np.uint8)
         self._indices = np.empty(nx * ny * nz, np.int32)
+        self._faces = np.empty(nx * ny * nz, np.uint8)
         self._owed = 0.0
         self._begun = False
 
-    def update(self, state: Bytes, dynamic: Ints32, body: Bytes, elapsed: float) -> Ints32:
-        """(m,) flat indices of the outermost voxels that could hide someone.
+    def _shell_in(self, around: UnseenPeople) -> tuple[Ints32, Ints32]:
+        """The rim's innermost layer: its places in the bit array, its cells in the coarser grid."""
+        nx, ny, nz = self._grid.shape
+        index = np.stack(
+            np.meshgrid(*(np.arange(-1, n + 1) for n in (nx, ny, nz)), indexing="ij"), axis=-1
+        ).reshape(-1, 3)
+        index = index[((index < 0) | (index >= [nx, ny, nz])).any(axis=1)]
+        cells = around._grid.index(self._grid.center(index))
+        rim = around._rim
+        cells = np.clip(cells, -rim, np.asarray(around._grid.shape) + rim - 1)
+        return (index + self._rim).astype(np.int32), cells.astype(np.int32)
+
+    def update(
+        self, state: Bytes, dynamic: Ints32, body: Bytes | None, elapsed: float
+    ) -> tuple[Ints32, Bytes]:
+        """The outermost voxels that could hide someone, and which of their faces are open.
 
         Args:
             state: (nx, ny, nz) state of the voxels.
             dynamic: flat indices of voxels occupied by something undeclared.
-            body: (nx, ny, nz) uint8, 1 where the arm itself is.
+            body: (nx, ny, nz) uint8, 1 where the arm itself is; None if it does not matter.
             elapsed: time since the last update [s].
+
+        Returns:
+            (m,) flat indices and (m,) uint8 faces (bits -x +x -y +y -z +z); valid until the next
+            update.
         """
-        nx, ny, nz = self._grid.shape
-        blocked = self._static | body.reshape(self._grid.shape)
-        pack_room(state, blocked, self._rim, self._room)
+        _, ny, nz = self._grid.shape
+        own = self._nobody if body is None else body
+        pack_room(state, self._static, own, self._rim, self._room)
         open_by_cube(self._room, self._edge, self._depth)
         intersect(self._possible, self._room)
-        fill_rim(self._rim, self._depth, self._possible)
-        add_voxels(dynamic, len(dynamic), ny, nz, self._rim, self._possible)
-        if self._begun:
-            self._owed += self._speed * max(elapsed, 0.0) / self._grid.voxel
-            steps = int(self._owed)
-            self._owed -= steps
+        if self._around is None:
+            fill_rim(self._rim, self._depth, self._possible)
         else:
-            steps = nx + ny + nz
-            self._begun = True
-        for _ in range(steps):
+            for bits in (self._possible, self._room):
+                clear_rim(self._rim, self._depth, bits)
+                copy_shell(
+                    self._around._possible, self._around._rim, self._cells, self._shell, bits
+                )
+        add_voxels(dynamic, len(dynamic), ny, nz, self._rim, self._possible)
+        for _ in range(self._steps(elapsed)):
             if not grow(self._possible, self._room, self._a, self._b):
                 break
-        count = frontier(self._possible, self._solid, self._rim, ny, nz, self._indices)
-        return self._indices[:count]
+        count = frontier(self._possible, self._solid, self._rim, ny, nz, self._indices, self._faces)
+        return self._indices[:count], self._faces[:count]
+
+    def _steps(self, elapsed: float) -> int:
+        """Voxels by which the set may grow now: as far as someone can go, all the way at first."""
+        if not self._begun:
+            self._begun = True
+            return sum(self._grid.shape)
+        self._owed += self._speed * max(elapsed, 0.0) / self._grid.voxel
+        steps = int(self._owed)
+        self._owed -= steps
+        return steps
 
     def mask(self) -> Bytes:
-        """(nx, ny, nz) uint8, 1 where someone unseen (or seen) could be."""
+        """(nx, ny, nz) uint8, 1 where someone could be, seen or unseen."""
         out = np.zeros(self._grid.shape, np.uint8)
         unpack(self._possible, self._rim, out)
         return out

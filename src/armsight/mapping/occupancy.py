@@ -35,9 +35,7 @@ class Occupancy:
         self._listed = np.empty(size, np.int32)
         self._count = 0
 
-    def take(
-        self, camera: int, stamp: float, hits: Ints32, strong: Bytes, count: int, body: Bytes
-    ) -> None:
+    def take(self, camera: int, stamp: float, hits: Ints32, strong: Bytes, body: Bytes) -> None:
         """Take in one frame's evidence; its free voxels already lie in ``free[camera]``.
 
         Args:
@@ -45,14 +43,13 @@ class Occupancy:
             stamp: exposure [s].
             hits: (m,) int32 flat indices of the voxels hit.
             strong: (m,) uint8, 1 where the sighting is strong.
-            count: how many of them count.
             body: flat uint8, 1 where the arm's own body fills the voxel.
         """
         bit = np.uint8(1 << camera)
         self._count = add_hits(
             hits,
             strong,
-            count,
+            len(hits),
             stamp,
             bit,
             self._window,

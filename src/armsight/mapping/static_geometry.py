@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armsight.arrays import Bytes, Floats, Ints, Points, Poses
 from armsight.geometry.pose import inverse
@@ -20,14 +21,18 @@ class StaticGeometry:
     """Declared solids, for compiled loops.
 
     Attributes:
+        grid: the grid.
         filled: (nx, ny, nz) uint8, 1 where a voxel and a solid overlap.
         nearest: (nx, ny, nz) uint8, 1 + index of the closest solid, 0 where none is near.
+        bound: (nx, ny, nz) int8, signed distance from the voxel's centre to that solid [mm].
         kinds: (m,) 0 box, 1 cylinder, 2 sphere; sizes: (m, 3) as in :class:`Solid` [m].
         T_solid_base: (m, 4, 4).
     """
 
+    grid: VoxelGrid
     filled: Bytes
     nearest: Bytes
+    bound: NDArray[np.int8]
     kinds: Ints
     sizes: Floats
     T_solid_base: Poses
@@ -39,7 +44,8 @@ def rasterise(solids: Sequence[Solid], grid: VoxelGrid, near: float) -> StaticGe
     Args:
         solids: at most 255.
         grid: the grid.
-        near: ``nearest`` names a solid wherever a point of the voxel may be this close [m].
+        near: ``nearest`` names a solid wherever a point of the voxel may be this close [m]; at
+            most 12 cm less half the voxel's diagonal, so that ``bound`` can hold it.
 
     Raises:
         ValueError: there are more than 255 solids.
@@ -48,7 +54,7 @@ def rasterise(solids: Sequence[Solid], grid: VoxelGrid, near: float) -> StaticGe
         raise ValueError(f"{len(solids)} declared solids; the map can tell 255 apart")
     filled = np.zeros(grid.shape, np.uint8)
     nearest = np.zeros(grid.shape, np.uint8)
-    closest = np.full(grid.shape, np.inf, np.float32)
+    closest = np.full(grid.shape, 1.0, np.float32)
     diagonal = 0.5 * np.sqrt(3.0) * grid.voxel
     for number, solid in enumerate(solids, 1):
         block = _block(solid, grid, near + diagonal)
@@ -65,8 +71,10 @@ def rasterise(solids: Sequence[Solid], grid: VoxelGrid, near: float) -> StaticGe
         overlap[maybe] = overlaps(solid, centers[maybe], grid.voxel)
         filled[block] |= overlap.reshape(distance.shape).astype(np.uint8)
     return StaticGeometry(
+        grid,
         filled,
         nearest,
+        np.clip(np.round(1e3 * closest), -127, 127).astype(np.int8),
         np.array([KINDS[s.kind] for s in solids], np.int64),
         np.array([s.size for s in solids], float).reshape(-1, 3),
         np.array([inverse(s.T_frame_solid) for s in solids], float).reshape(-1, 4, 4),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import Floats32, Ints, Ints32, Pose
+from armsight.arrays import Bytes, Floats32, Ints, Ints32, Mask, Pose
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
@@ -19,12 +19,18 @@ from armsight.mapping.config import MappingConfig
 from armsight.mapping.distance_field import DistanceField
 from armsight.mapping.hazards import UnseenPeople
 from armsight.mapping.health import CameraHealth
+from armsight.mapping.kernels.flood import face_points
+from armsight.mapping.layers import far_grid, fine_grid
 from armsight.mapping.occupancy import Occupancy
 from armsight.mapping.self_filter import BodyPose, SelfFilter
-from armsight.mapping.snapshot import VoxelGrid, WorkspaceSnapshot
-from armsight.mapping.static_geometry import rasterise
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.mapping.static_geometry import StaticGeometry, rasterise
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
+
+MAX_CAMERAS = 8
+NEAR_SOLID = 0.1
+"""How far from a declared solid a hit may still be explained by it [m]."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,25 @@ class _Job:
     frame: RgbdFrame
     T_base_camera: Pose
     body: BodyPose
+
+
+class _Layer:
+    """One grid with its evidence and the people who may hide in it."""
+
+    def __init__(
+        self, static: StaticGeometry, cameras: int, config: MappingConfig, around: _Layer | None
+    ) -> None:
+        self.grid = static.grid
+        self.occupancy = Occupancy(
+            static.grid, cameras, static.filled, config.hold, config.weak_window
+        )
+        self.unseen = UnseenPeople(
+            static.grid,
+            static.filled,
+            config.person_speed,
+            config.hand,
+            None if around is None else around.unseen,
+        )
 
 
 class WorkspaceMap:
@@ -58,40 +83,38 @@ class WorkspaceMap:
         static: Sequence[Solid],
         config: MappingConfig | None = None,
     ) -> None:
-        self.config = config or MappingConfig()
+        self.config = config = config or MappingConfig()
         self.robot = robot
         names = [c.name for c in cameras]
         if len(set(names)) != len(names):
             raise UsageError(f"cameras need names of their own, found {sorted(names)}")
-        if len(names) > 8:
-            raise UsageError(f"{len(names)} depth cameras; the map can tell 8 apart")
-        lower, upper = np.asarray(self.config.lower), np.asarray(self.config.upper)
-        voxel = self.config.voxel
-        counts = np.ceil((upper - lower) / voxel - 1e-6).astype(int)
-        self.grid = VoxelGrid(lower, voxel, (int(counts[0]), int(counts[1]), int(counts[2])))
-        self._static = rasterise(static, self.grid, near=0.15)
+        if len(names) > MAX_CAMERAS:
+            raise UsageError(f"{len(names)} depth cameras; the map can tell {MAX_CAMERAS} apart")
+        self.grid = fine_grid(config)
+        solids = rasterise(static, self.grid, NEAR_SOLID)
+        far_solids = rasterise(static, far_grid(config, self.grid), NEAR_SOLID)
+        self._far = _Layer(far_solids, len(names), config, None)
+        around = self._far if config.far_margin > 0 else None
+        self._fine = _Layer(solids, len(names), config, around)
         self._filter = SelfFilter(robot)
         self._index = {name: i for i, name in enumerate(names)}
         self._infos = tuple(cameras)
+        fine_radius = robot.reach + config.fine_margin
         self._stages = [
-            CameraStage(c, self.grid, self._static, self._filter, self.config) for c in cameras
+            CameraStage(c, (solids, far_solids), self._filter, config, fine_radius) for c in cameras
         ]
-        self._health = [CameraHealth(c, self.config) for c in cameras]
-        self._occupancy = Occupancy(
-            self.grid, len(names), self._static.filled, self.config.hold, self.config.weak_window
-        )
+        self._health = [CameraHealth(c, config) for c in cameras]
         self._field = DistanceField(
-            self.grid.shape, voxel, self.config.distance_cap, self.config.unknown_is_solid
-        )
-        self._unseen = UnseenPeople(
-            self.grid, self._static.filled, self.config.person_speed, self.config.hand
+            self.grid.shape, self.grid.voxel, config.distance_cap, config.unknown_is_solid
         )
         self._body_near = np.zeros(self.grid.shape, np.uint8)
         self._body_deep = np.zeros(self.grid.shape, np.uint8)
+        self._no_body = np.zeros(int(np.prod(self._far.grid.shape)), np.uint8)
+        self._points: Floats32 = np.zeros((int(np.prod(self._far.grid.shape)), 3), np.float32)
         self._body: BodyPose | None = None
         self._now = -np.inf
         self._sequence = -1
-        threads = min(self.config.threads, len(names))
+        threads = max(config.threads, 1)
         self._pool = ThreadPoolExecutor(threads, "mapping") if threads > 1 else None
 
     def update(
@@ -118,15 +141,13 @@ class WorkspaceMap:
         for job, seen in sorted(zip(jobs, evidence), key=lambda pair: pair[0].frame.stamp):
             self._take(job, seen)
         alive = np.array([h.alive(now) for h in self._health], np.uint8)
-        state = self._occupancy.state(alive)
+        state = self._fine.occupancy.state(alive)
         state.flags.writeable = False
         lap("occupancy")
-        distance = self._field.update(state)
-        lap("field")
-        hazards, unknown = self._hazards(state, now)
-        lap("hazards")
-        last = self._occupancy.last_occupied()
-        cloud = self.grid.center(self._triples(self._occupancy.dynamic)).astype(np.float32)
+        distance, (hazards, unknown) = self._field_and_hazards(state, alive, now)
+        lap("field and hazards")
+        last = self._fine.occupancy.last_occupied()
+        cloud = self.grid.center(self._triples(self._fine.occupancy.dynamic)).astype(np.float32)
         for array in (hazards, unknown, last, cloud):
             array.flags.writeable = False
         lap("publish")
@@ -168,9 +189,8 @@ class WorkspaceMap:
             if camera in jobs:
                 health.refuse("a newer frame came with it")
             body = self._filter.pose(state.position, state.velocity)
-            jobs[camera] = _Job(
-                camera, frame, self._camera_pose(camera, frame, state.position), body
-            )
+            pose = self._camera_pose(camera, frame, state.position)
+            jobs[camera] = _Job(camera, frame, pose, body)
         return list(jobs.values())
 
     def _camera_pose(self, camera: int, frame: RgbdFrame, position: np.ndarray) -> Pose:
@@ -183,7 +203,10 @@ class WorkspaceMap:
 
     def _judge(self, jobs: list[_Job]) -> list[Evidence]:
         def work(job: _Job) -> Evidence:
-            free = self._occupancy.free[job.camera]
+            free = (
+                self._fine.occupancy.free[job.camera],
+                self._far.occupancy.free[job.camera],
+            )
             return self._stages[job.camera].process(
                 job.frame.depth, job.T_base_camera, job.body, free
             )
@@ -194,18 +217,14 @@ class WorkspaceMap:
 
     def _take(self, job: _Job, seen: Evidence) -> None:
         health = self._health[job.camera]
-        if seen.returns < self.config.min_returns:
+        if not seen.hits:
             health.refuse(f"only {seen.returns:.2%} of its pixels have a return")
             return
         health.accept(job.frame)
-        self._occupancy.take(
-            job.camera,
-            job.frame.stamp,
-            seen.hits,
-            seen.strong,
-            seen.count,
-            self._body_deep.reshape(-1),
-        )
+        for layer, hits, body in zip(
+            (self._fine, self._far), seen.hits, (self._body_deep.reshape(-1), self._no_body)
+        ):
+            layer.occupancy.take(job.camera, job.frame.stamp, hits.index, hits.strong, body)
 
     def _move_body(self, jobs: list[_Job]) -> None:
         """Mark the arm's newest place: near it nobody hides unseen; deep in it nothing else is."""
@@ -220,16 +239,63 @@ class WorkspaceMap:
                 self._filter.mark(self._body_deep, self.grid, body, deep, value)
         self._body = newest
 
-    def _hazards(self, state: np.ndarray, now: float) -> tuple[Floats32, np.ndarray]:
-        dynamic = self._occupancy.dynamic
+    def _field_and_hazards(
+        self, state: Bytes, alive: Bytes, now: float
+    ) -> tuple[Floats32, tuple[Floats32, Mask]]:
+        """Both need the state only, so they run side by side."""
+        if self._pool is None:
+            return self._field.update(state), self._hazards(state, alive, now)
+        field = self._pool.submit(self._field.update, state)
+        hazards = self._hazards(state, alive, now)
+        return field.result(), hazards
+
+    def _hazards(self, state: Bytes, alive: Bytes, now: float) -> tuple[Floats32, Mask]:
+        """Where people are or could be: centres of fine voxels, and which are unseen."""
         elapsed = now - self._now if np.isfinite(self._now) else 0.0
-        unseen = self._unseen.update(state, dynamic, self._body_near, elapsed)
-        unseen = unseen[self._occupancy.occupied[unseen] == 0]
-        indices = np.concatenate([dynamic, unseen])
-        points = self.grid.center(self._triples(indices)).astype(np.float32)
-        unknown = np.zeros(len(indices), bool)
-        unknown[len(dynamic) :] = True
+        fine, far = self._fine, self._far
+        parts: list[tuple[Floats32, bool]] = []
+        if self.config.far_margin > 0:
+            parts = self._far_hazards(far.occupancy.state(alive), elapsed)
+        seen = fine.occupancy.dynamic
+        unseen, _ = fine.unseen.update(state, seen, self._body_near, elapsed)
+        unseen = unseen[fine.occupancy.occupied[unseen] == 0]
+        parts.append((self._centers(seen), False))
+        parts.append((self._centers(unseen), True))
+        points = np.concatenate([p for p, _ in parts])
+        unknown = np.concatenate([np.full(len(p), u) for p, u in parts])
         return points, unknown
+
+    def _far_hazards(self, state: Bytes, elapsed: float) -> list[tuple[Floats32, bool]]:
+        """The same of the coarse layer, outside the fine one, as faces of fine voxels."""
+        far = self._far
+        shape = np.asarray(far.grid.shape)
+        parts = self.config.far_parts
+        index, faces = far.unseen.update(state, far.occupancy.dynamic, None, elapsed)
+        seen = far.occupancy.occupied[index] != 0
+        whole = np.full(len(far.occupancy.dynamic), 63, np.uint8)
+        out = []
+        for cells, open_faces, unseen in (
+            (far.occupancy.dynamic, whole, False),
+            (index[~seen], faces[~seen], True),
+        ):
+            count = face_points(
+                cells,
+                open_faces,
+                len(cells),
+                np.asarray(far.grid.origin, float),
+                far.grid.voxel,
+                shape,
+                parts,
+                self._points,
+            )
+            points = self._points[:count]
+            inside = self.grid.index(points)
+            outside = ((inside < 0) | (inside >= self.grid.shape)).any(axis=1)
+            out.append((points[outside], unseen))
+        return out
+
+    def _centers(self, flat: Ints32) -> Floats32:
+        return self.grid.center(self._triples(flat)).astype(np.float32)
 
     def _triples(self, flat: Ints32) -> Ints:
         return np.stack(np.unravel_index(flat, self.grid.shape), axis=1)

@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
-from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
+from armsight.arrays import Bytes, Floats, Ints32
+from armsight.mapping.snapshot import OCCUPIED, UNKNOWN
 
 
 @njit(cache=True, nogil=True)
-def add_hits(hits, strong, n, stamp, bit, window, occupied, seen_by, last, weak, listed, count):
+def add_hits(
+    hits: Ints32,
+    strong: Bytes,
+    n: int,
+    stamp: float,
+    bit: int,
+    window: float,
+    occupied: Bytes,
+    seen_by: Bytes,
+    last: Floats,
+    weak: Floats,
+    listed: Ints32,
+    count: int,
+) -> int:
     """Let one frame's hits occupy voxels.
 
     Of the arguments:
@@ -39,7 +55,18 @@ def add_hits(hits, strong, n, stamp, bit, window, occupied, seen_by, last, weak,
 
 
 @njit(cache=True, nogil=True)
-def clear_seen_through(free, gone, stamp, bit, hold, occupied, seen_by, last, listed, count):
+def clear_seen_through(
+    free: Bytes,
+    gone: Bytes,
+    stamp: float,
+    bit: int,
+    hold: float,
+    occupied: Bytes,
+    seen_by: Bytes,
+    last: Floats,
+    listed: Ints32,
+    count: int,
+) -> int:
     """Free the occupied voxels that one frame saw through.
 
     The camera that hit a voxel clears its own word at once; another camera's word stands for
@@ -69,26 +96,38 @@ def clear_seen_through(free, gone, stamp, bit, hold, occupied, seen_by, last, li
 
 
 @njit(cache=True, nogil=True)
-def compose_state(free, alive, occupied, static, state):
+def _fill(value: int, out: Bytes) -> None:
+    for v in range(out.shape[0]):
+        out[v] = np.uint8(value)
+
+
+@njit(cache=True, nogil=True)
+def _join(more: Bytes, out: Bytes) -> None:
+    for v in range(out.shape[0]):
+        out[v] = np.uint8(out[v] | more[v])
+
+
+@njit(cache=True, nogil=True)
+def _occupy(a: Bytes, b: Bytes, out: Bytes) -> None:
+    for v in range(out.shape[0]):
+        out[v] = np.uint8(OCCUPIED) if (a[v] | b[v]) != 0 else out[v]
+
+
+@njit(cache=True, nogil=True)
+def compose_state(free: Any, alive: Bytes, occupied: Bytes, static: Bytes, state: Bytes) -> None:
     """State of every voxel from the newest frame of each living camera.
 
     Of the arguments:
-        free: (cameras, n) uint8; alive: (cameras,) uint8; occupied, static: (n,) uint8.
-        state: (n,) uint8 out.
+        free: (cameras, n) uint8, 1 (that is FREE) where a camera sees through the voxel.
+        alive: (cameras,) uint8; occupied, static: (n,) uint8; state: (n,) uint8 out.
     """
     n = state.shape[0]
-    block = 4096
+    block = 8192
     for start in range(0, n, block):
         stop = min(start + block, n)
-        for v in range(start, stop):
-            state[v] = UNKNOWN
+        out = state[start:stop]
+        _fill(UNKNOWN, out)
         for c in range(free.shape[0]):
             if alive[c] != 0:
-                seen = free[c]
-                for v in range(start, stop):
-                    state[v] |= np.uint8(seen[v])
-        for v in range(start, stop):
-            solid = occupied[v] | static[v]
-            state[v] = np.uint8(OCCUPIED) if solid != 0 else state[v]
-    # seen = 1 is FREE itself
-    assert FREE == 1
+                _join(free[c, start:stop], out)
+        _occupy(occupied[start:stop], static[start:stop], out)

@@ -10,37 +10,68 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Words
+
 ONE = np.uint64(1)
 
 
+@njit(inline="always")
+def _gathered(eight: int) -> int:
+    """Eight bytes of 0 or 1, read as one word, to eight bits."""
+    return ((np.uint64(eight) * np.uint64(0x0102040810204080)) >> np.uint64(56)) & np.uint64(0xFF)
+
+
 @njit(cache=True, nogil=True)
-def pack_room(state, blocked, rim, bits):
-    """The set of voxels where someone unseen could be: neither free nor blocked; the rim is too.
+def _room_row(state: Bytes, a: Bytes, b: Bytes, out: Bytes) -> None:
+    for z in range(state.shape[0]):
+        out[z] = np.uint8((state[z] != 1) & (a[z] == 0) & (b[z] == 0))
+
+
+@njit(cache=True, nogil=True)
+def pack_room(state: Bytes, static: Bytes, body: Bytes, rim: int, bits: Words) -> None:
+    """The set of voxels where someone unseen could be: not free, not solid; the rim is too.
 
     Of the arguments:
-        state: (nx, ny, nz) uint8 (1 is free); blocked: uint8, declared solids and the arm itself.
+        state: (nx, ny, nz) uint8 (1 is free).
+        static, body: uint8, 1 where declared solids and the arm itself are.
     """
     nx, ny, nz = state.shape
     words = bits.shape[2]
     depth = nz + 2 * rim
+    padded = np.zeros((nz + 7) // 8 * 8, np.uint8)
+    eights = padded.view(np.uint64)
+    full = ~np.uint64(0)
+    rims = np.zeros(words, np.uint64)
+    for p in range(depth):
+        if p < rim or p >= depth - rim:
+            rims[p >> 6] |= ONE << np.uint64(p & 63)
     for x in range(bits.shape[0]):
         for y in range(bits.shape[1]):
+            row = bits[x, y]
+            inner = rim <= x < nx + rim and rim <= y < ny + rim
             for w in range(words):
-                used = min(64, depth - 64 * w)
-                bits[x, y, w] = ~np.uint64(0) >> np.uint64(64 - used)
-    for x in range(nx):
-        for y in range(ny):
-            row = bits[x + rim, y + rim]
-            s = state[x, y]
-            b = blocked[x, y]
-            for z in range(nz):
-                if s[z] == 1 or b[z] != 0:
-                    p = z + rim
-                    row[p >> 6] &= ~(ONE << np.uint64(p & 63))
+                row[w] = full >> np.uint64(64 - min(64, depth - 64 * w))
+                if inner:  # all but the rim is decided below
+                    row[w] &= rims[w]
+            if not inner:
+                continue
+            i, j = x - rim, y - rim
+            _room_row(state[i, j], static[i, j], body[i, j], padded)
+            for e in range(eights.shape[0]):
+                eight = eights[e]
+                if eight == 0:
+                    continue
+                byte = _gathered(eight)
+                p = 8 * e + rim
+                w = p >> 6
+                shift = np.uint64(p & 63)
+                row[w] |= byte << shift
+                if shift > 56 and w + 1 < words:
+                    row[w + 1] |= byte >> (np.uint64(64) - shift)
 
 
 @njit(cache=True, nogil=True)
-def pack(mask, rim, bits):
+def pack(mask: Bytes, rim: int, bits: Words) -> None:
     """(nx, ny, nz) uint8 truth values to bits; the rim is empty."""
     nx, ny, nz = mask.shape
     bits[:] = np.uint64(0)
@@ -55,7 +86,7 @@ def pack(mask, rim, bits):
 
 
 @njit(cache=True, nogil=True)
-def unpack(bits, rim, mask):
+def unpack(bits: Words, rim: int, mask: Bytes) -> None:
     """Bits to (nx, ny, nz) uint8 truth values, the rim left out."""
     nx, ny, nz = mask.shape
     for x in range(nx):
@@ -67,7 +98,7 @@ def unpack(bits, rim, mask):
 
 
 @njit(cache=True, nogil=True)
-def add_voxels(indices, count, ny, nz, rim, bits):
+def add_voxels(indices: Ints32, count: int, ny: int, nz: int, rim: int, bits: Words) -> None:
     """Add voxels by their flat index in the (nx, ny, nz) grid."""
     for a in range(count):
         v = indices[a]
@@ -76,7 +107,7 @@ def add_voxels(indices, count, ny, nz, rim, bits):
 
 
 @njit(cache=True, nogil=True)
-def fill_rim(rim, depth, bits):
+def fill_rim(rim: int, depth: int, bits: Words) -> None:
     """Put the whole rim into the set."""
     X, Y = bits.shape[:2]
     for x in range(X):
@@ -88,7 +119,7 @@ def fill_rim(rim, depth, bits):
 
 
 @njit(cache=True, nogil=True)
-def grow(bits, room, a, b):
+def grow(bits: Words, room: Words, a: Words, b: Words) -> bool:
     """One step of growth to all 26 neighbours within ``room``, in place.
 
     Of the arguments:
@@ -133,7 +164,7 @@ def grow(bits, room, a, b):
 
 
 @njit(cache=True, nogil=True)
-def intersect(bits, other):
+def intersect(bits: Words, other: Words) -> None:
     """Keep only what is in ``other`` too, in place."""
     X, Y, words = bits.shape
     for x in range(X):
@@ -143,7 +174,7 @@ def intersect(bits, other):
 
 
 @njit(cache=True, nogil=True)
-def open_by_cube(bits, edge, depth):
+def open_by_cube(bits: Words, edge: int, depth: int) -> None:
     """Keep only what a cube of ``edge`` voxels can cover, in place; at most the rim's width."""
     X, Y, words = bits.shape
     last = depth - 64 * (words - 1)
@@ -189,13 +220,28 @@ def open_by_cube(bits, edge, depth):
                     bits[x, y, w] |= bits[x - 1, y, w]
 
 
+@njit(inline="always")
+def _bit_number(single: int) -> int:
+    """Position of the only bit of a word."""
+    n = 0
+    for step in (32, 16, 8, 4, 2, 1):
+        if single >> np.uint64(step):
+            single >>= np.uint64(step)
+            n += step
+    return n
+
+
 @njit(cache=True, nogil=True)
-def frontier(bits, blocked, rim, ny, nz, indices):
+def frontier(
+    bits: Words, blocked: Words, rim: int, ny: int, nz: int, indices: Ints32, faces: Bytes
+) -> int:
     """Voxels of the set with a face neighbour that is neither in the set nor blocked.
 
     Of the arguments:
-        bits: the set; blocked: a set behind whose voxels nobody steps out (declared solids).
-        indices: (m,) int32 out: flat indices in the (nx, ny, nz) grid; rim voxels are left out.
+        bits: the set.
+        blocked: a set behind whose voxels nobody steps out (declared solids).
+        indices: (m,) out: flat indices in the (nx, ny, nz) grid; rim voxels are left out.
+        faces: (m,) out: which faces are open: bits 0.. for -x, +x, -y, +y, -z, +z.
 
     Returns:
         Number of indices (at most m).
@@ -215,18 +261,106 @@ def frontier(bits, blocked, rim, ny, nz, indices):
                     up |= (bits[x, y, w - 1] | blocked[x, y, w - 1]) >> np.uint64(63)
                 if w < words - 1:
                     down |= (bits[x, y, w + 1] | blocked[x, y, w + 1]) << np.uint64(63)
-                inner = up & down
-                inner &= bits[x - 1, y, w] | blocked[x - 1, y, w]
-                inner &= bits[x + 1, y, w] | blocked[x + 1, y, w]
-                inner &= bits[x, y - 1, w] | blocked[x, y - 1, w]
-                inner &= bits[x, y + 1, w] | blocked[x, y + 1, w]
-                edge = here & ~inner
-                if edge == 0:
-                    continue
-                for b in range(64):
-                    if (edge >> np.uint64(b)) & ONE:
-                        z = 64 * w + b - rim
-                        if 0 <= z < nz and n < indices.shape[0]:
-                            indices[n] = ((x - rim) * ny + y - rim) * nz + z
-                            n += 1
+                west = bits[x - 1, y, w] | blocked[x - 1, y, w]
+                east = bits[x + 1, y, w] | blocked[x + 1, y, w]
+                south = bits[x, y - 1, w] | blocked[x, y - 1, w]
+                north = bits[x, y + 1, w] | blocked[x, y + 1, w]
+                edge = here & ~(up & down & west & east & south & north)
+                while edge != 0:
+                    low = edge & (~edge + ONE)
+                    edge ^= low
+                    z = 64 * w + _bit_number(low) - rim
+                    if z < 0 or z >= nz or n >= indices.shape[0]:
+                        continue
+                    indices[n] = ((x - rim) * ny + y - rim) * nz + z
+                    faces[n] = (
+                        (1 if west & low == 0 else 0)
+                        | (2 if east & low == 0 else 0)
+                        | (4 if south & low == 0 else 0)
+                        | (8 if north & low == 0 else 0)
+                        | (16 if up & low == 0 else 0)
+                        | (32 if down & low == 0 else 0)
+                    )
+                    n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def clear_rim(rim: int, depth: int, bits: Words) -> None:
+    """Take the whole rim out of the set."""
+    X, Y, words = bits.shape
+    inside = np.zeros(words, np.uint64)
+    for p in range(rim, depth - rim):
+        inside[p >> 6] |= ONE << np.uint64(p & 63)
+    for x in range(X):
+        for y in range(Y):
+            inner = rim <= x < X - rim and rim <= y < Y - rim
+            for w in range(words):
+                bits[x, y, w] = bits[x, y, w] & inside[w] if inner else np.uint64(0)
+
+
+@njit(cache=True, nogil=True)
+def copy_shell(far: Words, far_rim: int, cells: Ints32, shell: Ints32, bits: Words) -> None:
+    """Add to the set those voxels of its rim whose cell in a coarser set is in that set.
+
+    Of the arguments:
+        far: the coarser set.
+        cells: (m, 3) cell x, y, z in the coarser grid of each shell voxel.
+        shell: (m, 3) row, column and bit position of the voxel in ``bits``.
+    """
+    for a in range(cells.shape[0]):
+        p = cells[a, 2] + far_rim
+        word = far[cells[a, 0] + far_rim, cells[a, 1] + far_rim, p >> 6]
+        if (word >> np.uint64(p & 63)) & ONE:
+            q = shell[a, 2]
+            bits[shell[a, 0], shell[a, 1], q >> 6] |= ONE << np.uint64(q & 63)
+
+
+@njit(cache=True, nogil=True)
+def face_points(
+    indices: Ints32,
+    faces: Bytes,
+    count: int,
+    origin: Floats,
+    cell: float,
+    shape: Ints,
+    parts: int,
+    out: Floats32,
+) -> int:
+    """Centres of the small cubes that make up the open faces of big cells.
+
+    Of the arguments:
+        indices, faces, count: see :func:`frontier`.
+        cell: edge of a big cell [m]; parts: small cubes along it.
+        out: (m, 3) [m].
+
+    Returns:
+        Number of points written, at most m.
+    """
+    ny, nz = shape[1], shape[2]
+    part = cell / parts
+    n = 0
+    for a in range(count):
+        index = indices[a]
+        x0 = origin[0] + (index // (nz * ny)) * cell
+        y0 = origin[1] + ((index // nz) % ny) * cell
+        z0 = origin[2] + (index % nz) * cell
+        f = faces[a]
+        last = parts - 1
+        for i in range(parts):
+            for j in range(parts):
+                for k in range(parts):
+                    on_open = (
+                        (f & 1 and i == 0)
+                        or (f & 2 and i == last)
+                        or (f & 4 and j == 0)
+                        or (f & 8 and j == last)
+                        or (f & 16 and k == 0)
+                        or (f & 32 and k == last)
+                    )
+                    if on_open and n < out.shape[0]:
+                        out[n, 0] = x0 + (i + 0.5) * part
+                        out[n, 1] = y0 + (j + 0.5) * part
+                        out[n, 2] = z0 + (k + 0.5) * part
+                        n += 1
     return n

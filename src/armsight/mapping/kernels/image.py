@@ -1,66 +1,60 @@
 """Compiled inner loops from a depth image to evidence about voxels.
 
-Each has a plain-numpy twin in ``tests/mapping/twins.py``. All release the interpreter's lock, so
-cameras can be worked on in parallel; none keeps state.
+All release the interpreter's lock, so cameras can be worked on in parallel; none keeps state.
 
-Shared arguments: ``depth`` (h, w) float32 [m]; ``rays`` (h, w, 2) float32 x/z, y/z of each pixel;
-``T`` (4, 4) camera in base; ``lens`` (11,) fx fy cx cy k1 k2 p1 p2 k3 and
-the greatest |x/z|, |y/z| that the image holds; ``origin`` (3,) lower corner
-of the grid [m]; ``voxel`` edge [m]; ``noise`` (3,) a b c of sigma(z) = a + b z + c z^2 [m].
+Arguments that recur: ``depth`` (h, w) float32 [m]; ``label`` (h, w) uint8, see below; ``rays``
+(h, w, 2) float32 x/z, y/z of each pixel; ``T`` (4, 4) camera in base; ``origin`` (3,) lower corner
+of a grid [m]; ``voxel`` its edge [m]; ``shape`` (3,) voxels along each axis; ``noise`` (3,) a b c
+of sigma(z) = a + b z + c z^2 [m]; ``units`` depth units a metre of the uint16 tables.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+
+from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Pose, Poses, Shorts
 
 NOTHING, VALID, ROBOT = 0, 1, 2
 """Labels of pixels: no usable return, something, the arm itself."""
 
 LEVELS = 5
-"""Min-pooling windows of 1, 2, 4, 8, 16 pixels."""
-
-TILE = 8
-"""Edge of the tiles of the maximum image [px]."""
+"""Pooling windows of 1, 2, 4, 8, 16 pixels."""
 
 
 @njit(cache=True, nogil=True)
-def label_valid(depth, near, far, label):
+def label_valid(depth: Floats32, near: float, far: float, label: Bytes) -> int:
     """Mark the pixels with a usable return; returns how many there are."""
-    h, w = depth.shape
+    d = depth.reshape(-1)
+    out = label.reshape(-1)
+    lo, hi = np.float32(near), np.float32(far)
     count = 0
-    for v in range(h):
-        for u in range(w):
-            z = depth[v, u]
-            ok = z >= near and z <= far  # false for NaN and infinities
-            label[v, u] = VALID if ok else NOTHING
-            count += ok
+    for p in range(d.shape[0]):
+        ok = (d[p] >= lo) & (d[p] <= hi)  # false for NaN and infinities
+        out[p] = np.uint8(ok)
+        count += ok
     return count
 
 
 @njit(cache=True, nogil=True)
-def supported(depth, v, u, tolerance, need):
+def supported(depth: Floats32, v: int, u: int, tolerance: float, need: int) -> bool:
     """Whether ``need`` of the 8 neighbours lie within ``tolerance`` [m] of a pixel's depth."""
     h, w = depth.shape
     z = depth[v, u]
     found = 0
-    for dv in range(-1, 2):
-        y = v + dv
-        if y < 0 or y >= h:
-            continue
-        for du in range(-1, 2):
-            x = u + du
-            if (dv == 0 and du == 0) or x < 0 or x >= w:
-                continue
-            if abs(depth[y, x] - z) <= tolerance:
+    for y in range(max(v - 1, 0), min(v + 2, h)):
+        for x in range(max(u - 1, 0), min(u + 2, w)):
+            if abs(depth[y, x] - z) <= tolerance:  # false for NaN
                 found += 1
-                if found >= need:
-                    return True
-    return need <= 0
+    return found > need  # the pixel itself was counted
 
 
 @njit(cache=True, nogil=True)
-def solid_distance(kind, size, T_solid_base, x, y, z):
+def solid_distance(
+    kind: int, size: Floats, T_solid_base: Pose, x: float, y: float, z: float
+) -> float:
     """Signed distance [m] of a point in base to a solid (0 box, 1 cylinder, 2 sphere)."""
     px = T_solid_base[0, 0] * x + T_solid_base[0, 1] * y + T_solid_base[0, 2] * z
     py = T_solid_base[1, 0] * x + T_solid_base[1, 1] * y + T_solid_base[1, 2] * z
@@ -78,52 +72,91 @@ def solid_distance(kind, size, T_solid_base, x, y, z):
         a = np.sqrt(px * px + py * py) - size[0]
         b = abs(pz) - 0.5 * size[1]
         c = -1e9
-    outside = np.sqrt(max(a, 0.0) ** 2 + max(b, 0.0) ** 2 + max(c, 0.0) ** 2)
-    return outside + min(max(a, max(b, c)), 0.0)
+    oa, ob, oc = max(a, 0.0), max(b, 0.0), max(c, 0.0)
+    return np.sqrt(oa * oa + ob * ob + oc * oc) + min(max(a, max(b, c)), 0.0)
+
+
+@njit(cache=True, nogil=True)
+def explained(
+    nearest: int,
+    bound: int,
+    slack: float,
+    limit: float,
+    kinds: Ints,
+    sizes: Floats,
+    T_solid_base: Poses,
+    x: float,
+    y: float,
+    z: float,
+) -> bool:
+    """Whether a point lies within ``limit`` [m] of the declared solid nearest to its voxel.
+
+    ``bound`` is the signed distance [mm] from the voxel's centre to that solid, ``slack`` half the
+    voxel's diagonal [m]: most points are settled by them alone.
+    """
+    if nearest == 0:
+        return False
+    d = 0.001 * bound
+    if d + slack + 0.001 <= limit:
+        return True
+    if d - slack - 0.001 > limit:
+        return False
+    return (
+        solid_distance(kinds[nearest - 1], sizes[nearest - 1], T_solid_base[nearest - 1], x, y, z)
+        <= limit
+    )
 
 
 @njit(cache=True, nogil=True)
 def collect_hits(
-    depth,
-    label,
-    rays,
-    T,
-    origin,
-    voxel,
-    shape,
-    noise,
-    near_solid,
-    kinds,
-    sizes,
-    T_solid_base,
-    margin,
-    angle,
-    sigmas,
-    support,
-    count,
-    hits,
-):
+    depth: Floats32,
+    label: Bytes,
+    rays: Floats32,
+    T: Floats32,
+    noise: Floats,
+    grid: Any,
+    far_grid: Any,
+    solids: Any,
+    tolerance: Any,
+    support: int,
+    count: Shorts,
+    hits: Ints32,
+    far_count: Shorts,
+    far_hits: Ints32,
+) -> tuple[int, int]:
     """Count, per voxel, the pixels that hit it and that nothing declared explains.
 
     Of the arguments:
         label: which pixels are usable (``VALID``).
-        shape: (3,) voxels along each axis.
-        near_solid: (nx ny nz) uint8, 0 where no declared solid is close, else 1 + the index of the
-            closest one.
-        kinds, sizes, T_solid_base: the solids.
-        margin, angle, sigmas: a point is the solid within margin [m] + angle [rad] x depth +
-            sigmas x sigma(depth).
+        T: float32, as are all sums here: a tenth of a micrometre at arm's length.
+        grid, far_grid: (origin float32 (3,), voxel, shape, nearest uint8, bound int8) of the fine
+            and the coarse layer; see ``StaticGeometry``. A point counts in the fine layer if it
+            lies inside, else in the coarse one.
+        solids: (kinds, sizes, T_solid_base).
+        tolerance: (m, rad, sigmas): a point is a solid within m + rad x depth + sigmas x sigma.
         support: see :func:`supported`.
-        count: (nx ny nz) uint16 scratch, zero on entry and on exit.
-        hits: (m,) int32 out: flat indices of the voxels hit.
+        count: (voxels,) uint16 scratch, zero on entry; holds the pixel counts afterwards.
+        hits: (m,) out: flat indices of the voxels hit.
 
     Returns:
-        Number of voxels hit. Their pixel counts are left in ``count`` at these indices.
+        Number of voxels hit in the fine and in the coarse layer.
     """
     h, w = depth.shape
-    ny, nz = shape[1], shape[2]
-    inv = 1.0 / voxel
+    origin, voxel, shape, nearest, bound = grid
+    far_origin, far_voxel, far_shape, far_nearest, far_bound = far_grid
+    kinds, sizes, T_solid_base = solids
+    margin, angle, sigmas = tolerance
+    inv = np.float32(1.0 / voxel)
+    far_inv = np.float32(1.0 / far_voxel)
+    slack = 0.8660254 * voxel
+    far_slack = 0.8660254 * far_voxel
+    nx, ny, nz = shape[0], shape[1], shape[2]
+    mx, my, mz = far_shape[0], far_shape[1], far_shape[2]
+    r00, r01, r02, tx = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    r10, r11, r12, ty = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    r20, r21, r22, tz = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     n = 0
+    m = 0
     for v in range(h):
         for u in range(w):
             if label[v, u] != VALID:
@@ -131,36 +164,83 @@ def collect_hits(
             z = depth[v, u]
             rx = rays[v, u, 0]
             ry = rays[v, u, 1]
-            x = z * (T[0, 0] * rx + T[0, 1] * ry + T[0, 2]) + T[0, 3]
-            y = z * (T[1, 0] * rx + T[1, 1] * ry + T[1, 2]) + T[1, 3]
-            t = z * (T[2, 0] * rx + T[2, 1] * ry + T[2, 2]) + T[2, 3]
-            i = int(np.floor((x - origin[0]) * inv))
-            j = int(np.floor((y - origin[1]) * inv))
-            k = int(np.floor((t - origin[2]) * inv))
-            if i < 0 or j < 0 or k < 0 or i >= shape[0] or j >= ny or k >= nz:
-                continue
-            index = (i * ny + j) * nz + k
-            s = near_solid[index]
-            sigma = noise[0] + noise[1] * z + noise[2] * z * z
-            if s != 0:
-                m = margin + angle * z + sigmas * sigma
-                d = solid_distance(kinds[s - 1], sizes[s - 1], T_solid_base[s - 1], x, y, t)
-                if d <= m:
+            x = z * (r00 * rx + r01 * ry + r02) + tx
+            y = z * (r10 * rx + r11 * ry + r12) + ty
+            t = z * (r20 * rx + r21 * ry + r22) + tz
+            a = (x - origin[0]) * inv
+            b = (y - origin[1]) * inv
+            c = (t - origin[2]) * inv
+            sigma = noise[0] + z * (noise[1] + z * noise[2])
+            limit = margin + angle * z + sigmas * sigma
+            if a >= 0 and b >= 0 and c >= 0 and a < nx and b < ny and c < nz:
+                index = (int(a) * ny + int(b)) * nz + int(c)
+                if explained(
+                    nearest[index],
+                    bound[index],
+                    slack,
+                    limit,
+                    kinds,
+                    sizes,
+                    T_solid_base,
+                    x,
+                    y,
+                    t,
+                ):
                     continue
-            if not supported(depth, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
-                continue
-            if count[index] == 0:
-                if n >= hits.shape[0]:
+                if not supported(depth, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
                     continue
-                hits[n] = index
-                n += 1
-            if count[index] < 65535:
-                count[index] += 1
-    return n
+                if count[index] == 0:
+                    if n >= hits.shape[0]:
+                        continue
+                    hits[n] = index
+                    n += 1
+                if count[index] < 65535:
+                    count[index] += 1
+            else:
+                a = (x - far_origin[0]) * far_inv
+                b = (y - far_origin[1]) * far_inv
+                c = (t - far_origin[2]) * far_inv
+                if not (a >= 0 and b >= 0 and c >= 0 and a < mx and b < my and c < mz):
+                    continue
+                index = (int(a) * my + int(b)) * mz + int(c)
+                if explained(
+                    far_nearest[index],
+                    far_bound[index],
+                    far_slack,
+                    limit,
+                    kinds,
+                    sizes,
+                    T_solid_base,
+                    x,
+                    y,
+                    t,
+                ):
+                    continue
+                if not supported(depth, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
+                    continue
+                if far_count[index] == 0:
+                    if m >= far_hits.shape[0]:
+                        continue
+                    far_hits[m] = index
+                    m += 1
+                if far_count[index] < 65535:
+                    far_count[index] += 1
+    return n, m
 
 
 @njit(cache=True, nogil=True)
-def grade_hits(hits, n, count, T, origin, voxel, shape, focal2, share, strong):
+def grade_hits(
+    hits: Ints32,
+    n: int,
+    count: Shorts,
+    T: Floats,
+    origin: Floats,
+    voxel: float,
+    shape: Ints,
+    focal2: float,
+    share: float,
+    strong: Bytes,
+) -> None:
     """Tell strong sightings (1) from weak ones (0) by pixel count, and clear ``count`` again.
 
     Of the arguments:
@@ -185,229 +265,246 @@ def grade_hits(hits, n, count, T, origin, voxel, shape, focal2, share, strong):
 
 
 @njit(cache=True, nogil=True)
-def build_pyramid(depth, label, least, greatest):
-    """Min-pooled depth over windows of 1, 2, 4, 8, 16 px and tile maxima; no return counts as 0.
+def to_units(depth: Floats32, label: Bytes, units: float, out: Shorts) -> None:
+    """Depth as uint16, rounded down; 0 where there is no usable return."""
+    d = depth.reshape(-1)
+    seen = label.reshape(-1)
+    o = out.reshape(-1)
+    scale = np.float32(units)
+    for p in range(d.shape[0]):
+        z = d[p] if seen[p] != 0 else np.float32(0.0)
+        o[p] = np.uint16(np.int32(z * scale))
 
-    Of the arguments:
-        least: (5, h, w) float32 out: least[k, v, u] is the minimum over the 2^k x 2^k window whose
-            upper left pixel is (v, u), cut at the image's edge.
-        greatest: (ceil(h / 8), ceil(w / 8)) float32 out: maximum over each tile.
+
+@njit(cache=True, nogil=True)
+def _least(a: Shorts, b: Shorts, out: Shorts) -> None:
+    for u in range(out.shape[0]):
+        out[u] = np.uint16(min(a[u], b[u]))
+
+
+@njit(cache=True, nogil=True)
+def _most(a: Shorts, b: Shorts, out: Shorts) -> None:
+    for u in range(out.shape[0]):
+        out[u] = np.uint16(max(a[u], b[u]))
+
+
+@njit(cache=True, nogil=True)
+def pool(below: Shorts, step: int, least: bool, row: Shorts, out: Shorts) -> None:
+    """Minimum (or maximum) of the windows at (v, u), (v + step, u), (v, u + step) and both.
+
+    Windows are cut at the image's edges. ``row`` (w,) is scratch.
     """
-    h, w = depth.shape
-    base = least[0]
+    h, w = below.shape
     for v in range(h):
-        for u in range(w):
-            base[v, u] = depth[v, u] if label[v, u] != NOTHING else np.float32(0.0)
+        other = below[min(v + step, h - 1)]
+        if least:
+            _least(below[v], other, row)
+            _least(row[: w - step], row[step:], out[v, : w - step])
+        else:
+            _most(below[v], other, row)
+            _most(row[: w - step], row[step:], out[v, : w - step])
+        out[v, w - step :] = row[w - step :]
+
+
+@njit(cache=True, nogil=True)
+def gather(windows: Shorts, index: Ints32, out: Shorts) -> None:
+    """Out = windows[index], 0 where the index is negative: an image seen through an ideal lens."""
+    src = windows.reshape(-1)
+    at = index.reshape(-1)
+    o = out.reshape(-1)
+    for p in range(at.shape[0]):
+        i = at[p]
+        o[p] = src[i] if i >= 0 else np.uint16(0)
+
+
+@njit(cache=True, nogil=True)
+def build_tables(least: Shorts, most: Shorts, row: Shorts) -> None:
+    """Fill levels 1.. of (5, h, w) pooled tables from level 0; windows as in :func:`pool`."""
     for k in range(1, LEVELS):
-        s = 1 << (k - 1)
-        below = least[k - 1]
-        here = least[k]
-        for v in range(h):
-            v2 = min(v + s, h - 1)
-            for u in range(w - s):
-                a = min(below[v, u], below[v, u + s])
-                b = min(below[v2, u], below[v2, u + s])
-                here[v, u] = min(a, b)
-            for u in range(max(w - s, 0), w):
-                here[v, u] = min(below[v, u], below[v2, u])
-    for a in range(greatest.shape[0]):
-        for b in range(greatest.shape[1]):
-            m = np.float32(0.0)
-            for v in range(a * TILE, min((a + 1) * TILE, h)):
-                for u in range(b * TILE, min((b + 1) * TILE, w)):
-                    m = max(m, base[v, u])
-            greatest[a, b] = m
+        pool(least[k - 1], 1 << (k - 1), True, row, least[k])
+        pool(most[k - 1], 1 << (k - 1), False, row, most[k])
 
 
-@njit(cache=True, nogil=True)
-def is_ideal(lens):
-    """Whether a lens has no distortion."""
-    none = lens[4] == 0.0 and lens[5] == 0.0 and lens[6] == 0.0
-    return none and lens[7] == 0.0 and lens[8] == 0.0
-
-
-@njit(cache=True, nogil=True)
-def distort(lens, x, y):
-    """Pixel coordinates of normalised ones, with Brown-Conrady distortion."""
-    k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
-    if is_ideal(lens):
-        return lens[0] * x + lens[2], lens[1] * y + lens[3]
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    return lens[0] * xd + lens[2], lens[1] * yd + lens[3]
-
-
-@njit(cache=True, nogil=True)
-def footprint(lens, x, y, z, ex, ey, ez):
-    """Pixels that can see any part of a box about (x, y, z) with half extents ex, ey, ez.
-
-    Conservative: the box is aligned with the camera and encloses the voxel. The box must lie
-    wholly in front of the camera.
-
-    Returns:
-        First and last column, first and last row (inclusive, may lie outside the image).
-    """
-    near = 1.0 / (z - ez)
-    far = 1.0 / (z + ez)
-    x0 = x - ex
-    x1 = x + ex
-    y0 = y - ey
-    y1 = y + ey
-    x0 = x0 * (near if x0 < 0 else far)
-    x1 = x1 * (far if x1 < 0 else near)
-    y0 = y0 * (near if y0 < 0 else far)
-    y1 = y1 * (far if y1 < 0 else near)
-    if is_ideal(lens):
-        u0 = lens[0] * x0 + lens[2]
-        u1 = lens[0] * x1 + lens[2]
-        v0 = lens[1] * y0 + lens[3]
-        v1 = lens[1] * y1 + lens[3]
-    else:
-        # Outside the lens's own field the polynomial means nothing (it folds back): not seen.
-        if x1 > lens[9] or x0 < -lens[9] or y1 > lens[10] or y0 < -lens[10]:
-            return -1, -1, -1, -1
-        u0, v0 = distort(lens, x0, y0)
-        u1, v1 = u0, v0
-        for c in range(1, 9):  # the other corners and the middles of the sides
-            a, b = distort(lens, x0 + 0.5 * (c % 3) * (x1 - x0), y0 + 0.5 * (c // 3) * (y1 - y0))
-            u0 = min(u0, a)
-            u1 = max(u1, a)
-            v0 = min(v0, b)
-            v1 = max(v1, b)
-        pad_u = 0.02 * (u1 - u0)  # the sides bow a little between the tested points
-        pad_v = 0.02 * (v1 - v0)
-        u0 -= pad_u
-        u1 += pad_u
-        v0 -= pad_v
-        v1 += pad_v
-    return (
-        int(np.floor(u0 + 0.5)),
-        int(np.floor(u1 + 0.5)),
-        int(np.floor(v0 + 0.5)),
-        int(np.floor(v1 + 0.5)),
-    )
-
-
-@njit(cache=True, nogil=True)
-def window_min(least, u0, u1, v0, v1):
-    """Minimum depth over an inclusive pixel rectangle that lies inside the image."""
-    w = u1 - u0 + 1
-    h = v1 - v0 + 1
-    short = min(w, h)
+@njit(inline="always")
+def _level(width: int, height: int) -> int:
+    short = min(width, height)
     k = 0
-    while k < LEVELS - 1 and (2 << k) <= short:
-        k += 1
+    if short >= 16:
+        k = 4
+    elif short >= 8:
+        k = 3
+    elif short >= 4:
+        k = 2
+    elif short >= 2:
+        k = 1
+    return k
+
+
+@njit(inline="always")
+def window_least(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
+    """Minimum over an inclusive pixel rectangle inside the image, from pooled tables."""
+    k = _level(u1 - u0 + 1, v1 - v0 + 1)
     s = 1 << k
-    table = least[k]
-    best = table[v0, u0]
+    pooled = table[k]
+    best = pooled[v0, u0]
     v = v0
     while True:
         u = u0
         while True:
-            d = table[v, u]
-            best = min(best, d)
+            d = pooled[v, u]
+            if d < best:  # not min(): it would widen the type
+                best = d
             if u + s > u1:
                 break
             u = min(u + s, u1 - s + 1)
         if v + s > v1:
             break
         v = min(v + s, v1 - s + 1)
-    return best
+    return int(best)
+
+
+@njit(inline="always")
+def window_most(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
+    """Maximum over an inclusive pixel rectangle inside the image, from pooled tables."""
+    k = _level(u1 - u0 + 1, v1 - v0 + 1)
+    s = 1 << k
+    pooled = table[k]
+    best = pooled[v0, u0]
+    v = v0
+    while True:
+        u = u0
+        while True:
+            d = pooled[v, u]
+            if d > best:
+                best = d
+            if u + s > u1:
+                break
+            u = min(u + s, u1 - s + 1)
+        if v + s > v1:
+            break
+        v = min(v + s, v1 - s + 1)
+    return int(best)
 
 
 @njit(cache=True, nogil=True)
-def window_max(greatest, u0, u1, v0, v1):
-    """An upper bound of the depth over an inclusive pixel rectangle inside the image."""
-    best = np.float32(0.0)
-    for a in range(v0 // TILE, v1 // TILE + 1):
-        for b in range(u0 // TILE, u1 // TILE + 1):
-            best = max(best, greatest[a, b])
-    return best
-
-
-@njit(cache=True, nogil=True)
-def carve(least, greatest, lens, T, origin, voxel, shape, near, noise, margin, sigmas, free):
-    """Mark every voxel that the image saw through wholly; an octree descent of projections.
+def carve(
+    least: Shorts,
+    most: Shorts,
+    units: float,
+    lens: Floats,
+    T: Floats,
+    origin: Floats,
+    voxel: float,
+    shape: Ints,
+    near: float,
+    noise: Floats,
+    sigmas: float,
+    fine_radius: float,
+    free: Bytes,
+) -> None:
+    """Mark every voxel that the image saw through wholly: an octree descent of projections.
 
     A voxel is free only if the least depth over all pixels that can see any part of it lies
-    behind its far side, by ``margin`` [m] and ``sigmas`` of noise. Pixels without a return have
-    depth 0 and so free nothing.
+    behind its far side by ``sigmas`` of noise. Pixels without a return have depth 0: they free
+    nothing. A cube of half edges e_i about p projects within X +- sum_i |e_i,x - X e_i,z| /
+    (p_z - sum_i |e_i,z|) of its centre's X = p_x / p_z (exact for the cube's corners).
 
     Of the arguments:
-        near: the lens's least distance [m]: nothing nearer is judged.
+        least, most: (5, h, w) uint16 pooled tables of an image through an ideal lens.
+        lens: (4,) fx fy cx cy of that lens.
+        near: the camera's least distance [m]: nothing nearer is judged.
+        fine_radius: farther than this from the base, cubes of two voxels are judged as one [m].
         free: (nx, ny, nz) uint8, zero on entry; set to 1.
     """
     nx, ny, nz = shape[0], shape[1], shape[2]
-    _, h, w = least.shape
-    # rows: base axes in the camera frame, scaled to half a voxel's edge
+    h, w = least.shape[1], least.shape[2]
     half = 0.5 * voxel
-    ax = half * (abs(T[0, 0]) + abs(T[1, 0]) + abs(T[2, 0]))
-    ay = half * (abs(T[0, 1]) + abs(T[1, 1]) + abs(T[2, 1]))
-    az = half * (abs(T[0, 2]) + abs(T[1, 2]) + abs(T[2, 2]))
+    a0, a1, a2 = half * T[0, 0], half * T[1, 0], half * T[2, 0]  # half edges along camera x,
+    b0, b1, b2 = half * T[0, 1], half * T[1, 1], half * T[2, 1]  # y
+    c0, c1, c2 = half * T[0, 2], half * T[1, 2], half * T[2, 2]  # and z
+    reach_z = abs(c0) + abs(c1) + abs(c2)
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    n0, n1, n2 = sigmas * noise[0], sigmas * noise[1], sigmas * noise[2]
+    fine2 = fine_radius * fine_radius
     top = 8
-    stack = np.empty((64, 4), np.int64)
+    node = np.empty((64, 4), np.int64)
+    place = np.empty((64, 3), np.float64)
     for bi in range(0, nx, top):
         for bj in range(0, ny, top):
             for bk in range(0, nz, top):
-                stack[0, 0] = bi
-                stack[0, 1] = bj
-                stack[0, 2] = bk
-                stack[0, 3] = top
+                dx = origin[0] + (bi + 0.5 * top) * voxel - T[0, 3]
+                dy = origin[1] + (bj + 0.5 * top) * voxel - T[1, 3]
+                dz = origin[2] + (bk + 0.5 * top) * voxel - T[2, 3]
+                node[0, 0] = bi
+                node[0, 1] = bj
+                node[0, 2] = bk
+                node[0, 3] = top
+                place[0, 0] = T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz
+                place[0, 1] = T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz
+                place[0, 2] = T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz
                 n = 1
                 while n > 0:
                     n -= 1
-                    i = stack[n, 0]
-                    j = stack[n, 1]
-                    k = stack[n, 2]
-                    s = stack[n, 3]
-                    dx = origin[0] + (i + 0.5 * s) * voxel - T[0, 3]
-                    dy = origin[1] + (j + 0.5 * s) * voxel - T[1, 3]
-                    dz = origin[2] + (k + 0.5 * s) * voxel - T[2, 3]
-                    z = T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz
-                    ez = az * s
+                    i, j, k, s = node[n, 0], node[n, 1], node[n, 2], node[n, 3]
+                    x, y, z = place[n, 0], place[n, 1], place[n, 2]
+                    ez = reach_z * s
                     if z + ez <= near:
                         continue
-                    inside = False
                     if z - ez > near:
-                        x = T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz
-                        y = T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz
-                        u0, u1, v0, v1 = footprint(lens, x, y, z, ax * s, ay * s, ez)
-                        if u1 < 0 or v1 < 0 or u0 >= w or v0 >= h:
+                        X = x / z
+                        Y = y / z
+                        q = s / (z - ez)
+                        eu = fx * q * (abs(a0 - X * c0) + abs(a1 - X * c1) + abs(a2 - X * c2))
+                        ev = fy * q * (abs(b0 - Y * c0) + abs(b1 - Y * c1) + abs(b2 - Y * c2))
+                        pu = fx * X + cx + 0.5
+                        pv = fy * Y + cy + 0.5
+                        if pu + eu < 0 or pv + ev < 0 or pu - eu >= w or pv - ev >= h:
                             continue
-                        inside = u0 >= 0 and v0 >= 0 and u1 < w and v1 < h
-                        far = z + ez
-                        if inside:
-                            need = far + margin
-                            need += sigmas * (noise[0] + noise[1] * far + noise[2] * far * far)
-                            if window_min(least, u0, u1, v0, v1) > need:
+                        u0 = int(max(pu - eu, 0.0))
+                        u1 = min(int(pu + eu), w - 1)
+                        v0 = int(max(pv - ev, 0.0))
+                        v1 = min(int(pv + ev), h - 1)
+                        if pu - eu >= 0 and pv - ev >= 0 and pu + eu < w and pv + ev < h:
+                            far = z + ez
+                            need = int((far + n0 + far * (n1 + n2 * far)) * units)
+                            if window_least(least, u0, u1, v0, v1) > need:
                                 for a in range(i, min(i + s, nx)):
                                     for b in range(j, min(j + s, ny)):
                                         for c in range(k, min(k + s, nz)):
                                             free[a, b, c] = 1
                                 continue
-                        if s > 2:
-                            c0 = max(u0, 0)
-                            c1 = min(u1, w - 1)
-                            r0 = max(v0, 0)
-                            r1 = min(v1, h - 1)
-                            if window_max(greatest, c0, c1, r0, r1) < z - ez:
+                        if s == 1:
+                            continue
+                        # the nearest voxel inside must lie wholly in front of the farthest pixel
+                        first = z - ez + 2.0 * reach_z
+                        if window_most(most, u0, u1, v0, v1) <= int(first * units):
+                            continue
+                        if s == 2 and fine2 > 0.0:
+                            gx = origin[0] + (i + 1) * voxel
+                            gy = origin[1] + (j + 1) * voxel
+                            gz = origin[2] + (k + 1) * voxel
+                            if gx * gx + gy * gy + gz * gz > fine2:
                                 continue
-                    if s == 1:
+                    elif s == 1:
                         continue
                     s //= 2
                     for a in range(2):
                         if i + a * s >= nx:
                             break
+                        fa = (2 * a - 1) * s
                         for b in range(2):
                             if j + b * s >= ny:
                                 break
+                            fb = (2 * b - 1) * s
                             for c in range(2):
                                 if k + c * s >= nz:
                                     break
-                                stack[n, 0] = i + a * s
-                                stack[n, 1] = j + b * s
-                                stack[n, 2] = k + c * s
-                                stack[n, 3] = s
+                                fc = (2 * c - 1) * s
+                                node[n, 0] = i + a * s
+                                node[n, 1] = j + b * s
+                                node[n, 2] = k + c * s
+                                node[n, 3] = s
+                                place[n, 0] = x + fa * a0 + fb * a1 + fc * a2
+                                place[n, 1] = y + fa * b0 + fb * b1 + fc * b2
+                                place[n, 2] = z + fa * c0 + fb * c1 + fc * c2
                                 n += 1
