@@ -183,9 +183,12 @@ class SimulatedArm:
         """Remember the joints after a physics step, at the state rate.
 
         Args:
-            step: number of the step; now: its end [s].
-            position, velocity: (n,) true joints.
-            drive: (n,) torque of the servos [N m]; load: (n,) torque that holds the weight [N m].
+            step: number of the step.
+            now: its end [s].
+            position: (n,) true joints [rad].
+            velocity: (n,) true speeds [rad/s].
+            drive: (n,) torque of the servos [N m].
+            load: (n,) torque that holds the weight [N m].
         """
         if step % self._every:
             return

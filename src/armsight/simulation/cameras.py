@@ -335,7 +335,7 @@ class SimulatedStereo:
 
 
 def misplaced(spec: CameraSpec, rng: np.random.Generator) -> Pose:
-    """The camera's true pose: the specified one, off by the calibration error drawn from ``rng``."""
+    """The true pose: the specified one, off by a calibration error drawn from ``rng``."""
     meters, radians = spec.pose_error
     twist = rng.standard_normal(6) * np.repeat([meters, radians], 3)
     return np.asarray(spec.T_mount_camera_true @ exp(twist))

@@ -13,6 +13,7 @@ import csv
 import gzip
 import json
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -92,8 +93,8 @@ def load_clip(path: Path) -> Clip:
     """
     rate, rotation, position = _read(path)
     robot = _robot_place(path)
-    lost = np.isnan(position).any(axis=2) | np.isnan(rotation).any(axis=2)
-    lost |= _jumped(rotation, position, lost, rate)
+    missing: Mask = np.isnan(np.concatenate([position, rotation], axis=2)).any(axis=2)
+    lost: Mask = missing | _jumped(rotation, position, missing, rate)
     kept = np.sum(~lost, axis=0)
     if len(position) < 3 or kept.min() < 2:
         raise ArmsightError(
@@ -161,7 +162,7 @@ def _jumped(rotation: Floats, position: Floats, lost: Mask, rate: float) -> Mask
         turned = Rotation.from_rotvec(rotation[seen, s])
         off |= (turned[:-1].inv() * turned[1:]).magnitude() > SPIN * gap
         breaks = np.flatnonzero(off)
-        for first, last in zip(breaks[:-1], breaks[1:]):
+        for first, last in pairwise(breaks):
             if seen[last] - seen[first] < FLIP * rate:
                 jumped[seen[first + 1] : seen[last] + 1, s] = True
         for each in breaks:
@@ -197,8 +198,8 @@ def _joints(rotation: Floats, position: Floats, lost: Mask, rate: float) -> Floa
         joints[:, INDEX[joint]] = placed[cluster] + turned[cluster].apply(offset)
     _settle_head(joints, turned["head"])
     for side in ("left", "right"):
-        elbow, cluster = joints[:, INDEX[f"{side}_elbow"]], placed[f"{side}_hand"]
-        along = cluster - elbow
+        elbow, above_wrist = joints[:, INDEX[f"{side}_elbow"]], placed[f"{side}_hand"]
+        along = above_wrist - elbow
         length = np.linalg.norm(along, axis=1, keepdims=True)
         along /= np.maximum(length, 1e-6)
         wrist = elbow + along * np.clip(

@@ -1,6 +1,6 @@
 """The one door to MuJoCo and OpenGL: sets the off-screen back end before the first import.
 
-Everything of armsight that needs MuJoCo imports it from here: ``from ...simulation.gl import mujoco``.
+Everything of armsight that needs MuJoCo imports it from here.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def check_opengl() -> str:
     context = OpenGLContext()
     try:
         with context.current():
-            from OpenGL import GL
+            from OpenGL import GL  # type: ignore[import-untyped]
 
             return str(GL.glGetString(GL.GL_RENDERER).decode())
     finally:

@@ -29,8 +29,10 @@ def drive_step(
     Args:
         target: (n,) wanted velocity [rad/s]; ignored while ``braking``.
         braking: whether the arm stops at the drives' full deceleration.
-        position, velocity: (n,) reference, changed in place [rad], [rad/s].
-        lower, upper: (n,) limits [rad].
+        position: (n,) reference, changed in place [rad].
+        velocity: (n,) reference, changed in place [rad/s].
+        lower: (n,) limits [rad].
+        upper: (n,) limits [rad].
         acceleration: (n,) limit of the controller [rad/s^2].
         brake: (n,) full deceleration of the drives [rad/s^2].
         dt: step [s].
@@ -79,10 +81,12 @@ def part_poses(
 
     Args:
         joints: (19, 3) in world [m].
-        start, end: (p,) joints at the origin and on the z axis of each part.
+        start: (p,) joint at the origin of each part.
+        end: (p,) joint on its z axis.
         turn: (p,) 0: y to the person's left; 1: x upward.
         left: (3,) the person's left, unit.
-        out_pos, out_quat: (p, 3) [m] and (p, 4) wxyz, written.
+        out_pos: (p, 3) written [m].
+        out_quat: (p, 4) wxyz, written.
     """
     R = np.empty((3, 3))
     for i in range(start.shape[0]):
@@ -137,16 +141,16 @@ def quaternion(R: Floats, out: Floats) -> None:
             out[k] = -out[k]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def resample_depth(
     raw: Floats32,
-    ids: Bytes,
-    map_u: Floats32,
-    map_v: Floats32,
+    ids: NDArray[np.uint32],
+    corner: NDArray[np.int32],
+    weight_u: Floats32,
+    weight_v: Floats32,
     geom_of_id: NDArray[np.int16],
     offset: float,
     factor: float,
-    exact: bool,
     depth: DepthImage,
     geom: NDArray[np.int16],
 ) -> None:
@@ -157,41 +161,64 @@ def resample_depth(
 
     Args:
         raw: (H, W) reversed depth buffer, ``z = factor / (raw + offset)``.
-        ids: (H, W, 3) segmentation colours, little-endian, 0 = nothing.
-        map_u, map_v: (h, w) where each pixel of the lens falls [px].
-        geom_of_id: geom index of each id.
-        exact: whether the maps are the identity.
-        depth, geom: (h, w) written: [m] with NaN for nothing, index with -1 for nothing.
+        ids: (H, W) segmentation codes in the lower 24 bits, 0 = nothing.
+        corner: (h, w) index into the flat buffers of the pixel above and left of each ray.
+        weight_u: (h, w) share of the column to the right.
+        weight_v: (h, w) share of the line below, which comes earlier in the buffers.
+        geom_of_id: geom index of each code.
+        offset: see ``raw``.
+        factor: see ``raw`` [m].
+        depth: (h, w) written [m], NaN for nothing.
+        geom: (h, w) written, -1 for nothing.
     """
-    height = raw.shape[0]
+    width = raw.shape[1]
+    buffer, codes = raw.ravel(), ids.ravel()
+    known = geom_of_id.shape[0]
+    half, steep = np.float32(0.5), np.float32(0.03)
+    add, scale = np.float32(offset), np.float32(factor)
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
-            if exact:
-                row, column = height - 1 - v, u
-                value = raw[row, column]
-            else:
-                fu, fv = map_u[v, u], map_v[v, u]
-                column, line = int(fu + np.float32(0.5)), int(fv + np.float32(0.5))
-                row = height - 1 - line
-                u0, v0 = int(fu), int(fv)
-                r0 = height - 1 - v0
-                r1 = r0 - 1
-                value = raw[row, column]
-                a, b = raw[r0, u0], raw[r0, u0 + 1]
-                c, d = raw[r1, u0], raw[r1, u0 + 1]
-                low, high = min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
-                if (
-                    high - low < np.float32(0.03) * high
-                    and ids[r0, u0, 0] == ids[r0, u0 + 1, 0] == ids[r1, u0, 0] == ids[r1, u0 + 1, 0]
-                    and ids[r0, u0, 1] == ids[r0, u0 + 1, 1] == ids[r1, u0, 1] == ids[r1, u0 + 1, 1]
-                ):
-                    wu, wv = fu - np.float32(u0), fv - np.float32(v0)
-                    top = a + wu * (b - a)
-                    value = top + wv * (c + wu * (d - c) - top)
-            code = np.int64(ids[row, column, 0]) | (np.int64(ids[row, column, 1]) << 8)
-            index = geom_of_id[code] if code < geom_of_id.shape[0] else np.int16(-1)
+            i = corner[v, u]
+            wu, wv = weight_u[v, u], weight_v[v, u]
+            near = i + (1 if wu >= half else 0) - (width if wv >= half else 0)
+            code = codes[near] & np.uint32(0xFFFFFF)
+            index = geom_of_id[code] if code < known else np.int16(-1)
             geom[v, u] = index
             if index < 0:
                 depth[v, u] = np.nan
-            else:
-                depth[v, u] = np.float32(factor / (np.float64(value) + offset))
+                continue
+            value = buffer[near]
+            a, b, c, d = buffer[i], buffer[i + 1], buffer[i - width], buffer[i - width + 1]
+            same = (codes[i] == codes[i + 1]) & (codes[i - width] == codes[i - width + 1])
+            if same and codes[i] == codes[i - width]:
+                low, high = min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
+                if high - low < steep * high:
+                    top = a + wu * (b - a)
+                    value = top + wv * (c + wu * (d - c) - top)
+            depth[v, u] = scale / (value + add)
+
+
+@njit(cache=True, nogil=True)
+def gap_bounds(
+    centers: Floats, radii: Floats, a: Floats, b: Floats, widths: Floats, out: Floats
+) -> None:
+    """Lower bounds of the distances between bodies in spheres and bodies in capsules.
+
+    Args:
+        centers: (m, 3) of the spheres [m].
+        radii: (m,) of the spheres [m].
+        a: (k, 3) one end of each capsule's axis [m].
+        b: (k, 3) the other end [m].
+        widths: (k,) radii of the capsules [m].
+        out: (m, k) written [m].
+    """
+    for j in range(a.shape[0]):
+        ex, ey, ez = b[j, 0] - a[j, 0], b[j, 1] - a[j, 1], b[j, 2] - a[j, 2]
+        length = max(ex * ex + ey * ey + ez * ez, 1e-12)
+        for i in range(centers.shape[0]):
+            px = centers[i, 0] - a[j, 0]
+            py = centers[i, 1] - a[j, 1]
+            pz = centers[i, 2] - a[j, 2]
+            t = min(max((px * ex + py * ey + pz * ez) / length, 0.0), 1.0)
+            px, py, pz = px - t * ex, py - t * ey, pz - t * ez
+            out[i, j] = np.sqrt(px * px + py * py + pz * pz) - radii[i] - widths[j]

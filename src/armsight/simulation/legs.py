@@ -46,7 +46,7 @@ def add_legs(joints: Floats, p: Proportions, rate: float = RATE) -> None:
 def _walk(
     homes: dict[str, Floats], heading: Floats, rate: float
 ) -> dict[str, tuple[Floats, Floats]]:
-    """Place (k, 3) and yaw (k,) of each foot: one swings at a time, towards where it will belong."""
+    """Place (k, 3) and yaw (k,) of each foot; one swings at a time, to where it will belong."""
     k = len(heading)
     swing = max(2, round(SWING * rate))
     place = {s: np.repeat(homes[s][:1], k, axis=0) for s in homes}

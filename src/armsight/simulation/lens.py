@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armsight.arrays import Floats32
 from armsight.geometry.camera import PinholeCamera
@@ -17,36 +18,45 @@ class RenderLens:
 
     Attributes:
         lens: the lens asked for.
-        pinhole: ideal, of the same focal lengths, at least as wide.
-        map_u, map_v: (h, w) column and row in the pinhole's image of each pixel of the lens [px].
-        exact: whether both images are the same.
+        pinhole: ideal, of the same focal lengths, a little wider.
+        map_u: (h, w) column in the pinhole's image of each pixel of the lens [px].
+        map_v: (h, w) its line [px].
+        corner: (h, w) the pixel above and left of that, as an index into a flat bottom-up buffer.
+        weight_u: (h, w) share of the pixel to the right.
+        weight_v: (h, w) share of the pixel below.
     """
 
     lens: PinholeCamera
     pinhole: PinholeCamera
     map_u: Floats32
     map_v: Floats32
-    exact: bool
+    corner: NDArray[np.int32]
+    weight_u: Floats32
+    weight_v: Floats32
 
 
 @lru_cache(maxsize=64)
 def render_lens(lens: PinholeCamera) -> RenderLens:
-    """The table for a lens; computed once."""
-    if lens.is_ideal:
-        v, u = np.mgrid[0 : lens.height, 0 : lens.width].astype(np.float32)
-        return RenderLens(lens, lens, u, v, True)
+    """The tables for a lens; computed once."""
     rays = lens.rays
     u = rays[..., 0] * lens.fx
     v = rays[..., 1] * lens.fy
-    left, top = np.floor(u.min()) - 1.0, np.floor(v.min()) - 1.0
-    pinhole = PinholeCamera(
-        int(np.ceil(u.max()) + 1.0 - left) + 1,
-        int(np.ceil(v.max()) + 1.0 - top) + 1,
-        lens.fx,
-        lens.fy,
-        -left,
-        -top,
-    )
+    if lens.is_ideal:  # whole pixels, whatever the principal point
+        left, top = -lens.cx - 1.0, -lens.cy - 1.0
+    else:
+        left, top = np.floor(u.min()) - 1.0, np.floor(v.min()) - 1.0
+    width = int(np.floor(u.max() - left + 1e-6)) + 3
+    height = int(np.floor(v.max() - top + 1e-6)) + 3
+    pinhole = PinholeCamera(width, height, lens.fx, lens.fy, -left, -top)
+    map_u, map_v = u - left, v - top
+    column, line = np.floor(map_u + 1e-6), np.floor(map_v + 1e-6)
+    corner = (height - 1 - line) * width + column
     return RenderLens(
-        lens, pinhole, (u - left).astype(np.float32), (v - top).astype(np.float32), False
+        lens,
+        pinhole,
+        map_u.astype(np.float32),
+        map_v.astype(np.float32),
+        np.ascontiguousarray(corner, np.int32),
+        np.maximum(map_u - column, 0.0).astype(np.float32),
+        np.maximum(map_v - line, 0.0).astype(np.float32),
     )

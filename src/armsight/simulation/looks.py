@@ -134,11 +134,10 @@ def _sky(mj: Any) -> None:
 def _concrete(size: int, seed: int) -> Bytes:
     """(size, size, 3) tiling grey noise with faint tile joints."""
     rng = np.random.default_rng(seed)
-    noise = sum(
-        weight * gaussian_filter(rng.standard_normal((size, size)), sigma, mode="wrap") * sigma
-        for sigma, weight in ((1.0, 0.5), (4.0, 0.7), (24.0, 1.0))
-    )
-    value = 0.62 + 0.018 * noise
+    value = np.full((size, size), 0.62)
+    for sigma, weight in ((1.0, 0.5), (4.0, 0.7), (24.0, 1.0)):
+        blurred = gaussian_filter(rng.standard_normal((size, size)), sigma, mode="wrap")
+        value += 0.018 * weight * sigma * blurred
     value[:2, :] -= 0.10
     value[:, :2] -= 0.10
     return _to_bytes(value[..., None] * np.array([1.0, 1.0, 0.985]))

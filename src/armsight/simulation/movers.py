@@ -266,7 +266,7 @@ def _primitives(kind: str, shape: Any) -> list[Any]:
     for z in np.linspace(-rise, rise, 4):
         width = half + thin * (np.sqrt(max(1.0 - (z / b[2]) ** 2, 0.0)) - 1.0)
         side = np.array([0.0, max(width, 0.01), 0.0])
-        center = a + [0.0, 0.0, z]
+        center = a + np.array([0.0, 0.0, z])
         found += _capsule(center - side, center + side, thin)
     return found
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -34,10 +36,12 @@ def disturb_depth(
         true: (h, w) [m], NaN for nothing.
         geom: (h, w) index of the geom, -1 for nothing.
         materials: code of each geom's material.
-        rays: (h, w, 2) normalised coordinates of each pixel.
+        rays: (2, h, w) normalised coordinates of each pixel.
         interference: (h, w), or (1, 1) for none.
         settings: as packed by :meth:`sensor_errors.DepthSensor.measure`.
-        shift, sigma, growth: systematic error, random error, its growth with incidence, by depth.
+        shift: systematic error by depth [m].
+        sigma: random error by depth [m].
+        growth: its growth with incidence, by depth [m].
         normals: (65536,) normal deviates.
         incidence: (2, 1024) g and th / (pi/2 - th) by cosine.
         seed: of the frame.
@@ -65,7 +69,7 @@ def disturb_depth(
     for v in range(h):
         state = _mix(seed + np.uint64(v) * np.uint64(0x9E3779B97F4A7C15))
         if baseline > np.float32(0.0):
-            _lit_by_projector(true[v], rays[v], baseline, lit)
+            _lit_by_projector(true[v], rays[0, v], baseline, lit)
         _row_shape(true, rays, v, cosines, rough)
         for u in range(w):
             state ^= state << np.uint64(13)
@@ -125,7 +129,7 @@ def disturb_depth(
             error = sigma[place]
             if angles:
                 error += growth[place] * incidence[0, _bin(cosine)]
-            x, y = rays[v, u, 0], rays[v, u, 1]
+            x, y = rays[0, v, u], rays[1, v, u]
             value = z + shift[place] + radial * (x * x + y * y) + error * deviate
             if value < near or value > far:
                 continue
@@ -135,7 +139,7 @@ def disturb_depth(
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _bin(cosine: float) -> int:
+def _bin(cosine: Any) -> Any:
     return min(max(int(cosine * np.float32(1024.0)), 0), 1023)
 
 
@@ -161,28 +165,35 @@ def _row_shape(true: DepthImage, rays: Floats32, v: int, cosines: Floats32, roug
             cosines[u] = _cosine(true, rays, v, u)
             rough[u] = 1
         return
-    middle, above, below = true[v], true[v - 1], true[v + 1]
-    here, up, down = rays[v], rays[v - 1], rays[v + 1]
-    for u in range(1, w - 1):
-        z = middle[u]
-        zl, zr, zu, zd = middle[u - 1], middle[u + 1], above[u], below[u]
-        gl, gr, gu, gd = abs(zl - z), abs(zr - z), abs(zu - z), abs(zd - z)
-        limit = max(np.float32(0.04), np.float32(0.03) * z)
-        smooth = (gl <= limit) & (gr <= limit) & (gu <= limit) & (gd <= limit)
-        rough[u] = np.uint8(0) if smooth else np.uint8(1)
-        left, top = gl <= gr, gu <= gd
-        za = zl if left else zr
-        xa = here[u - 1, 0] if left else here[u + 1, 0]
-        ya = here[u - 1, 1] if left else here[u + 1, 1]
-        zb = zu if top else zd
-        xb = up[u, 0] if top else down[u, 0]
-        yb = up[u, 1] if top else down[u, 1]
-        x, y = here[u, 0], here[u, 1]
+    # Slices instead of u - 1 and u + 1: an index that may be negative stops the vectoriser.
+    zm, zl, zr = true[v, 1 : w - 1], true[v, : w - 2], true[v, 2:]
+    zu, zd = true[v - 1, 1 : w - 1], true[v + 1, 1 : w - 1]
+    xm, xl, xr = rays[0, v, 1 : w - 1], rays[0, v, : w - 2], rays[0, v, 2:]
+    ym, yl, yr = rays[1, v, 1 : w - 1], rays[1, v, : w - 2], rays[1, v, 2:]
+    xu, xd = rays[0, v - 1, 1 : w - 1], rays[0, v + 1, 1 : w - 1]
+    yu, yd = rays[1, v - 1, 1 : w - 1], rays[1, v + 1, 1 : w - 1]
+    cosine, flag = cosines[1 : w - 1], rough[1 : w - 1]
+    for u in range(w - 2):
+        z, z_left, z_right, z_up, z_down = zm[u], zl[u], zr[u], zu[u], zd[u]
+        gap_left, gap_right = abs(z_left - z), abs(z_right - z)
+        gap_up, gap_down = abs(z_up - z), abs(z_down - z)
+        limit = np.float32(0.03) * z
+        limit = limit if limit > np.float32(0.04) else np.float32(0.04)
+        smooth = (
+            (gap_left <= limit) & (gap_right <= limit) & (gap_up <= limit) & (gap_down <= limit)
+        )
+        flag[u] = np.uint8(1) - np.uint8(smooth)
+        x, y, x_left, x_right, y_left, y_right = xm[u], ym[u], xl[u], xr[u], yl[u], yr[u]
+        x_up, x_down, y_up, y_down = xu[u], xd[u], yu[u], yd[u]
+        left, up = gap_left <= gap_right, gap_up <= gap_down
+        za, zb = z_left if left else z_right, z_up if up else z_down
+        xa, ya = x_left if left else x_right, y_left if left else y_right
+        xb, yb = x_up if up else x_down, y_up if up else y_down
         ax, ay, az = xa * za - x * z, ya * za - y * z, za - z
         bx, by, bz = xb * zb - x * z, yb * zb - y * z, zb - z
         nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         norm = (nx * nx + ny * ny + nz * nz) * (x * x + y * y + one)
-        cosines[u] = abs(nx * x + ny * y + nz) / np.sqrt(norm)
+        cosine[u] = abs(nx * x + ny * y + nz) / np.sqrt(norm)
     rough[0] = rough[w - 1] = 1
     for u in range(w):
         if rough[u] or np.isnan(cosines[u]):
@@ -190,7 +201,7 @@ def _row_shape(true: DepthImage, rays: Floats32, v: int, cosines: Floats32, roug
 
 
 @njit(cache=True, nogil=True)
-def _cosine(true: DepthImage, rays: Floats32, v: int, u: int) -> float:
+def _cosine(true: DepthImage, rays: Floats32, v: int, u: int) -> Any:
     """Cosine of the angle of incidence, from the nearer neighbour in each direction."""
     h, w = true.shape
     z = true[v, u]
@@ -210,9 +221,9 @@ def _cosine(true: DepthImage, rays: Floats32, v: int, u: int) -> float:
     du = -1 if gap_left <= gap_right else 1
     dv = -1 if gap_up <= gap_down else 1
     zu, zv = true[v, u + du], true[v + dv, u]
-    x, y = rays[v, u, 0], rays[v, u, 1]
-    ax, ay, az = rays[v, u + du, 0] * zu - x * z, rays[v, u + du, 1] * zu - y * z, zu - z
-    bx, by, bz = rays[v + dv, u, 0] * zv - x * z, rays[v + dv, u, 1] * zv - y * z, zv - z
+    x, y = rays[0, v, u], rays[1, v, u]
+    ax, ay, az = rays[0, v, u + du] * zu - x * z, rays[1, v, u + du] * zu - y * z, zu - z
+    bx, by, bz = rays[0, v + dv, u] * zv - x * z, rays[1, v + dv, u] * zv - y * z, zv - z
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     norm = (nx * nx + ny * ny + nz * nz) * (x * x + y * y + np.float32(1.0))
     if norm <= np.float32(0.0):
@@ -221,7 +232,7 @@ def _cosine(true: DepthImage, rays: Floats32, v: int, u: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _across_edge(true: DepthImage, v: int, u: int, z: float) -> float:
+def _across_edge(true: DepthImage, v: int, u: int, z: Any) -> Any:
     """Depth beyond a depth edge next to a pixel, NaN where there is nothing, 0 for no edge."""
     h, w = true.shape
     limit = max(np.float32(0.04), np.float32(0.03) * z)
@@ -263,7 +274,7 @@ def _lit_by_projector(depth: Floats32, rays: Floats32, baseline: float, lit: Mas
         lit[u] = True
         if np.isnan(z):
             continue
-        place = rays[u, 0] - baseline / z
+        place = rays[u] - baseline / z
         if place > leftmost:
             lit[u] = False
         else:
@@ -282,7 +293,8 @@ def interfered(
     """Marks pixels whose surface another camera sees, and so lights, too.
 
     Args:
-        depth: (h, w) [m]; rays: (h, w, 2) of its pixels.
+        depth: (h, w) what this one sees [m].
+        rays: (2, h, w) normalised coordinates of its pixels.
         T_other_camera: (4, 4) camera to the other camera.
         other_depth: (H, W) what the other sees [m].
         other_lens: fx, fy, cx, cy of the other, its distortion neglected.
@@ -296,7 +308,7 @@ def interfered(
             z = np.float64(depth[v, u])
             if np.isnan(z):
                 continue
-            x, y = rays[v, u, 0] * z, rays[v, u, 1] * z
+            x, y = rays[0, v, u] * z, rays[1, v, u] * z
             Z = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2]
             if Z <= 0.05:
                 continue

@@ -79,7 +79,8 @@ def reach(joints: Floats, side: str, target: Floats, p: Proportions) -> None:
     reach_axis = target - shoulder
     reach_axis /= np.maximum(np.linalg.norm(reach_axis, axis=1, keepdims=True), 1e-9)
     wrist = target - p.hand * reach_axis
-    elbow, wrist = bend(shoulder, wrist, p.upper_arm, p.forearm, outward + [0.0, 0.0, -1.0])
+    down = np.array([0.0, 0.0, -1.0])
+    elbow, wrist = bend(shoulder, wrist, p.upper_arm, p.forearm, outward + down)
     joints[:, INDEX[f"{side}_elbow"]] = elbow
     joints[:, INDEX[f"{side}_wrist"]] = wrist
     joints[:, INDEX[f"{side}_hand"]] = wrist + p.hand * reach_axis
@@ -91,7 +92,7 @@ def _stand(times: Floats, o: ScriptOptions) -> Floats:
     phase = 2.0 * np.pi * times / o.period
     joints[:, UPPER, 1] += 0.012 * np.sin(phase)[:, None]
     joints[:, UPPER, 0] += 0.006 * np.sin(2.0 * phase)[:, None]
-    return joints
+    return np.asarray(joints)
 
 
 def _reach_in(times: Floats, o: ScriptOptions) -> Floats:
@@ -194,7 +195,7 @@ def _walking(times: Floats, o: ScriptOptions, ahead: Floats, yaw: Floats) -> Flo
     x, y = joints[..., 0].copy(), joints[..., 1].copy()
     joints[..., 0], joints[..., 1] = c * x - s * y, s * x + c * y
     joints[..., 0] += ahead[:, None]
-    return joints
+    return np.asarray(joints)
 
 
 def _lean(joints: Floats, pelvis: Floats, direction: Floats, angle: Floats) -> None:

@@ -219,8 +219,8 @@ class DepthSensor:
         self.unit = draw_unit(self._errors, rng) if unit is None else unit
         self._seed = seed
         self._materials = materials
-        self._rays = info.depth.rays.astype(np.float32)
-        self._corner = float(np.max(np.sum(self._rays.astype(float) ** 2, axis=2)))
+        self._rays = ray_planes(info.depth)
+        self._corner = float(np.max(np.sum(self._rays.astype(float) ** 2, axis=0)))
         self._tables: tuple[float, Floats32] | None = None
 
     def measure(
@@ -302,13 +302,19 @@ def interference_mask(
     mask = np.zeros(depth.shape, bool)
     interfered(
         depth,
-        lens.rays.astype(np.float32),
+        ray_planes(lens),
         np.ascontiguousarray(inverse(T_world_other) @ T_world_camera),
         other_depth,
         np.array([other_lens.fx, other_lens.fy, other_lens.cx, other_lens.cy]),
         mask,
     )
     return mask
+
+
+@lru_cache(maxsize=64)
+def ray_planes(lens: PinholeCamera) -> Floats32:
+    """(2, h, w) normalised coordinates of each pixel, a plane each: the compiler likes it so."""
+    return np.ascontiguousarray(np.moveaxis(lens.rays, 2, 0), np.float32)
 
 
 def structured(info: RgbdCameraInfo) -> bool:

@@ -140,8 +140,10 @@ def bend(start: Floats, end: Floats, first: float, second: float, toward: Floats
     """Middle joint and reached end of a two-bone limb.
 
     Args:
-        start, end: (3,) or (k, 3) root joint and wanted end [m]; an end out of reach is pulled in.
-        first, second: bone lengths [m].
+        start: (3,) or (k, 3) root joint [m].
+        end: (3,) or (k, 3) wanted end [m]; one out of reach is pulled in.
+        first: length of the bone at the root [m].
+        second: length of the other bone [m].
         toward: (3,) or (k, 3) direction to which the middle joint points.
 
     Returns:

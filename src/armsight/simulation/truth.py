@@ -10,6 +10,7 @@ import numpy as np
 from armsight.arrays import Floats, Ints, Vector3
 from armsight.robots.robot import Robot
 from armsight.simulation.gl import mujoco
+from armsight.simulation.kernels import gap_bounds
 from armsight.simulation.model import CellModel, Part
 
 MOVING = 0.05
@@ -85,6 +86,11 @@ class Truth:
         self._people: Ints = np.array(
             [i for i, part in enumerate(cell.parts) if part.kind == "person"], int
         )
+        self._radii = np.array([bounding_radius(cell.model, geom) for geom in self._arm])
+        axes = [bounding_capsule(cell.model, geom) for geom in self._people]
+        self._half_axis = np.array([axis for axis, _ in axes]).reshape(-1, 3)
+        self._widths = np.array([width for _, width in axes])
+        self._bound = np.zeros((len(self._arm), len(self._people)))
         self._jacobian = np.zeros((3, cell.model.nv))
         self._fromto = np.zeros(6)
         self.reset()
@@ -94,6 +100,7 @@ class Truth:
         self.contacts: list[Contact] = []
         self.separations: list[Separation] = []
         self._open: dict[tuple[int, str, str], Contact] = {}
+        self._last_pair = (0, 0)
 
     @property
     def moving_contacts(self) -> list[Contact]:
@@ -163,27 +170,74 @@ class Truth:
         known.arm_speed = max(known.arm_speed, speed)
 
     def _nearest(self) -> tuple[float, int, int, Vector3] | None:
-        """Least distance between the arm's and people's shapes, nearest bounds first."""
+        """Least distance between the arm's and people's shapes.
+
+        The pair that was nearest before is measured first: bounds then rule out most others.
+        """
         if not len(self._people):
             return None
-        d, m = self._data, self._cell.model
-        away = np.linalg.norm(
-            d.geom_xpos[self._arm][:, None] - d.geom_xpos[self._people][None], axis=2
+        d, bound = self._data, self._bound
+        center = d.geom_xpos[self._people]
+        turned = d.geom_xmat[self._people].reshape(-1, 3, 3)
+        half = np.einsum("kij,kj->ki", turned, self._half_axis)
+        gap_bounds(
+            d.geom_xpos[self._arm], self._radii, center - half, center + half, self._widths, bound
         )
-        bound = away - m.geom_rbound[self._arm][:, None] - m.geom_rbound[self._people][None]
-        order = np.argsort(bound, axis=None, kind="stable")
         best, pair, point = FAR, (-1, -1), np.zeros(3)
-        for flat in order:
-            i, j = divmod(int(flat), len(self._people))
+        first = self._last_pair
+        candidates = [first] if bound[first] < best else []
+        for i, j in candidates:
+            best, pair, point = self._closer(i, j, best, pair, point)
+        rows, columns = np.nonzero(bound < best)
+        order = np.argsort(bound[rows, columns], kind="stable")
+        for i, j in zip(rows[order].tolist(), columns[order].tolist()):
             if bound[i, j] >= best:
                 break
-            a, b = int(self._arm[i]), int(self._people[j])
-            distance = mujoco.mj_geomDistance(m, d, a, b, best, self._fromto)
-            if distance < best:
-                best, pair, point = float(distance), (a, b), self._fromto[:3].copy()
-        return None if pair[0] < 0 else (best, *pair, point)
+            if (i, j) != first:
+                best, pair, point = self._closer(i, j, best, pair, point)
+        if pair[0] < 0:
+            return None
+        self._last_pair = pair
+        return best, int(self._arm[pair[0]]), int(self._people[pair[1]]), point
+
+    def _closer(
+        self, i: int, j: int, best: float, pair: tuple[int, int], point: Vector3
+    ) -> tuple[float, tuple[int, int], Vector3]:
+        """The nearer of a pair of shapes and the best so far: distance, pair, point of the arm."""
+        a, b = int(self._arm[i]), int(self._people[j])
+        distance = float(
+            mujoco.mj_geomDistance(self._cell.model, self._data, a, b, best, self._fromto)
+        )
+        if distance < best:
+            return distance, (i, j), self._fromto[:3].copy()
+        return best, pair, point
 
     def _speed(self, body: int, point: Vector3) -> float:
         """Speed of a point of the arm [m/s]."""
         mujoco.mj_jac(self._cell.model, self._data, self._jacobian, None, point, body)
         return float(np.linalg.norm(self._jacobian @ self._data.qvel))
+
+
+def bounding_radius(model: Any, geom: int) -> float:
+    """Radius of the sphere about a geom's centre that contains it [m]."""
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+        return float(model.geom_rbound[geom])
+    mesh = int(model.geom_dataid[geom])
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    return float(np.linalg.norm(model.mesh_vert[first : first + count], axis=1).max())
+
+
+def bounding_capsule(model: Any, geom: int) -> tuple[Vector3, float]:
+    """Half axis in the geom's frame [m] and radius [m] of a capsule that contains it."""
+    size = np.array(model.geom_size[geom])
+    axis = np.zeros(3)
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        axis[2] = size[1]
+        return axis, float(size[0])
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        longest = int(np.argmax(size))
+        width = float(np.sort(size)[1])
+        # The capsule's cap is rounder than the ellipsoid's end, so it contains it.
+        axis[longest] = size[longest] - width
+        return axis, width
+    return axis, float(model.geom_rbound[geom])
