@@ -106,3 +106,22 @@ def reach(
     q = np.where(q < lower, q + turn * np.ceil((lower - q) / turn), q)
     inside = np.all((q >= lower - 1e-9) & (q <= upper + 1e-9), axis=1)
     return q, done & inside
+
+
+def reach_some(
+    robot: Robot, targets: Poses, rng: np.random.Generator, tries: int = 4
+) -> tuple[JointPath, Mask]:
+    """(v, n) configurations and (v,) whether each pose is reached, from a few random starts."""
+    q = np.tile(robot.home, (len(targets), 1)).astype(float)
+    ok = np.zeros(len(targets), bool)
+    for attempt in range(tries):
+        left = np.flatnonzero(~ok)
+        if not len(left):
+            break
+        spread = 0.4 if attempt == 0 else 1.5
+        starts = robot.home + rng.normal(0, spread, (len(left), robot.n))
+        starts = np.clip(starts, robot.limits.lower, robot.limits.upper)
+        answer, good = reach(robot, targets[left], starts)
+        q[left[good]] = answer[good]
+        ok[left[good]] = True
+    return q, ok

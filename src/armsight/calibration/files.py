@@ -117,7 +117,13 @@ def read_lens(file: Path, width: int, height: int) -> PinholeCamera | None:
         raise CalibrationError(f"{file}: {len(d)} distortion numbers; armsight uses k1 k2 p1 p2 k3")
     d = np.concatenate([d, np.zeros(5)])[:5]
     return PinholeCamera(
-        w, h, matrix[0], matrix[4], matrix[2], matrix[5], tuple(float(v) for v in d)  # type: ignore[arg-type]
+        w,
+        h,
+        matrix[0],
+        matrix[4],
+        matrix[2],
+        matrix[5],
+        tuple(float(v) for v in d),  # type: ignore[arg-type]
     )
 
 
@@ -163,7 +169,15 @@ def read_pose_mapping(document: Any, file: Path) -> tuple[Floats, Floats, str]:
     """Position, rotation and its kind of one pose in a YAML or JSON mapping or list."""
     if isinstance(document, dict):
         flat = dict(document)
-        for key in ("position", "translation", "t", "orientation", "rotation", "quaternion", "pose"):
+        for key in (
+            "position",
+            "translation",
+            "t",
+            "orientation",
+            "rotation",
+            "quaternion",
+            "pose",
+        ):
             inner = flat.get(key)
             if isinstance(inner, dict) and "data" not in inner:
                 turned = {"x": "qx", "y": "qy", "z": "qz", "w": "qw"}
@@ -229,7 +243,9 @@ def read_poses(folder: Path) -> PoseFile:
         )
     if candidates:
         poses = [read_pose_mapping(read_yaml(file), file) for file in candidates]
-        return _joined([number_of(p.name) for p in candidates], poses, None, candidates[0].parent.name)
+        return _joined(
+            [number_of(p.name) for p in candidates], poses, None, candidates[0].parent.name
+        )
     for name in ("poses.csv", "poses.txt", "poses.tsv", "robot_poses.csv"):
         if (folder / name).is_file():
             return _table(folder / name)

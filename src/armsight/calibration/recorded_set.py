@@ -147,7 +147,8 @@ def load(
     if lens is not None and (lens.width, lens.height) != size:
         findings.append(
             Finding(
-                "lens_resolution", "error",
+                "lens_resolution",
+                "error",
                 f"the lens is for {lens.width}x{lens.height}, the images are {size[0]}x{size[1]}",
                 "give the lens of this resolution",
             )  # fmt: skip
@@ -171,7 +172,11 @@ def _paired(
         by_number = {number_of(k): i for i, k in enumerate(keys)}
         kept, pairs = [], []
         for file in images:
-            for index in (by_key.get(file.name), by_key.get(file.stem), by_number.get(number_of(file.name))):
+            for index in (
+                by_key.get(file.name),
+                by_key.get(file.stem),
+                by_number.get(number_of(file.name)),
+            ):
                 if index is not None:
                     kept.append(file)
                     pairs.append(index)
@@ -180,7 +185,8 @@ def _paired(
         if len(kept) < max(len(images), len(keys)):
             odd.append(
                 Finding(
-                    "unpaired", "warning",
+                    "unpaired",
+                    "warning",
                     f"{len(images)} images and {len(keys)} poses in {source}: {len(kept)} pairs",
                     "number images and poses alike",
                 )  # fmt: skip
@@ -193,7 +199,8 @@ def _paired(
     if len(images) != len(keys):
         odd.append(
             Finding(
-                "unpaired", "warning",
+                "unpaired",
+                "warning",
                 f"{len(images)} images but {len(keys)} poses in {source}, tied by order alone",
                 "name the image of each pose",
             )  # fmt: skip
@@ -201,9 +208,7 @@ def _paired(
     return images[:n], list(range(n)), odd
 
 
-def _find_lens(
-    folder: Path, lens_file: Path | None, size: tuple[int, int]
-) -> PinholeCamera | None:
+def _find_lens(folder: Path, lens_file: Path | None, size: tuple[int, int]) -> PinholeCamera | None:
     if lens_file is not None:
         lens = read_lens(lens_file, *size)
         if lens is None:
@@ -247,7 +252,9 @@ def board_of(folder: Path) -> Board | None:
                 names[int(finder.get("dictionary", 10))],
             )
         if kind.startswith("Checkerboard"):
-            return Checkerboard(int(finder["cols"]), int(finder["rows"]), float(finder["square"]), False)
+            return Checkerboard(
+                int(finder["cols"]), int(finder["rows"]), float(finder["square"]), False
+            )
     except (KeyError, ValueError, IndexError):
         raise CalibrationError(f"{file}: target_finder is incomplete") from None
     return None
@@ -290,7 +297,11 @@ def problem_of(
         (Lens("camera", 0, lens, prior=prior),),
         (BoardPlacement("board", points, "flange" if mount == "base" else "base"),),
         views,
-        tuple(Sighting(i, 0, 0, d.corner, d.pixel, sigma) for i, d in seen if len(d.corner) >= min(5, len(points))),
+        tuple(
+            Sighting(i, 0, 0, d.corner, d.pixel, sigma)
+            for i, d in seen
+            if len(d.corner) >= min(5, len(points))
+        ),
         RobotErrors(robot) if joints is not None and robot is not None else None,
     )
 
@@ -321,7 +332,8 @@ def solve_set(
     if lost:
         findings.append(
             Finding(
-                "unseen", "note",
+                "unseen",
+                "note",
                 f"no board in {len(lost)} of {len(recorded.images)} images: {', '.join(sorted(set(lost)))}",
                 "leave them out, or improve light and focus",
             )  # fmt: skip
@@ -334,14 +346,18 @@ def solve_set(
     findings += diagnose_start(problem, 0, recorded.raw, seed)
     views = len({s.view for s in problem.sightings})
     options = CalibrationOptions(
-        solve_lenses=recorded.lens is None, ladder=True, folds=folds or (views if views <= 20 else 8)
+        solve_lenses=recorded.lens is None,
+        ladder=True,
+        folds=folds or (views if views <= 20 else 8),
     )
     fatal = [f for f in findings if f.severity == "error"]
     try:
         answer = calibrate(problem, np.random.default_rng(seed), options, progress)
     except CalibrationError as error:
         if fatal:
-            raise CalibrationError(f"{recorded.folder}: {fatal[0].message}; {fatal[0].cure}") from None
+            raise CalibrationError(
+                f"{recorded.folder}: {fatal[0].message}; {fatal[0].cure}"
+            ) from None
         raise CalibrationError(f"{recorded.folder}: {error}") from None
     if not fatal:
         findings += diagnose_solution(answer.solution, 0)
@@ -360,7 +376,8 @@ def verdict_findings(answer: Calibration) -> list[Finding]:
     if answer.left_out is not None and answer.left_out.mm > 1.3:
         out.append(
             Finding(
-                "inconsistent", "warning",
+                "inconsistent",
+                "warning",
                 f"poses and images agree only to {answer.left_out.mm:.1f} mm in views that the "
                 f"solve has not seen ({answer.left_out.px:.1f} px; corners scatter by {noise:.2f} px)",
                 "check that the arm was at rest, its poses are those of the images, and board and "
@@ -370,7 +387,8 @@ def verdict_findings(answer: Calibration) -> list[Finding]:
     if white is not None and white[0] > 0.002:
         out.append(
             Finding(
-                "arm_noise", "warning",
+                "arm_noise",
+                "warning",
                 f"the arm's poses scatter by {1e3 * white[0]:.1f} mm and "
                 f"{np.rad2deg(white[1]):.2f} deg",
                 "an arm repeats to 0.1 mm: look for late poses, a loose board or a wrong flange",
@@ -379,7 +397,8 @@ def verdict_findings(answer: Calibration) -> list[Finding]:
     if sigma > 0.005:
         out.append(
             Finding(
-                "uncertain", "warning",
+                "uncertain",
+                "warning",
                 f"a point 1.0-1.5 m away would be off by about {1e3 * sigma:.0f} mm",
                 "take more views, tilted by 20-40 deg about different axes and over the whole image",
             )  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 
 from armsight.arrays import Floats, JointPath, Points, Pose, Poses
 from armsight.calibration import arm, se3
+from armsight.calibration.calibrate import target_points
 from armsight.calibration.lens_prior import sheet_prior
 from armsight.calibration.model import SHAPE, State, project
 from armsight.calibration.problem import (
@@ -316,7 +317,7 @@ def random_views(
             T = _aim(cell, int(rig), rng, distance, tilt)
             targets.append(T)
             keep_rig.append(int(rig))
-        q, ok = reach_some(cell.robot, np.array(targets), rng)
+        q, ok = arm.reach_some(cell.robot, np.array(targets), rng)
         flanges = true_flanges(cell, q, None)
         for k in np.flatnonzero(ok):
             rig = keep_rig[k]
@@ -355,35 +356,6 @@ def _aim(
     T_lens_board = make_pose(None, ray * z) @ turn @ roll @ make_pose(None, -middle)
     T_base_lens = cell.state.T_mount_rig[rig] @ cell.state.T_rig_lens[index]
     return T_base_lens @ T_lens_board @ inverse(cell.T_flange_board_guess)
-
-
-def reach_some(
-    robot: Robot, targets: Poses, rng: np.random.Generator, tries: int = 4
-) -> tuple[JointPath, Floats]:
-    """(v, n) configurations and (v,) whether each pose is reached, from a few random starts."""
-    q = np.tile(robot.home, (len(targets), 1)).astype(float)
-    ok = np.zeros(len(targets), bool)
-    for attempt in range(tries):
-        left = np.flatnonzero(~ok)
-        if not len(left):
-            break
-        spread = 0.4 if attempt == 0 else 1.5
-        starts = robot.home + rng.normal(0, spread, (len(left), robot.n))
-        starts = np.clip(starts, robot.limits.lower, robot.limits.upper)
-        answer, good = arm.reach(robot, targets[left], starts)
-        q[left[good]] = answer[good]
-        ok[left[good]] = True
-    return q, ok
-
-
-def target_points(
-    lens: PinholeCamera, depths: tuple[float, ...] = (1.0, 1.25, 1.5)
-) -> tuple[Floats, Floats]:
-    """(t, 2) pixels over the image and (t,) distances [m]: where accuracy is asked for."""
-    u = np.linspace(0.1, 0.9, 5) * (lens.width - 1)
-    v = np.linspace(0.1, 0.9, 4) * (lens.height - 1)
-    grid = np.array([(a, b, d) for d in depths for b in v for a in u])
-    return grid[:, :2], grid[:, 2]
 
 
 def target_error(cell: SyntheticCell, state: State, lens: int) -> float:
