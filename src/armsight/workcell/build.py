@@ -222,6 +222,8 @@ def _person(workcell: Workcell, section: PersonSection) -> PersonSpec:
         max_hand_speed=section.max_hand_speed,
         mirror=section.mirror,
         height=section.height,
+        target=section.target,
+        distance=section.distance,
     )
 
 

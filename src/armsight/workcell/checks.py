@@ -181,6 +181,11 @@ def check_person(where: str, section: PersonSection, folder: Path | None) -> Ite
     """Clip, units and place of a person."""
     yield from check_metres(f"{where}.position", section.position)
     yield from check_degrees(f"{where}.yaw_deg", (section.yaw_deg,))
+    if section.target is not None and float(np.linalg.norm(section.target)) > 3.0:
+        yield Problem(
+            f"{where}.target",
+            f"found {shown(section.target)}, expected metres from the person, at most 3",
+        )
     if section.motion == "script" and section.script not in SCRIPTS:
         yield Problem(f"{where}.script", _unknown("script", section.script, SCRIPTS))
     if section.clip is not None:
@@ -263,19 +268,17 @@ def check_clear(
             )
 
 
-def check_names(where: str, names: Sequence[str | None]) -> Iterator[Problem]:
-    """No name twice in an array of tables."""
-    first: dict[str, int] = {}
-    for i, name in enumerate(names):
-        if name is None:
-            continue
+def check_names(named: Iterable[tuple[str, str]]) -> Iterator[Problem]:
+    """No name twice among (where, name) of tables that share one space of names."""
+    first: dict[str, str] = {}
+    for where, name in named:
         if name in first:
             yield Problem(
-                f'{where}[{i + 1}] "{name}".name',
-                f'"{name}" is taken by {where}[{first[name] + 1}], expected a unique name',
+                f"{where}.name",
+                f'"{name}" is taken by {first[name].partition(" ")[0]}, expected a unique name',
             )
         else:
-            first[name] = i
+            first[name] = where
 
 
 def check_metres(where: str, values: Sequence[float]) -> Iterator[Problem]:

@@ -120,10 +120,16 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
     patrol = _one(PatrolSection, raw.get("patrol", {}))
     if patrol is not None:
         yield from checks.check_patrol(patrol, robot)
-    for key, table in (("camera", raw), ("solid", raw)):
-        yield from checks.check_names(key, _names(table, key))
-    for key in ("undeclared", "person", "object"):
-        yield from checks.check_names(f"simulation.{key}", _names(simulation, key))
+    yield from checks.check_names(_names(raw, "camera"))
+    # The page and the truth know solids, people and things by name alone.
+    yield from checks.check_names(
+        [
+            *_names(raw, "solid"),
+            *_names(simulation, "undeclared", "simulation."),
+            *_names(simulation, "person", "simulation."),
+            *_names(simulation, "object", "simulation."),
+        ]
+    )
     yield from _in_collision(robot, [s for _, s in solids], patrol)
 
 
@@ -155,11 +161,9 @@ def _each(
             yield prefix + path((key, i), raw), section
 
 
-def _names(raw: Mapping[str, Any], key: str) -> list[str | None]:
+def _names(raw: Mapping[str, Any], key: str, prefix: str = "") -> Iterator[tuple[str, str]]:
     entries = raw.get(key, [])
-    names = (
-        [e.get("name") if isinstance(e, Mapping) else None for e in entries]
-        if isinstance(entries, list)
-        else []
-    )
-    return [n if isinstance(n, str) else None for n in names]
+    for i, entry in enumerate(entries if isinstance(entries, list) else []):
+        name = entry.get("name") if isinstance(entry, Mapping) else None
+        if isinstance(name, str):
+            yield prefix + path((key, i), raw), name

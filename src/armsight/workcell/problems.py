@@ -65,8 +65,8 @@ def shown(value: object) -> str:
             text = "a table"
         case list() | tuple():
             text = "[" + ", ".join(shown(v) for v in value) + "]"
-        case float() if not math.isfinite(value):
-            text = str(value)
+        case float() if math.isfinite(value) and value == round(value):
+            text = f"{value:.0f}"
         case _:
             text = str(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -194,6 +194,13 @@ class PersonSection(Section):
     yaw_deg: Number = key(0.0, "Where the person faces: 0 is along world x, 90 along y.", "deg")
     period_s: Positive = key(12.0, "Time between repetitions of a script.", "s")
     start_s: NotNegative = key(2.0, "First time.", "s")
+    target: Triple | None = key(
+        None,
+        "Where a script's hand goes, from the person: ahead, to the left, up from the floor; "
+        "a place at bench height if left out.",
+        "m",
+    )
+    distance: Positive = key(2.5, "How far a script's walk goes.", "m", le=10.0)
     speed_scale: Positive = key(1.0, "Time scale of the motion.", le=10.0)
     max_hand_speed: Positive = key(2.0, "Caps the hands' speed.", "m/s", le=20.0)
     mirror: Switch = key(False, "Left and right exchanged.")

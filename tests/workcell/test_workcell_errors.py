@@ -1,0 +1,290 @@
+"""Every broken file is told in lines that name file, key, what was found and what is expected."""
+
+from pathlib import Path
+
+import pytest
+
+from armsight.errors import WorkcellError
+from armsight.workcell import load_workcell, parse_workcell
+from armsight.workcell.problems import WorkcellFileError
+
+HEAD = """
+[cell]
+name = "t"
+[robot]
+model = "ur5"
+"""
+CAMERA = """
+[[camera]]
+name = "c"
+model = "kinect_v2"
+position = [1.5, 0.0, 1.0]
+look_at = [0.0, 0.0, 0.5]
+"""
+SOLID = """
+[[solid]]
+name = "s"
+size = [1.0, 1.0, 0.1]
+position = [0.0, 0.0, -0.5]
+"""
+
+
+def problems(text: str) -> list[str]:
+    with pytest.raises(WorkcellError) as caught:
+        parse_workcell(text, "f.toml")
+    lines = str(caught.value).splitlines()
+    assert all(line.startswith("f.toml: ") for line in lines)
+    return [line.removeprefix("f.toml: ") for line in lines]
+
+
+def test_the_smallest_cell_is_good():
+    cell = parse_workcell(HEAD)
+    assert cell.name == "t"
+    assert cell.robot.speed == 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        # Structure.
+        ("[robot]\nmodel = 'ur5'", ["cell: missing"]),
+        (HEAD + "[gaurd]\nspeed = 1", ['gaurd: unknown key; did you mean "guard"? known: ']),
+        (HEAD + "sped = 0.5", ['robot.sped: unknown key; did you mean "speed"? known: ']),
+        (HEAD + "camera = 3", ["robot.camera: unknown key; "]),
+        ("camera = 3\n" + HEAD, ["camera: found 3, expected a list"]),
+        ("camera = ['x']\n" + HEAD, ['camera[1]: found "x", expected a table']),
+        # Types.
+        (HEAD + "speed = 'fast'", ['robot.speed: found "fast", expected a number']),
+        (HEAD + "speed = true", ["robot.speed: found true, expected a number"]),
+        (HEAD + "speed = nan", ["robot.speed: found nan, expected a finite number"]),
+        (HEAD + "speed = inf", ["robot.speed: found inf, expected "]),
+        (HEAD + "speed = 50", ["robot.speed: found 50, expected at most 1"]),
+        (HEAD + "speed = 0", ["robot.speed: found 0, expected above 0"]),
+        (HEAD + "speed = 1979-05-27", ["robot.speed: found 1979-05-27, expected a number"]),
+        (HEAD + "position = [0, nan, 0]", ["robot.position[2]: found nan, expected a finite"]),
+        (HEAD + "position = [0, 0]", ["robot.position: found [0, 0], expected 3 values"]),
+        (HEAD + "position = [0, 0, 0, 1]", ["robot.position: found [0, 0, 0, 1], expected 3"]),
+        (HEAD + "position = 1", ["robot.position: found 1, expected a list"]),
+        (HEAD + "home_deg = []", ["robot.home_deg: found [], expected 1 to 16 values"]),
+        (HEAD + "connection = {host = [1]}", ["robot.connection.host: found [1], expected a str"]),
+        ("[cell]\nname = 'a b'\n[robot]\nmodel = 'ur5'", ['cell.name: found "a b", expected a le']),
+        # Unknown names, with the nearest.
+        (
+            HEAD.replace("ur5", "ur6"),
+            ['robot.model: unknown robot "ur6"; did you mean "ur'],
+        ),
+        (
+            HEAD + "tool = 'gripper2'",
+            ['robot.tool: unknown tool "gripper2"; did you mean "gripper"'],
+        ),
+        (HEAD + "driver = 'rtde'", ['robot.driver: unknown driver "rtde"; known: simulated']),
+        (
+            HEAD + CAMERA.replace("kinect_v2", "kinectv2"),
+            ['camera[1] "c".model: unknown camera "kinectv2"; did you mean "kinect_v'],
+        ),
+        (
+            HEAD + "[[simulation.person]]\nname='p'\nposition=[1,0,0]\nscript='reachin'",
+            ['simulation.person[1] "p".script: unknown script "reachin"; did you mean "reach_in"'],
+        ),
+        # Units that cannot be right.
+        (
+            HEAD + CAMERA.replace("[1.5, 0.0, 1.0]", "[40, 0, 1]"),
+            ['camera[1] "c".position: found [40, 0, 1], expected metres, at most 10'],
+        ),
+        (
+            HEAD + CAMERA.replace("[1.5, 0.0, 1.0]", "[1500, 0, 1000]"),
+            ["expected metres, at most 10 from the origin; looks like millimetres"],
+        ),
+        (
+            HEAD + CAMERA.replace("[1.5, 0.0, 1.0]", "[6.5, 0, 1]"),
+            ["6.58 m from the robot, expected at most 5.35 m: kinect_v2 sees 4.5 m far"],
+        ),
+        (HEAD + CAMERA + "latency_ms = 0.04", ["found 0.04: looks like seconds, expected milli"]),
+        (HEAD + CAMERA + "rate_hz = 60", ["rate_hz: found 60, expected at most 30 [Hz]"]),
+        (
+            HEAD + "home_deg = [0, -1.5708, 1.5708, -1.5708, -1.5708, 0]",
+            ["robot.home_deg: found [0, -1.5708, 1.5708, -1.5708, -1.5708, 0]: looks like radians"],
+        ),
+        (
+            HEAD + "home_deg = [0, -5156, 90, -90, -90, 0]",
+            ["joint shoulder_lift_joint: found -5156, expected -360 to 360 [deg]"],
+        ),
+        (
+            HEAD + "joint_upper_deg = [3.14, 3.14, 3.14, 3.14, 3.14, 3.14]",
+            ["robot.joint_upper_deg: found [3.14, 3.14, 3.14, 3.14, 3.14, 3.14]: looks like rad"],
+        ),
+        (HEAD + "rpy_deg = [3.14159, 0, 0]", ["robot.rpy_deg: found [3.14159, 0, 0]: looks like"]),
+        (HEAD + "home_deg = [0, -90, 90]", ["found 3 values, expected 6: one a joint of ur5"]),
+        (
+            HEAD + SOLID.replace("[1.0, 1.0, 0.1]", "[1000, 1000, 100]"),
+            ['solid[1] "s".size: found [1000, 1000, 100], expected metres, at most 20; looks like'],
+        ),
+        (HEAD + "[mapping]\nvoxel = 20", ["mapping.voxel: found 20, expected at most 0.1"]),
+        (
+            HEAD + "[simulation]\ncalibration_error_mm = 0.003",
+            ["found 0.003: looks like metres, expected millimetres"],
+        ),
+        (
+            HEAD
+            + "joint_lower_deg = [-90,-90,-90,-90,-90,90]\njoint_upper_deg = [90,90,90,90,90,-90]",
+            ["joint wrist_3_joint: found 90, expected below joint_upper_deg -90"],
+        ),
+        # One of several.
+        (HEAD + CAMERA + "rpy_deg = [1, 2, 3]", ["found look_at and rpy_deg of look_at, rpy_deg"]),
+        (HEAD + CAMERA.replace("look_at", "#"), ["found none of look_at, rpy_deg and quaternion"]),
+        (
+            HEAD + CAMERA.replace("look_at = [0.0, 0.0, 0.5]", "quaternion_xyzw = [0, 0, 0, 2]"),
+            ["quaternion_xyzw has length 2, expected 1"],
+        ),
+        (HEAD + SOLID + "radius = 1.0", ["a box found size and radius, expected size"]),
+        (HEAD + SOLID + "kind = 'sphere'", ["a sphere found size, expected radius"]),
+        (
+            HEAD + "[[simulation.person]]\nname='p'\nposition=[1,0,0]\nmotion='clip'",
+            ['motion is "clip" and clip is missing'],
+        ),
+        (
+            HEAD
+            + "[[simulation.person]]\nname='p'\nposition=[1,0,0]\nmotion='clip'\nclip='no.npz'",
+            ['simulation.person[1] "p".clip: found "no.npz", expected a file at '],
+        ),
+        (
+            HEAD + "[[simulation.object]]\nname='o'\nradius=0.1\nkind='sphere'\nposition=[1,0,0]\n"
+            "path='circle'",
+            ['path is "circle" and center is missing'],
+        ),
+        (HEAD + "[mapping]\nlower = [0, 0, 0]", ["found one of lower and upper, expected both"]),
+        (
+            HEAD + "[mapping]\nlower = [0.0, 0.0, 1.0]\nupper = [1.0, 1.0, 0.0]",
+            ["is not above lower"],
+        ),
+        (
+            HEAD + "[mapping]\nlower = [1, 1, 1]\nupper = [2, 2, 2]",
+            ["the robot's base [0, 0, 0] lies outside the mapped box"],
+        ),
+        (
+            HEAD + "[mapping]\nlower = [-9, -9, -9]\nupper = [9, 9, 9]\nvoxel = 0.01",
+            ["million voxels of the box, expected at most 20 million"],
+        ),
+        # Duplicates, goals, collisions.
+        (HEAD + CAMERA + CAMERA, ['camera[2] "c".name: "c" is taken by camera[1]']),
+        (
+            HEAD + SOLID + "[[simulation.undeclared]]\nname='s'\nsize=[1.0,1,1]\nposition=[0,0,2]",
+            ['simulation.undeclared[1] "s".name: "s" is taken by solid[1]'],
+        ),
+        (
+            HEAD + "[patrol.goals_deg]\nA = [0, 0, 0, 0, 0, 0]",
+            ["patrol.goals_deg: found 1 goal, expected none or at least 2"],
+        ),
+        (
+            HEAD + "[patrol.goals_deg]\nA = [0, -90, 90, -90, -90, 0]\nB = [0, 0, 200, 0, 0, 0]",
+            ["patrol.goals_deg.B: joint elbow_joint: found 200, expected -180 to 180 [deg]"],
+        ),
+        (
+            HEAD
+            + "home_deg = [0, -90, 90, -90, -90, 0]\n"
+            + SOLID.replace("[0.0, 0.0, -0.5]", "[0.0, 0.0, 0.6]"),
+            ["robot.home_deg: link ", 'inside solid "s", expected a free configuration'],
+        ),
+    ],
+)
+def test_problems_name_key_found_and_expected(text, expected):
+    told = "\n".join(problems(text))
+    for words in expected:
+        assert words in told
+
+
+def test_all_problems_come_at_once_one_line_each():
+    text = (
+        HEAD
+        + "speed = 50\nsped = 1\nhome_deg = [0, 1.57, 0, 0, 0, 0]\n"
+        + CAMERA.replace("[1.5, 0.0, 1.0]", "[40, 0, 1]")
+        + CAMERA
+    )
+    told = problems(text)
+    assert len(told) == 4 or len(told) == 5
+    joined = "\n".join(told)
+    for words in ("robot.speed", "robot.sped", "camera[1]", "camera[2]"):
+        assert words in joined
+
+
+def test_the_error_carries_its_problems():
+    with pytest.raises(WorkcellFileError) as caught:
+        parse_workcell(HEAD + "speed = 50\nacceleration = 0", "f.toml")
+    assert [p.where for p in caught.value.problems] == ["robot.speed", "robot.acceleration"]
+    assert caught.value.file == "f.toml"
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"", "empty, expected a workcell"),
+        (b" \n\t\n", "empty, expected a workcell"),
+        (b"\xef\xbb\xbf", "empty, expected a workcell"),
+        (b"[cell\n", "not valid TOML: "),
+        (b"a = 1\na = 2\n", "not valid TOML: "),
+        (b"\xff\xfe[\x00c\x00", "not UTF-8 text (byte 0)"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "not UTF-8 text (byte 0)"),
+        (b"x = " + b"[" * 100_000, "nested too deeply"),
+        (b"# " + b"x" * 1_000_001, "1.0 MB large, expected a workcell file of at most 1 MB"),
+    ],
+)
+def test_broken_files(tmp_path: Path, data: bytes, expected: str):
+    file = tmp_path / "cell.toml"
+    file.write_bytes(data)
+    with pytest.raises(WorkcellError) as caught:
+        load_workcell(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_folder(tmp_path: Path):
+    with pytest.raises(WorkcellError, match="no such file; 'armsight new "):
+        load_workcell(tmp_path / "no.toml")
+    with pytest.raises(WorkcellError, match="is a folder, expected a workcell file"):
+        load_workcell(tmp_path)
+    file = tmp_path / "a"
+    file.write_text("x")
+    with pytest.raises(WorkcellError, match="cannot be read: Not a directory"):
+        load_workcell(file / "b.toml")
+
+
+def test_missing_mesh_is_told(monkeypatch: pytest.MonkeyPatch):
+    from dataclasses import replace
+
+    from armsight.robots import load_robot
+    from armsight.workcell import checks
+
+    robot = load_robot("ur5")
+    gone = replace(robot.meshes[0], path=Path("no/such/base.obj"))
+    monkeypatch.setattr(checks, "load_robot", lambda name: replace(robot, meshes=(gone,)))
+    told = problems(HEAD)
+    assert told == [
+        f"robot.model: mesh base.obj of ur5 is missing at {Path('no/such')}, expected the packaged "
+        "file; install armsight again"
+    ]
+
+
+def test_messages_of_a_typical_broken_file_are_kept():
+    """A snapshot: change it knowingly."""
+    text = """
+[cell]
+name = "pinned"
+[robot]
+model = "ur55"
+speed = "half"
+[[camera]]
+name = "north"
+model = "kinect_v2"
+positon = [1.5, 0, 1]
+look_at = [0, 0, 0]
+"""
+    assert problems(text) == [
+        'robot.speed: found "half", expected a number (Share of the joints\' speed limits that may '
+        "be used)",
+        'camera[1] "north".position: missing (Origin of the depth lens, in world or in the '
+        "flange's frame [m])",
+        'camera[1] "north".positon: unknown key; did you mean "position"? known: name, model, '
+        "driver, mounted_on, position, look_at, rpy_deg, quaternion_xyzw, rate_hz, latency_ms, "
+        "phase_ms, connection",
+    ]
