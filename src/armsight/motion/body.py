@@ -71,18 +71,12 @@ def make_body(robot: Robot, inflate: float = 0.0) -> Body:
             f"{robot.name} has no link spheres: collisions cannot be checked; "
             "convert it with shapes (scripts/convert_robots.py) or use a robot of the catalogue"
         )
-    turns = [np.eye(3)] + [_z_to(a) for a in robot.axis]
-    n = robot.n
-    rotation = np.empty((n, 3, 3))
-    offset = np.empty((n, 3))
-    for i in range(n):
-        rotation[i] = turns[i].T @ robot.T_link_joint[i, :3, :3] @ turns[i + 1]
-        offset[i] = turns[i].T @ robot.T_link_joint[i, :3, 3]
+    rotation, offset, turns = aligned_chain(robot)
 
     order = np.argsort(robot.spheres.link, kind="stable")
     link = np.asarray(robot.spheres.link)[order].astype(np.int64)
     center = np.array(
-        [turns[k].T @ c for k, c in zip(link, np.asarray(robot.spheres.center)[order])]
+        [turns[int(k)].T @ c for k, c in zip(link, np.asarray(robot.spheres.center)[order])]
     )
     radius = np.asarray(robot.spheres.radius, float)[order] + inflate
     lever = np.array([_levers(k, c, rotation, offset) for k, c in zip(link, center)])
@@ -95,7 +89,7 @@ def make_body(robot: Robot, inflate: float = 0.0) -> Body:
     return Body(
         rotation=rotation,
         offset=offset,
-        first=np.searchsorted(link[moving], np.arange(n + 2)).astype(np.int64),
+        first=np.searchsorted(link[moving], np.arange(robot.n + 2)).astype(np.int64),
         center=np.ascontiguousarray(center[moving]),
         radius=np.ascontiguousarray(radius[moving]),
         lever=np.ascontiguousarray(lever[moving]),
@@ -110,6 +104,23 @@ def make_body(robot: Robot, inflate: float = 0.0) -> Body:
         lower=np.asarray(robot.limits.lower, float).copy(),
         upper=np.asarray(robot.limits.upper, float).copy(),
     )
+
+
+def aligned_chain(robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
+    """The chain with link frames turned so that every joint turns about its z axis.
+
+    Returns:
+        (n, 3, 3) rotations and (n, 3) offsets of joint frames in the turned link frames before
+        them, and the n + 1 turns: ``R_link_turned`` of every link.
+    """
+    turns = [np.eye(3)] + [_z_to(a) for a in robot.axis]
+    n = robot.n
+    rotation = np.empty((n, 3, 3))
+    offset = np.empty((n, 3))
+    for i in range(n):
+        rotation[i] = turns[i].T @ robot.T_link_joint[i, :3, :3] @ turns[i + 1]
+        offset[i] = turns[i].T @ robot.T_link_joint[i, :3, 3]
+    return rotation, offset, turns
 
 
 def _z_to(axis: Floats) -> Floats:

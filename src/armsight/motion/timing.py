@@ -124,7 +124,8 @@ def _averaged(
 ) -> Trajectory:
     """The timed path under a moving average of a length [s], slowed if a limit asks for it."""
     dt = window / WINDOW
-    samples = shape.position(*sample_profile(x, shape.length, dt))
+    where, place = sample_profile(x, shape.length, dt)
+    samples = shape.position(where, place)
     samples[-1] = goal
     n = samples.shape[1]
     padded = np.concatenate(
@@ -143,7 +144,7 @@ def _averaged(
 
 
 def _spline(control: JointPath, dt: float) -> Trajectory:
-    """The uniform cubic B-spline of (m, n) control points, first and last two doubled, as pieces."""
+    """The uniform cubic B-spline of (m, n) control points, ends repeated, as a trajectory."""
     p = np.concatenate([control[:1], control[:1], control, control[-1:], control[-1:]])
     first = np.diff(p, axis=0) / dt
     second = np.diff(first, axis=0) / dt
@@ -151,4 +152,4 @@ def _spline(control: JointPath, dt: float) -> Trajectory:
     knots = len(p) - 2
     q = (p[:-2] + 4.0 * p[1:-1] + p[2:]) / 6.0
     qd = 0.5 * (first[:-1] + first[1:])
-    return Trajectory(dt * np.arange(knots), q, qd, second, third)
+    return Trajectory(dt * np.arange(knots, dtype=float), q, qd, second, third)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, JointPath, JointVector
+from armsight.arrays import Floats, Ints, JointPath, JointVector
 
 
 @njit(cache=True, nogil=True)
@@ -102,7 +102,7 @@ def fastest_profile(
 
 
 @njit(cache=True, nogil=True)
-def sample_profile(x: Floats, length: Floats, dt: float) -> tuple[Floats, Floats]:
+def sample_profile(x: Floats, length: Floats, dt: float) -> tuple[Ints, Floats]:
     """Interval number and place in it, every dt [s] from the start to (just after) the end."""
     k = length.shape[0]
     total = 0.0

@@ -1,0 +1,81 @@
+"""Inverse kinematics: joint positions that bring the tip to a pose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armsight.arrays import JointVector, Pose
+from armsight.motion.body import aligned_chain
+from armsight.motion.ik_kernels import solve
+from armsight.robots.robot import Robot
+
+
+def solve_ik(
+    robot: Robot,
+    T_base_tip: Pose,
+    seed_q: JointVector | None,
+    rng: np.random.Generator,
+    *,
+    wanted: int = 8,
+    starts: int = 100,
+) -> list[JointVector]:
+    """Joint positions within the limits that bring the tip to a pose, nearest to the seed first.
+
+    Damped least squares from the seed and from random starts; of a 7-axis arm's endless solutions
+    a few are returned. Whether they touch anything is not looked at.
+
+    Args:
+        robot: the arm; its tip is the tool's working point, or the flange.
+        T_base_tip: wanted pose.
+        seed_q: (n,) tried first; the home position when None.
+        rng: draws the other starts.
+        wanted: most solutions returned.
+        starts: tried before giving up; 100 find all but a few in a thousand of the reachable poses.
+
+    Returns:
+        (n,) solutions, exact to 1e-7 m and rad; empty when none was found: out of reach, most
+        likely.
+
+    Raises:
+        ValueError: the pose is not a rigid transform, or ``wanted`` or ``starts`` is below 1.
+    """
+    T = np.ascontiguousarray(T_base_tip, np.float64)
+    if (
+        T.shape != (4, 4)
+        or not np.isfinite(T).all()
+        or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6)
+    ):
+        raise ValueError("solve_ik: T_base_tip is not a rigid transform (4 x 4, rotation, finite)")
+    if wanted < 1 or starts < 1:
+        raise ValueError("solve_ik: wanted and starts must be at least 1")
+    rotation, offset, turns = aligned_chain(robot)
+    T_last_tip = (
+        robot.T_last_flange
+        if robot.tool is None
+        else (robot.T_last_flange @ robot.tool.T_flange_tip)
+    )
+    aligned_tip = T_last_tip.copy()
+    aligned_tip[:3] = turns[-1].T @ T_last_tip[:3]
+    seed = robot.home if seed_q is None else np.asarray(seed_q, float)
+    lower, upper = robot.limits.lower, robot.limits.upper
+    seed = np.clip(np.where(np.isfinite(seed), seed, robot.home), lower, upper)
+    tried = np.concatenate([seed[None], rng.uniform(lower, upper, (starts - 1, robot.n))])
+    found = solve(
+        rotation, offset, aligned_tip, lower, upper, T, np.ascontiguousarray(tried), wanted
+    )
+    found = np.array([_unwound(q, seed, lower, upper) for q in found]).reshape(-1, robot.n)
+    order = np.argsort(np.abs(found - seed).max(axis=1), kind="stable")
+    solutions: list[JointVector] = []
+    for q in found[order]:
+        # Whole turns apart in the search, the same once unwound.
+        if all(np.abs(q - other).max() > 1e-3 for other in solutions):
+            solutions.append(q)
+    return solutions
+
+
+def _unwound(
+    q: JointVector, seed: JointVector, lower: JointVector, upper: JointVector
+) -> JointVector:
+    """The same pose with each joint turned by whole turns to be nearest to the seed."""
+    turned = q - 2.0 * np.pi * np.round((q - seed) / (2.0 * np.pi))
+    return np.where((turned >= lower) & (turned <= upper), turned, q)
