@@ -16,13 +16,8 @@ if TYPE_CHECKING:
 
 NAMES: dict[str, str] = {
     "patrol-smoke": "60 simulated seconds of guarded patrol, a person reaching in",
-    "danger-map": "T2: mean danger of the cells along three circles",
-    "patrol": "T2: A-B-A, reactive and predictive, against the direct way",
-    "approach": "people from recorded motion reach into the cell; contacts",
-    "mbm": "MotionBenchMaker problems through rendered depth images",
-    "false-stops": "false stops with nobody near, under noise and calibration error",
 }
-"""Every experiment and its line of help. The module of ``a-b`` is ``armsight.experiments.a_b``."""
+"""Every experiment and its line of help; a new one adds itself here. The module of ``a-b`` is ``armsight.experiments.a_b``."""
 
 
 def load_experiment(name: str) -> Experiment:

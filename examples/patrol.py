@@ -1,0 +1,29 @@
+"""A guarded patrol in a simulated cell, without the page: who came how near, and was it touched?
+
+python examples/patrol.py [SECONDS]
+"""
+
+import sys
+
+from armsight.commands.cells import packaged
+from armsight.motion.patrol import PatrolTask
+from armsight.runtime.configure import session_config
+from armsight.runtime.session import Session
+from armsight.workcell import load_workcell, open_cell
+
+
+def main(seconds: float) -> None:
+    workcell = load_workcell(packaged()["ur5_four_cameras"])
+    with open_cell(workcell, seed=0) as cell:
+        patrol = PatrolTask(workcell.goals, dwell=0.5)
+        session = Session(cell, patrol, config=session_config(cell))
+        session.warm_up()
+        session.run(seconds)
+        truth = cell.world.truth
+        print(f"goals reached: {len(patrol.times)}")
+        print(f"nearest to the person: {truth.min_distance:.2f} m")
+        print(f"contacts while moving: {len(truth.moving_contacts)}")
+
+
+if __name__ == "__main__":
+    main(float(sys.argv[1]) if len(sys.argv) > 1 else 30.0)
