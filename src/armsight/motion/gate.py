@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from armsight.arrays import JointVector
+from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
 from armsight.motion.guard_config import ContactZone, GuardConfig
 from armsight.motion.guard_kernels import Law, project, protective
@@ -166,6 +168,12 @@ class Gate:
             s.walking, s.reaching, s.close, s.K, T_person, T_arm, hazard_radius,
             self._config.retreat_speed,
         )  # fmt: skip
+
+
+def declared_reaction(cameras: Sequence[RgbdCameraInfo], config: GuardConfig) -> float:
+    """T_r as declared [s]: picture, wait for the next one, computing, one tick, the drives' delay."""
+    image = max((c.latency + 1.0 / c.rate for c in cameras), default=0.0)
+    return image + config.compute_latency + config.period + config.start_delay
 
 
 def _outside(hazards: Hazards, zone: ContactZone) -> Hazards:

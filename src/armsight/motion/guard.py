@@ -22,7 +22,7 @@ from armsight.motion.collision import CollisionModel
 from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
 from armsight.motion.executed import Executed
 from armsight.motion.faults import FaultWatch, Severity, Verdict
-from armsight.motion.gate import Gate, Passage
+from armsight.motion.gate import Gate, Passage, declared_reaction
 from armsight.motion.goals import Goals
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards
@@ -112,11 +112,8 @@ class Guard:
         self._gate = Gate(robot, config, brake)
         self._model = model or CollisionModel(robot)
         self._watch = FaultWatch(robot, cameras, config)
-        image = max((c.latency + 1.0 / c.rate for c in cameras), default=0.0)
         self._after_decision = config.period + config.start_delay
-        self._reaction = ReactionTime(
-            image + config.compute_latency + self._after_decision, config.reaction_window
-        )
+        self._reaction = ReactionTime(declared_reaction(cameras, config), config.reaction_window)
         self._goals = Goals(robot, config)
         self._scale = SpeedScale(config.rise, config.rise_jerk)
         self._reflex = Reflex(config, limits)
@@ -127,6 +124,7 @@ class Guard:
         self._snapshot: WorkspaceSnapshot | None = None
         self._now = -math.inf
         self._blocked_since = math.inf
+        self._waiting_since = math.inf
 
     @property
     def reaction_time(self) -> float:
@@ -214,7 +212,8 @@ class Guard:
         route.prove(self._model, tick.snapshot, tick.here.position)
         self._route, self._leaving = route, False
         self._blocked_since = tick.now if math.isfinite(route.blocked_at) else math.inf
-        self._scale.reset()
+        self._scale.reset(1.0)  # the motion itself begins at rest
+        self._waiting_since = math.inf
 
     # -- deciding -------------------------------------------------------------------------------
 
@@ -286,6 +285,7 @@ class Guard:
         actual = float(tick.ahead.velocity @ motion) / square if square > 1e-9 else 0.0
         if actual > share + LAG and not tick.at_rest and square > 1e-6:
             self._brake(tick, route)
+            self._scale.reset(max(min(actual, share, 1.0), 0.0))  # where it goes on, if it may
         else:
             scale = self._scale.towards(target, tick.elapsed, fastest)
             tick.command = scale * motion
@@ -338,13 +338,20 @@ class Guard:
     def _reconsider(self, tick: _Tick) -> None:
         """Leave a path that is blocked or that the arm has left, and ask for another."""
         route = self._route
-        if route is None or not tick.at_rest:
+        if route is None or not tick.at_rest or tick.brake:
+            self._waiting_since = math.inf
             return
         off = float(np.abs(route.wanted(tick.ahead.position).correction).max())
         blocked = tick.now - self._blocked_since >= BLOCKED_FOR
-        if off > self.config.off_path or blocked:
+        if tick.mode != GuardMode.STOPPED:
+            self._waiting_since = math.inf
+        elif math.isinf(self._waiting_since):
+            self._waiting_since = tick.now
+        waited = tick.now - self._waiting_since >= self.config.patience
+        if off > self.config.off_path or blocked or waited:
             warm = route.remaining if not blocked else None
             self._route = None
+            self._waiting_since = math.inf
             self._goals.drop_request()
             tick.request = self._goals.ask(tick.now, tick.ahead.position, warm)
 

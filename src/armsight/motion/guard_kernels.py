@@ -40,7 +40,7 @@ class Law(NamedTuple):
         T_person: time for which the person comes nearer before the arm brakes [s].
         T_arm: time for which the arm goes on, as commanded, before it brakes [s].
         hazard_radius: half diagonal of a hazard's cube [m].
-        retreat: speed at which a part may always move away [m/s].
+        retreat: speed of the fastest part at which the arm may always move away [m/s].
     """
 
     walking: float
@@ -117,20 +117,24 @@ def sort_into_blocks(hazards: Floats32, size: float) -> Blocks:
 
 
 @njit(cache=True, nogil=True)
-def allowed_share(distance: float, closing: float, speed: float, stopping: float, law: Law):
-    """Share of a motion that separation allows to one part in view of one hazard.
+def allowed_share(
+    distance: float, closing: float, fastest: float, stopping: float, law: Law
+) -> float:
+    """Share of a motion that separation allows to one moving part in view of one hazard.
 
     The motion at share s closes in at ``s closing`` and needs ``s stopping`` to stop; the share is
     the root of ``D = v_h (T_r + s T_s) + s v_r T_r + s^2 v_r T_s / 2 + K``.
 
+    A part that does not close in is held to the same with v_r = 0, so that it stands before
+    anybody reaches it; but it may always leave at the speed at which an arm counts as standing.
+
     Args:
         distance: D from the part's surface to the hazard's [m].
         closing: speed towards the hazard of the whole motion [m/s]; negative when receding.
-        speed: of the part, in any direction [m/s].
+        fastest: speed of the arm's fastest part [m/s]; above 0.
         stopping: time to stop from the whole motion [s].
+        law: numbers of the law.
     """
-    if speed <= 0.0:
-        return np.inf
     v_h = law.reaching if distance < law.close else law.walking
     spare = distance - law.K - v_h * law.T_person
     share = 0.0
@@ -140,7 +144,7 @@ def allowed_share(distance: float, closing: float, speed: float, stopping: float
         root = b + np.sqrt(b * b + 2.0 * towards * stopping * spare)
         share = 2.0 * spare / root if root > 0.0 else np.inf
     if closing <= 0.0:
-        share = max(share, law.retreat / speed)
+        share = max(share, law.retreat / fastest)
     return share
 
 
@@ -178,6 +182,11 @@ def scan(
         share: (m,) out: allowed share of the motion, inf if unlimited.
         limiting: (m,) out: index of the hazard that limits it, -1 for none.
     """
+    fastest = 0.0
+    for i in range(velocity.shape[0]):
+        vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        fastest = max(fastest, vx * vx + vy * vy + vz * vz)
+    fastest = np.sqrt(fastest)
     for i in range(center.shape[0]):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -217,7 +226,7 @@ def scan(
                     closing = speed
                     if away > 1e-9:
                         closing = (ex * vx + ey * vy + ez * vz) / away
-                    s = allowed_share(d, closing, speed, stopping[i], law)
+                    s = allowed_share(d, closing, fastest, stopping[i], law)
                     if s < least:
                         least = s
                         least_index = p

@@ -11,6 +11,7 @@ from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.collision import CollisionModel
 from armsight.motion.guard import Guard
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.keep_out import SeparationPlanner
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.runtime.components import Guards, Maps
 from armsight.runtime.configure import guard_config, mapping_config
@@ -52,8 +53,11 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
     )
 
     def make() -> tuple[WorkspaceMap, Planner, Guard]:
-        planner = config.planner or RrtConnectPlanner(
-            cell.robot, CollisionModel(cell.robot), planning
+        planner = config.planner or SeparationPlanner(
+            RrtConnectPlanner(cell.robot, CollisionModel(cell.robot), planning),
+            cell.robot,
+            infos,
+            guard,
         )
         return (
             WorkspaceMap(cell.robot, infos, cell.static, mapping),

@@ -1,0 +1,151 @@
+"""Paths that keep away from people, so that separation does not stop the arm halfway.
+
+The planner proves that a path touches nothing; separation then decides how fast it may be driven.
+Close to somebody that is not at all. So several paths are planned: through the surroundings as they
+are, and through surroundings in which everything that may be a person is larger. The one that the
+law would let the arm drive in the least time, with everybody where they are now, is chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from armsight.arrays import Floats, JointVector
+from armsight.devices.data import RgbdCameraInfo
+from armsight.mapping.snapshot import OCCUPIED, WorkspaceSnapshot
+from armsight.motion.data import PlanRequest
+from armsight.motion.gate import Gate, declared_reaction
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.nearest import Hazards
+from armsight.motion.plan import Plan, Planner
+from armsight.motion.trajectory import Trajectory
+from armsight.robots.robot import Robot
+
+COARSE = 3
+"""Fine voxels along the edge of a coarse one."""
+SAMPLE = 0.1
+"""Phase time between two looks at a motion when its time is predicted [s]."""
+SLOWEST = 0.02
+"""Speed scale that stands for "blocked" when a time is predicted."""
+
+
+@dataclass(frozen=True)
+class KeepOutConfig:
+    """How far paths should keep from hazards.
+
+    Attributes:
+        distances: tried in this order, besides 0 [m].
+        slack: start and goal may be this much closer to the enlarged hazards than to any [m].
+        least: enlarging by less than this is not worth a plan [m].
+        good: a path predicted to take no more than this multiple of its undisturbed time is taken
+            without looking for a better one.
+    """
+
+    distances: tuple[float, ...] = (0.5, 0.35)
+    slack: float = 0.06
+    least: float = 0.1
+    good: float = 1.2
+
+
+class SeparationPlanner:
+    """Wraps a planner: asks it more than once and takes the path that can be driven soonest."""
+
+    def __init__(
+        self,
+        planner: Planner,
+        robot: Robot,
+        cameras: Sequence[RgbdCameraInfo],
+        guard: GuardConfig,
+        config: KeepOutConfig | None = None,
+    ) -> None:
+        self._planner = planner
+        self._config = config or KeepOutConfig()
+        brake = robot.limits.acceleration * max(guard.brake, guard.acceleration)
+        self._gate = Gate(robot, guard, brake)
+        self._reaction = declared_reaction(cameras, guard)
+
+    def plan(
+        self,
+        request: PlanRequest,
+        snapshot: WorkspaceSnapshot,
+        time_limit: float,
+        rng: np.random.Generator,
+    ) -> Plan:
+        """See :class:`~armsight.motion.plan.Planner`."""
+        hazards = Hazards.of(snapshot)
+        self._gate.set_reaction(self._reaction, hazards.radius)
+        config = self._config
+        best = self._planner.plan(request, snapshot, time_limit, rng)
+        if best.trajectory is None or len(snapshot.hazards) == 0:
+            return best
+        best_time = self.predicted_time(best.trajectory, hazards)
+        spent = best.optimisation_s
+        ends = min(self._distance(q, hazards) for q in (request.start, request.goal.position))
+        tried: set[float] = set()
+        for wanted in config.distances:
+            if best_time <= config.good * best.trajectory.duration:
+                break
+            distance = round(min(wanted, ends - config.slack), 3)
+            if distance < config.least or distance in tried:
+                continue
+            tried.add(distance)
+            other = self._planner.plan(request, enlarged(snapshot, distance), time_limit, rng)
+            spent += other.planning_s + other.optimisation_s
+            if other.trajectory is None:
+                continue
+            other_time = self.predicted_time(other.trajectory, hazards)
+            if other_time < best_time:
+                best, best_time = other, other_time
+        return replace(best, optimisation_s=spent)
+
+    def predicted_time(self, trajectory: Trajectory, hazards: Hazards) -> float:
+        """Seconds that a motion takes under the law, if everybody stays where they are."""
+        count = max(int(np.ceil(trajectory.duration / SAMPLE)), 1)
+        step = trajectory.duration / count
+        total = 0.0
+        for k in range(count):
+            t = (k + 0.5) * step
+            view = self._gate.body.view(
+                trajectory.position(t), trajectory.velocity(t), hazards, self._gate.law
+            )
+            total += step / min(max(view.allowed, SLOWEST), 1.0)
+        return total
+
+    def _distance(self, q: JointVector, hazards: Hazards) -> float:
+        still = np.zeros(len(q))
+        return self._gate.body.view(np.asarray(q, float), still, hazards, self._gate.law).least
+
+
+def enlarged(snapshot: WorkspaceSnapshot, distance: float) -> WorkspaceSnapshot:
+    """The same surroundings with every hazard larger by a distance [m].
+
+    Worked out on a grid three times as coarse. The distance field stays a proven bound for the
+    occupied voxels of the result; how far those reach is a preference and right within a coarse
+    voxel.
+    """
+    grid = snapshot.grid
+    edge = COARSE * grid.voxel
+    shape = tuple(-(-n // COARSE) for n in grid.shape)
+    seeds = np.zeros(shape, bool)
+    index = np.floor((snapshot.hazards - grid.origin) / edge).astype(int)
+    inside = np.all((index >= 0) & (index < shape), axis=1)
+    seeds[tuple(index[inside].T)] = True
+    if not seeds.any():
+        return snapshot
+    large = distance_transform_edt(~seeds, sampling=edge) <= distance
+    # Any points of two coarse voxels are nearer than their centres by at most one diagonal.
+    bound = distance_transform_edt(~large, sampling=edge) - np.sqrt(3.0) * edge
+    state = np.where(_fine(large, grid.shape), np.uint8(OCCUPIED), snapshot.state)
+    field = np.minimum(snapshot.distance, _fine(np.maximum(bound, 0.0), grid.shape))
+    return replace(snapshot, state=state, distance=field.astype(np.float32))
+
+
+def _fine(coarse: Floats, shape: tuple[int, int, int]) -> Floats:
+    fine = coarse
+    for axis in range(3):
+        fine = np.repeat(fine, COARSE, axis=axis)
+    return fine[: shape[0], : shape[1], : shape[2]]

@@ -1,0 +1,158 @@
+"""The compiled search against plain numpy: nearest hazards, limits, motions, projections."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from armsight.motion.guard_kernels import (
+    Law,
+    allowed_share,
+    drive_ahead,
+    project,
+    sort_into_blocks,
+    stop_path,
+    stopping_times,
+)
+from armsight.motion.nearest import HORIZON, Hazards, MovingBody
+from armsight.robots import ROBOT_NAMES, load_robot
+from armsight.robots.kinematics import link_poses, point_jacobian
+
+LAW = Law(1.6, 2.0, 0.5, 0.05, 0.15, 0.15, 0.0173, 0.045)
+
+
+def brute_force(body, center, velocity, stopping, points, law):
+    """Distance, nearest, share by looking at every pair."""
+    m = len(center)
+    fastest = np.linalg.norm(velocity, axis=1).max()
+    distance, share = np.full(m, np.inf), np.full(m, np.inf)
+    for i in range(m):
+        for p in points.astype(float):
+            away = p - center[i]
+            length = np.linalg.norm(away)
+            d = length - body.radius[i] - law.hazard_radius
+            if d < HORIZON:
+                distance[i] = min(distance[i], d)
+            closing = velocity[i] @ away / length
+            if np.linalg.norm(velocity[i]) > 0.0:
+                share[i] = min(share[i], allowed_share(d, closing, fastest, stopping[i], law))
+    return distance, share
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_motion_of_spheres_against_jacobians(name):
+    robot = load_robot(name)
+    body = MovingBody(robot, robot.limits.acceleration)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        q = rng.uniform(np.maximum(robot.limits.lower, -3), np.minimum(robot.limits.upper, 3))
+        v = rng.normal(size=robot.n)
+        center, velocity = body.motion(q, v)
+        poses = link_poses(robot, q)
+        for k in range(len(body.radius)):
+            link = int(body.link[k])
+            expected = poses[link, :3, :3] @ body.local[k] + poses[link, :3, 3]
+            assert center[k] == pytest.approx(expected, abs=1e-12)
+            J = point_jacobian(robot, q, link, expected)
+            assert velocity[k] == pytest.approx(J @ v, abs=1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 300), st.floats(0.1, 2.5))
+def test_scan_against_brute_force(seed, count, spread):
+    rng = np.random.default_rng(seed)
+    robot = load_robot("ur5")
+    body = MovingBody(robot, robot.limits.acceleration)
+    q = rng.uniform(-np.pi, np.pi, 6)
+    v = rng.normal(size=6) * rng.choice([0.0, 0.05, 1.0, 3.0])
+    points = (rng.normal(size=(count, 3)) * spread).astype(np.float32)
+    hazards = Hazards.at(points, LAW.hazard_radius)
+    view = body.view(q, v, hazards, LAW)
+    distance, share = brute_force(body, view.center, view.velocity, view.stopping, points, LAW)
+    assert view.distance == pytest.approx(distance, abs=1e-6)
+    # Beyond a share of one nothing limits the motion: pruned pairs may be left out there.
+    assert np.minimum(view.share, 1.0) == pytest.approx(np.minimum(share, 1.0), abs=1e-6)
+
+
+def test_a_mutant_that_drops_hazards_is_noticed():
+    rng = np.random.default_rng(0)
+    robot = load_robot("ur5")
+    body = MovingBody(robot, robot.limits.acceleration)
+    points = rng.uniform(-1, 1, (2000, 3)).astype(np.float32)
+    wrong = 0
+    for _ in range(300):
+        q, v = rng.uniform(-np.pi, np.pi, 6), rng.normal(size=6)
+        full = body.view(q, v, Hazards.at(points, 0.0173), LAW)
+        kept = points[rng.random(len(points)) > 0.01]
+        mutant = body.view(q, v, Hazards.at(kept, 0.0173), LAW)
+        wrong += not np.allclose(full.distance, mutant.distance)
+    assert wrong > 5
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 400))
+def test_blocks_hold_every_hazard_once_and_bound_them(seed, count):
+    rng = np.random.default_rng(seed)
+    points = (rng.normal(size=(count, 3)) * 0.7).astype(np.float32)
+    blocks = sort_into_blocks(points, 0.16)
+    assert sorted(blocks.order) == list(range(count))
+    assert np.array_equal(blocks.points, points[blocks.order])
+    for k in range(len(blocks.lower)):
+        mine = blocks.points[blocks.first[k] : blocks.first[k + 1]]
+        assert len(mine)
+        assert np.array_equal(mine.min(axis=0), blocks.lower[k])
+        assert np.array_equal(mine.max(axis=0), blocks.upper[k])
+
+
+def test_drives_against_small_steps():
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        n, k = 6, 5
+        q, v = rng.normal(size=n), rng.normal(size=n)
+        ends = np.cumsum(rng.uniform(0.005, 0.2, k))
+        targets, braking = rng.normal(size=(k, n)), rng.random(k) < 0.3
+        a, b = rng.uniform(1, 4, n), rng.uniform(4, 8, n)
+        fine_q, fine_v, t, h = q.copy(), v.copy(), 0.0, 1e-5
+        while t < ends[-1] - h / 2:
+            i = int(np.searchsorted(ends, t + h / 2))
+            wanted = np.zeros(n) if braking[i] else targets[i]
+            ramp = (b if braking[i] else a) * h
+            before = fine_v.copy()
+            fine_v = fine_v + np.clip(wanted - fine_v, -ramp, ramp)
+            fine_q = fine_q + h * 0.5 * (before + fine_v)
+            t += h
+        drive_ahead(q, v, ends, targets, braking, a, b, 0.0)
+        assert q == pytest.approx(fine_q, abs=2e-4)
+        assert v == pytest.approx(fine_v, abs=2e-3)
+
+
+def test_stop_path_ends_where_the_brakes_do():
+    q, v = np.zeros(3), np.array([1.0, -2.0, 0.0])
+    brake = np.array([5.0, 4.0, 3.0])
+    path = stop_path(q, v, brake, 8)
+    assert path[0] == pytest.approx(q)
+    assert path[-1] == pytest.approx([0.1, -0.5, 0.0])
+    moving = np.zeros(3, np.int64) + np.array([1, 2, 3])
+    out = np.empty(3)
+    stopping_times(v, brake, moving, out)
+    assert out == pytest.approx([0.2, 0.5, 0.5])
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_projection_against_an_optimiser(seed):
+    rng = np.random.default_rng(seed)
+    n, k = 6, rng.integers(1, 5)
+    wanted, rows = rng.normal(size=n), rng.normal(size=(k, n))
+    bounds = np.abs(rng.normal(size=k)) * 0.3  # zero motion is always feasible
+    found = project(wanted, rows, bounds, 400)
+    assert (rows @ found <= bounds + 1e-4).all()
+    best = minimize(
+        lambda x: 0.5 * np.sum((x - wanted) ** 2),
+        np.zeros(n),
+        jac=lambda x: x - wanted,
+        constraints={"type": "ineq", "fun": lambda x: bounds - rows @ x, "jac": lambda x: -rows},
+        method="SLSQP",
+    )
+    assert found == pytest.approx(best.x, abs=2e-3)
