@@ -140,7 +140,9 @@ def calibrate(
         )
     say("mis-seen boards")
     full = full_freedom(start.problem, options.solve_lenses)
-    kept, rejected = reject_misseen(start.problem, full, options)
+    # A lens that may turn out wrong must not make boards near the image's edge look mis-seen.
+    loose = full_freedom(start.problem, options.solve_lenses or options.ladder)
+    kept, rejected = reject_misseen(start.problem, loose, options)
     if options.ladder:
         ladder = climb(
             kept,
@@ -194,13 +196,13 @@ def reject_misseen(
 
     A detector that slips by one square is consistent within its image; only the other views and
     the arm show it. In each round the worst board of each lens goes, if its median corner is off
-    by ``limit`` times that of the lens's other boards (twice that with fewer than ten).
+    by ``limit`` times that of the lens's other boards; lenses with fewer than nine keep all.
 
     Returns:
         What is left, and what went with the reason.
     """
     rejected: list[tuple[Sighting, str]] = []
-    # Lenses stiff and no pose errors: free ones would bend to swallow a slipped board.
+    # No pose errors: free ones would bend to swallow a slipped board.
     stiff = replace(freedom, white=None, robot=False)
     state = None
     for _ in range(rounds):
@@ -212,12 +214,10 @@ def reject_misseen(
         gone: list[int] = []
         for lens in np.unique(model.lens_of):
             mine = np.flatnonzero(model.lens_of == lens)
-            if len(mine) < 4:
+            if len(mine) < 9:  # of few views none is easily spared; they only count less
                 continue
             usual = float(np.median(middle[mine]))
-            # Of a few views none is easily spared, and their scatter is hardly known.
-            strict = limit if len(mine) >= 10 else 2 * limit
-            bar = max(strict * usual, 6.0 * float(np.median(model.sigma[mine])))
+            bar = max(limit * usual, 6.0 * float(np.median(model.sigma[mine])))
             bad = mine[middle[mine] > bar]
             # The worst third at most in one round: a slipped board pulls its neighbours along.
             bad = bad[np.argsort(-middle[bad])][: max(1, len(mine) // 6)]
