@@ -157,6 +157,7 @@ class SimulatedArm:
         if now - self._heard > self._spec.watchdog + 1e-9:
             self._braking = True
         n = len(self.reference_position)
+        control[:n] = self.reference_position  # where the joints should be now, before the step
         drive_step(
             self._target,
             self._braking,
@@ -174,7 +175,6 @@ class SimulatedArm:
             position + SLIP,
             out=self.reference_position,
         )
-        control[:n] = self.reference_position
         control[n:] = self.reference_velocity
 
     def sense(

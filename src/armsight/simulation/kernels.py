@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints
+from armsight.arrays import DepthImage, Floats, Floats32, Ints
 
 
 @njit(cache=True, nogil=True)
@@ -89,22 +89,30 @@ def part_poses(
         out_quat: (p, 4) wxyz, written.
     """
     R = np.empty((3, 3))
+    lx, ly, lz = left[0], left[1], left[2]
     for i in range(start.shape[0]):
         a, b = joints[start[i]], joints[end[i]]
-        z = b - a
-        norm = np.sqrt(z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
-        z = z / norm if norm > 1e-9 else np.array([0.0, 0.0, 1.0])
+        zx, zy, zz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        norm = np.sqrt(zx * zx + zy * zy + zz * zz)
+        if norm < 1e-9:
+            zx, zy, zz, norm = 0.0, 0.0, 1.0, 1.0
+        zx, zy, zz = zx / norm, zy / norm, zz / norm
         if turn[i] == 0:
-            x = np.cross(left, z)
-            if x[0] * x[0] + x[1] * x[1] + x[2] * x[2] < 1e-6:  # the arm points sideways
-                x = np.cross(np.array([left[1], -left[0], 0.0]), z)
+            # left x z; where the part itself points to the side, forward x z instead
+            xx, xy, xz = ly * zz - lz * zy, lz * zx - lx * zz, lx * zy - ly * zx
+            if xx * xx + xy * xy + xz * xz < 1e-6:
+                xx, xy, xz = -lx * zz, -ly * zz, ly * zy + lx * zx
         else:
-            up = np.array([0.05 * left[1], -0.05 * left[0], 1.0])
-            x = up - z * (up[0] * z[0] + up[1] * z[1] + up[2] * z[2])
-        x = x / np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-        y = np.cross(z, x)
-        R[:, 0], R[:, 1], R[:, 2] = x, y, z
-        out_pos[i] = a
+            ux, uy = 0.05 * ly, -0.05 * lx  # a little forward, for hands that hang
+            along = ux * zx + uy * zy + zz
+            xx, xy, xz = ux - zx * along, uy - zy * along, 1.0 - zz * along
+        norm = np.sqrt(xx * xx + xy * xy + xz * xz)
+        xx, xy, xz = xx / norm, xy / norm, xz / norm
+        R[0, 0], R[1, 0], R[2, 0] = xx, xy, xz
+        R[0, 1], R[1, 1], R[2, 1] = zy * xz - zz * xy, zz * xx - zx * xz, zx * xy - zy * xx
+        R[0, 2], R[1, 2], R[2, 2] = zx, zy, zz
+        for k in range(3):
+            out_pos[i, k] = a[k]
         quaternion(R, out_quat[i])
 
 

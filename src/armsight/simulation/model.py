@@ -22,11 +22,18 @@ Kind = Literal["arm", "static", "undeclared", "person", "object", "floor"]
 
 VISUAL, CONTACT = 0, 3  # geom groups: what cameras see, what only touches
 ARM, OTHER = 1, 2  # contact bits: the arm touches others, others never each other
-TOUCH_ONLY = (1e-4, 1e-4, 1e-3, 0.5, 2.0)
-"""Impedance near zero: people and movers are noticed when touched but do not push the arm, since
-they follow their own motion whatever the arm does and would push with unlimited force."""
-SERVO_BANDWIDTH = 80.0
+TOUCH_ONLY: dict[str, Any] = {
+    "priority": 1,
+    "solimp": [1e-4, 1e-4, 1e-3, 0.5, 2.0],
+    "solref": [-1e-9, -1e-6],  # negative: stiffness and damping themselves, here next to none
+}
+"""People and movers are noticed when touched but do not push the arm, since they follow their own
+motion whatever the arm does and would push with unlimited force."""
+SERVO_BANDWIDTH = 120.0
 """[rad/s] of the position loop; the arm then follows its reference within a milliradian."""
+ROTOR = (0.1, 0.3)
+"""Inertia of a motor seen through its gear: a constant [kg m^2] and a share of the joint's
+(assumption; a hundredfold gear makes rotors weigh about as much as the links)."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +111,13 @@ def build_model(
     objects_first = tuple(builder.moving_object(item) for item in spec.objects)
     _add_servos(mj, spec.arm.robot)
     model = mj.compile()
-    kp, torque, load = _servo_gains(model, spec.arm.robot)
     n = spec.arm.robot.n
+    inertia, load = _greatest_inertia(model, spec.arm.robot)
+    model.dof_armature[:n] = ROTOR[0] + ROTOR[1] * inertia
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    inertia = inertia + model.dof_armature[:n]
+    kp = inertia * SERVO_BANDWIDTH**2
+    torque = 3.0 * inertia * spec.arm.robot.limits.acceleration + 5.0
     model.actuator_gainprm[:n, 0] = kp
     model.actuator_biasprm[:n, 1] = -kp
     kv = 2.0 * kp / SERVO_BANDWIDTH
@@ -187,7 +199,6 @@ class _Builder:
                     type=mujoco.mjtJoint.mjJNT_HINGE,
                     axis=robot.axis[link - 1],
                     limited=mujoco.mjtLimited.mjLIMITED_FALSE,
-                    armature=0.05,
                 )
             self._inertia(body, robot, link)
             meshes = [m for m in robot.meshes if m.link == link]
@@ -291,9 +302,7 @@ class _Builder:
             item.solid,
             np.eye(4),
             "object",
-            solimp=list(TOUCH_ONLY),
-            priority=1,
-            solref=[0.02, 1],
+            **TOUCH_ONLY,
         )
         return name
 
@@ -309,12 +318,7 @@ _TOUCHING: dict[str, Any] = {
     "group": CONTACT,
     "friction": [0.4, 0.005, 0.0001],
 }
-_TOUCHED: dict[str, Any] = {
-    "contype": OTHER,
-    "conaffinity": ARM,
-    "solimp": list(TOUCH_ONLY),
-    "priority": 1,
-}
+_TOUCHED: dict[str, Any] = {"contype": OTHER, "conaffinity": ARM, **TOUCH_ONLY}
 
 
 def _of_link(capsules: Capsules, link: int) -> Capsules:
@@ -349,8 +353,8 @@ def _add_servos(mj: Any, robot: Robot) -> None:
             servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
 
 
-def _servo_gains(model: Any, robot: Robot) -> tuple[Floats, Floats, float]:
-    """Position gains [N m/rad], torque limits [N m], greatest load [N m], from random poses."""
+def _greatest_inertia(model: Any, robot: Robot) -> tuple[Floats, float]:
+    """Greatest inertia of each joint [kg m^2] and greatest load [N m] over random poses."""
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)
     n = robot.n
@@ -363,5 +367,4 @@ def _servo_gains(model: Any, robot: Robot) -> tuple[Floats, Floats, float]:
         mujoco.mj_fullM(model, data, full)
         inertia = np.maximum(inertia, np.diag(full)[:n])
         load = max(load, float(np.abs(data.qfrc_gravcomp[:n]).max()))
-    torque = 3.0 * inertia * robot.limits.acceleration + 5.0
-    return inertia * SERVO_BANDWIDTH**2, torque, load
+    return inertia, load

@@ -56,13 +56,28 @@ class Renderer:
 
     def __init__(self, cell: CellModel) -> None:
         self._cell = cell
-        self._gl = OpenGLContext()
+        self._gl_or_none: OpenGLContext | None = None
         self._contexts: dict[str, Any] = {}
         self._option = mujoco.MjvOption()
         self._option.label = mujoco.mjtLabel.mjLABEL_NONE
         self._free = mujoco.MjvCamera()
         self._spare: list[Shot] = []
         self._geom_of_id: NDArray[np.int16] | None = None
+
+    def open(self) -> None:
+        """Make the OpenGL context now rather than with the first picture.
+
+        Raises:
+            ArmsightError: there is no OpenGL; says what to install.
+        """
+        if self._gl_or_none is None:
+            self._gl_or_none = OpenGLContext()
+
+    @property
+    def _gl(self) -> OpenGLContext:
+        self.open()
+        assert self._gl_or_none is not None
+        return self._gl_or_none
 
     def take(self, data: Any, T_world_camera: Pose, lens: PinholeCamera) -> Shot:
         """Freeze the cell as ``data`` has it, seen by a lens at an optical pose in world."""
@@ -148,12 +163,15 @@ class Renderer:
 
     def close(self) -> None:
         """Give OpenGL's memory back; may be repeated."""
-        with self._gl.current():
+        if self._gl_or_none is None:
+            return
+        with self._gl_or_none.current():
             for context in self._contexts.values():
                 context.free()
             self._contexts.clear()
         self._spare.clear()
-        self._gl.close()
+        self._gl_or_none.close()
+        self._gl_or_none = None
 
     def _draw(self, shot: Shot, view: RenderLens, kind: str) -> tuple[Any, Any]:
         context = self._context(kind, view.pinhole.width, view.pinhole.height)

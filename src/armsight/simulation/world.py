@@ -86,6 +86,8 @@ class SimulatedWorld:
             *self.stereo_cameras,
         )
         self.renderer = Renderer(self._cell)
+        if spec.cameras:
+            self.renderer.open()
         self._darkroom = Darkroom(self.renderer)
         self.truth = Truth(self._cell, spec.arm.robot, self._data)
         self._drawn = [drawn_solids(p.body, cloth_colors(p.name)) for p in self._people]
