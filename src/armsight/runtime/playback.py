@@ -14,7 +14,7 @@ from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
 from armsight.errors import UsageError
 from armsight.motion.data import GuardStatus
-from armsight.runtime.messages import to_ns
+from armsight.runtime.messages import to_ns, to_seconds
 from armsight.runtime.view import Mover
 
 
@@ -51,7 +51,14 @@ class Source:
 
 
 class Playback:
-    """Moves recorded devices along. Named after, and used like, a simulated world."""
+    """Moves recorded devices along; used like a simulated world.
+
+    Attributes:
+        source: what is played.
+        guard: the newest recorded word of the guard, or None.
+        note: what the user should know, such as where the recording was cut short.
+        last: time of the newest delivery [s].
+    """
 
     def __init__(
         self,
@@ -66,6 +73,7 @@ class Playback:
         self.cameras = tuple(cameras)
         self.guard: GuardStatus | None = None
         self.note = source.note
+        self.last = source.span[0]
         self._cameras: Mapping[str, RecordedCamera] = {c.info.name: c for c in cameras}
         self._movers: tuple[Mover, ...] = ()
         self._rest = source.deliveries()
@@ -86,6 +94,7 @@ class Playback:
         limit = to_ns(until)
         while self._next is not None and self._next.at <= limit:
             self._deliver(self._next.item)
+            self.last = to_seconds(self._next.at)
             self._next = next(self._rest, None)
         self.clock.set(max(until, self.clock.now()))
 

@@ -42,7 +42,7 @@ class RecordedGuard:
         status = self._playback.guard or GuardStatus(
             stamp=now,
             mode=GuardMode.IDLE,
-            reason="a recording without an arm" if not len(self._rest) else "",
+            reason="",
             goal="",
             reached=False,
             command=self._rest,
@@ -115,7 +115,7 @@ class HoldAtEnd:
         playback: Any = None if session is None else session.cell.world
         if session is None or not isinstance(playback, Playback):
             return
-        end = playback.finished and now >= playback.source.span[1] + HOLD_AFTER
+        end = playback.finished and now >= playback.last + HOLD_AFTER
         if end and not self._held:
             session.pause()
         self._held = end

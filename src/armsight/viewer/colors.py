@@ -46,17 +46,18 @@ HEIGHT = _ramp(
 
 DANGER = _ramp(
     [
-        (0.0, (60, 90, 150)),
-        (0.35, (90, 160, 120)),
-        (0.6, (240, 200, 60)),
-        (0.8, (245, 130, 40)),
-        (1.0, (235, 50, 45)),
+        (0.0, (45, 75, 140)),
+        (0.35, (60, 130, 95)),
+        (0.6, (215, 165, 20)),
+        (0.8, (225, 95, 15)),
+        (1.0, (200, 18, 22)),
     ]
 )
 """Voxels by danger: blue is long gone, red is there now."""
 
 _GREY = np.arange(256, dtype=np.uint8)[:, None]
-_TURBO: Bytes = np.asarray(cv2.applyColorMap(_GREY, cv2.COLORMAP_TURBO)[:, 0, ::-1], np.uint8)
+_TURBO: Bytes = np.array(cv2.applyColorMap(_GREY, cv2.COLORMAP_TURBO)[:, 0, ::-1], np.uint8)
+_TURBO[0] = 12  # no return
 
 
 def by_value(ramp: Bytes, values: Floats32, low: float, high: float) -> Bytes:
@@ -69,11 +70,11 @@ def by_value(ramp: Bytes, values: Floats32, low: float, high: float) -> Bytes:
 
 def depth_picture(depth: DepthImage, width: int, nearest: float, farthest: float) -> ColorImage:
     """A small picture of a depth image: near is warm, far is cold, no return is black."""
-    step = max(1, depth.shape[1] // width)
+    step = max(1, -(-depth.shape[1] // width))
     small = depth[::step, ::step]
-    missing = ~np.isfinite(small)
-    shade = by_value(_TURBO, np.where(missing, -farthest, -small), -farthest, -nearest)
-    return np.where(missing[..., None], np.uint8(12), shade)
+    shade = (np.float32(farthest) - small) * np.float32(254.0 / (farthest - nearest)) + 1.0
+    shade = np.where(np.isfinite(shade), np.clip(shade, 1.0, 255.0), 0.0)
+    return np.asarray(_TURBO[shade.astype(np.uint8)], np.uint8)
 
 
 def shrink(image: ColorImage, width: int) -> ColorImage:

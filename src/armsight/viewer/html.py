@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from armsight.mapping.snapshot import CameraStatus
+from armsight.mapping.snapshot import FREE, OCCUPIED, CameraStatus, WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 from armsight.runtime.view import ComponentHealth
 from armsight.viewer.colors import MODES
@@ -24,9 +24,11 @@ REASONS = {
 """What a mode means where the guard gives no reason of its own."""
 
 
-def banner(guard: GuardStatus | None, note: str) -> str:
-    """The guard's mode in its colour, and why."""
-    if guard is None:
+def banner(guard: GuardStatus | None, note: str, armless: bool = False) -> str:
+    """The guard's mode in its colour, and why; without an arm, that depth is being mapped."""
+    if armless:
+        guard, title, color, words = None, "mapping", "#0e7490", "depth images without an arm"
+    elif guard is None:
         title, color, words = "starting", "#64748b", "waiting for the first look at the cell"
     else:
         title, color = MODES[guard.mode]
@@ -62,6 +64,14 @@ def figures(guard: GuardStatus | None, tip_speed: float, now: float) -> str:
         ("tip speed", f"{tip_speed:.2f} m/s", "inherit", "of the flange, measured"),
         ("speed scale", scale, "inherit", "share of the planned speed"),
     )
+    counts = ""
+    if guard is not None:
+        counts = f"{guard.replans} plans · {guard.reflexes} reflexes · "
+    return _boxes(cells, f"{counts}t = {now:.1f} s")
+
+
+def _boxes(cells: Sequence[tuple[str, str, str, str]], below: str) -> str:
+    """Figures as (name, value, colour, hint), two a row, and a faint line below."""
     boxes = "".join(
         f"<div title='{hint}' style='background:rgba(127,127,127,.12);border-radius:.4em;"
         f"padding:.35em .6em'><div style='font-size:.72em;{DIM}'>{name}</div>"
@@ -69,15 +79,25 @@ def figures(guard: GuardStatus | None, tip_speed: float, now: float) -> str:
         f"color:{tint}'>{value}</div></div>"
         for name, value, tint, hint in cells
     )
-    counts = ""
-    if guard is not None:
-        counts = f"{guard.replans} plans · {guard.reflexes} reflexes · "
     return (
         f"<div style='{FONT};margin:0 .2em .4em'>"
         f"<div style='display:grid;grid-template-columns:1fr 1fr;gap:.35em'>{boxes}</div>"
         f"<div style='font-size:.75em;{DIM};margin-top:.4em;text-align:right;"
-        f"font-variant-numeric:tabular-nums'>{counts}t = {now:.1f} s</div></div>"
+        f"font-variant-numeric:tabular-nums'>{below}</div></div>"
     )
+
+
+def map_figures(snapshot: WorkspaceSnapshot | None, now: float) -> str:
+    """What a map without an arm holds."""
+    if snapshot is None:
+        return _faint("no map yet")
+    cells = (
+        ("occupied voxels", f"{int((snapshot.state == OCCUPIED).sum()):,}", ""),
+        ("free voxels", f"{int((snapshot.state == FREE).sum()):,}", ""),
+        ("points", f"{len(snapshot.cloud):,}", "in the merged cloud"),
+        ("voxel", f"{1e3 * snapshot.grid.voxel:.0f} mm", "edge"),
+    )
+    return _boxes([(*cell[:2], "inherit", cell[2]) for cell in cells], f"t = {now:.1f} s")
 
 
 def cameras(statuses: Sequence[CameraStatus], now: float) -> str:
@@ -139,7 +159,7 @@ def legend() -> str:
     return (
         f"<div style='{FONT};margin:.2em .3em .5em;font-size:.74em'>"
         "<div style='height:.5em;border-radius:.25em;background:linear-gradient(90deg,"
-        "rgb(60,90,150),rgb(90,160,120),rgb(240,200,60),rgb(245,130,40),rgb(235,50,45))'></div>"
+        "rgb(60,90,150),rgb(75,150,110),rgb(235,185,40),rgb(240,115,35),rgb(230,40,40))'></div>"
         f"<div style='display:flex;justify-content:space-between;{DIM}'>"
         "<span>left 24 s ago</span><span>voxels</span><span>there now</span></div>"
         f"<div style='margin-top:.6em;{DIM}'>This is no certified safety function: "

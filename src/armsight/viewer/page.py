@@ -110,6 +110,7 @@ class LivePage:
                     session.set_speed if cell.world is not None else None,
                 ),
                 self._scene.layers(),
+                not cell.robot.n,
                 draggable(cell),
                 self._choose_dragged,
             )

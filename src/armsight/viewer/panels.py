@@ -45,11 +45,13 @@ class Panels:
         title: str,
         controls: Controls,
         layers: Sequence[Layer],
+        armless: bool,
         draggable: Sequence[str],
         drag: Callable[[str], None],
     ) -> None:
         self._gui = gui = server.gui
         self._controls = controls
+        self._armless = armless
         gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False, brand_color=(56, 189, 248)
         )
@@ -57,7 +59,7 @@ class Panels:
         self._distances = History(2)
         self._speeds = History(1)
         self._texts: dict[str, Any] = {}
-        self._put("banner", html.banner(None, ""))
+        self._put("banner", html.banner(None, "", armless))
         self._put("figures", html.figures(None, 0.0, 0.0))
         self._add_controls(draggable, drag)
         self._add_layers(layers)
@@ -69,8 +71,9 @@ class Panels:
     def update(self, view: SessionView, tip_speed: float, note: str) -> None:
         """Words and figures."""
         guard = view.guard
-        self._set("banner", html.banner(guard, note))
-        self._set("figures", html.figures(guard, tip_speed, view.now))
+        self._set("banner", html.banner(guard, note, self._armless))
+        if not self._armless:
+            self._set("figures", html.figures(guard, tip_speed, view.now))
         self._show_running(view.running)
 
     def update_health(self, view: SessionView) -> None:
@@ -82,6 +85,9 @@ class Panels:
         stages = [*(() if snapshot is None else snapshot.timings)]
         stages += [*(() if guard is None else guard.timings)]
         self._set("timings", html.timings(stages))
+        if self._armless:
+            self._set("figures", html.map_figures(snapshot, view.now))
+            return
         self._distance_plot.data = self._distances.columns()
         self._speed_plot.data = self._speeds.columns()
 
@@ -170,6 +176,8 @@ class Panels:
             self._put("timings", html.timings(()))
         seen.dock_left()
         seen.set_width(WIDTH)
+        if self._armless:
+            return
         plots = gui.add_panel()
         with plots.add_tab("Plots", viser.Icon.CHART_LINE):
             self._distance_plot = self._plot(

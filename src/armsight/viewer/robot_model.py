@@ -9,7 +9,7 @@ import viser
 from armsight.arrays import JointVector
 from armsight.robots.kinematics import link_poses
 from armsight.robots.robot import LinkMesh, Robot
-from armsight.viewer.nodes import Posed
+from armsight.viewer.nodes import Posed, quaternions
 
 
 class RobotModel:
@@ -33,8 +33,9 @@ class RobotModel:
 
     def move(self, q: JointVector) -> None:
         """Show the robot at (n,) joint positions [rad]."""
-        for link, T in zip(self._links, link_poses(self._robot, q)):
-            link.move(T)
+        poses = link_poses(self._robot, q)
+        for link, T, wxyz in zip(self._links, poses, quaternions(poses)):
+            link.move(T, wxyz)
 
 
 def _add_mesh(scene: viser.SceneApi, name: str, mesh: LinkMesh) -> None:

@@ -14,17 +14,20 @@ from armsight.devices.data import JointState, RgbdFrame
 from armsight.geometry.pose import to_wxyz, transform
 from armsight.mapping.snapshot import CameraStatus, WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
-from armsight.robots.kinematics import flange_pose, tip_pose
+from armsight.robots.kernels import path_points
+from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 from armsight.runtime.view import Mover, SessionView
 from armsight.viewer import colors
 from armsight.viewer.cameras import CameraModel
 from armsight.viewer.danger import voxels
-from armsight.viewer.nodes import Cloud, Cubes, Line, Posed, add_solid
+from armsight.viewer.nodes import Cloud, Cubes, Line, SolidGroup, add_solid
 from armsight.viewer.robot_model import RobotModel
 from armsight.workcell import Cell
 
 MOST_POINTS = 20_000
+MOST_SCANNED = 120_000
+"""Points of a cell without an arm: the map is all there is to see."""
 MOST_VOXELS = 5_000
 MOST_HAZARDS = 3_000
 HAZARD_REACH = 0.6
@@ -90,19 +93,26 @@ class Scene:
             camera.info.name: CameraModel(api, f"{base}/cameras/{camera.info.name}", camera.info)
             for camera in cell.cameras
         }
-        self._people = api.add_frame("/movers", show_axes=False)
-        self._movers: dict[str, tuple[Any, Posed]] = {}
-        self.cloud = Cloud(api, f"{base}/cloud", 0.008, "circle")
+        self.movers = SolidGroup(api, "/movers")
+        self._moved = False
+        armed = cell.robot.n > 0
+        self.cloud = Cloud(api, f"{base}/cloud", 0.008 if armed else 0.013, "circle")
         self.hazards = Cloud(api, f"{base}/hazards", 0.012, "square")
         self.hazards.visible = False
-        self.voxels = Cubes(api, f"{base}/voxels", MOST_VOXELS)
-        self.planned = Line(api, f"{base}/planned", colors.PLANNED, 0.008)
-        self.executed = Line(api, f"{base}/executed", colors.EXECUTED, 0.005)
-        self.nearest = Line(api, f"{base}/nearest", colors.NEAREST, 0.006)
+        self.voxels = Cubes(api, f"{base}/voxels")
+        self.voxels.visible = armed
+        self._most_points = MOST_POINTS if armed else MOST_SCANNED
+        self.planned = Line(api, f"{base}/planned", colors.PLANNED, 0.008, PATH_POINTS)
+        self.executed = Line(api, f"{base}/executed", colors.EXECUTED, 0.005, PATH_POINTS)
+        self.nearest = Line(api, f"{base}/nearest", colors.NEAREST, 0.006, 2)
         self._distance = api.add_label(
             f"{base}/distance", "", anchor="bottom-center", font_screen_scale=1.1, visible=False
         )
         self._labels_on = True
+        tip = self._robot.T_last_flange
+        if self._robot.tool is not None:
+            tip = tip @ self._robot.tool.T_flange_tip
+        self._tip = (np.array([self._robot.n]), np.ascontiguousarray(tip[None, :3, 3]))
         self._drawn_snapshot = -1
         self._drawn_path: object = None
         self._drawn_executed: object = None
@@ -120,7 +130,12 @@ class Scene:
 
         return [
             Layer("Cloud", "merged, cleaned points; the arm is filtered out", True, of(self.cloud)),
-            Layer("Voxels", "occupied now (red) to left 24 s ago (blue)", True, of(self.voxels)),
+            Layer(
+                "Voxels",
+                "occupied now (red) to left 24 s ago (blue)",
+                self.voxels.visible,
+                of(self.voxels),
+            ),
             Layer(
                 "Hazards",
                 "where a person could be, near the arm: seen (orange), unseen (violet)",
@@ -137,7 +152,7 @@ class Scene:
                 "Distance", "the two nearest points of robot and hazard", True, self._show_nearest
             ),
             Layer("Cameras", "frustums with what they see", True, of(self._camera_root)),
-            Layer("People", "the simulation's truth, for comparison", True, of(self._people)),
+            Layer("People", "the simulation's truth, for comparison", True, of(self.movers)),
             Layer("Robot", "at the last joint reading", True, of(self._robot_root)),
             Layer("Solids", "what the cell's file declares", True, of(self._solids)),
             Layer("Axes", "of the robot's base: x red, y green, z blue", False, of(self._axes)),
@@ -178,26 +193,18 @@ class Scene:
             camera.show_health(None if status is None else status.alive)
 
     def _update_movers(self, movers: tuple[Mover, ...]) -> None:
-        names = {mover.name for mover in movers}
-        for gone in self._movers.keys() - names:
-            self._movers.pop(gone)[1].handle.remove()
-        for mover in movers:
-            known = self._movers.get(mover.name)
-            shape = (mover.solid.kind, mover.solid.size, mover.solid.color)
-            if known is None or known[0] != shape:
-                node = add_solid(
-                    self._api, f"/movers/{mover.name}", mover.solid, mover.T_world_solid
-                )
-                self._movers[mover.name] = (shape, node)
-            else:
-                known[1].move(mover.T_world_solid)
+        if not movers and not self._moved:
+            return
+        self._moved = bool(movers)
+        if self.movers.visible:
+            self.movers.show([m.solid for m in movers], [m.T_world_solid for m in movers])
 
     def _update_map(self, snapshot: WorkspaceSnapshot, now: float) -> None:
         self._drawn_snapshot = snapshot.sequence
         if self.cloud.visible:
             points = snapshot.cloud
-            if len(points) > MOST_POINTS:
-                points = points[:: -(-len(points) // MOST_POINTS)]
+            if len(points) > self._most_points:
+                points = points[:: -(-len(points) // self._most_points)]
             low, high = float(snapshot.grid.origin[2]), _top(snapshot)
             self.cloud.show(points, colors.by_value(colors.HEIGHT, points[:, 2], low, high))
         if self.voxels.visible:
@@ -247,13 +254,13 @@ class Scene:
         """(k, 3) where the tip goes along a joint path."""
         if path is None or len(path) < 2:
             return None
-        if len(path) < PATH_POINTS // 2:  # a straight line of joints is a curve of the tip
-            at = np.linspace(0.0, len(path) - 1.0, PATH_POINTS)
-            knots = np.arange(len(path))
-            path = np.stack([np.interp(at, knots, column) for column in path.T], axis=1)
-        elif len(path) > 4 * PATH_POINTS:
-            path = path[:: len(path) // (2 * PATH_POINTS)]
-        return np.array([tip_pose(self._robot, q)[:3, 3] for q in path])
+        # A straight line of joints is a curve of the tip, and a long path has too many points.
+        at = np.linspace(0.0, len(path) - 1.0, PATH_POINTS)
+        knots = np.arange(len(path))
+        dense = np.stack([np.interp(at, knots, column) for column in path.T], axis=1)
+        robot = self._robot
+        points = path_points(dense, robot.T_link_joint, robot.axis, *self._tip)
+        return np.asarray(points[:, 0])
 
 
 def _top(snapshot: WorkspaceSnapshot) -> float:
@@ -267,7 +274,7 @@ def _light(api: viser.SceneApi) -> None:
     api.configure_environment_map(None)
     api.configure_default_lights(enabled=False)
     api.add_light_hemisphere(
-        "/lights/sky", sky_color=(225, 235, 255), ground_color=(130, 125, 118), intensity=2.4
+        "/lights/sky", sky_color=(225, 235, 255), ground_color=(130, 125, 118), intensity=2.0
     )
     api.add_light_directional(
         "/lights/key",
@@ -288,8 +295,8 @@ def _first_look(server: viser.ViserServer, cell: Cell) -> None:
     places = transform(T, np.array([c.T_mount_camera[:3, 3] for c in fixed]).reshape(-1, 3))
     if not cell.robot.n:  # a scanned place: stand behind the camera that scanned it
         target = transform(T, np.array([[0.0, 0.0, 0.6]]))[0]
-        away = 1.3 * (places[0] - target) if len(places) else np.array([2.0, -2.0, 1.5])
-        eye = target + away
+        away = 1.5 * (places[0] - target) if len(places) else np.array([2.0, -2.0, 1.5])
+        eye = target + away + 0.45 * np.array([-away[1], away[0], 0.0])
     else:
         reach = max(cell.robot.reach, 0.6)
         target = T[:3, 3] + np.array([0.45 * reach, 0.0, 0.1 * reach])
