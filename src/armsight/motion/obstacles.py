@@ -7,6 +7,10 @@
   whoever might hide in that thin shell is counted by separation (``WorkspaceSnapshot.hazards``).
 * Outside the mapped box nothing is known, so the body must stay inside; the box is widened where
   the body already reaches out of it now, and no farther.
+* Declared things that the first link turns in, such as the table that the arm is bolted to, are
+  excused where they are within that link's own spheres (they cover it with some overshoot): the arm
+  is mounted there. Nothing that was ever seen to move or may move is excused, and no other link
+  gets there without touching the first one.
 * What cannot move (the base, and what lies on the first joint's axis) is not checked: no plan can
   make it touch anything.
 """
@@ -14,15 +18,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, JointVector, Points
-from armsight.mapping.snapshot import FREE, UNKNOWN, WorkspaceSnapshot
+from armsight.arrays import Floats, Ints, JointVector, Points
+from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.body import Body
 from armsight.motion.field import distance_to_solid
 from armsight.motion.kernels import Obstacles, body_centers
+
+NOTHING = -1
+TURNS = 48
+"""Angles at which the first link is placed to find what it is mounted in."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,12 @@ def obstacles_of(
     state, distance = snapshot.state, snapshot.distance
     if config.avoid_unknown and not snapshot.distance_counts_unknown:
         distance = distance_to_solid(snapshot)
+    mount = _mount(body, grid)
+    held = state[mount] == OCCUPIED
+    held &= snapshot.last_occupied[mount] == -np.inf
+    if held.any():
+        state = state.copy()
+        state[tuple(axis[held] for axis in mount)] = FREE
     if at is not None:
         centers = np.empty_like(body.center)
         body_centers(body, np.asarray(at, float), centers)
@@ -71,6 +86,48 @@ def obstacles_of(
         config.avoid_unknown,
         config.floor,
     )
+
+
+@dataclass(frozen=True)
+class _Mount:
+    """Key of a cache: a robot's body on a grid; bodies and grids are few and never change."""
+
+    body: Body
+    origin: tuple[float, ...]
+    voxel: float
+    shape: tuple[int, int, int]
+
+    def __hash__(self) -> int:
+        return hash((id(self.body.center), self.origin, self.voxel, self.shape))
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, _Mount)
+            and other.body.center is self.body.center
+            and (other.origin, other.voxel, other.shape) == (self.origin, self.voxel, self.shape)
+        )
+
+
+def _mount(body: Body, grid: VoxelGrid) -> tuple[Ints, Ints, Ints]:
+    """Indices of the voxels that the first link's spheres reach as the first joint turns."""
+    origin = tuple(float(x) for x in grid.origin)
+    return _mount_cached(_Mount(body, origin, float(grid.voxel), grid.shape))
+
+
+@lru_cache(maxsize=16)
+def _mount_cached(key: _Mount) -> tuple[Ints, Ints, Ints]:
+    body = key.body
+    first = np.flatnonzero(body.link == 1)
+    marks = np.zeros(key.shape, np.uint8)
+    q = np.zeros(len(body.lower))
+    centers = np.empty_like(body.center)
+    for angle in np.linspace(0.0, 2.0 * np.pi, TURNS, endpoint=False):
+        q[0] = angle
+        body_centers(body, q, centers)
+        reach = body.radius[first] + body.lever[first, 0] * np.pi / TURNS
+        _excuse(marks, marks, np.asarray(key.origin), key.voxel, centers[first], reach, 1)
+    x, y, z = np.nonzero(marks)
+    return x, y, z
 
 
 def _excused(
@@ -95,9 +152,12 @@ def _excuse(
     voxel: float,
     centers: Points,
     reach: Floats,
-    write: bool,
+    write: int,
 ) -> bool:
-    """Free unknown voxels whose cube meets a sphere; without ``write`` only say if there is one."""
+    """Write a state to unknown voxels whose cube meets a sphere; whether there is any.
+
+    With ``write`` NOTHING the first one found is enough and nothing is written.
+    """
     nx, ny, nz = state.shape
     found = False
     for k in range(centers.shape[0]):
@@ -116,8 +176,8 @@ def _excuse(
                         continue
                     dz = max(iz - gz, gz - iz - 1.0, 0.0)
                     if dx * dx + dy * dy + dz * dz <= r * r:
-                        if not write:
+                        if write == NOTHING:
                             return True
-                        out[ix, iy, iz] = FREE
+                        out[ix, iy, iz] = write
                         found = True
     return found

@@ -7,8 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
-from armsight.arrays import JointPath
+from armsight.arrays import JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.collision import CollisionModel
 from armsight.motion.data import PlanRequest
 from armsight.motion.trajectory import Trajectory
 
@@ -57,3 +58,33 @@ class Planner(Protocol):
     ) -> Plan:
         """Answer a request within about ``time_limit`` [s]; never raises for what it was asked."""
         ...
+
+
+def refusal(
+    model: CollisionModel, start: JointVector, goal: JointVector, snapshot: WorkspaceSnapshot
+) -> str:
+    """Why a start or a goal cannot be, in words; empty when both can."""
+    for name, q in (("start", start), ("goal", goal)):
+        if q.shape != (model.robot.n,):
+            return f"{name}: has {q.size} joint positions, {model.robot.name} has {model.robot.n}"
+    contact = model.contact(start, snapshot, at=start)
+    if contact:
+        return f"start: {contact}"
+    contact = model.contact(goal, snapshot, at=start)
+    return f"goal: {contact}" if contact else ""
+
+
+def failed(
+    request: PlanRequest, snapshot: WorkspaceSnapshot, n: int, reason: str, seconds: float
+) -> Plan:
+    """The answer that there is no path."""
+    return Plan(
+        request.sequence,
+        np.zeros((0, n)),
+        None,
+        float("inf"),
+        snapshot.sequence,
+        seconds,
+        0.0,
+        reason,
+    )

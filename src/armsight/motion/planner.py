@@ -14,7 +14,7 @@ from armsight.motion.cost import ALPHA, danger_of
 from armsight.motion.cost_kernels import CostScratch, Danger, make_cost_scratch, path_cost_kernel
 from armsight.motion.data import PlanRequest
 from armsight.motion.kernels import Obstacles, edge_free, path_free
-from armsight.motion.plan import Plan
+from armsight.motion.plan import Plan, failed, refusal
 from armsight.motion.planner_kernels import (
     FULL,
     SOLVED,
@@ -85,14 +85,15 @@ class RrtConnectPlanner:
         began = time.perf_counter()
         start = np.array(request.start, float)
         goal = np.array(request.goal.position, float)
-        failure = self._refusal(start, goal, snapshot)
+        failure = refusal(self.model, start, goal, snapshot)
         if failure:
-            return self._failed(request, snapshot, began, failure)
+            return failed(request, snapshot, self.robot.n, failure, time.perf_counter() - began)
         ob = self.model.obstacles(snapshot, start)
         danger = danger_of(snapshot, self.config.alpha)
         first, spent = self._search(ob, start, goal, request.warm, time_limit, rng, began)
         if first is None:
-            return self._failed(request, snapshot, began, f"no path found within {time_limit:g} s")
+            failure = f"no path found within {time_limit:g} s"
+            return failed(request, snapshot, self.robot.n, failure, time.perf_counter() - began)
         found = time.perf_counter()
         left = max(0.0, time_limit - spent / self.config.looks_per_second)
         path, cost, count = self._cheapest(
@@ -112,14 +113,6 @@ class RrtConnectPlanner:
             "",
             count,
         )
-
-    def _refusal(self, start: JointVector, goal: JointVector, snapshot: WorkspaceSnapshot) -> str:
-        """Why start or goal cannot be, in words; empty when both can."""
-        contact = self.model.contact(start, snapshot, at=start)
-        if contact:
-            return f"start: {contact}"
-        contact = self.model.contact(goal, snapshot, at=start)
-        return f"goal: {contact}" if contact else ""
 
     def _search(
         self,
@@ -201,20 +194,6 @@ class RrtConnectPlanner:
         if left > 0:
             best = improve(body, ob, danger, best, _seed(rng), left, scratch, cost)
         return best, float(path_cost_kernel(body, danger, best, cost)), len(paths)
-
-    def _failed(
-        self, request: PlanRequest, snapshot: WorkspaceSnapshot, began: float, failure: str
-    ) -> Plan:
-        return Plan(
-            request.sequence,
-            np.zeros((0, self.robot.n)),
-            None,
-            float("inf"),
-            snapshot.sequence,
-            time.perf_counter() - began,
-            0.0,
-            failure,
-        )
 
 
 def _seed(rng: np.random.Generator) -> np.uint64:
