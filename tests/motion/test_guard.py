@@ -1,0 +1,230 @@
+"""The guard at work on a kinematic cell: goes where it is told, and never into anyone."""
+
+import numpy as np
+import pytest
+from tests.motion.guard_world import Ball, GuardWorld
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armsight.motion.arm_model import ArmState
+from armsight.motion.data import GuardMode
+from armsight.motion.gate import Gate
+from armsight.motion.guard import Guard
+from armsight.motion.guard_config import ContactZone, GuardConfig
+from armsight.motion.nearest import Hazards
+from armsight.robots import ROBOT_NAMES, load_robot
+from armsight.robots.kinematics import tip_pose
+
+A = np.deg2rad([-55, -70, 85, -105, -90, 0])
+B = np.deg2rad([55, -70, 85, -105, -90, 0])
+
+
+def reaching(speed=1.5, inside=0.55, begin=2.0, stay=2.5, period=100.0):
+    """A hand that comes from x = 1.5 m to ``inside`` in front of the arm, stays, and leaves."""
+    way = 1.5 - inside
+
+    def center(t):
+        phase = t % period - begin
+        x = np.clip(phase * speed, 0, way) - np.clip((phase - stay) * speed, 0, way)
+        return np.array([1.5 - x, 0.0, 0.35])
+
+    return center
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_arm_goes_where_it_is_told(name):
+    robot = load_robot(name)
+    goal = robot.home + np.array([0.8, 0.2, -0.3, 0.2, 0.3, 0.4, 0.2])[: robot.n]
+    world = GuardWorld(goals=[goal, robot.home], name=name).run(6)
+    assert world.log[-1].reached or len(world.visits) >= 1
+    at = next(s for s in world.log if s.reached)
+    assert at.goal == "G0"
+
+
+def test_nobody_near_nothing_slows_it_and_it_stays_on_its_path():
+    world = GuardWorld(goals=[A, B])
+    world.run(9)
+    driving = [s for s in world.log if s.mode == GuardMode.PREDICTIVE]
+    assert len(world.visits) >= 2
+    assert all(s.speed_scale == 1.0 for s in driving)
+    assert {s.mode for s in world.log[100:]} <= {
+        GuardMode.PREDICTIVE,
+        GuardMode.PLANNING,
+        GuardMode.IDLE,
+    }
+
+
+def test_commands_respect_speed_and_acceleration():
+    world = GuardWorld(goals=[A, B])
+    world.run(9)
+    v = np.array(world.commands)[:, :6]
+    limits = world.robot.limits.scaled(0.5, 0.6)
+    assert (np.abs(v) <= limits.velocity + 1e-6).all()
+    assert (np.abs(np.diff(v, axis=0)) / 0.008 <= limits.acceleration * 1.1).all()
+
+
+def test_it_slows_stops_and_goes_on_for_a_hand():
+    world = GuardWorld([Ball(reaching(speed=0.3, inside=0.6, begin=1.0, stay=5.0))], [A, B])
+    world.run(20)
+    modes = [s.mode for s in world.log]
+    assert GuardMode.SLOWED in modes
+    assert not world.moving_contacts
+    assert len(world.visits) >= 2
+    assert any("something" in s.reason for s in world.log)
+    assert all(s.reason for s in world.log if s.mode in (GuardMode.SLOWED, GuardMode.STOPPED))
+
+
+def test_a_fast_hand_meets_a_standing_arm():
+    for speed in (1.0, 1.6, 2.0):
+        world = GuardWorld([Ball(reaching(speed=speed, inside=0.45))], [A, B])
+        world.run(7)
+        assert world.moving_contacts == []
+
+
+def test_the_same_seed_gives_the_same_commands_bit_for_bit():
+    runs = [
+        GuardWorld([Ball(reaching(period=5.0))], [A, B], seed=3).run(8).commands for _ in range(2)
+    ]
+    assert np.array(runs[0]).tobytes() == np.array(runs[1]).tobytes()
+
+
+def law_holds(gate, q, motion, hazards):
+    """Every part against every hazard, by the written law, with a = v / T_s of the part."""
+    body, law = gate.body, gate.law
+    separation = gate._config.separation
+    center, velocity = body.motion(q, motion)
+    fastest = np.linalg.norm(velocity, axis=1).max()
+    for i in range(len(center)):
+        if np.linalg.norm(velocity[i]) == 0.0:
+            continue
+        joints = np.abs(motion[: body.link[i]]) / body.brake[: body.link[i]]
+        T_s = joints.max()
+        for h in hazards.blocks.points.astype(float):
+            away = h - center[i]
+            length = np.linalg.norm(away)
+            closing = velocity[i] @ away / length
+            distance = length - body.radius[i] - hazards.radius
+            if closing > 1e-9:
+                allowed = separation.allowed_speed(distance, law.T_person, closing / T_s)
+                assert closing <= allowed * (1 + 1e-6) + 1e-9
+            else:
+                v_h = separation.person_speed(distance)
+                standing = fastest <= law.retreat + 1e-9
+                assert standing or distance >= separation.K + v_h * (law.T_person + T_s) - 1e-6
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    name=st.sampled_from(ROBOT_NAMES),
+    count=st.integers(1, 40),
+    T_r=st.floats(0.05, 0.3),
+)
+def test_commanded_closing_speed_never_exceeds_v_max(seed, name, count, T_r):
+    rng = np.random.default_rng(seed)
+    robot = load_robot(name)
+    gate = Gate(robot, GuardConfig(), robot.limits.acceleration)
+    q = rng.uniform(np.maximum(robot.limits.lower, -3), np.minimum(robot.limits.upper, 3))
+    motion = rng.normal(size=robot.n) * rng.choice([0.05, 0.5, 2.0])
+    points = rng.normal(size=(count, 3)) * rng.choice([0.3, 0.8, 1.5])
+    hazards = Hazards.at(points, 0.0173)
+    gate.set_reaction(T_r, 0.0173)
+    ahead = ArmState(0.0, q + 0.05 * motion, motion)
+    passage = gate.judge(q, ahead, motion, hazards)
+    law_holds(gate, q, min(passage.share, 1.0) * motion, hazards)
+    conformed = gate.conform(motion, q, hazards)
+    passage = gate.judge(q, ahead, conformed, hazards)
+    law_holds(gate, q, min(passage.share, 1.0) * conformed, hazards)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_moving_away_is_always_allowed(seed):
+    rng = np.random.default_rng(seed)
+    robot = load_robot("ur5")
+    gate = Gate(robot, GuardConfig(), robot.limits.acceleration)
+    gate.set_reaction(0.15, 0.0173)
+    q = rng.uniform(-3, 3, 6)
+    center, _ = gate.body.motion(q, np.zeros(6))
+    k = int(rng.integers(len(center)))
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    hazard = center[k] + direction * (gate.body.radius[k] + rng.uniform(0.0, 0.2))
+    hazards = Hazards.at(hazard[None], 0.0173)
+    ahead = ArmState(0.0, q, np.zeros(6))
+    here = gate.judge(q, ahead, np.zeros(6), hazards)
+    leaving = gate.away(here, q, hazards, 0.25)
+    leaving = gate.conform(leaving, q, hazards)
+    passage = gate.judge(q, ahead, leaving, hazards)
+    _, velocity = gate.body.motion(q, min(passage.share, 1.0) * leaving)
+    fastest = np.linalg.norm(velocity, axis=1).max()
+    if np.linalg.norm(leaving) > 1e-3 and (passage.now.share > 0).all():
+        assert fastest >= min(0.9 * 0.045, 0.9 * np.linalg.norm(velocity, axis=1).max())
+        after = gate.judge(q + 0.05 * leaving * passage.share, ahead, np.zeros(6), hazards)
+        assert after.distance >= here.distance - 1e-3
+
+
+def test_the_stop_in_hand_is_proven_free():
+    """With a wall right behind the arm, it never drives so that it could not stop before it."""
+    world = GuardWorld(goals=[A, B])
+    world.run(0.9)
+    seen = []
+    check = world.guard._model.path_valid
+
+    def spy(path, snapshot, at=None):
+        result = check(path, snapshot, at)
+        seen.append(result)
+        return result
+
+    world.guard._model.path_valid = spy
+    world.run(0.3)
+    assert seen
+    assert all(seen)
+    world.guard._model.path_valid = lambda path, snapshot, at=None: False
+    before = max(np.abs(c[:6]).max() for c in world.commands[-5:])
+    world.run(1.0)
+    assert before > 0.1
+    assert np.abs(world.v).max() < 0.02
+    assert any(s.reason == "keeps room to stop" for s in world.log)
+
+
+def test_a_robot_without_shapes_is_refused():
+    from dataclasses import replace
+
+    robot = load_robot("ur5")
+    empty = replace(
+        robot,
+        spheres=type(robot.spheres)(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0)),
+    )
+    with pytest.raises(ValueError, match="no link spheres"):
+        Guard(empty, [])
+
+
+def test_contact_zone_lets_the_tool_in_slowly_and_nothing_else():
+    """A socket 5 cm before the tool: with a declared zone the tool may go on, at its speed."""
+    robot = load_robot("ur5")
+    q = robot.home
+    tip = tip_pose(robot, q)[:3, 3]
+    hazard = tip + np.array([0.0, 0.0, -0.06])
+    hazards = Hazards.at(hazard[None], 0.0173)
+    zone = ContactZone("socket", tuple(tip), 0.25, speed=0.05)
+    motion = np.array([0.0, 0.3, 0.2, 0.1, 0.0, 0.0])
+    ahead = ArmState(0.0, q, np.zeros(6))
+    still = {}
+    for zones in ((), (zone,)):
+        gate = Gate(robot, GuardConfig(zones=zones), robot.limits.acceleration)
+        gate.set_reaction(0.15, 0.0173)
+        still[bool(zones)] = gate.judge(q, ahead, motion, hazards)
+        tool = gate.body.link == robot.n
+        _, velocity = gate.body.motion(q, motion)
+        inside = tool & (
+            np.linalg.norm(gate.body.motion(q, motion)[0] - zone.center, axis=1) <= zone.radius
+        )
+        assert inside.any()
+        if zones:
+            share = still[True].now.share[inside]
+            speed = np.linalg.norm(velocity, axis=1)[inside]
+            assert share == pytest.approx(0.05 / speed)
+    assert still[False].now.share[tool].min() < 0.05
+    rest = ~tool
+    assert np.array_equal(still[False].now.share[rest], still[True].now.share[rest])

@@ -1,0 +1,273 @@
+"""Everything that can be wrong has a defined answer, a message, and never a motion towards it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.motion.guard_world import Ball, GuardWorld
+
+from armsight.devices.data import JointState
+from armsight.errors import UsageError
+from armsight.mapping.snapshot import CameraStatus
+from armsight.motion.data import GuardMode, JointGoal
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.patrol import PatrolTask
+from armsight.motion.plan import Plan
+
+A = np.deg2rad([-55, -70, 85, -105, -90, 0])
+B = np.deg2rad([55, -70, 85, -105, -90, 0])
+
+
+@pytest.fixture
+def moving():
+    """A guard in the middle of a motion."""
+    world = GuardWorld(goals=[A, B])
+    world.run(1.3)
+    assert np.abs(world.v).max() > 0.3
+    return world
+
+
+def reading(world, **changes):
+    state = JointState(world.now, world.q.copy(), world.v.copy())
+    return replace(state, **changes)
+
+
+def nan_in(values):
+    out = values.copy()
+    out[2] = np.nan
+    return out
+
+
+BAD_JOINTS = {
+    "lost": (lambda w: None, "no joint state"),
+    "nan": (lambda w: reading(w, position=nan_in(w.q)), "not finite"),
+    "inf": (lambda w: reading(w, velocity=w.v + np.inf), "not finite"),
+    "outside": (lambda w: reading(w, position=w.q + 7.0), "outside its limits"),
+    "too fast": (lambda w: reading(w, velocity=w.v + 9.0), "which it cannot"),
+    "old": (lambda w: reading(w, stamp=w.now - 0.2), "200 ms old"),
+    "from the future": (lambda w: reading(w, stamp=w.now + 0.5), "future"),
+    "jump": (lambda w: reading(w, position=w.q + 0.6), "jumped by"),
+    "wrong size": (lambda w: reading(w, position=w.q[:5]), "values"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_JOINTS)
+def test_bad_joints_brake_and_say_why(moving, case):
+    make, message = BAD_JOINTS[case]
+    decision = moving.tick(joints=make(moving))
+    assert decision.brake
+    assert not decision.command.any()
+    assert decision.status.mode == GuardMode.STOPPED
+    assert message in decision.status.reason
+    for _ in range(60):
+        decision = moving.tick(joints=make(moving))
+        # A reading that jumped once and stays there is believed after a while.
+        if case != "jump":
+            assert decision.brake
+    if case != "jump":
+        assert np.abs(moving.v).max() < 1e-9
+
+
+def test_it_goes_on_when_the_joints_are_back(moving):
+    for _ in range(50):
+        moving.tick(joints=None)
+    assert "no joint state" in moving.log[-1].reason
+    moving.run(0.1)
+    assert "recovering: no joint state" in moving.log[-1].reason
+    moving.run(6)
+    assert moving.visits
+
+
+def stale(world):
+    s = world.snapshot
+    return replace(s, oldest=s.oldest - 1, cameras=(CameraStatus("cam", s.stamp - 1, True, 1, 0),))
+
+
+def dead(world):
+    return replace(
+        world.snapshot,
+        cameras=(CameraStatus("cam", world.snapshot.stamp, False, 1, 0, "cable is out"),),
+    )
+
+
+BAD_MAPS = {
+    "stale camera": (stale, "ms old"),
+    "dead camera": (dead, "cam is not trusted (cable is out)"),
+    "camera missing": (lambda w: replace(w.snapshot, cameras=()), "sent nothing yet"),
+    "future": (lambda w: replace(w.snapshot, stamp=w.now + 1.0), "in the future"),
+    "backwards": (lambda w: replace(w.snapshot, sequence=0), "refused"),
+    "gone": (lambda w: None, "no map yet"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_MAPS)
+def test_bad_maps_slow_down_and_stop(moving, case):
+    make, message = BAD_MAPS[case]
+    for k in range(80):
+        decision = moving.tick(snapshot=make(moving))
+        assert decision.status.mode == GuardMode.STOPPED
+        assert message in decision.status.reason
+        if k > 1:
+            assert np.abs(decision.command).max() <= before + 1e-3
+        before = np.abs(decision.command).max()
+    assert np.abs(moving.v).max() < 0.02
+    moving.run(6)
+    assert moving.visits
+
+
+def test_a_map_that_stops_coming_is_noticed(moving):
+    frozen = moving.snapshot
+    reasons = {moving.tick(snapshot=frozen).status.reason for _ in range(60)}
+    assert any("cam is" in r and "ms old" in r for r in reasons)
+    assert np.abs(moving.v).max() < 0.02
+
+
+@pytest.mark.parametrize("jump", [-1.0, 5.0])
+def test_a_clock_that_jumps_brakes(moving, jump):
+    now = moving.now + jump
+    snapshot = replace(
+        moving.snapshot, stamp=now, oldest=now, cameras=(CameraStatus("cam", now, True, 1, 0),)
+    )
+    decision = moving.tick(
+        clock=now, joints=reading(moving, stamp=now), snapshot=snapshot, goal=None
+    )
+    assert decision.brake
+    assert "the clock jumped" in decision.status.reason
+
+
+def test_a_clock_that_says_no_number_brakes(moving):
+    decision = moving.tick(clock=float("nan"))
+    assert decision.brake
+    assert "no number" in decision.status.reason
+
+
+def test_a_late_tick_slows(moving):
+    moving.drive(moving.now + 0.08)
+    decision = moving.tick()
+    assert decision.status.mode == GuardMode.STOPPED
+    assert "late" in decision.status.reason
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        (JointGoal("X", np.full(6, np.nan)), "not finite"),
+        (JointGoal("X", np.full(6, 7.0)), "outside its limits"),
+        (JointGoal("X", np.zeros(5)), "has 5 joints"),
+        (JointGoal("X", np.zeros(6), speed=0.0), "speed"),
+    ],
+)
+def test_bad_goals_are_refused_at_rest(moving, goal, message):
+    for _ in range(100):
+        decision = moving.tick(goal=goal)
+        assert decision.request is None
+    assert message in decision.status.reason
+    assert decision.status.mode == GuardMode.STOPPED
+    assert not decision.status.reached
+    assert np.abs(moving.v).max() < 0.02
+
+
+def plan_of(world, **changes):
+    request = world.guard._goals._pending
+    path = np.stack([world.q, request.goal.position])
+    good = world.planner.plan(request, world.snapshot, 0.05, world.rng)
+    return replace(good, **{"path": path, **changes})
+
+
+def waiting():
+    world = GuardWorld(goals=[A])
+    while world.guard._goals._pending is None:
+        world.tick()
+    world.plans.clear()
+    return world
+
+
+def test_a_plan_that_starts_elsewhere_is_refused():
+    world = waiting()
+    plan = plan_of(world)
+    moved = replace(plan.trajectory, q=plan.trajectory.q + 0.1)
+    world.plan = replace(plan, trajectory=moved)
+    decision = world.tick()
+    assert "starts 0.100 rad from where the arm is" in decision.status.reason
+    assert not decision.command.any()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"trajectory": None}, "no motion"),
+        ({"failure": "goal: wrist touches something", "trajectory": None}, "wrist touches"),
+    ],
+)
+def test_a_failed_plan_is_said_and_asked_for_again(changes, message):
+    world = waiting()
+    first = world.guard._goals._pending.sequence
+    world.plan = plan_of(world, **changes)
+    decision = world.tick()
+    assert message in decision.status.reason
+    assert decision.status.mode == GuardMode.STOPPED
+    while world.guard._goals._pending is None:
+        world.tick()
+    assert world.guard._goals._pending.sequence == first + 1
+
+
+def test_an_old_answer_is_ignored():
+    world = waiting()
+    world.plan = replace(plan_of(world), request=99)
+    world.tick()
+    assert world.guard._route is None
+
+
+def test_an_unanswered_request_is_repeated():
+    world = waiting()
+    first = world.guard._goals._pending.sequence
+    for _ in range(int(3.2 / 0.008)):
+        world.tick()
+        world.plans.clear()
+    assert world.guard._goals._pending.sequence == first + 1
+
+
+def test_a_goal_in_collision_is_refused_with_what_blocks_it():
+    from armsight.robots.kinematics import tip_pose
+
+    world = GuardWorld(goals=[A])
+    at = tip_pose(world.robot, A)[:3, 3]
+    index = tuple(world.grid.index(at[None])[0])
+    world.empty = world.empty.copy()
+    world.field = np.zeros_like(world.field)
+    world.empty[index] = 2
+    world.run(1.0)
+    assert world.log[-1].mode == GuardMode.STOPPED
+    assert "goal G0" in world.log[-1].reason
+    assert "touches" in world.log[-1].reason
+    assert np.abs(world.v).max() == 0.0
+
+
+def test_a_start_in_collision_is_said_and_nothing_moves_in():
+    world = GuardWorld(goals=[A])
+    here = world.guard._gate.body.motion(world.q, np.zeros(6))[0][-1]
+    world.balls = [Ball(lambda t: here, 0.03)]
+    world.run(2.0)
+    last = world.log[-1]
+    assert last.mode == GuardMode.REFLEX
+    speeds = [world.guard._gate.body.motion(world.q, c[:6])[1] for c in world.commands]
+    assert max(np.linalg.norm(s, axis=1).max() for s in speeds) <= 0.05
+
+
+def test_configuration_out_of_range_is_refused():
+    with pytest.raises(UsageError, match=r"guard.gain is 50"):
+        GuardConfig(gain=50)
+
+
+def test_patrol_visits_in_turn_and_needs_two_goals():
+    with pytest.raises(UsageError, match="at least two"):
+        PatrolTask({"A": A})
+    world = GuardWorld()
+    task = PatrolTask({"A": A, "B": B}, dwell=0.3)
+    for _ in range(int(9 / 0.008)):
+        world.tick(goal=task.update(world.now, world.log[-1] if world.log else None))
+    assert task.visits >= 2
+    assert np.diff(task.times)[0] > 0.3
+    task.reset()
+    assert task.visits == 0
+    assert task.goal.name == "A"
