@@ -156,7 +156,15 @@ class Checkerboard:
             if turned is None:
                 return Miss("the hollow corner square is not clear: too dark, too far or blurred")
             grid = turned
-        pixel = refine(gray, grid.reshape(-1, 2), a, 0.42)
+        rough = grid.reshape(-1, 2)
+        pixel = refine(gray, rough, a, 0.42)
+        if self.hollow:
+            # The hollow square's white centre would draw its corner away (by more than a pixel):
+            # a window that stays within the rim, or none at all.
+            near = refine(gray, rough, a, 0.75 * self.rim)
+            pixel[0] = near[0]
+            if np.linalg.norm(pixel[1] - pixel[0]) * self.rim < 2.0:
+                pixel[0] = np.nan
         return self._checked(gray, pixel)
 
     def _hollow_first(self, gray: Bytes, grid: Floats) -> Floats | None:
@@ -188,11 +196,13 @@ class Checkerboard:
         return None  # a hollow square where a turn of the board cannot put it: mirrored or wrong
 
     def _checked(self, gray: Bytes, pixel: Floats) -> Detection | Miss:
-        spread = straightness(self.points[:, :2], pixel)
-        spacing = np.linalg.norm(pixel[1] - pixel[0])
+        corner = np.flatnonzero(np.isfinite(pixel[:, 0]))
+        pixel = pixel[corner]
+        spread = straightness(self.points[corner, :2], pixel)
+        spacing = np.linalg.norm(pixel[2] - pixel[1])
         if spread > max(1.0, 0.08 * spacing):
             return Miss(f"corners do not lie on a flat board ({spread:.1f} px)")
-        return Detection(np.arange(len(pixel)), pixel, spread)
+        return Detection(corner, pixel, spread)
 
     def describe(self) -> str:
         """One line for people."""
