@@ -171,7 +171,7 @@ class Gate:
 
 
 def declared_reaction(cameras: Sequence[RgbdCameraInfo], config: GuardConfig) -> float:
-    """T_r as declared [s]: picture, wait for the next one, computing, one tick, the drives' delay."""
+    """T_r as declared [s]: picture, wait for the next, computing, one tick, the drives' delay."""
     image = max((c.latency + 1.0 / c.rate for c in cameras), default=0.0)
     return image + config.compute_latency + config.period + config.start_delay
 

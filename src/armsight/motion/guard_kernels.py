@@ -173,10 +173,13 @@ def scan(
     """Nearest hazard and allowed share of the motion for each of (m,) spheres.
 
     Args:
-        blocks: the hazards; center: (m, 3) [m]; radius: (m,) [m].
-        velocity: (m, 3) of the whole motion [m/s]; stopping: (m,) its stopping time [s].
-        law: numbers of the law; horizon: hazards farther than this are of no interest unless
-            they limit the motion [m].
+        blocks: the hazards.
+        center: (m, 3) [m].
+        radius: (m,) [m].
+        velocity: (m, 3) of the whole motion [m/s].
+        stopping: (m,) its stopping time [s].
+        law: numbers of the law.
+        horizon: farther hazards are of no interest unless they limit the motion [m].
         distance: (m,) out: to the nearest hazard [m], inf beyond the horizon.
         nearest: (m,) out: index into ``blocks.points``, -1 for none.
         share: (m,) out: allowed share of the motion, inf if unlimited.
@@ -292,9 +295,13 @@ def drive_ahead(
     Each joint ramps towards the command in force; the last command holds until its time.
 
     Args:
-        q, q_dot: state at ``start`` [s], overwritten by the state at ``until[-1]``.
-        until: (k,) end of each command's time [s]; target: (k, n) [rad/s]; braking: (k,).
-        acceleration, brake: (n,) ramps of commands and of stops [rad/s^2].
+        q: (n,) positions at ``start`` [rad], overwritten by those at ``until[-1]``.
+        q_dot: (n,) velocities [rad/s], likewise.
+        until: (k,) end of each command's time [s].
+        target: (k, n) commanded velocities [rad/s].
+        braking: (k,) bool, a stop instead of a command.
+        acceleration: (n,) ramp of commands [rad/s^2].
+        brake: (n,) ramp of stops [rad/s^2].
         start: time of the state [s].
     """
     t = start
@@ -349,7 +356,10 @@ def project(wanted: JointVector, rows: Points, bounds: Floats, sweeps: int) -> J
     """The motion nearest to a wanted one with ``rows @ motion <= bounds`` (Hildreth's method).
 
     Args:
-        wanted: (n,); rows: (k, n); bounds: (k,); sweeps: over all rows; few suffice for few rows.
+        wanted: (n,) motion.
+        rows: (k, n) constraints.
+        bounds: (k,) of them.
+        sweeps: over all rows; few suffice for few rows.
     """
     x = wanted.copy()
     k, n = rows.shape

@@ -1,4 +1,4 @@
-"""The hazards nearest to each part of the body, and what separation allows a motion in their view."""
+"""The hazards nearest to each part of the body, and how much of a motion separation allows."""
 
 from __future__ import annotations
 
@@ -127,8 +127,10 @@ class MovingBody:
         """What separation says of a motion (n,) [rad/s] at (n,) [rad].
 
         Args:
-            q: joint positions; q_dot: joint velocities of the whole motion.
-            hazards: to look at; law: numbers of the law.
+            q: joint positions.
+            q_dot: joint velocities of the whole motion.
+            hazards: to look at.
+            law: numbers of the law.
             parts: (m,) bool, spheres to look at; all if left out. Others are unlimited.
         """
         center, velocity = self.motion(q, q_dot)

@@ -125,7 +125,8 @@ class SpeedScale:
         """The scale after a time [s]: at ``target`` if that is lower, else risen towards it.
 
         Args:
-            target: wanted scale; seconds: since the last call [s].
+            target: wanted scale.
+            seconds: since the last call [s].
             highest_rate: what the drives can follow [1/s].
         """
         if target <= self.value:

@@ -11,7 +11,7 @@ The protective distance of ISO/TS 15066 (ISO 10218-2:2025), design page "guard" 
     Z_d, Z_r                 errors of the person's and of the arm's position
     T_s = v_r / a
 
-``v_r`` is the speed of a part of the arm towards the person. Solved for it, with K = C + Z_d + Z_r::
+``v_r`` is the speed of a part of the arm towards the person. Solved for it, K = C + Z_d + Z_r::
 
     v_max = -(v_h + a T_r) + sqrt((v_h + a T_r)^2 + 2 a (D - K - v_h T_r))
 
@@ -67,8 +67,10 @@ class Separation:
         """S_p [m] for a part that closes in at v_r [m/s] (0 when it does not).
 
         Args:
-            v_r: closing speed [m/s]; v_h: the person's speed [m/s].
-            T_r: reaction time [s]; a: deceleration of the part [m/s^2].
+            v_r: closing speed [m/s].
+            v_h: the person's speed [m/s].
+            T_r: reaction time [s].
+            a: deceleration of the part [m/s^2].
             T_s: stopping time [s]; v_r / a if left out.
         """
         stopping = v_r / a if T_s is None else T_s
