@@ -9,8 +9,15 @@ import numpy as np
 from armsight.arrays import Bytes, Floats32, Ints32, Pose, Shorts
 from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.config import MappingConfig
-from armsight.mapping.kernels.image import carve, collect_hits, grade_hits, label_valid
+from armsight.mapping.kernels.image import (
+    VALID,
+    carve,
+    collect_hits,
+    grade_hits,
+    label_valid,
+)
 from armsight.mapping.lens import Lens
+from armsight.mapping.mounting import Mounting
 from armsight.mapping.self_filter import BodyPose, SelfFilter
 from armsight.mapping.static_geometry import StaticGeometry
 
@@ -77,19 +84,25 @@ class CameraStage:
         fine_radius: float,
     ) -> None:
         self.info = info
-        self.lens = Lens(info.depth, info.range[1])
+        self.lens = Lens(info.depth, 1.1 * info.range[1])
         self.noise = np.array([info.noise.a, info.noise.b, info.noise.c], float)
         self.label: Bytes = np.zeros((info.depth.height, info.depth.width), np.uint8)
-        self.pose_error = (config.calibration_m, config.calibration_rad)
         self._filter = filter_
         self._config = config
         pixels = self.label.size
         self._layers = (_Layer(static[0], pixels, fine_radius), _Layer(static[1], pixels, 0.0))
         solids = static[0]
         self._solids = (solids.kinds, solids.sizes, solids.T_solid_base)
+        self.mounting = Mounting(info, self.lens, filter_, solids, config)
+        self._scaled: Floats32 = np.zeros(self.label.shape, np.float32)
 
     def process(
-        self, depth: Floats32, T_base_camera: Pose, body: BodyPose, free: tuple[Bytes, ...]
+        self,
+        depth: Floats32,
+        T_base_camera: Pose,
+        body: BodyPose,
+        free: tuple[Bytes, ...],
+        stamp: float,
     ) -> Evidence:
         """Judge one depth image.
 
@@ -99,15 +112,23 @@ class CameraStage:
             body: where the arm was at exposure.
             free: one (voxels,) uint8 array a layer, overwritten: 1 where the image saw through
                 the whole voxel.
+            stamp: the exposure [s].
         """
         config = self._config
         depth = np.ascontiguousarray(depth)
-        T = np.ascontiguousarray(T_base_camera, float)
         near, far = self.info.range
         returns = label_valid(depth, near, far, self.label) / depth.size
         if returns < config.min_returns:
             return Evidence((), returns, 0)
-        error_m, error_rad = self.pose_error
+        mounting = self.mounting
+        if mounting.due(stamp):
+            known = np.where(self.label == VALID, depth, np.float32(np.nan))
+            mounting.look(known, T_base_camera, body, stamp)
+        if mounting.problem:
+            return Evidence((), returns, 0)
+        T = np.ascontiguousarray(T_base_camera @ mounting.T_old_new, float)
+        depth = np.multiply(depth, np.float32(mounting.gain), out=self._scaled)
+        error_m, error_rad = mounting.error
         found = self._filter.label(
             depth,
             self.label,
@@ -142,7 +163,7 @@ class CameraStage:
 
     def _hits(self, depth: Floats32, T: Pose) -> tuple[Hits, ...]:
         config = self._config
-        error_m, error_rad = self.pose_error
+        error_m, error_rad = self.mounting.error
         fine, far = self._layers
         counts = collect_hits(
             depth,

@@ -33,6 +33,8 @@ class MappingConfig:
         calibration_m, calibration_rad: greatest believable error of a camera's pose.
         aligned_m, aligned_rad: the same after fine alignment against arm and declared solids.
         align: refine each camera's pose by ICP at the start and when it seems to have moved.
+        greatest_shift, greatest_turn: a camera that alignment finds farther than this from its
+            declared pose must be calibrated again [m], [rad].
         support: of a pixel's 8 neighbours, how many must lie at a like depth; pixels with fewer
             are taken for flying pixels: they neither occupy nor free anything.
         strong_share: a voxel hit by at least this share of the pixels that would see one of its
@@ -68,6 +70,8 @@ class MappingConfig:
     aligned_m: float = 0.003
     aligned_rad: float = 0.002
     align: bool = True
+    greatest_shift: float = 0.1
+    greatest_turn: float = 0.06
     support: int = 3
     strong_share: float = 0.15
     weak_window: float = 0.15

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import label as connected
+from scipy.ndimage import distance_transform_edt, label
 
 from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints, Pose, Poses
 from armsight.errors import ArmsightError
@@ -17,11 +17,13 @@ from armsight.mapping.kernels.body import (
     label_body,
     mark_body,
     mesh_distance,
+    spread_distance,
+    winding,
 )
 from armsight.mapping.lens import Lens
 from armsight.mapping.snapshot import VoxelGrid
 from armsight.robots.kinematics import link_poses
-from armsight.robots.meshes import read_mesh
+from armsight.robots.meshes import join_triangles, read_mesh
 from armsight.robots.robot import LinkMesh, Robot
 
 CELL = 0.01
@@ -110,10 +112,9 @@ def _field(
     lows = [v.min(axis=0) for v, _ in meshes] + [np.minimum(a, b) - r for a, b, r in capsules]
     highs = [v.max(axis=0) for v, _ in meshes] + [np.maximum(a, b) + r for a, b, r in capsules]
     field, corner = _empty(np.min(lows, axis=0), np.max(highs, axis=0))
-    for vertices, faces in meshes:
-        mesh_distance(vertices, faces, corner, CELL, BAND + CELL, field)
     if meshes:
-        _sign(field)
+        vertices, faces = join_triangles(meshes)
+        _mesh_field(np.ascontiguousarray(vertices), np.ascontiguousarray(faces), corner, field)
     for start, end, radius in capsules:
         capsule_distance(
             np.asarray(start, float), np.asarray(end, float), radius, corner, CELL, field
@@ -121,23 +122,28 @@ def _field(
     return field, corner
 
 
+def _mesh_field(vertices: Floats, faces: Ints, corner: Floats, field: Floats32) -> None:
+    """Signed distance to a mesh, which may have gaps and inner faces."""
+    nearest = np.full(field.shape, -1, np.int32)
+    mesh_distance(vertices, faces, corner, CELL, 1.8 * CELL, field, nearest)
+    _, seed = distance_transform_edt(nearest < 0, return_indices=True)
+    spread_distance(vertices, faces, corner, CELL, seed.astype(np.int32), nearest, field)
+    # Nodes close to a wall are told apart by their winding number, the rest by which open space
+    # they belong to: what touches the grid's corner is outside.
+    wall = field <= 0.87 * CELL
+    space, _ = label(~wall)
+    inside = (~wall) & (space != space[0, 0, 0])
+    nodes = np.argwhere(wall)
+    enclosed = np.zeros(len(nodes), np.uint8)
+    winding(vertices, faces, nodes * CELL + corner, enclosed)
+    inside[tuple(nodes[enclosed != 0].T)] = True
+    field[inside] *= -1.0
+
+
 def _empty(low: Floats, high: Floats) -> tuple[Floats32, Floats]:
     corner = low - BAND - CELL
     shape = tuple(int(n) for n in np.ceil((high - low + 2 * (BAND + CELL)) / CELL) + 1)
     return np.full(shape, BAND + 2 * CELL, np.float32), corner
-
-
-def _sign(field: Floats32) -> None:
-    """Make a mesh's field negative inside: what the outside cannot reach without crossing it.
-
-    Meshes with holes larger than a cell have no inside; their field stays positive, which only
-    means that points deep in such a link are not called the arm (none can be seen there).
-    """
-    open_space, _ = connected(field > 0.87 * CELL)
-    inside = open_space != open_space[0, 0, 0]
-    inside &= field > 0.87 * CELL
-    # Nodes within the wall itself stay unsigned: at most 9 mm off, on the safe side of zero.
-    field[inside] = -np.minimum(field[inside], BAND)
 
 
 def _solid_field(solid: Solid, T_last_flange: Pose) -> tuple[Floats32, Floats]:

@@ -208,7 +208,7 @@ class WorkspaceMap:
                 self._far.occupancy.free[job.camera],
             )
             return self._stages[job.camera].process(
-                job.frame.depth, job.T_base_camera, job.body, free
+                job.frame.depth, job.T_base_camera, job.body, free, job.frame.stamp
             )
 
         if self._pool is None or len(jobs) < 2:
@@ -218,7 +218,8 @@ class WorkspaceMap:
     def _take(self, job: _Job, seen: Evidence) -> None:
         health = self._health[job.camera]
         if not seen.hits:
-            health.refuse(f"only {seen.returns:.2%} of its pixels have a return")
+            problem = self._stages[job.camera].mounting.problem
+            health.refuse(problem or f"only {seen.returns:.2%} of its pixels have a return")
             return
         health.accept(job.frame)
         for layer, hits, body in zip(

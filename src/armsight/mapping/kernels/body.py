@@ -61,14 +61,15 @@ def triangle_distance2(px, py, pz, a, b, c):
 
 
 @njit(cache=True, nogil=True)
-def mesh_distance(vertices, faces, origin, cell, band, field):
+def mesh_distance(vertices, faces, origin, cell, band, field, nearest):
     """Lower the nodes of a field to their distance from a mesh, within a band of each triangle.
 
     Of the arguments:
         vertices: (n, 3) float64 [m]; faces: (m, 3) int64.
         origin: (3,) position of node (0, 0, 0) [m]; cell: node spacing [m].
-        band: distances up to this are exact; farther nodes may keep a larger value [m].
+        band: nodes no farther than this from the mesh become exact [m].
         field: (nx, ny, nz) float32, in and out.
+        nearest: (nx, ny, nz) int32, in and out: the triangle nearest to each node touched.
     """
     for f in range(faces.shape[0]):
         a = vertices[faces[f, 0]]
@@ -90,6 +91,95 @@ def mesh_distance(vertices, faces, origin, cell, band, field):
                     old = field[i, j, k]
                     if d2 < old * old:
                         field[i, j, k] = np.sqrt(d2)
+                        nearest[i, j, k] = f
+
+
+@njit(cache=True, nogil=True)
+def spread_distance(vertices, faces, origin, cell, seed, nearest, field):
+    """Distances of the nodes that no triangle touched: to the triangle of the nearest one that was.
+
+    Of the arguments:
+        seed: (3, nx, ny, nz) int32 index of that node.
+    """
+    nx, ny, nz = field.shape
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                if nearest[i, j, k] >= 0:
+                    continue
+                f = nearest[seed[0, i, j, k], seed[1, i, j, k], seed[2, i, j, k]]
+                d2 = triangle_distance2(
+                    origin[0] + i * cell,
+                    origin[1] + j * cell,
+                    origin[2] + k * cell,
+                    vertices[faces[f, 0]],
+                    vertices[faces[f, 1]],
+                    vertices[faces[f, 2]],
+                )
+                field[i, j, k] = np.sqrt(d2)
+
+
+@njit(cache=True, nogil=True)
+def winding(vertices, faces, points, inside):
+    """Tell which points a mesh encloses: those with a generalised winding number over 1/2.
+
+    Works for meshes with gaps and overlaps (Jacobson, Kavan, Sorkine-Hornung 2013). Far triangles
+    count as dipoles, near ones by their exact solid angle (Van Oosterom and Strackee 1983).
+
+    Of the arguments:
+        points: (n, 3) [m]; inside: (n,) uint8 out.
+    """
+    m = faces.shape[0]
+    center = np.empty((m, 3))
+    area = np.empty((m, 3))
+    reach2 = np.empty(m)
+    for f in range(m):
+        a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
+        u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        area[f, 0] = 0.5 * (u1 * v2 - u2 * v1)
+        area[f, 1] = 0.5 * (u2 * v0 - u0 * v2)
+        area[f, 2] = 0.5 * (u0 * v1 - u1 * v0)
+        longest = 0.0
+        for d in range(3):
+            center[f, d] = (a[d] + b[d] + c[d]) / 3.0
+        for corner in (a, b, c):
+            r = 0.0
+            for d in range(3):
+                r += (corner[d] - center[f, d]) ** 2
+            longest = max(longest, r)
+        reach2[f] = 9.0 * longest
+    for p in range(points.shape[0]):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        total = 0.0
+        for f in range(m):
+            dx, dy, dz = center[f, 0] - x, center[f, 1] - y, center[f, 2] - z
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 > reach2[f]:
+                s = area[f, 0] * dx + area[f, 1] * dy + area[f, 2] * dz
+                total += s / (r2 * np.sqrt(r2))
+            else:
+                total += _solid_angle(
+                    vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]], x, y, z
+                )
+        inside[p] = 1 if total > 2.0 * np.pi else 0
+
+
+@njit(cache=True, nogil=True)
+def _solid_angle(a, b, c, x, y, z):
+    """Signed solid angle of a triangle seen from a point [sr]."""
+    ax, ay, az = a[0] - x, a[1] - y, a[2] - z
+    bx, by, bz = b[0] - x, b[1] - y, b[2] - z
+    cx, cy, cz = c[0] - x, c[1] - y, c[2] - z
+    la = np.sqrt(ax * ax + ay * ay + az * az)
+    lb = np.sqrt(bx * bx + by * by + bz * bz)
+    lc = np.sqrt(cx * cx + cy * cy + cz * cz)
+    triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    below = la * lb * lc
+    below += (ax * bx + ay * by + az * bz) * lc
+    below += (bx * cx + by * cy + bz * cz) * la
+    below += (cx * ax + cy * ay + cz * az) * lb
+    return 2.0 * np.arctan2(triple, below)
 
 
 @njit(cache=True, nogil=True)

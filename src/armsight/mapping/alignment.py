@@ -1,0 +1,186 @@
+"""Fine alignment: a camera's pose and depth scale refined against what is known to be there.
+
+T2 merges clouds by calibration and then aligns them by ICP once, and again when something moved.
+Here the target is the model: the declared solids and the arm at its joints, as exact distance
+functions. Each point is drawn to the nearest known surface (point-to-surface ICP with Tukey
+weights); a prior holds what the view does not determine. One frame of 5000 points is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armsight.arrays import Floats, Points, Pose, Poses
+from armsight.geometry.pose import exp, inverse, log, make_pose
+from armsight.mapping.kernels.align import normal_equations
+from armsight.mapping.self_filter import CELL, BodyFields
+from armsight.mapping.static_geometry import StaticGeometry
+
+GATES = (0.05, 0.05, 0.05, 0.05, 0.04, 0.03, 0.03, 0.03, 0.03, 0.03)
+"""How far from a known surface a point may be and still count, iteration by iteration [m]."""
+STARTS = (0.0, -0.02, 0.02, -0.04, 0.04, -0.06, 0.06, -0.08, 0.08)
+"""Offsets along the view that are tried first [m]: depth errors of some centimetres are common,
+and thin tables and links have two faces to be drawn to."""
+FIELD_GATE = 0.055
+"""The arm's distance fields reach no farther [m]."""
+PRIOR = np.array([0.03, 0.03, 0.03, 0.02, 0.02, 0.02, 0.006])
+"""Standard deviations believed before looking: translation [m], rotation [rad], depth scale."""
+SURFACE_ERROR = 0.005
+"""Standard deviation of a point about a known surface, model errors included [m]."""
+CORRELATED = 20.0
+"""Points whose errors are alike count as one: neighbours share the sensor's systematic error."""
+LEAST_POINTS = 400
+
+
+@dataclass(frozen=True)
+class View:
+    """What alignment needs of one frame.
+
+    Attributes:
+        points: (n, 3) in the camera frame, as measured [m].
+        T_base_grid: (m, 4, 4) the body's parts at the exposure, or None to leave the arm out.
+    """
+
+    points: Points
+    T_base_grid: Poses | None
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """The result of a fine alignment.
+
+    Attributes:
+        T_old_new: the corrected camera in the frame of the uncorrected one.
+        gain: factor on measured depth.
+        points: how many points lay on known surfaces in the end.
+        before, after: median distance of those points to the surfaces [m].
+        sigma: (7,) standard deviations left: translation [m], rotation [rad], depth scale.
+        good: enough points, and nearer to the surfaces than before.
+    """
+
+    T_old_new: Pose
+    gain: float
+    points: int
+    before: float
+    after: float
+    sigma: Floats
+    good: bool
+
+    @property
+    def shift(self) -> float:
+        """Length of the correction's translation [m]."""
+        return float(np.linalg.norm(self.T_old_new[:3, 3]))
+
+    @property
+    def turn(self) -> float:
+        """Angle of the correction's rotation [rad]."""
+        return float(np.linalg.norm(log(self.T_old_new)[3:]))
+
+
+def align_camera(
+    views: Sequence[View],
+    T_base_camera: Sequence[Pose],
+    fields: BodyFields,
+    solids: StaticGeometry,
+    gain: float = 1.0,
+) -> Alignment:
+    """Refine one camera's mounting and depth scale from one or more frames.
+
+    Args:
+        views: the frames.
+        T_base_camera: where the camera is believed to have been at each; all are corrected by the
+            same transform on the camera's side.
+        fields: the arm's distance fields.
+        solids: the declared solids.
+        gain: depth scale believed before.
+    """
+    start = gain
+    first = [make_pose(translation=[0.0, 0.0, z]) for z in STARTS]
+    scored = [_sums(views, T_base_camera, T, gain, fields, solids, GATES[-1])[2] for T in first]
+    before = _median(scored[0])
+    delta = first[int(np.argmax([_support(r, GATES[-1]) for r in scored]))]
+    for gate in GATES:
+        A, b, residuals = _sums(views, T_base_camera, delta, gain, fields, solids, gate)
+        believed = np.concatenate([log(delta), [gain - start]])
+        weight = 1.0 / (SURFACE_ERROR**2 * CORRELATED)
+        step = np.linalg.solve(
+            weight * A + np.diag(PRIOR**-2.0), weight * b - believed * PRIOR**-2.0
+        )
+        delta = delta @ exp(step[:6])
+        gain += float(step[6])
+    A, _, residuals = _sums(views, T_base_camera, delta, gain, fields, solids, GATES[-1])
+    count = int(np.isfinite(residuals).sum())
+    weight = 1.0 / (SURFACE_ERROR**2 * CORRELATED)
+    sigma = np.sqrt(np.diag(np.linalg.inv(weight * A + np.diag(PRIOR**-2.0))))
+    after = _median(residuals)
+    good = count >= LEAST_POINTS and after <= max(before, SURFACE_ERROR)
+    return Alignment(delta, gain, count, before, after, sigma, good)
+
+
+def _sums(
+    views: Sequence[View],
+    T_base_camera: Sequence[Pose],
+    delta: Pose,
+    gain: float,
+    fields: BodyFields,
+    solids: StaticGeometry,
+    gate: float,
+) -> tuple[Floats, Floats, Floats]:
+    A, b = np.zeros((7, 7)), np.zeros(7)
+    residuals = []
+    to_cells = np.diag([1 / CELL, 1 / CELL, 1 / CELL, 1.0])
+    declared = (solids.kinds, solids.sizes, solids.T_solid_base)
+    for view, T in zip(views, T_base_camera):
+        parts = (fields.values, fields.offset, fields.shape)
+        if view.T_base_grid is None:
+            parts = (fields.values, fields.offset[:0], fields.shape[:0])
+            placed = np.zeros((0, 4, 4))
+        else:
+            placed = np.stack([to_cells @ inverse(P) for P in view.T_base_grid])
+        out = np.empty(len(view.points))
+        normal_equations(
+            np.ascontiguousarray(view.points, float),
+            gain,
+            np.ascontiguousarray(T @ delta),
+            parts,
+            placed,
+            CELL,
+            declared,
+            gate,
+            min(gate, FIELD_GATE),
+            A,
+            b,
+            out,
+        )
+        residuals.append(out)
+    return A, b, np.concatenate(residuals) if residuals else np.empty(0)
+
+
+def _support(residuals: Floats, gate: float) -> float:
+    """Sum of Tukey weights: how much of the view known surfaces explain."""
+    known = residuals[np.isfinite(residuals)] / gate
+    return float(((1.0 - known**2) ** 2).sum())
+
+
+def _median(residuals: Floats) -> float:
+    known = np.abs(residuals[np.isfinite(residuals)])
+    return float(np.median(known)) if len(known) else np.inf
+
+
+def mismatch(
+    view: View, T_base_camera: Pose, fields: BodyFields, solids: StaticGeometry, gain: float
+) -> float:
+    """How far known surfaces at arm's length (1.5 m) seem displaced in one frame [m].
+
+    One Gauss-Newton step from the believed pose, which is not taken.
+    """
+    A, b, residuals = _sums([view], [T_base_camera], np.eye(4), gain, fields, solids, 0.05)
+    if np.isfinite(residuals).sum() < LEAST_POINTS // 4:
+        return 0.0
+    weight = 1.0 / (SURFACE_ERROR**2 * CORRELATED)
+    step = np.linalg.solve(weight * A + np.diag(PRIOR**-2.0), weight * b)
+    lever = step[:3] + np.cross(step[3:6], [0.0, 0.0, 1.5]) + step[6] * np.array([0.0, 0.0, 1.5])
+    return float(np.linalg.norm(lever))

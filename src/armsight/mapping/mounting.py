@@ -1,0 +1,132 @@
+"""Where a camera really sits: its declared pose, refined once and again when it has moved."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armsight.arrays import DepthImage, Floats, Pose
+from armsight.devices.data import RgbdCameraInfo
+from armsight.mapping.alignment import Alignment, View, align_camera, mismatch
+from armsight.mapping.config import MappingConfig
+from armsight.mapping.lens import Lens
+from armsight.mapping.self_filter import BodyPose, SelfFilter
+from armsight.mapping.static_geometry import StaticGeometry
+
+POINTS = 5000
+"""Points used for an alignment, about."""
+ATTEMPTS = 10
+"""Frames tried at the start before the declared pose is taken as it is."""
+CHECK_PERIOD = 1.0
+"""Time between looks whether the camera still sits where it did [s]."""
+MOVED = 0.012
+"""A camera has moved when known surfaces at arm's length seem displaced by this much [m] ..."""
+CHECKS = 3
+"""... in this many looks in a row."""
+STILL = 0.003
+"""The arm helps to align only if its stamp error moves it less than this [m]."""
+
+
+class Mounting:
+    """Keeps the correction of one camera's pose and depth scale.
+
+    Attributes:
+        T_old_new: corrected camera in the declared camera's frame.
+        gain: factor on measured depth.
+        error: believed error that is left (m, rad).
+        alignment: the last alignment that was taken over, or None.
+        problem: why the camera cannot be used, or empty.
+    """
+
+    def __init__(
+        self,
+        info: RgbdCameraInfo,
+        lens: Lens,
+        filter_: SelfFilter,
+        solids: StaticGeometry,
+        config: MappingConfig,
+    ) -> None:
+        self._name = info.name
+        self._lens = lens
+        self._filter = filter_
+        self._solids = solids
+        self._config = config
+        self.T_old_new: Pose = np.eye(4)
+        self.gain = 1.0
+        self.error = (config.calibration_m, config.calibration_rad)
+        self.alignment: Alignment | None = None
+        self.problem = ""
+        self._attempts = ATTEMPTS if config.align else 0
+        self._next_check = np.inf
+        self._moved = 0
+
+    def due(self, stamp: float) -> bool:
+        """Whether it is time to :meth:`look`."""
+        return self._attempts > 0 or stamp >= self._next_check
+
+    def look(self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float) -> None:
+        """Align or check.
+
+        Args:
+            depth: (h, w) as measured [m]; NaN where there is no usable return.
+            T_base_camera: the declared camera pose at the exposure.
+            body: the arm at the exposure.
+            stamp: the exposure [s].
+        """
+        if self._attempts > 0:
+            self._attempts -= 1
+            self._align(depth, T_base_camera, body, stamp)
+        else:
+            self._next_check = stamp + CHECK_PERIOD
+            view = self._view(depth, body, POINTS // 4)
+            shift = mismatch(
+                view, T_base_camera @ self.T_old_new, self._filter.fields, self._solids, self.gain
+            )
+            self._moved = self._moved + 1 if shift > MOVED else 0
+            if self._moved >= CHECKS:
+                self._moved = 0
+                self._align(depth, T_base_camera, body, stamp)
+
+    def _align(self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float) -> None:
+        view = self._view(depth, body, POINTS)
+        start = T_base_camera @ self.T_old_new
+        found = align_camera([view], [start], self._filter.fields, self._solids, self.gain)
+        if not found.good:
+            return
+        self._attempts = 0
+        self._next_check = stamp + CHECK_PERIOD
+        self.T_old_new = self.T_old_new @ found.T_old_new
+        self.gain = found.gain
+        self.alignment = found
+        self.error = self._error_left(found.sigma)
+        limit = self._config
+        shift, turn = _size(self.T_old_new)
+        if shift > limit.greatest_shift or turn > limit.greatest_turn:
+            self.problem = (
+                f"sits {1e3 * shift:.0f} mm and {np.rad2deg(turn):.1f} deg from its calibration; "
+                "calibrate it again"
+            )
+        else:
+            self.problem = ""
+
+    def _error_left(self, sigma: Floats) -> tuple[float, float]:
+        c = self._config
+        meters = c.aligned_m + 2.0 * float(np.linalg.norm(sigma[:3]))
+        radians = c.aligned_rad + 2.0 * float(np.linalg.norm(sigma[3:6]))
+        return min(meters, c.calibration_m), min(radians, c.calibration_rad)
+
+    def _view(self, depth: DepthImage, body: BodyPose, points: int) -> View:
+        """About as many points, evenly over the image; the arm only if it is (nearly) at rest."""
+        step = max(int(np.sqrt(depth.size / points)), 1)
+        z = depth[step // 2 :: step, step // 2 :: step]
+        rays = self._lens.rays[step // 2 :: step, step // 2 :: step]
+        known = np.isfinite(z)
+        z = z[known].astype(float)
+        flat = np.column_stack([rays[known].astype(float) * z[:, None], z])
+        moving = float(body.speed.max(initial=0.0)) * self._config.stamp_error > STILL
+        return View(flat, None if moving else body.T_base_grid)
+
+
+def _size(T: Pose) -> tuple[float, float]:
+    """Length [m] and angle [rad] of a transform."""
+    cosine = np.clip(0.5 * (np.trace(T[:3, :3]) - 1.0), -1.0, 1.0)
+    return float(np.linalg.norm(T[:3, 3])), float(np.arccos(cosine))
