@@ -1,8 +1,7 @@
 """Nodes of the 3D scene that are told new values often and send only what changed.
 
 viser builds a node anew in about 1 ms of Python, and updates a property in a tenth of that. So
-nodes keep their number of points or instances, in steps; the ones too many are parked far below
-the floor, beyond what the page's camera can see.
+nodes keep their number of points or instances, in steps; the ones too many hide inside the last.
 """
 
 from __future__ import annotations
@@ -20,8 +19,6 @@ from armsight.geometry.shapes import ShapeKind, Solid
 from armsight.viewer.colors import Color
 from armsight.viewer.primitives import CUBE, CYLINDER, SPHERE
 
-PARKED = -5.0e4
-"""Height of what is not shown [m]; float16 reaches a little farther."""
 SHAPES = {"box": CUBE, "cylinder": CYLINDER, "sphere": SPHERE}
 
 
@@ -30,31 +27,44 @@ def _room(count: int, step: int) -> int:
     return max(1, -(-count // step)) * step
 
 
-def _padded(rows: Any, room: int, fill: float, dtype: Any) -> Any:
-    out = np.full((room, rows.shape[1]), fill, dtype)
+def _padded(rows: Any, room: int, dtype: Any) -> Any:
+    """``rows`` and then the last of them until there are ``room``."""
+    out = np.empty((room, rows.shape[1]), dtype)
     out[: len(rows)] = rows
+    out[len(rows) :] = rows[-1]
     return out
 
 
 class Shown:
-    """What all nodes here have: a handle that may come later, and a switch."""
+    """What all nodes here have: a handle that may come later, and a switch; hidden when empty."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene = scene
         self._name = name
         self._visible = True
+        self._filled = False
         self._handle: Any = None
 
     @property
     def visible(self) -> bool:
-        """Whether it is drawn; what is hidden need not be told anything."""
+        """Whether it may be drawn; what is hidden need not be told anything."""
         return self._visible
 
     @visible.setter
     def visible(self, value: bool) -> None:
         self._visible = value
+        self._show_or_hide()
+
+    def _shows(self, count: int) -> bool:
+        """Note that there are so many things to draw now; whether there are any."""
+        if (count > 0) is not self._filled:
+            self._filled = count > 0
+            self._show_or_hide()
+        return self._filled
+
+    def _show_or_hide(self) -> None:
         if self._handle is not None:
-            self._handle.visible = value
+            self._handle.visible = self._visible and self._filled
 
 
 class Posed:
@@ -96,9 +106,11 @@ class Cloud(Shown):
 
     def show(self, points: Floats32, colors: Bytes) -> None:
         """Replace the points: (n, 3) [m], (n, 3) colours."""
+        if not self._shows(len(points)):
+            return
         room = _room(len(points), self.STEP)
-        placed = _padded(points, room, PARKED, np.float16)
-        shades = _padded(colors, room, 0, np.uint8)
+        placed = _padded(points, room, np.float16)
+        shades = _padded(colors, room, np.uint8)
         if self._handle is not None and len(self._handle.points) == room:
             self._handle.points = placed
             self._handle.colors = shades
@@ -126,9 +138,11 @@ class Cubes(Shown):
 
     def show(self, centers: Floats32, edge: float, colors: Bytes) -> None:
         """Replace the cubes: (n, 3) centres [m], (n, 3) colours."""
+        if not self._shows(len(centers)):
+            return
         room = _room(len(centers), self.STEP)
-        placed = _padded(centers, room, PARKED, np.float32)
-        shades = _padded(colors, room, 0, np.uint8)
+        placed = _padded(centers, room, np.float32)
+        shades = _padded(colors, room, np.uint8)
         fits = self._handle is not None and len(self._handle.batched_positions) == room
         if fits and edge == self._edge:
             self._handle.batched_positions = placed
@@ -160,15 +174,11 @@ class Line(Shown):
         self._color = np.array(color, np.uint8)
         self._thickness = thickness
         self._most = most
-        self._drawn = False
 
     def show(self, points: Points | None) -> None:
         """Draw through (k, 3) points [m]; ends at the last one, however many there are."""
-        drawn = points is not None and len(points) >= 2
-        if drawn is not self._drawn and self._handle is not None:
-            self._handle.visible = drawn and self._visible
-        self._drawn = drawn
-        if points is None or not drawn:
+        count = 0 if points is None or len(points) < 2 else len(points)
+        if not self._shows(count) or points is None:
             return
         if len(points) > self._most:
             points = points[np.linspace(0, len(points) - 1, self._most).round().astype(int)]
@@ -186,17 +196,6 @@ class Line(Shown):
             thickness=self._thickness,
             visible=self._visible,
         )
-
-    @property
-    def visible(self) -> bool:
-        """Whether it may be drawn."""
-        return self._visible
-
-    @visible.setter
-    def visible(self, value: bool) -> None:
-        self._visible = value
-        if self._handle is not None:
-            self._handle.visible = value and self._drawn
 
 
 class SolidGroup(Shown):
@@ -244,16 +243,9 @@ class SolidGroup(Shown):
             visible=self._visible,
         )
 
-    @property
-    def visible(self) -> bool:
-        """Whether they are drawn."""
-        return self._visible
-
-    @visible.setter
-    def visible(self, value: bool) -> None:
-        self._visible = value
+    def _show_or_hide(self) -> None:
         for handle in self._handles.values():
-            handle.visible = value
+            handle.visible = self._visible
 
 
 def quaternions(poses: Poses) -> Floats:
