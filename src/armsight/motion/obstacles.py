@@ -7,10 +7,11 @@
   whoever might hide in that thin shell is counted by separation (``WorkspaceSnapshot.hazards``).
 * Outside the mapped box nothing is known, so the body must stay inside; the box is widened where
   the body already reaches out of it now, and no farther.
-* Declared things that the first link turns in, such as the table that the arm is bolted to, are
-  excused where they are within that link's own spheres (they cover it with some overshoot): the arm
-  is mounted there. Nothing that was ever seen to move or may move is excused, and no other link
-  gets there without touching the first one.
+* Declared things that the shoulder turns in, such as the table that the arm is bolted to, are
+  excused where they are within the shoulder's own spheres (they cover it with some overshoot): the
+  arm is mounted there. The shoulder is the first moving link and what of the second lies on the
+  second joint's axis. Nothing that was ever seen to move or may move is excused, and no other part
+  gets there without touching the shoulder.
 * What cannot move (the base, and what lies on the first joint's axis) is not checked: no plan can
   make it touch anything.
 """
@@ -31,7 +32,9 @@ from armsight.motion.kernels import Obstacles, body_centers
 
 NOTHING = -1
 TURNS = 48
-"""Angles at which the first link is placed to find what it is mounted in."""
+"""Angles at which the shoulder is placed to find what it is mounted in."""
+ON_AXIS = 0.02
+"""Spheres this close to the second joint's axis belong to the shoulder [m]."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ class _Mount:
 
 
 def _mount(body: Body, grid: VoxelGrid) -> tuple[Ints, Ints, Ints]:
-    """Indices of the voxels that the first link's spheres reach as the first joint turns."""
+    """Indices of the voxels that the shoulder's spheres reach."""
     origin = tuple(float(x) for x in grid.origin)
     return _mount_cached(_Mount(body, origin, float(grid.voxel), grid.shape))
 
@@ -117,15 +120,23 @@ def _mount(body: Body, grid: VoxelGrid) -> tuple[Ints, Ints, Ints]:
 @lru_cache(maxsize=16)
 def _mount_cached(key: _Mount) -> tuple[Ints, Ints, Ints]:
     body = key.body
-    first = np.flatnonzero(body.link == 1)
+    shoulder = np.flatnonzero((body.lever[:, 1:] <= ON_AXIS).all(axis=1))
     marks = np.zeros(key.shape, np.uint8)
     q = np.zeros(len(body.lower))
     centers = np.empty_like(body.center)
     for angle in np.linspace(0.0, 2.0 * np.pi, TURNS, endpoint=False):
         q[0] = angle
         body_centers(body, q, centers)
-        reach = body.radius[first] + body.lever[first, 0] * np.pi / TURNS
-        _excuse(marks, marks, np.asarray(key.origin), key.voxel, centers[first], reach, 1)
+        reach = body.radius + body.lever[:, 0] * np.pi / TURNS + body.lever[:, 1:].sum(axis=1)
+        _excuse(
+            marks,
+            marks,
+            np.asarray(key.origin),
+            key.voxel,
+            centers[shoulder],
+            reach[shoulder],
+            OCCUPIED,
+        )
     x, y, z = np.nonzero(marks)
     return x, y, z
 
@@ -137,10 +148,10 @@ def _excused(
     # A snapshot's state is read-only, which compiled code takes for another type: nothing is
     # written in this pass.
     nowhere = np.empty((0, 0, 0), np.uint8)
-    if not _excuse(state, nowhere, origin, voxel, centers, reach, False):
+    if not _excuse(state, nowhere, origin, voxel, centers, reach, NOTHING):
         return state
     copy = state.copy()
-    _excuse(state, copy, origin, voxel, centers, reach, True)
+    _excuse(state, copy, origin, voxel, centers, reach, FREE)
     return copy
 
 
