@@ -112,20 +112,56 @@ def bounded_field(solid: np.ndarray, voxel: float, cap: float) -> np.ndarray:
     return np.minimum(distance_transform_edt(~near) * voxel, cap).astype(np.float32)
 
 
-def cube_distance(snapshot: WorkspaceSnapshot, points: np.ndarray, solid: np.ndarray) -> np.ndarray:
-    """Oracle: exact distance of (n, 3) points to the nearest of the (k, 3) solid voxels' cubes."""
-    grid = snapshot.grid
-    low = grid.origin + solid * grid.voxel
-    out = np.empty(len(points))
-    for i, p in enumerate(points):
-        gap = np.maximum(np.maximum(low - p, p - low - grid.voxel), 0.0)
-        out[i] = np.sqrt((gap**2).sum(axis=1)).min(initial=np.inf)
-    return out
+class CubeOracle:
+    """Exact distances to the solid cubes of a snapshot by brute force in plain numpy.
+
+    Only cubes with a free neighbour are measured: inner ones are never nearest to a point outside,
+    and a point inside is found by its own voxel.
+    """
+
+    def __init__(self, snapshot: WorkspaceSnapshot, unknown: bool = True) -> None:
+        state = snapshot.state
+        self.grid = snapshot.grid
+        self.mask = np.pad(state != FREE if unknown else state == OCCUPIED, 1)
+        inner = self.mask.copy()
+        for axis in range(3):
+            for shift in (-1, 1):
+                inner &= np.roll(self.mask, shift, axis)
+        self.low = self.grid.origin + (np.argwhere(self.mask & ~inner) - 1) * self.grid.voxel
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """(n,) distances [m] of (n, 3) points; 0 inside."""
+        out = np.full(len(points), np.inf)
+        parts = max(1, len(points) * len(self.low) // 500_000)
+        for chunk in np.array_split(np.arange(len(points)), parts):
+            d2 = np.zeros((len(chunk), len(self.low)))
+            for axis in range(3):
+                gap = self.low[None, :, axis] - points[chunk, None, axis]
+                gap = np.maximum(gap, -gap - self.grid.voxel)
+                d2 += np.maximum(gap, 0.0) ** 2
+            out[chunk] = np.sqrt(d2.min(axis=1, initial=np.inf))
+        own = self.grid.index(points) + 1
+        known = ((own >= 0) & (own < self.mask.shape)).all(axis=1)
+        out[known] = np.where(self.mask[tuple(own[known].T)], 0.0, out[known])
+        return out
+
+    def walls(self, points: np.ndarray) -> np.ndarray:
+        """(n,) room [m] between points and the walls of the mapped box."""
+        top = self.grid.origin + np.array(self.grid.shape) * self.grid.voxel
+        return np.minimum(points - self.grid.origin, top - points).min(axis=1)
 
 
-def solid_indices(snapshot: WorkspaceSnapshot, unknown: bool = True) -> np.ndarray:
-    state = snapshot.state
-    return np.argwhere(state != FREE if unknown else state == OCCUPIED)
+def oracle_clearance(robot: Robot, q: np.ndarray, oracle: CubeOracle) -> float:
+    """Oracle: least clearance of the moving body from solid cubes, the box and itself."""
+    centers, radius, link = oracle_centers(robot, q), robot.spheres.radius, robot.spheres.link
+    m = link > 0
+    room = np.minimum(oracle.walls(centers[m]), oracle.distance(centers[m]))
+    best = (room - radius[m]).min()
+    for a, b in robot.self_pairs:
+        gap = np.linalg.norm(centers[link == a][:, None] - centers[link == b][None], axis=2)
+        gap = gap - radius[link == a][:, None] - radius[link == b][None]
+        best = min(best, gap.min(initial=np.inf))
+    return float(best)
 
 
 def oracle_centers(robot: Robot, q: np.ndarray) -> np.ndarray:
