@@ -17,6 +17,7 @@ from armsight.arrays import Floats, JointPath
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.body import Body
 from armsight.motion.cost_kernels import Danger, make_cost_scratch, path_cost_kernel
+from armsight.motion.obstacles import frozen
 
 ALPHA = 0.2586
 """[1/s] decays an occupied voxel's danger to 0 in 24.48 s at any frame rate (design 5.5)."""
@@ -51,7 +52,7 @@ def danger_of(
     return Danger(
         np.asarray(snapshot.grid.origin, float),
         float(snapshot.grid.voxel),
-        snapshot.last_occupied,
+        frozen(snapshot.last_occupied),
         when,
         table,
         step,

@@ -20,15 +20,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from armsight.arrays import Floats, Ints, JointVector, Points
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.body import Body
 from armsight.motion.field import distance_to_solid
 from armsight.motion.kernels import Obstacles, body_centers
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 NOTHING = -1
 TURNS = 48
@@ -82,13 +86,23 @@ def obstacles_of(
     return Obstacles(
         origin,
         float(grid.voxel),
-        state,
-        distance,
+        frozen(state),
+        frozen(distance),
         lower,
         upper,
         config.avoid_unknown,
         config.floor,
     )
+
+
+def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    """A read-only, contiguous view: compiled code takes writable arrays for another type.
+
+    Without it the kernels would be compiled anew the first time a snapshot is excused, in motion.
+    """
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
 
 
 @dataclass(frozen=True)
@@ -129,7 +143,7 @@ def _mount_cached(key: _Mount) -> tuple[Ints, Ints, Ints]:
         body_centers(body, q, centers)
         reach = body.radius + body.lever[:, 0] * np.pi / TURNS + body.lever[:, 1:].sum(axis=1)
         _excuse(
-            marks,
+            frozen(marks),
             marks,
             np.asarray(key.origin),
             key.voxel,
@@ -145,13 +159,11 @@ def _excused(
     state: np.ndarray, origin: Floats, voxel: float, centers: Points, reach: Floats
 ) -> np.ndarray:
     """``state``, or a copy of it in which unknown voxels within reach of the body are free."""
-    # A snapshot's state is read-only, which compiled code takes for another type: nothing is
-    # written in this pass.
     nowhere = np.empty((0, 0, 0), np.uint8)
-    if not _excuse(state, nowhere, origin, voxel, centers, reach, NOTHING):
+    if not _excuse(frozen(state), nowhere, origin, voxel, centers, reach, NOTHING):
         return state
     copy = state.copy()
-    _excuse(state, copy, origin, voxel, centers, reach, FREE)
+    _excuse(frozen(state), copy, origin, voxel, centers, reach, FREE)
     return copy
 
 
