@@ -4,7 +4,9 @@ A person comes from outside the observed space or is part of something seen. Nob
 pocket of unseen space that seen free space and declared solids enclose, such as the arm's shadow;
 nor in one too small for a hand. So the set of possible places begins at the outside and at
 everything seen that is not declared, spreads from there through space that is not seen free, at
-most as fast as a person moves, and loses whatever is seen free.
+most as fast as a person moves, and loses whatever is seen free. A person hangs together: what is
+cut off from the outside and from everything seen hides nobody, though it once did not seem so
+(before all cameras had looked, say).
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from armsight.mapping.kernels.flood import (
     open_by_cube,
     pack,
     pack_room,
+    spread,
     unpack,
 )
 from armsight.mapping.snapshot import VoxelGrid
@@ -103,20 +106,33 @@ class UnseenPeople:
         pack_room(state, self._static, own, self._rim, self._room)
         open_by_cube(self._room, self._edge, self._depth)
         intersect(self._possible, self._room)
-        if self._around is None:
-            fill_rim(self._rim, self._depth, self._possible)
-        else:
-            for bits in (self._possible, self._room):
-                clear_rim(self._rim, self._depth, bits)
-                copy_shell(
-                    self._around._possible, self._around._rim, self._cells, self._shell, bits
-                )
-        add_voxels(dynamic, len(dynamic), ny, nz, self._rim, self._possible)
+        if self._around is not None:
+            clear_rim(self._rim, self._depth, self._possible)
+            clear_rim(self._rim, self._depth, self._room)
+            self._add_outside(self._room)
+        self._add_sources(self._possible, dynamic)
         for _ in range(self._steps(elapsed)):
             if not grow(self._possible, self._room, self._a, self._b):
                 break
+        self._a.fill(0)
+        self._add_sources(self._a, dynamic)
+        spread(self._a, self._possible)
+        self._possible, self._a = self._a, self._possible
         count = frontier(self._possible, self._solid, self._rim, ny, nz, self._indices, self._faces)
         return self._indices[:count], self._faces[:count]
+
+    def _add_outside(self, bits: Words) -> None:
+        """Add the places from which people come: all around, or what the coarser set says."""
+        if self._around is None:
+            fill_rim(self._rim, self._depth, bits)
+        else:
+            copy_shell(self._around._possible, self._around._rim, self._cells, self._shell, bits)
+
+    def _add_sources(self, bits: Words, dynamic: Ints32) -> None:
+        """Add the outside and everything seen that may be a person."""
+        _, ny, nz = self._grid.shape
+        self._add_outside(bits)
+        add_voxels(dynamic, len(dynamic), ny, nz, self._rim, bits)
 
     def _steps(self, elapsed: float) -> int:
         """Voxels by which the set may grow now: as far as someone can go, all the way at first."""

@@ -163,6 +163,51 @@ def grow(bits: Words, room: Words, a: Words, b: Words) -> bool:
     return added != 0
 
 
+@njit(inline="always")
+def _beside(bits: Words, x: int, y: int, w: int) -> np.uint64:
+    """A word of a row together with its bits' neighbours along the row."""
+    word = bits[x, y, w]
+    more = word | (word << ONE) | (word >> ONE)
+    if w > 0:
+        more |= bits[x, y, w - 1] >> np.uint64(63)
+    if w < bits.shape[2] - 1:
+        more |= bits[x, y, w + 1] << np.uint64(63)
+    return more
+
+
+@njit(cache=True, nogil=True)
+def spread(bits: Words, within: Words) -> None:
+    """Grow a set, in place, to all of ``within`` that it is connected with by 26 neighbours.
+
+    Sweeps forth and back use what they have just found, so that a few of them do.
+    """
+    X, Y, words = bits.shape
+    forth = True
+    changed = True
+    while changed:
+        changed = False
+        for k in range(X * Y):
+            row = k if forth else X * Y - 1 - k
+            x, y = row // Y, row % Y
+            for w in range(words):
+                if within[x, y, w] == bits[x, y, w]:
+                    continue
+                word = bits[x, y, w]
+                for dx in range(-1, 2):
+                    for dy in range(-1, 2):
+                        if 0 <= x + dx < X and 0 <= y + dy < Y:
+                            word |= _beside(bits, x + dx, y + dy, w)
+                word &= within[x, y, w]
+                last = word ^ ONE
+                while word != last:
+                    last = word
+                    word = (word | (word << ONE) | (word >> ONE)) & within[x, y, w]
+                if word != bits[x, y, w]:
+                    bits[x, y, w] |= word
+                    changed = True
+        forth = not forth
+
+
 @njit(cache=True, nogil=True)
 def intersect(bits: Words, other: Words) -> None:
     """Keep only what is in ``other`` too, in place."""
