@@ -39,7 +39,7 @@ NOTHING = np.empty(0, np.int32)
 
 
 def test_a_pocket_enclosed_by_seen_space_hides_nobody():
-    grid, state, people = cell()
+    _grid, state, people = cell()
     people.update(state, NOTHING, None, 0.02)
     assert not people.mask()[15:25, 15:25, 15:25].any()
 
@@ -54,11 +54,11 @@ def test_a_pocket_is_forgotten_once_its_way_out_is_seen_free():
 
 
 def test_someone_comes_into_the_pocket_by_an_unseen_way_and_at_most_as_fast_as_people_move():
-    grid, state, people = cell()
+    _grid, state, people = cell()
     people.update(state, NOTHING, None, 0.02)
     state[:20, 17:23, 17:23] = UNKNOWN
     reached = []
-    for _ in range(12):
+    for _ in range(14):
         people.update(state, NOTHING, None, 0.02)
         reached.append(int(np.flatnonzero(people.mask().any(axis=(1, 2))).max(initial=-1)))
     assert reached[-1] == 24
