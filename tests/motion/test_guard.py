@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from tests.motion.guard_world import Ball, GuardWorld
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.motion.guard_world import Ball, GuardWorld
 
 from armsight.motion.arm_model import ArmState
 from armsight.motion.data import GuardMode

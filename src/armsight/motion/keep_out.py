@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from armsight.arrays import Floats, JointVector
+from armsight.arrays import JointVector
 from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.snapshot import OCCUPIED, WorkspaceSnapshot
 from armsight.motion.data import PlanRequest
@@ -144,7 +146,7 @@ def enlarged(snapshot: WorkspaceSnapshot, distance: float) -> WorkspaceSnapshot:
     return replace(snapshot, state=state, distance=field.astype(np.float32))
 
 
-def _fine(coarse: Floats, shape: tuple[int, int, int]) -> Floats:
+def _fine(coarse: NDArray[Any], shape: tuple[int, int, int]) -> NDArray[Any]:
     fine = coarse
     for axis in range(3):
         fine = np.repeat(fine, COARSE, axis=axis)

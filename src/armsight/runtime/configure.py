@@ -29,11 +29,19 @@ def session_config(cell: Cell) -> SessionConfig:
     )
 
 
-def guard_config(workcell: Workcell) -> GuardConfig:
-    """The guard's configuration: the arm's declared behaviour, and the file's ``[guard]``."""
+def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> GuardConfig:
+    """The guard's configuration: the arm's declared behaviour, and the file's ``[guard]``.
+
+    Args:
+        workcell: the cell.
+        timing: of the session; its latencies count as reaction time.
+    """
     robot, section = workcell.robot, workcell.guard
+    timing = timing or SessionConfig()
     return GuardConfig(
-        start_delay=robot.start_delay_ms / 1e3,
+        period=timing.guard_period,
+        start_delay=robot.start_delay_ms / 1e3 + timing.guard_latency,
+        compute_latency=timing.mapping_latency + timing.guard_latency,
         speed=robot.speed,
         acceleration=robot.acceleration,
         task_speed=section.speed,
@@ -73,4 +81,6 @@ def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> Mapp
         calibration_rad=float(np.deg2rad(section.calibration_deg)),
         align=section.align,
         crop=section.crop,
+        # The planner keeps out of unseen space; a field that counts it spares it a second one.
+        unknown_is_solid=True,
     )

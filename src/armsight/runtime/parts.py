@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from armsight.mapping.config import MappingConfig
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.collision import CollisionModel
 from armsight.motion.guard import Guard
-from armsight.motion.guard_config import GuardConfig
 from armsight.motion.keep_out import SeparationPlanner
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.runtime.components import Guards, Maps
@@ -46,8 +44,8 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
     if isinstance(world, Playback):
         return replay_parts(cell, config, world)
     infos = [camera.info for camera in cell.cameras]
-    mapping = config.mapping or mapping_of(cell)
-    guard = config.guard or guard_of(cell, config)
+    mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
+    guard = config.guard or guard_config(cell.workcell, config)
     planning = PlannerConfig(
         speed=cell.workcell.robot.speed, acceleration=cell.workcell.robot.acceleration
     )
@@ -72,20 +70,3 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
         made_guard,
         lambda progress: warm_up(cell.robot, infos, make, config.planning_time, progress),
     )
-
-
-def guard_of(cell: Cell, config: SessionConfig) -> GuardConfig:
-    """The guard's settings from a cell's file, and what the session's own latencies add to them."""
-    base = guard_config(cell.workcell)
-    return replace(
-        base,
-        period=config.guard_period,
-        start_delay=base.start_delay + config.guard_latency,
-        compute_latency=config.mapping_latency + config.guard_latency,
-    )
-
-
-def mapping_of(cell: Cell) -> MappingConfig:
-    """The map's settings from a cell's file; its field counts unseen space, as the planner wants."""
-    base = mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
-    return replace(base, unknown_is_solid=True)

@@ -30,12 +30,12 @@ from armsight.runtime.components import (
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.lock import cell_lock
 from armsight.runtime.parts import Parts, make_parts
-from armsight.runtime.warm_up import Progress
 from armsight.runtime.shared_devices import SharedArm, SharedCamera
 from armsight.runtime.signals import orderly_signals
 from armsight.runtime.simulated_loop import SimulatedLoop
 from armsight.runtime.view import ComponentHealth, Mover, SessionView
 from armsight.runtime.wall_loop import WallLoop
+from armsight.runtime.warm_up import Progress
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell

@@ -33,7 +33,9 @@ def warm_up(
     """Run map, planner and guard of a made-up scene, then throw them away.
 
     Args:
-        robot: the arm; cameras: of the cell; make: builds fresh parts.
+        robot: the arm.
+        cameras: of the cell.
+        make: builds fresh parts.
         planning_time: the planner's time limit [s].
         progress: told where we are.
     """
