@@ -41,7 +41,13 @@ class Patrol:
     def run(self) -> int:
         """Run the patrol; prints its figures at the end."""
         from armsight.commands.cells import find
-        from armsight.commands.running import Wanted, run_session, say, write_summary
+        from armsight.commands.running import (
+            Wanted,
+            exit_code,
+            run_session,
+            say,
+            write_summary,
+        )
         from armsight.errors import UsageError
         from armsight.experiments.patrol_log import PatrolLog
         from armsight.motion.patrol import PatrolTask
@@ -71,7 +77,7 @@ class Patrol:
             say(line)
         if self.json is not None:
             write_summary(self.json, summary)
-        return 0
+        return exit_code(session, self.seconds)
 
 
 def speed_of(given: float | None, headless: bool) -> float:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from armsight.workcell import Cell
 
 console = Console(stderr=True)
+INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,11 @@ def run_session(cell: Cell, task: Task | None, wanted: Wanted) -> Session:
             with progress_bar() as ticker.progress:
                 session.run(wanted.seconds)
     return session
+
+
+def exit_code(session: Session, seconds: float | None) -> int:
+    """0, or 130 when a run that had an end of its own was interrupted before it."""
+    return INTERRUPTED if seconds is not None and session.ended_by != "time" else 0
 
 
 class _Ticker:

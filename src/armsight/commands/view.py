@@ -39,7 +39,7 @@ class View:
         """Run without a task."""
         from armsight.commands.cells import find
         from armsight.commands.patrol import speed_of
-        from armsight.commands.running import Wanted, run_session
+        from armsight.commands.running import Wanted, exit_code, run_session
         from armsight.errors import UsageError
         from armsight.workcell import load_workcell, open_cell
 
@@ -54,5 +54,5 @@ class View:
                 seed=self.seed,
                 speed=speed_of(self.speed, self.headless),
             )
-            run_session(cell, None, wanted)
-        return 0
+            session = run_session(cell, None, wanted)
+        return exit_code(session, self.seconds)
