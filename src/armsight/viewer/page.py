@@ -150,7 +150,8 @@ class LivePage:
         """End the page; may be repeated."""
         if self._closed.is_set():
             return
-        self._closed.set()
+        with self._lock:
+            self._closed.set()
         self._thread.join(timeout=2.0)
         stop_server(self._server)
 
@@ -182,6 +183,8 @@ class LivePage:
         """Look without the loop: for a newcomer, and when the loop is silent."""
         view = self._session.view()
         with self._lock:
+            if self._closed.is_set():
+                return
             silent = time.monotonic() - self._updated > SILENT
             note = "" if view.running or not silent else "paused"
             if view.running and silent and np.isfinite(self._updated):
@@ -226,15 +229,15 @@ class LivePage:
         self._gizmo = self._server.scene.add_transform_controls(
             "/drag", scale=0.25, disable_rotations=True, position=place, depth_test=False
         )
-        gizmo = self._gizmo
+        self._gizmo.on_update(lambda _: self._move_dragged(name))
 
-        def moved(_: Any) -> None:
-            try:
-                self._session.drag(name, np.array(gizmo.position, float))
-            except ArmsightError as error:
-                self.problem = str(error)
-
-        gizmo.on_update(moved)
+    def _move_dragged(self, name: str) -> None:
+        if self._gizmo is None:
+            return
+        try:
+            self._session.drag(name, np.array(self._gizmo.position, float))
+        except ArmsightError as error:
+            self.problem = str(error)
 
 
 def draggable(cell: Cell) -> tuple[str, ...]:

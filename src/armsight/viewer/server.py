@@ -55,6 +55,7 @@ def open_server(host: str, port: int, token: str | None, label: str) -> viser.Vi
         raise
     if not passed:
         server.stop()
+        listener.close()
         raise ViewerError(
             f"viser {viser.__version__} starts its server in another way than armsight knows, so "
             "its page cannot be protected; install the locked version (./run does)"

@@ -1,0 +1,245 @@
+"""The page: what it sends, what it remembers, what it passes on, and what it never does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from page_fakes import FakeSession, make_guard, make_snapshot, make_view
+from page_watching import wait_for, watching
+from viser import _messages as wire
+
+from armsight.errors import UsageError
+from armsight.motion.data import GuardMode
+from armsight.runtime.no_robot import no_robot
+from armsight.runtime.view import SessionView
+from armsight.viewer import LivePage
+from armsight.viewer.page import draggable
+
+
+def sent(page: LivePage, kind: type | None = None) -> list[object]:
+    """Messages that the server keeps for those who come later."""
+    buffer = page._server._websock_server._broadcast_buffer
+    messages = list(buffer.message_from_id.values())
+    return messages if kind is None else [m for m in messages if isinstance(m, kind)]
+
+
+def counter(page: LivePage) -> int:
+    return page._server._websock_server._broadcast_buffer.message_counter
+
+
+def words(page: LivePage, key: str) -> str:
+    return str(page._panels._texts[key].content)
+
+
+def test_nothing_is_sent_while_nobody_looks(page: LivePage, session: FakeSession) -> None:
+    before = counter(page)
+    for i in range(20):
+        session.step(0.1 * i)
+        page.update(0.1 * i)
+    assert counter(page) == before
+
+
+def test_a_newcomer_sees_the_present(page: LivePage, session: FakeSession) -> None:
+    session.step(3.0)
+    with watching(page):
+        wait_for(lambda: "slowed" in words(page, "banner"))
+        assert "t = 3.0 s" in words(page, "figures")
+        assert len(sent(page, wire.PointCloudMessage)) == 1
+
+
+def test_what_did_not_change_is_not_sent_again(page: LivePage, session: FakeSession) -> None:
+    with watching(page):
+        session.step(1.0)
+        page.update(1.0)
+        page.update(1.0)
+        page.update(1.0)
+        page._panels.update_health(session.shown)
+        before = counter(page)
+        for _ in range(5):
+            page._scene.update(session.shown)
+            page._panels.update(session.shown, 0.1, "")
+        assert counter(page) - before <= 5  # the line's points, which viser compares by itself
+
+
+def test_buffers_stay_bounded(page: LivePage, session: FakeSession) -> None:
+    with watching(page) as client:
+        for i in range(150):
+            session.step(0.1 * i)
+            page.update(0.1 * i)
+            if i == 40:
+                kept = len(sent(page))
+            if i % 20 == 0:
+                client.recv()
+        assert len(sent(page)) <= kept + 10
+    assert all(len(column) <= 302 for column in page._panels._distances.columns())
+
+
+def test_clouds_and_voxels_are_updated_in_place(page: LivePage, session: FakeSession) -> None:
+    with watching(page):
+        session.step(1.0)
+        page.update(1.0)
+        handles = page._scene.cloud._handle, page._scene.voxels._handle
+        session.step(1.2)
+        page.update(1.2)
+        assert (page._scene.cloud._handle, page._scene.voxels._handle) == handles
+        points = np.asarray(page._scene.cloud._handle.points)[: len(session.shown.snapshot.cloud)]
+        np.testing.assert_allclose(points, session.shown.snapshot.cloud, atol=1e-3)
+        snapshot = make_snapshot(99, 1.3, points=0, voxels=0)
+        session.shown = replace(session.shown, now=1.3, snapshot=snapshot)
+        page.update(1.3)
+        assert not page._scene.cloud._handle.visible
+        session.step(1.4)
+        page.update(1.4)
+        assert page._scene.cloud._handle.visible
+
+
+def test_layers_hide_and_come_back(page: LivePage, session: FakeSession) -> None:
+    with watching(page):
+        session.step(1.0)
+        page.update(1.0)
+        for layer in page._scene.layers():
+            layer.switch(not layer.on)
+        session.step(1.1)
+        page.update(1.1)
+        assert not page._scene.cloud._handle.visible
+        assert not page._scene.planned._handle.visible
+        assert page._scene.hazards._handle.visible
+        for layer in page._scene.layers():
+            layer.switch(layer.on)
+        assert page._scene.planned._handle.visible
+
+
+def test_people_come_and_go(page: LivePage, session: FakeSession) -> None:
+    with watching(page):
+        session.step(1.0)
+        page.update(1.0)
+        assert set(page._scene.movers._handles) == {"box", "sphere", "cylinder"}
+        session.step(1.1, movers=session.shown.movers[:1])
+        page.update(1.1)
+        assert set(page._scene.movers._handles) == {"sphere"}
+        session.step(1.2, movers=())
+        page.update(1.2)
+        assert not page._scene.movers._handles
+        session.step(1.3)
+        page.update(1.3)
+        assert len(page._scene.movers._handles) == 3
+
+
+def test_the_robot_stands_where_its_joints_say(page: LivePage, session: FakeSession) -> None:
+    from armsight.robots.kinematics import link_poses
+
+    with watching(page):
+        session.step(2.0)
+        page.update(2.0)
+        poses = link_poses(session.cell.robot, session.shown.joints.position)
+        for link, T in zip(page._scene.robot._links, poses, strict=True):
+            np.testing.assert_allclose(link.handle.position, T[:3, 3], atol=1e-4)
+
+
+def test_a_carried_camera_moves_with_the_flange(page: LivePage, session: FakeSession) -> None:
+    from armsight.robots.kinematics import flange_pose
+
+    with watching(page):
+        session.step(2.0)
+        page.update(2.0)
+        T = flange_pose(session.cell.robot, session.shown.joints.position)
+        wrist = page._scene.cameras["wrist"]
+        np.testing.assert_allclose(wrist._handle.position, T[:3, 3], atol=1e-4)
+
+
+def test_a_posed_frame_moves_its_camera(page: LivePage, session: FakeSession) -> None:
+    with watching(page):
+        session.step(2.0)
+        [frame] = session.shown.frames
+        pose = np.eye(4)
+        pose[:3, 3] = [1.0, 2.0, 3.0]
+        session.shown = replace(session.shown, frames=(replace(frame, T_base_camera=pose),))
+        page.update(2.0)
+        np.testing.assert_allclose(page._scene.cameras["<left>"]._handle.position, [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        SessionView(0.0, True, 1.0, None, None, None),
+        make_view(guard=None),
+        make_view(snapshot=None),
+        make_view(joints=None, frames=(), movers=(), health=()),
+        make_view(guard=make_guard(1.0, distance=np.inf, nearest_hazard=None, nearest_body=None)),
+        make_view(guard=make_guard(1.0, path=np.zeros((1, 6)), executed=None, mode=GuardMode.IDLE)),
+        make_view(guard=make_guard(1.0, protective_distance=np.nan, distance=np.nan)),
+    ],
+)
+def test_views_with_holes_are_shown(
+    page: LivePage, session: FakeSession, view: SessionView
+) -> None:
+    with watching(page):
+        session.shown = view
+        page.update(view.now)
+        page._look()
+        assert page.problem == ""
+
+
+def test_a_reset_starts_the_plots_anew(page: LivePage, session: FakeSession) -> None:
+    for i in range(30):
+        session.step(0.1 * i)
+        page.update(0.1 * i)
+    assert page._panels._distances.columns()[0][0] == pytest.approx(-2.9)
+    session.step(0.0)
+    page.update(0.0)
+    assert len(page._panels._distances.columns()[0]) == 2
+
+
+def test_buttons_reach_the_session(page: LivePage, session: FakeSession) -> None:
+    page._panels._toggle()
+    page._panels._toggle()
+    page._reset()
+    assert session.asked == ["pause", "resume", "reset", "resume"]
+
+
+def test_dragging_reaches_the_session(page: LivePage, session: FakeSession) -> None:
+    assert draggable(session.cell) == ("helper", "ball")
+    page._choose_dragged("ball")
+    assert page._gizmo is not None
+    page._gizmo.position = (0.5, 0.25, 1.0)
+    page._move_dragged("ball")
+    assert session.asked == [("drag", "ball", (0.5, 0.25, 1.0))]
+    page._choose_dragged("")
+    assert page._gizmo is None
+
+
+def test_a_refused_drag_is_told_not_raised(
+    page: LivePage, session: FakeSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(name: str, position_world: object) -> None:
+        raise UsageError(f"{name} is part of a recording")
+
+    monkeypatch.setattr(session, "drag", refuse)
+    page._choose_dragged("ball")
+    page._move_dragged("ball")
+    assert page.problem == "ball is part of a recording"
+
+
+def test_a_silent_loop_is_told(page: LivePage, session: FakeSession) -> None:
+    session.step(1.0)
+    page.update(1.0)
+    with watching(page):
+        wait_for(lambda: "the loop stands still" in words(page, "banner"))
+        session.shown = replace(session.shown, running=False)
+        wait_for(lambda: "paused" in words(page, "banner"))
+
+
+def test_a_cell_without_an_arm_has_a_page() -> None:
+    session = FakeSession()
+    session.cell.robot = no_robot()
+    session.shown = make_view(joints=None, guard=None, movers=())
+    page = LivePage(session, port=0)
+    try:
+        with watching(page):
+            page.update(1.0)
+            wait_for(lambda: "mapping" in words(page, "banner"))
+            assert "occupied voxels" in words(page, "figures")
+    finally:
+        page.close()

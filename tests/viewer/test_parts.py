@@ -1,0 +1,146 @@
+"""Colours, words, plots and voxels of the page."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from page_fakes import GRID, make_guard, make_snapshot
+
+from armsight.geometry.shapes import Solid
+from armsight.mapping.snapshot import CameraStatus
+from armsight.motion.data import GuardMode
+from armsight.runtime.view import ComponentHealth
+from armsight.viewer import colors, html
+from armsight.viewer.cameras import TILE, mosaic
+from armsight.viewer.danger import FADE, voxels
+from armsight.viewer.history import SECONDS, History
+from armsight.viewer.nodes import quaternions, scale_of
+from armsight.viewer.primitives import CUBE, CYLINDER, SPHERE
+
+
+def test_every_mode_has_its_own_colour_and_words() -> None:
+    assert set(colors.MODES) == set(GuardMode)
+    assert len({color for _, color in colors.MODES.values()}) == len(GuardMode)
+    for mode in GuardMode:
+        guard = make_guard(1.0, mode=mode, reason="because")
+        text = html.banner(guard, "")
+        assert colors.MODES[mode][0] in text
+        assert colors.MODES[mode][1] in text
+        assert "because" in text
+
+
+def test_words_from_outside_cannot_become_markup() -> None:
+    evil = "<img src=x onerror=alert(1)>"
+    pieces = [
+        html.banner(make_guard(1.0, reason=evil, goal=evil), evil),
+        html.cameras([CameraStatus(evil, 0.0, False, 1, 2, evil)], 1.0),
+        html.components([ComponentHealth(evil, 0.1, 1, 0, 0.0, (0.0, 0.0), evil)]),
+        html.timings([(evil, 0.1)]),
+    ]
+    for piece in pieces:
+        assert "<img" not in piece
+        assert "&lt;img" in piece
+        assert len(re.findall("<div", piece)) == len(re.findall("</div", piece))
+
+
+def test_too_close_is_red() -> None:
+    assert html.BAD in html.figures(make_guard(1.0, distance=0.2, protective_distance=0.3), 0, 0)
+    assert html.BAD not in html.figures(
+        make_guard(1.0, distance=0.4, protective_distance=0.3), 0, 0
+    )
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True))
+def test_any_distance_has_words(value: float) -> None:
+    assert html.metres(value) == "–" or html.metres(value).endswith(" m")
+
+
+def test_near_is_warm_far_is_cold_nothing_is_black() -> None:
+    depth = np.array([[0.5, 2.0, 4.0, np.nan, 99.0, np.inf]], np.float32)
+    [near, middle, far, none, beyond, infinite] = colors.depth_picture(depth, 6, 0.5, 4.0)[0]
+    assert near[0] > near[2]
+    assert far[2] >= far[0]
+    assert middle[1] > 200
+    assert tuple(none) == (12, 12, 12)
+    assert tuple(beyond) == tuple(far)
+    assert tuple(infinite) == (12, 12, 12)
+
+
+@pytest.mark.parametrize("shape", [(424, 512), (48, 64), (1, 1), (1080, 1920)])
+def test_pictures_are_small(shape: tuple[int, int]) -> None:
+    picture = colors.depth_picture(np.ones(shape, np.float32), 192, 0.5, 4.0)
+    assert picture.dtype == np.uint8
+    assert max(1, shape[1] // 12) >= 1
+    assert picture.shape[1] <= 192
+    assert colors.fit(picture, *TILE).shape == (TILE[1], TILE[0], 3)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 4, 5])
+def test_a_mosaic_has_a_tile_for_each(count: int) -> None:
+    tiles = mosaic([None] * count)
+    columns = 1 if count < 2 else 2
+    assert tiles.shape == (TILE[1] * max(1, -(-count // columns)), TILE[0] * columns, 3)
+
+
+def test_voxels_are_the_newest_and_no_older_than_danger_lasts() -> None:
+    snapshot = make_snapshot(3, 100.0, voxels=500)
+    last = snapshot.last_occupied
+    oracle = {
+        tuple(index): 100.0 - last[tuple(index)]
+        for index in np.argwhere(last > np.float32(100.0 - FADE))
+    }
+    centers, shades, age = voxels(snapshot, 100.0, 1000)
+    assert {tuple(i) for i in GRID.index(centers)} == set(oracle)
+    for center, old in zip(centers, age):
+        assert oracle[tuple(GRID.index(center[None])[0])] == pytest.approx(old, abs=1e-4)
+    assert np.all(shades[np.argmin(age)] == colors.DANGER[int(255 * (1 - age.min() / FADE))])
+    few, _, few_age = voxels(snapshot, 100.0, 50)
+    assert len(few) == 50
+    assert few_age.max() <= np.sort(age)[50] + 1e-6
+    none, _, _ = voxels(make_snapshot(1, 0.0, voxels=0), 0.0, 50)
+    assert len(none) == 0
+
+
+def test_history_is_bounded_and_relative() -> None:
+    history = History(2)
+    assert all(len(column) == 2 for column in history.columns())
+    for i in range(2000):
+        history.add(0.05 * i, float(i), -float(i))
+    time, first, second = history.columns()
+    assert time[-1] == 0.0
+    assert time[0] >= -SECONDS
+    assert len(time) <= SECONDS * 10 + 1
+    np.testing.assert_array_equal(first, -second)
+    assert np.all(np.diff(time) > 0)
+    history.add(1.0, 7.0, 7.0)  # the session was reset
+    assert history.columns()[1].tolist() == [7.0, 7.0]
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_quaternions_are_scipys_one_by_one(seed: int) -> None:
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.random(5, np.random.default_rng(seed))
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, :3, :3] = turns.as_matrix()
+    for wxyz, turn in zip(quaternions(poses), turns):
+        xyzw = turn.as_quat()
+        assert abs(abs(wxyz @ xyzw[[3, 0, 1, 2]]) - 1.0) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "extent"),
+    [("box", (1.0, 2.0, 3.0), (1.0, 2.0, 3.0)), ("sphere", (0.5, 0.0, 0.0), (1.0, 1.0, 1.0)),
+     ("cylinder", (0.2, 0.7, 0.0), (0.4, 0.4, 0.7))],
+)  # fmt: skip
+def test_instances_have_the_size_of_their_solid(kind, size, extent) -> None:  # type: ignore[no-untyped-def]
+    shape = {"box": CUBE, "sphere": SPHERE, "cylinder": CYLINDER}[kind]
+    vertices = shape.vertices * scale_of(Solid("s", kind, size, np.eye(4)))
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), extent, rtol=0.02)
+    corners = vertices[shape.faces]
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.all(np.sum(outward * corners.mean(axis=1), axis=1) > 0)
