@@ -78,9 +78,8 @@ def test_drives_keep_every_limit(targets, hold):
             assert np.all((change <= brake * DT + 1e-9) | stopped_at_limit)
             # a clamp at the limit cuts off less than one step's braking
             assert np.all(change <= brake * DT * 2 + 1e-9)
-            assert np.all(
-                np.abs(q - before_q) <= np.maximum(np.abs(v), np.abs(before_v)) * DT + 1e-12
-            )
+            fastest = np.maximum(np.abs(v), np.abs(before_v) + brake * DT)
+            assert np.all(np.abs(q - before_q) <= fastest * DT + 1e-12)
 
 
 def test_quaternion_against_scipy():

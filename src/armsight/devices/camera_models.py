@@ -148,8 +148,9 @@ CAMERA_MODELS: dict[str, CameraModel] = {
             max_rate=30.0,
             latency=0.04,
             range=(0.4, 4.5),
-            # Khoshelham and Elberink 2012: sigma = 1.425e-3 z^2
-            noise=DepthNoise(0.0, 0.0, 1.425e-3),
+            # Nguyen, Izadi, Lovell 2012: 1.2 + 1.9 (z - 0.4)^2 mm; Khoshelham's 1.425 z^2 mm is
+            # about the same beyond 1 m
+            noise=DepthNoise(1.504e-3, -1.52e-3, 1.9e-3),
             baseline=0.075,
         ),
         CameraModel(

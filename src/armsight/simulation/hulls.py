@@ -13,10 +13,10 @@ import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
-from armsight.arrays import Floats, Points
+from armsight.arrays import Ints, Points
 
 
-def convex_pieces(vertices: Points, faces: Floats, slices: int = 5) -> list[Points]:
+def convex_pieces(vertices: Points, faces: Ints, slices: int = 5) -> list[Points]:
     """Vertices of the hulls of a mesh's slices along its longest axis.
 
     Args:
@@ -27,6 +27,9 @@ def convex_pieces(vertices: Points, faces: Floats, slices: int = 5) -> list[Poin
     Returns:
         One (k, 3) array of hull vertices a piece [m]; at least one.
     """
+    if slices < 2:
+        whole = hull_vertices(vertices)
+        return [vertices if whole is None else whole]
     axis = int(np.argmax(np.ptp(vertices, axis=0)))
     lower, upper = vertices[:, axis].min(), vertices[:, axis].max()
     cuts = np.linspace(lower, upper, slices + 1)

@@ -17,14 +17,16 @@ NEAR, FAR = 0.05, 25.0
 """Clipping planes of every picture [m]."""
 
 LIGHTS = (
-    ((1.6, -2.2, 3.4), (0.0, 0.0, 0.4), 0.55, True),
-    ((-2.4, 1.6, 3.2), (0.0, 0.2, 0.6), 0.38, False),
-    ((2.6, 2.4, 3.0), (0.2, 0.0, 0.5), 0.30, False),
+    ((1.2, -2.0, 5.5), (0.1, 0.1, 0.0), 0.42, True),
+    ((-4.0, 3.0, 5.0), (0.0, 0.0, 0.8), 0.24, False),
+    ((4.0, 3.5, 4.5), (0.0, 0.0, 0.8), 0.18, False),
 )
 """Spot lights: position and target in world [m], brightness, shadow. Directional lights leave
 specks on curved bodies in the classic renderer."""
 
-SKIN, HAIR, SHOES = (0.87, 0.67, 0.55), (0.20, 0.14, 0.10), (0.16, 0.16, 0.18)
+HORIZON = (0.80, 0.82, 0.845)
+SKIN, HAIR, EYES = (0.87, 0.67, 0.55), (0.20, 0.14, 0.10), (0.12, 0.10, 0.09)
+SHOES = (0.16, 0.16, 0.18)
 TROUSERS = ((0.17, 0.21, 0.32), (0.28, 0.27, 0.25), (0.13, 0.16, 0.17))
 SHIRTS = ((0.93, 0.55, 0.16), (0.20, 0.48, 0.70), (0.36, 0.58, 0.36), (0.72, 0.28, 0.30))
 
@@ -36,13 +38,16 @@ def set_up(mj: Any) -> None:
     mj.visual.map.znear = NEAR
     mj.visual.map.zfar = FAR
     mj.visual.map.shadowclip = 1.0
+    mj.visual.map.shadowscale = 0.55
+    mj.visual.map.fogstart, mj.visual.map.fogend = 5.0, 14.0
+    mj.visual.rgba.fog = [*HORIZON, 1.0]
     mj.visual.quality.shadowsize = 2048
     mj.visual.quality.offsamples = 4
-    mj.visual.quality.numslices = 24
-    mj.visual.quality.numstacks = 14
+    mj.visual.quality.numslices = 28
+    mj.visual.quality.numstacks = 16
     mj.visual.global_.offwidth, mj.visual.global_.offheight = 640, 480  # grows when needed
-    mj.visual.headlight.ambient = [0.30, 0.30, 0.31]
-    mj.visual.headlight.diffuse = [0.10, 0.10, 0.10]
+    mj.visual.headlight.ambient = [0.40, 0.40, 0.41]
+    mj.visual.headlight.diffuse = [0.20, 0.20, 0.20]
     mj.visual.headlight.specular = [0.0, 0.0, 0.0]
     for position, target, brightness, shadow in LIGHTS:
         light = mj.worldbody.add_light(
@@ -50,8 +55,8 @@ def set_up(mj: Any) -> None:
             pos=position,
             dir=np.subtract(target, position),
             castshadow=shadow,
-            cutoff=70.0,
-            exponent=1.0,
+            cutoff=72.0 if shadow else 89.0,
+            exponent=0.0,
             attenuation=[1.0, 0.0, 0.0],
         )
         light.diffuse = np.array([1.0, 0.98, 0.95]) * brightness
@@ -77,7 +82,7 @@ def solid_material(mj: Any, solid: Solid) -> str:
 
 
 def cloth_material(mj: Any, look: str, person: str) -> str:
-    """Skin, hair, shirt, trousers or shoes of a person."""
+    """Skin, hair, eyes, shirt, trousers or shoes of a person."""
     shine = 0.15 if look in ("skin", "hair", "shoes") else 0.02
     return _material(mj, look, cloth_colors(person)[look], specular=shine, shininess=0.2)
 
@@ -88,6 +93,7 @@ def cloth_colors(person: str) -> dict[str, Color]:
     return {
         "skin": SKIN,
         "hair": HAIR,
+        "eyes": EYES,
         "shoes": SHOES,
         "shirt": SHIRTS[choice % len(SHIRTS)],
         "trousers": TROUSERS[choice % len(TROUSERS)],
@@ -124,8 +130,8 @@ def _sky(mj: Any) -> None:
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.80, 0.83, 0.86],
-        rgb2=[0.62, 0.65, 0.69],
+        rgb1=[0.93, 0.94, 0.95],
+        rgb2=HORIZON,
         width=64,
         height=384,
     )

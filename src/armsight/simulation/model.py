@@ -8,14 +8,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, Ints, Pose, Poses
+from armsight.arrays import Bytes, Floats, Ints, Points, Pose, Poses
 from armsight.geometry.pose import to_wxyz
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Capsules, LinkMesh, Robot
 from armsight.simulation import looks
 from armsight.simulation.gl import mujoco
 from armsight.simulation.hulls import convex_pieces, load_mesh
-from armsight.simulation.people import PersonBody
+from armsight.simulation.people import BodyPart, PersonBody
 from armsight.simulation.spec import MovingObjectSpec, WorldSpec
 
 Kind = Literal["arm", "static", "undeclared", "person", "object", "floor"]
@@ -154,7 +154,7 @@ class _Builder:
             self.mj.worldbody,
             Part("floor", "floor"),
             type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=[6.0, 6.0, 0.1],
+            size=[0.0, 0.0, 0.1],  # without end
             material="floor",
             conaffinity=ARM,
             contype=OTHER,
@@ -220,12 +220,7 @@ class _Builder:
             surface = load_mesh(mesh.path)
             vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces)
             name = f"arm/{link}/{mesh.path.parent.name}/{mesh.path.stem}"
-            self.mj.add_mesh(
-                name=name,
-                uservert=vertices.ravel(),
-                userface=faces.ravel().astype(np.int32),
-                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-            )
+            self._visual_mesh(name, vertices, faces)
             self._geom(
                 body,
                 part,
@@ -283,15 +278,48 @@ class _Builder:
             name = f"person/{person.name}/{part.name}"
             first = first or name
             body = self.mj.worldbody.add_body(name=name, mocap=True, pos=[0, 0, -10])
-            for shape in part.shapes:
-                self._geom(
-                    body,
-                    Part("person", person.name, part.name),
-                    **shape.geom(),
-                    material=looks.cloth_material(self.mj, shape.look, person.name),
-                    **_TOUCHED,
-                )
+            self._body_part(body, person.name, part)
         return first
+
+    def _body_part(self, body: Any, person: str, part: BodyPart) -> None:
+        """One mesh to see for each look, and convex pieces to touch, of the same surfaces."""
+        what = Part("person", person, part.name)
+        looks_of: dict[str, list[tuple[Points, Ints]]] = {}
+        for piece in part.lofts:
+            vertices, faces = piece.mesh()
+            looks_of.setdefault(piece.look, []).append((vertices, faces))
+            for i, hull in enumerate(convex_pieces(vertices, faces, piece.pieces)):
+                if piece.pieces > 0:
+                    name = f"{person}/{part.name}/{piece.name}/{i}"
+                    self.mj.add_mesh(name=name, uservert=hull.ravel())
+                    self._geom(
+                        body,
+                        what,
+                        type=mujoco.mjtGeom.mjGEOM_MESH,
+                        meshname=name,
+                        group=CONTACT,
+                        **_TOUCHED,
+                    )
+        for look, meshes in looks_of.items():
+            name = f"{person}/{part.name}/{look}"
+            self._visual_mesh(name, *joined(meshes))
+            self._geom(
+                body,
+                what,
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=name,
+                material=looks.cloth_material(self.mj, look, person),
+                contype=0,
+                conaffinity=0,
+            )
+
+    def _visual_mesh(self, name: str, vertices: Points, faces: Ints) -> None:
+        self.mj.add_mesh(
+            name=name,
+            uservert=vertices.ravel(),
+            userface=faces.ravel().astype(np.int32),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
 
     def moving_object(self, item: MovingObjectSpec) -> str:
         name = f"object/{item.solid.name}"
@@ -319,6 +347,13 @@ _TOUCHING: dict[str, Any] = {
     "friction": [0.4, 0.005, 0.0001],
 }
 _TOUCHED: dict[str, Any] = {"contype": OTHER, "conaffinity": ARM, **TOUCH_ONLY}
+
+
+def joined(meshes: Sequence[tuple[Points, Ints]]) -> tuple[Points, Ints]:
+    """Several meshes as one."""
+    counts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
+    faces = [f + count for (_, f), count in zip(meshes, counts)]
+    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
 
 
 def _of_link(capsules: Capsules, link: int) -> Capsules:

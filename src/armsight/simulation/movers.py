@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from armsight.arrays import Floats, Pose, Vector3
 from armsight.errors import UsageError
-from armsight.geometry.pose import make_pose
 from armsight.geometry.shapes import Solid
 from armsight.simulation.clips import load_clip
 from armsight.simulation.kernels import part_poses
@@ -238,50 +237,17 @@ def _towards(position: Vector3, goal: Vector3, room: float) -> Vector3:
     return np.asarray(goal if distance <= room else position + away * (room / distance))
 
 
-def drawn_solids(body: PersonBody, colors: dict[str, tuple[float, float, float]]) -> list[Any]:
-    """Solids of a person's parts: (index of the part, solid with its pose in the part's frame)."""
-    solids: list[tuple[int, Solid]] = []
-    for index, part in enumerate(body.parts):
-        for k, shape in enumerate(part.shapes):
-            name, color = f"{body.name}/{part.name}/{k}", colors[shape.look]
-            for j, (kind, size, T) in enumerate(_primitives(shape.kind, shape)):
-                solids.append((index, Solid(f"{name}/{j}", kind, size, T, color)))
-    return solids
-
-
-def _primitives(kind: str, shape: Any) -> list[Any]:
-    """A capsule as cylinder and spheres; an ellipsoid as a sphere or as a stack of capsules."""
-    a, b = np.asarray(shape.a, float), np.asarray(shape.b, float)
-    if kind == "capsule":
-        return _capsule(a, b, shape.radius)
-    if max(b) < 1.6 * min(b):
-        return [("sphere", (float(np.cbrt(np.prod(b))), 0.0, 0.0), make_pose(None, a))]
-    thin = float(b[0])
-    if b[1] < thin:  # a palm: one flat box
-        return [("box", tuple(1.7 * b), make_pose(None, a))]
-    half, rise = b[1] - thin, b[2] - thin
-    if rise <= 0 or thin < 0.05:
-        return [("box", tuple(1.7 * b), make_pose(None, a))]
-    found = []
-    for z in np.linspace(-rise, rise, 4):
-        width = half + thin * (np.sqrt(max(1.0 - (z / b[2]) ** 2, 0.0)) - 1.0)
-        side = np.array([0.0, max(width, 0.01), 0.0])
-        center = a + np.array([0.0, 0.0, z])
-        found += _capsule(center - side, center + side, thin)
-    return found
-
-
-def _capsule(a: Floats, b: Floats, radius: float) -> list[Any]:
-    axis = b - a
-    length = float(np.linalg.norm(axis))
-    ends: list[Any] = [("sphere", (radius, 0.0, 0.0), make_pose(None, p)) for p in (a, b)]
-    if length < 1e-6:
-        return ends[:1]
-    z = axis / length
-    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
-    x /= np.linalg.norm(x)
-    R = np.column_stack([x, np.cross(z, x), z])
-    return [("cylinder", (radius, length, 0.0), make_pose(R, 0.5 * (a + b))), *ends]
+def drawn_solids(
+    body: PersonBody, colors: dict[str, tuple[float, float, float]]
+) -> list[tuple[int, Solid]]:
+    """Simple solids of a person: (index of the part, solid with its pose in the part's frame)."""
+    return [
+        (index, solid)
+        for index, part in enumerate(body.parts)
+        for piece in part.lofts
+        if piece.pieces > 0
+        for solid in piece.solids(f"{body.name}/{part.name}/{piece.name}", colors[piece.look])
+    ]
 
 
 __all__ = ["Hand", "Mover", "MoverState", "MovingObject", "Person", "drawn_solids", "make_person"]

@@ -22,9 +22,6 @@ GeomImage = NDArray[np.int16]
 
 _SAMPLES = {"depth": 0, "color": 4}
 _SHADOWS = {"depth": 0, "color": 2048}
-_SLICES = {"depth": (16, 8), "color": (28, 16)}
-"""Facets around and along round primitives. Depth of a sphere of 5 cm is then within 1 mm; its
-drawing time is half of that with the finer ones."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +79,8 @@ class Renderer:
     def take(self, data: Any, T_world_camera: Pose, lens: PinholeCamera) -> Shot:
         """Freeze the cell as ``data`` has it, seen by a lens at an optical pose in world."""
         shot = self._spare.pop() if self._spare else Shot(self._cell.model)
+        # An endless floor is drawn around the camera that the scene had before, so aim first.
+        self.aim(shot, T_world_camera, lens)
         mujoco.mjv_updateScene(
             self._cell.model,
             data,
@@ -120,11 +119,7 @@ class Renderer:
         w, h = view.pinhole.width, view.pinhole.height
         ids = np.empty((h, w), np.uint32)
         raw = np.empty((h, w), np.float32)
-        flags = shot.scene.flags
-        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
-            flags[flag] = True
-        for flag in _COLOR_ONLY:
-            flags[flag] = False
+        _set_flags(shot, _DEPTH_FLAGS)
         with self._gl.current():
             self._draw(shot, view, "depth")
             _read(w, h, ids, raw)
@@ -150,11 +145,7 @@ class Renderer:
         """(h, w, 3) colour picture of a shot aimed with the same lens."""
         view = render_lens(lens)
         pixels = np.empty((view.pinhole.height, view.pinhole.width, 3), np.uint8)
-        flags = shot.scene.flags
-        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
-            flags[flag] = False
-        flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
-        flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = True
+        _set_flags(shot, _COLOR_FLAGS if shadows else _COLOR_FLAGS - {_FLAG.mjRND_SHADOW})
         with self._gl.current():
             rect, context = self._draw(shot, view, "color")
             mujoco.mjr_readPixels(pixels, None, rect, context)
@@ -186,7 +177,6 @@ class Renderer:
         if context is None:
             model.vis.quality.offsamples = _SAMPLES[kind]
             model.vis.quality.shadowsize = _SHADOWS[kind]
-            model.vis.quality.numslices, model.vis.quality.numstacks = _SLICES[kind]
             context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
             context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
             self._contexts[kind] = context
@@ -209,13 +199,23 @@ class Renderer:
         return table
 
 
-_COLOR_ONLY = (
-    mujoco.mjtRndFlag.mjRND_SHADOW,
-    mujoco.mjtRndFlag.mjRND_REFLECTION,
-    mujoco.mjtRndFlag.mjRND_SKYBOX,
-    mujoco.mjtRndFlag.mjRND_FOG,
-    mujoco.mjtRndFlag.mjRND_HAZE,
+_FLAG = mujoco.mjtRndFlag
+_DEPTH_FLAGS = frozenset({_FLAG.mjRND_SEGMENT, _FLAG.mjRND_IDCOLOR, _FLAG.mjRND_CULL_FACE})
+_COLOR_FLAGS = frozenset(
+    {
+        _FLAG.mjRND_SHADOW,
+        _FLAG.mjRND_SKYBOX,
+        _FLAG.mjRND_FOG,  # the floor's far end fades into the sky
+        _FLAG.mjRND_CULL_FACE,
+    }
 )
+
+
+def _set_flags(shot: Shot, on: frozenset[Any]) -> None:
+    """Every flag anew: a shot may have been drawn in another way before."""
+    shot.scene.flags[:] = 0
+    for flag in on:
+        shot.scene.flags[flag] = 1
 
 
 def _read(width: int, height: int, ids: NDArray[np.uint32], raw: DepthImage) -> None:

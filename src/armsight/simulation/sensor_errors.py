@@ -160,12 +160,14 @@ class UnitErrors:
     """Systematic error of one physical camera, drawn once.
 
     Attributes:
-        offset, scale, phase: added [m], factor minus one, phase of the sine [rad].
+        offset, scale: added [m], factor minus one.
+        wiggle, phase: amplitude [m] and phase [rad] of the time-of-flight sine.
         radial: at the image's corners [m]; drift: after warm-up [m].
     """
 
     offset: float = 0.0
     scale: float = 0.0
+    wiggle: float = 0.0
     phase: float = 0.0
     radial: float = 0.0
     drift: float = 0.0
@@ -183,6 +185,7 @@ def draw_unit(errors: DepthErrors, rng: np.random.Generator) -> UnitErrors:
     return UnitErrors(
         errors.offset * float(np.clip(offset, -2.0, 2.0)),
         errors.scale * float(np.clip(scale, -2.5, 2.5)),
+        errors.wiggle,
         float(rng.uniform(0.0, 2.0 * np.pi)),
         errors.radial * float(np.clip(radial, -2.0, 2.0)),
         errors.warm_up,
@@ -278,7 +281,7 @@ class DepthSensor:
             z = np.arange(0.0, TABLE_END, TABLE_STEP)
             e, unit = self._errors, self.unit
             drift = unit.drift * (1.0 - np.exp(-60.0 * minute / WARM_UP))
-            wiggle = e.wiggle * np.sin(2.0 * np.pi * z / WIGGLE_PERIOD + unit.phase)
+            wiggle = unit.wiggle * np.sin(2.0 * np.pi * z / WIGGLE_PERIOD + unit.phase)
             shift = unit.offset + unit.scale * z + wiggle + drift
             sigma = np.maximum(e.a + e.b * z + e.c * z * z, 0.0)
             growth = e.grazing * np.maximum(z, 0.05) ** e.grazing_power

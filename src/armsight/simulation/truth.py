@@ -83,9 +83,8 @@ class Truth:
         contact = [i for i, part in enumerate(cell.parts) if part.kind == "arm"]
         touching = cell.model.geom_contype
         self._arm: Ints = np.array([i for i in contact if touching[i]], int)
-        self._people: Ints = np.array(
-            [i for i, part in enumerate(cell.parts) if part.kind == "person"], int
-        )
+        people = [i for i, part in enumerate(cell.parts) if part.kind == "person"]
+        self._people: Ints = np.array([i for i in people if touching[i]], int)
         self._radii = np.array([bounding_radius(cell.model, geom) for geom in self._arm])
         axes = [bounding_capsule(cell.model, geom) for geom in self._people]
         self._half_axis = np.array([axis for axis, _ in axes]).reshape(-1, 3)
@@ -222,22 +221,26 @@ def bounding_radius(model: Any, geom: int) -> float:
     """Radius of the sphere about a geom's centre that contains it [m]."""
     if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
         return float(model.geom_rbound[geom])
-    mesh = int(model.geom_dataid[geom])
-    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    return float(np.linalg.norm(model.mesh_vert[first : first + count], axis=1).max())
+    return float(np.linalg.norm(mesh_vertices(model, geom), axis=1).max())
 
 
 def bounding_capsule(model: Any, geom: int) -> tuple[Vector3, float]:
     """Half axis in the geom's frame [m] and radius [m] of a capsule that contains it."""
-    size = np.array(model.geom_size[geom])
     axis = np.zeros(3)
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        axis[2] = size[1]
-        return axis, float(size[0])
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        longest = int(np.argmax(size))
-        width = float(np.sort(size)[1])
-        # The capsule's cap is rounder than the ellipsoid's end, so it contains it.
-        axis[longest] = size[longest] - width
-        return axis, width
-    return axis, float(model.geom_rbound[geom])
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+        return axis, float(model.geom_rbound[geom])
+    vertices = mesh_vertices(model, geom)
+    reach = np.abs(vertices).max(axis=0)
+    longest = int(np.argmax(reach))
+    width = float(np.linalg.norm(np.delete(vertices, longest, axis=1), axis=1).max())
+    axis[longest] = max(reach[longest] - 0.5 * width, 0.0)
+    beyond = np.maximum(np.abs(vertices[:, longest]) - axis[longest], 0.0)
+    aside = np.linalg.norm(np.delete(vertices, longest, axis=1), axis=1)
+    return axis, float(np.hypot(beyond, aside).max())
+
+
+def mesh_vertices(model: Any, geom: int) -> Floats:
+    """(k, 3) vertices of a mesh geom in the geom's frame [m]."""
+    mesh = int(model.geom_dataid[geom])
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    return np.asarray(model.mesh_vert[first : first + count], float)
