@@ -33,6 +33,10 @@ class FrameTree:
         """Learn where a frame is."""
         self._parents[child] = (parent, T_parent_child)
 
+    def knows(self, frame: str) -> bool:
+        """Whether the frame has a parent."""
+        return frame in self._parents
+
     def root(self, frame: str) -> str:
         """The frame at the top of another's chain."""
         return self._chain(frame)[-1][0]
@@ -129,7 +133,7 @@ def _foreign(reader: McapReader) -> Layout:
 def _look(
     reader: McapReader,
 ) -> tuple[dict[str, Any], dict[str, PinholeCamera], FrameTree, bool]:
-    """First image and lens of each topic, the transforms, and whether any of them moves."""
+    """First image, lens and transform of each, and whether any transform moves."""
     kinds = (messages.IMAGE, messages.CAMERA_INFO, messages.TRANSFORMS)
     wanted = [topic for topic, kind in reader.topics.items() if kind in kinds]
     images: dict[str, Any] = {}
@@ -144,7 +148,8 @@ def _look(
             for _, parent, child, T in messages.decode_transforms(
                 messages.decode(record.data, kind)
             ):
-                tree.set(parent, child, T)
+                if not tree.knows(child):
+                    tree.set(parent, child, T)
         elif kind == messages.IMAGE and topic not in images:
             images[topic] = messages.decode(record.data, kind)
         elif kind == messages.CAMERA_INFO and topic not in lenses:

@@ -7,6 +7,7 @@ Times are rounded to the nanosecond, which is all that a ROS stamp can carry.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
@@ -36,8 +37,8 @@ NANOSECONDS = 1_000_000_000
 
 
 def to_ns(seconds: float) -> int:
-    """Nanoseconds of a time in [s]."""
-    return round(seconds * NANOSECONDS)
+    """Nanoseconds of a time in [s]; 0 of a time that is not known (infinite)."""
+    return round(seconds * NANOSECONDS) if math.isfinite(seconds) else 0
 
 
 def to_seconds(ns: int) -> float:

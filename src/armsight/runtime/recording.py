@@ -282,7 +282,7 @@ class Recorder:
             kind,
             data,
             max(0, to_ns(now)),
-            max(0, to_ns(stamp)) if np.isfinite(stamp) else 0,  # MCAP's times are unsigned
+            max(0, to_ns(stamp)),  # MCAP's times are unsigned
             sequence=sequence,
             latched=latched,
         )

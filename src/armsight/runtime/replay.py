@@ -87,7 +87,7 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
     try:
         text = reader.contents.attachments.get("workcell.toml")
         if text is not None:
-            workcell = parse_workcell(_without_simulation(text.decode()), str(reader.path))
+            workcell = parse_workcell(_without_people(text.decode()), str(reader.path))
             return workcell, robot_in(workcell)
         robot = load_robot(description.robot)
         if description.tool != "none":
@@ -99,10 +99,11 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
     return bare_workcell(reader.path.stem, description.robot), robot
 
 
-def _without_simulation(text: str) -> str:
-    """A recording needs none, and the motion clips that it names may not be here."""
+def _without_people(text: str) -> str:
+    """Nobody needs to be simulated, and motion clips that the file names may not be here."""
     document = tomlkit.parse(text)
-    document.pop("simulation", None)
+    for key in ("person", "object", "undeclared"):
+        document.get("simulation", {}).pop(key, None)
     return tomlkit.dumps(document)
 
 

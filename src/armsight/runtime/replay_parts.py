@@ -13,6 +13,7 @@ from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
 from armsight.motion.guard import GuardDecision
 from armsight.motion.plan import Plan
 from armsight.runtime.config import SessionConfig
+from armsight.runtime.configure import mapping_config
 from armsight.runtime.playback import Playback
 
 if TYPE_CHECKING:
@@ -77,10 +78,11 @@ class NoPlanner:
 
 def replay_parts(cell: Cell, config: SessionConfig, playback: Playback) -> Parts:
     """The parts of a session on a recording."""
-    from armsight.runtime.parts import Parts, mapping_of
+    from armsight.runtime.parts import Parts
 
     infos = [camera.info for camera in cell.cameras]
-    workspace = WorkspaceMap(cell.robot, infos, cell.static, config.mapping or mapping_of(cell))
+    mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
+    workspace = WorkspaceMap(cell.robot, infos, cell.static, mapping)
     return Parts(workspace, NoPlanner(), RecordedGuard(playback, cell.robot.n))
 
 

@@ -1,0 +1,297 @@
+"""Replays drive the same map; foreign recordings and cut ones are read as far as they go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded_cells import FakeSession, camera_info, empty_view, make_cell, make_frame, make_joints
+
+from armsight.devices.data import RgbdFrame
+from armsight.errors import RecordingError, UsageError
+from armsight.geometry.pose import inverse, look_at, make_pose
+from armsight.mapping.config import MappingConfig
+from armsight.mapping.snapshot import OCCUPIED
+from armsight.motion.data import GuardMode
+from armsight.runtime import messages
+from armsight.runtime.config import SessionConfig
+from armsight.runtime.mcap_file import McapWriter
+from armsight.runtime.recording import Recorder
+from armsight.runtime.replay import open_recording
+from armsight.runtime.replay_parts import HoldAtEnd
+from armsight.runtime.session import Session
+from armsight.runtime.view import SessionView
+from armsight.workcell import Cell
+
+SMALL = SessionConfig(
+    mapping=MappingConfig(
+        lower=(-0.6, -0.6, -0.1), upper=(0.6, 0.6, 0.7), voxel=0.04, far_margin=0.0, align=False
+    )
+)
+
+
+class Watcher:
+    """Keeps every snapshot that a session shows."""
+
+    name = "watcher"
+    period = 0.01
+
+    def __init__(self) -> None:
+        self.seen: dict[int, object] = {}
+
+    def attach(self, session: Session) -> None:
+        self._view = session.view
+
+    def update(self, now: float) -> None:
+        view: SessionView = self._view()
+        if view.snapshot is not None:
+            self.seen[view.snapshot.sequence] = view.snapshot
+
+
+def walls(path: Path, rounds: int = 8) -> None:
+    """A recording of two cameras that look at a ball moving before a wall."""
+    infos = (camera_info("left"), camera_info("right"))
+    cell = make_cell(infos)
+    recorder = Recorder(path, cell)
+    rng = np.random.default_rng(0)
+    for i in range(rounds):
+        now = 0.1 * i
+        for k in range(25):
+            at = now + 0.004 * k
+            recorder.on_joints(type(make_joints(at, 6, rng))(at, cell.robot.home, np.zeros(6)), at)
+            if k == 10:
+                for info in infos:
+                    rays = info.depth.rays
+                    ball = np.hypot(rays[..., 0] - 0.02 * i, rays[..., 1]) < 0.1
+                    depth = np.where(ball, 1.6, 2.2).astype(np.float32)
+                    recorder.on_frame(RgbdFrame(info.name, i, at - 0.03, at, depth), at)
+    recorder.close()
+
+
+def run(cell: Cell, seconds: float) -> dict[int, object]:
+    watcher = Watcher()
+    session = Session(cell, None, observers=[watcher], config=SMALL)
+    session.run(seconds)
+    return watcher.seen
+
+
+def same(a: object, b: object) -> bool:
+    names = ("state", "distance", "last_occupied", "hazards", "hazard_unknown", "cloud")
+    return all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in names)
+
+
+def test_a_replay_drives_the_map_and_is_the_same_every_time(tmp_path: Path) -> None:
+    walls(tmp_path / "a.mcap")
+    runs = []
+    for _ in range(2):
+        with open_recording(tmp_path / "a.mcap") as cell:
+            runs.append(run(cell, 0.9))
+    assert len(runs[0]) > 8
+    assert runs[0].keys() == runs[1].keys()
+    assert all(same(runs[0][k], runs[1][k]) for k in runs[0])
+    newest = runs[0][max(runs[0])]
+    assert np.count_nonzero(newest.state == OCCUPIED) > 0  # type: ignore[attr-defined]
+
+
+def test_a_recorded_replay_replays_the_same(tmp_path: Path) -> None:
+    """What sensing takes in is recorded once, at its moment: both make the same map."""
+    walls(tmp_path / "a.mcap")
+    with open_recording(tmp_path / "a.mcap") as cell:
+        recorder = Recorder(tmp_path / "b.mcap", cell)
+        watcher = Watcher()
+        session = Session(cell, None, observers=[recorder, watcher], config=SMALL)
+        session.run(0.9)
+        recorder.close()
+        deliveries = list(cell.world.source.deliveries())
+    with open_recording(tmp_path / "b.mcap") as cell:
+        again = [d for d in cell.world.source.deliveries() if isinstance(d.item, RgbdFrame)]
+        copy = run(cell, 0.9)
+    first = [d for d in deliveries if isinstance(d.item, RgbdFrame)]
+    assert len(again) == len(first)
+    for a, b in zip(first, again):
+        assert a.item.depth.tobytes() == b.item.depth.tobytes()
+        assert a.item.stamp == b.item.stamp
+    original = [s for _, s in sorted(watcher.seen.items())]
+    copied = [s for _, s in sorted(copy.items())]
+    assert same(original[-1], copied[-1])
+
+
+def test_simulated_and_replayed_maps_agree(tmp_path: Path, gl: str) -> None:
+    """The real thing: a simulated cell under its own guard, and its recording."""
+    from armsight.workcell import load_workcell, open_cell
+
+    file = Path(__file__).resolve().parents[2] / "workcells" / "ur5_four_cameras.toml"
+    live, played = Watcher(), Watcher()
+    with open_cell(load_workcell(file), seed=1) as cell:
+        recorder = Recorder(tmp_path / "a.mcap", cell)
+        session = Session(cell, None, observers=[recorder, live])
+        session._warm = True  # nothing moves here: no need to compile ahead
+        session.run(0.5)
+        recorder.close()
+        status = session.view().guard
+    with open_recording(tmp_path / "a.mcap") as cell:
+        assert cell.workcell.name == "ur5_four_cameras"
+        session = Session(cell, None, observers=[played])
+        session.run(0.5)
+        view = session.view()
+    assert live.seen.keys() == played.seen.keys()
+    a, b = live.seen[max(live.seen)], played.seen[max(played.seen)]
+    # Stamps are rounded to the nanosecond, which may tip a voxel or two.
+    for name in ("state", "hazard_unknown"):
+        x, y = getattr(a, name), getattr(b, name)
+        assert x.shape == y.shape
+        assert np.count_nonzero(x != y) <= 1e-4 * x.size, name
+    assert view.movers
+    assert view.guard is not None
+    assert status is not None
+    assert view.guard.mode is status.mode
+    assert view.guard.reason == status.reason
+
+
+def test_the_page_holds_at_the_end(tmp_path: Path) -> None:
+    walls(tmp_path / "a.mcap", 3)
+    with open_recording(tmp_path / "a.mcap") as cell:
+        hold = HoldAtEnd()
+        session = Session(cell, None, observers=[hold], config=SMALL)
+        paused: list[float] = []
+        pause = session.pause
+
+        def remember() -> None:
+            paused.append(session.now())
+            pause()
+            session.stop()
+
+        session.pause = remember  # type: ignore[method-assign]
+        session.run(5.0)
+        assert paused
+        assert 0.296 <= paused[0] < 0.5
+        assert session.view().guard.mode is GuardMode.IDLE
+
+
+def test_a_recording_cannot_be_dragged_about(tmp_path: Path) -> None:
+    walls(tmp_path / "a.mcap", 2)
+    cell = open_recording(tmp_path / "a.mcap")
+    with cell, pytest.raises(UsageError, match="cannot be dragged"):
+        cell.world.drag("ball", np.zeros(3))
+
+
+def test_a_cut_recording_says_how_far_it_goes(tmp_path: Path) -> None:
+    walls(tmp_path / "a.mcap", 8)
+    whole = (tmp_path / "a.mcap").read_bytes()
+    cut = tmp_path / "b.mcap.partial"
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(RecordingError, match=r"b\.mcap\.partial lies beside it"):
+        open_recording(tmp_path / "b.mcap")
+    try:
+        cell = open_recording(cut)
+    except RecordingError as error:  # the one chunk was cut: nothing to show, and it says so
+        assert "no depth images" in str(error) or "torn" in str(error)  # noqa: PT017
+        return
+    with cell:
+        assert "b.mcap.partial was cut short" in cell.world.note
+        run(cell, 0.9)
+
+
+@pytest.mark.parametrize("base", ["base", "map"])
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_foreign_recording_is_understood(tmp_path: Path, base: str, moving: bool) -> None:
+    """As a RealSense driver and ``ros2 bag record`` would write it, seconds since 1970 and all."""
+    info = camera_info("c", 0.02)
+    T = look_at([1.0, 0.2, 0.9], [0.0, 0.0, 0.0])
+    T_mount_lens = make_pose(None, [0.0, 0.01, 0.02])
+    writer = McapWriter(tmp_path / "a.mcap")
+    epoch = 1_790_000_000.0
+    rng = np.random.default_rng(0)
+    frames = []
+
+    def write(topic: str, kind: str, data: bytes, at: float) -> None:
+        writer.write(topic, kind, data, messages.to_ns(at), messages.to_ns(at))
+
+    tree = [("cam_link", "cam_depth_optical_frame", T_mount_lens)]
+    if not moving:
+        tree.append((base, "cam_link", T @ inverse(T_mount_lens)))
+    write("/tf_static", messages.TRANSFORMS, messages.encode_transforms(tree, epoch), epoch)
+    for i in range(5):
+        at = epoch + 0.1 * i
+        shift = make_pose(None, [0.01 * i, 0.0, 0.0])
+        if moving:
+            pose = shift @ T @ inverse(T_mount_lens)
+            data = messages.encode_transforms([(base, "cam_link", pose)], at)
+            write("/tf", messages.TRANSFORMS, data, at)
+        lens = messages.encode_camera_info(info.depth, at, "cam_depth_optical_frame")
+        write("/cam/depth/camera_info", messages.CAMERA_INFO, lens, at)
+        frames.append(make_frame(info, i, at, rng).depth)
+        image = messages.encode_depth(frames[-1], at, "cam_depth_optical_frame")
+        write("/cam/depth/image_rect_raw", messages.IMAGE, image, at)
+    writer.close()
+    with open_recording(tmp_path / "a.mcap") as cell:
+        [camera] = cell.cameras
+        assert cell.robot.n == 0
+        assert camera.info.name == "cam"
+        assert camera.info.depth == info.depth
+        np.testing.assert_allclose(camera.info.T_mount_camera, T, atol=1e-9)
+        assert cell.clock.now() == 0.0
+        for i in range(5):
+            cell.world.advance(0.1 * i + 0.01)
+            frame = camera.read()
+            assert frame.depth.tobytes() == frames[i].tobytes()
+            assert abs(frame.stamp - 0.1 * i) < 1e-6
+            if moving:
+                np.testing.assert_allclose(frame.T_base_camera[:3, 3], T[:3, 3] + [0.01 * i, 0, 0])
+            else:
+                assert frame.T_base_camera is None
+
+
+@pytest.mark.parametrize(
+    ("topics", "told"),
+    [
+        ((), "no depth images"),
+        (("image",), "no camera_info beside it"),
+        (("image", "info"), "do not say where"),
+    ],
+)
+def test_foreign_recordings_that_lack_something(
+    tmp_path: Path, topics: tuple[str, ...], told: str
+) -> None:
+    info = camera_info("c")
+    writer = McapWriter(tmp_path / "a.mcap")
+    writer.write("/chatter", messages.STRING, messages.encode_string("hello"), 0, 0)
+    if "info" in topics:
+        data = messages.encode_camera_info(info.depth, 0.0, "lens")
+        writer.write("/c/depth/camera_info", messages.CAMERA_INFO, data, 0, 0)
+    if topics:
+        data = messages.encode_depth(np.ones((48, 64), np.float32), 0.0, "lens")
+        writer.write("/c/depth/image", messages.IMAGE, data, 0, 0)
+    if "info" in topics:
+        data = messages.encode_transforms([("base", "elsewhere", np.eye(4))], 0.0)
+        writer.write("/tf_static", messages.TRANSFORMS, data, 0, 0)
+    writer.close()
+    if told == "do not say where":  # without any tree the lens itself is the root, which is fine
+        with open_recording(tmp_path / "a.mcap") as cell:
+            np.testing.assert_array_equal(cell.cameras[0].info.T_mount_camera, np.eye(4))
+        return
+    with pytest.raises(RecordingError, match=told):
+        open_recording(tmp_path / "a.mcap")
+
+
+def test_descriptions_of_the_future_are_refused(tmp_path: Path) -> None:
+    writer = McapWriter(tmp_path / "a.mcap")
+    writer.describe({"armsight.cell": {"version": "99"}}, {})
+    writer.close()
+    with pytest.raises(RecordingError, match="update armsight"):
+        open_recording(tmp_path / "a.mcap")
+
+
+def test_views_of_other_observers_do_not_disturb(tmp_path: Path) -> None:
+    cell = make_cell()
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    recorder.update(0.0)  # not attached yet
+    session = FakeSession(cell)
+    recorder.attach(session)
+    session.shown = empty_view(0.0)
+    recorder.update(0.0)
+    recorder.close()
+    recorder.update(1.0)
+    recorder.on_frame(make_frame(cell.cameras[0].info, 0, 1.0, np.random.default_rng(0)), 1.0)
+    assert recorder.problem == ""
