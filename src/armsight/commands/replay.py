@@ -24,7 +24,8 @@ class Replay:
     Attributes:
         source: a recording (.mcap), or a folder of posed depth images (frame-NNNNNN.depth.png,
             frame-NNNNNN.pose.txt).
-        seconds: stop after so long; the whole recording if left out.
+        seconds: stop after so long; if left out, the page stays until Ctrl-C, and a headless replay
+            ends with the recording.
         headless: no page, and as fast as the machine can; prints what the map holds at the end.
         json: write the run's figures here; `-` is standard output.
         speed: recorded seconds a second; 0 for as fast as the machine can.
