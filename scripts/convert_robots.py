@@ -3,7 +3,7 @@
 Reads two wheels (nothing of them is installed or run)::
 
     pip download --no-deps example-robot-data==6.0.0 robosuite==1.5.2
-    pip install numpy scipy numba trimesh networkx pycollada fast_simplification
+    pip install numpy scipy numba trimesh networkx pycollada meshoptimizer
     PYTHONPATH=src python scripts/convert_robots.py \
         --example-robot-data example_robot_data-6.0.0-0-py3-none-any.whl \
         --robosuite robosuite-1.5.2-py3-none-any.whl
@@ -19,19 +19,27 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
+import tomllib
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import fast_simplification
+import meshoptimizer
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from armsight.robots.chain import fold_chain
+from armsight.robots.fitting import FitOptions, fit_chain
+from armsight.robots.meshes import join_triangles, read_mesh_file
+from armsight.robots.shapes import BodyShapes, shapes_json
+from armsight.robots.urdf import read_urdf
+
 DATA = Path(__file__).resolve().parents[1] / "src" / "armsight" / "robots" / "data"
-TRIANGLES = 30_000  # of a robot after decimation
+TRIANGLES = 30_000  # of a robot after decimation, at most
+TOLERANCES = (0.0001, 0.00015, 0.0002, 0.0003, 0.0004, 0.0006)  # [m] tried until that is kept
 
 Color = tuple[float, float, float]
 
@@ -91,6 +99,9 @@ def main() -> None:
     parser.add_argument("--example-robot-data", type=Path, required=True, help="wheel")
     parser.add_argument("--robosuite", type=Path, required=True, help="wheel")
     parser.add_argument("--out", type=Path, default=DATA)
+    parser.add_argument(
+        "--steps", nargs="+", default=["meshes", "shapes"], choices=["meshes", "shapes"]
+    )
     args = parser.parse_args()
     readers: dict[str, Callable[[str, Path, Path], Source]] = {
         "ur3": read_universal_robot,
@@ -106,7 +117,10 @@ def main() -> None:
         extract(args.robosuite, suite, ("/robots/iiwa/", "/licenses/"))
         for name in args.names or readers:
             source = readers[name](name, example, suite)
-            write_robot(source, args.out / name)
+            if "meshes" in args.steps:
+                write_robot(source, args.out / name)
+            if "shapes" in args.steps:
+                fit_robot(source, args.out / name)
 
 
 def extract(wheel: Path, folder: Path, wanted: tuple[str, ...]) -> None:
@@ -132,9 +146,9 @@ UR_VELOCITY_DEG = {  # data sheets, [deg/s]
     "ur10": (120, 120, 180, 180, 180, 180),
 }
 UR_EFFORT = {  # [N m] Universal Robots, "Max. joint torques" (CB3)
-    "ur3": (54, 54, 28, 9, 9, 9),
+    "ur3": (56, 56, 28, 12, 12, 12),
     "ur5": (150, 150, 150, 28, 28, 28),
-    "ur10": (330, 330, 150, 54, 54, 54),
+    "ur10": (330, 330, 150, 56, 56, 56),
 }
 
 
@@ -310,10 +324,8 @@ def read_stl(path: Path) -> Part:
 
 
 def drop_stray(part: Part) -> Part:
-    """Without the triangles that reach a vertex far from all others (UR10's upper arm)."""
-    center = np.median(part.vertices, axis=0)
-    spread = np.abs(part.vertices - center)
-    stray = (spread > 1.05 * np.percentile(spread, 99.8, axis=0) + 0.01).any(axis=1)
+    """UR10's upper arm without the spike at (-0.10, 0.03, 0.66), 4 cm out of the elbow's side."""
+    stray = part.vertices[:, 0] < -0.09
     if not stray.any():
         return part
     return Part(part.color, part.vertices, part.faces[~stray[part.faces].any(axis=1)])
@@ -345,18 +357,18 @@ def write_robot(source: Source, folder: Path) -> None:
     for old in (folder / "meshes").glob("*.obj"):
         old.unlink()
     total = sum(len(p.faces) for link in source.links for p in link.parts)
-    share = min(1.0, TRIANGLES / total)
+    for tolerance in TOLERANCES:
+        small = {link.name: [decimate(p, tolerance) for p in link.parts] for link in source.links}
+        if sum(len(part.faces) for parts in small.values() for part in parts) <= TRIANGLES:
+            break
     root = ET.Element("robot", name=source.name)
     count = 0
     for link in source.links:
         element = ET.SubElement(root, "link", name=link.name)
-        for i, part in enumerate(link.parts):
-            small = decimate(part, share)
-            if len(small.faces) == 0:
-                continue
-            count += len(small.faces)
+        for i, part in enumerate(small[link.name]):
+            count += len(part.faces)
             name = f"meshes/{link.name}_{i}.obj"
-            (folder / name).write_text(obj_text(small, source.name, link.name))
+            (folder / name).write_text(obj_text(part, source.name, link.name))
             visual = ET.SubElement(element, "visual")
             geometry = ET.SubElement(visual, "geometry")
             ET.SubElement(geometry, "mesh", filename=name)
@@ -370,29 +382,75 @@ def write_robot(source: Source, folder: Path) -> None:
     text = ET.tostring(root, encoding="unicode")
     (folder / "robot.urdf").write_text(f'<?xml version="1.0"?>\n{text}\n')
     (folder / "LICENSE").write_text(source.license)
-    print(f"{source.name}: {total} -> {count} triangles")
+    print(f"{source.name}: {total} -> {count} triangles within {tolerance} m", flush=True)
 
 
-def decimate(part: Part, share: float) -> Part:
-    """Fewer triangles: coarse parts keep theirs, the rest shrink to the share."""
+def fit_robot(source: Source, folder: Path) -> None:
+    """Fit spheres and capsules to full and decimated meshes; write them."""
+    sheet = tomllib.loads((folder / "robot.toml").read_text())
+    chain = fold_chain(read_urdf(folder / "robot.urdf"), flange=sheet["flange"])
+    parts = {link.name: [(p.vertices, p.faces) for p in link.parts] for link in source.links}
+    for path in sorted((folder / "meshes").glob("*.obj")):
+        parts[path.stem.rpartition("_")[0]].append(read_mesh_file(path))
+    joints = [link.joint for link in chain.links if link.joint]
+    shapes = fit_chain(
+        chain,
+        np.array([joint.lower for joint in joints]),
+        np.array([joint.upper for joint in joints]),
+        FitOptions(restarts=3),
+        [join_triangles(parts[link.name]) for link in chain.links],
+        say=lambda line: print(f"  {line}", flush=True),
+    )
+    (folder / "shapes.json").write_text(shapes_json(shapes, tuple(x.name for x in chain.links)))
+    add_collisions(folder / "robot.urdf", shapes, [link.name for link in chain.links])
+    for what, fit in (("spheres", shapes.sphere_fit), ("capsules", shapes.capsule_fit)):
+        print(f"  {what}: {fit}", flush=True)
+
+
+def add_collisions(path: Path, shapes: BodyShapes, names: list[str]) -> None:
+    """The spheres as the URDF's collision geometry, for other readers."""
+    tree = ET.parse(path)
+    for element in tree.getroot().findall("link"):
+        for old in element.findall("collision"):
+            element.remove(old)
+        if element.get("name") not in names:
+            continue
+        for k in np.flatnonzero(shapes.spheres.link == names.index(element.get("name", ""))):
+            collision = ET.SubElement(element, "collision")
+            center = " ".join(f"{v:.5f}" for v in shapes.spheres.center[k])
+            ET.SubElement(collision, "origin", xyz=center, rpy="0 0 0")
+            geometry = ET.SubElement(collision, "geometry")
+            ET.SubElement(geometry, "sphere", radius=f"{shapes.spheres.radius[k]:.5f}")
+    ET.indent(tree)
+    text = ET.tostring(tree.getroot(), encoding="unicode")
+    path.write_text(f'<?xml version="1.0"?>\n{text}\n')
+
+
+def decimate(part: Part, tolerance: float) -> Part:
+    """Fewer triangles, the surface moved by about a tolerance [m] at most."""
     vertices, faces = merge_vertices(part.vertices, part.faces)
-    target = max(int(share * len(faces)), min(len(faces), 200))
-    if target < len(faces):
-        vertices, faces = fast_simplification.simplify(
-            vertices.astype(np.float32), faces.astype(np.int32), target_count=target, agg=4
-        )
-    used, faces = np.unique(faces, return_inverse=True)
-    return Part(part.color, np.asarray(vertices, float)[used], faces.reshape(-1, 3))
+    indices = np.ascontiguousarray(faces.ravel(), np.uint32)
+    kept = np.zeros_like(indices)
+    count = meshoptimizer.simplify(
+        kept,
+        indices,
+        np.ascontiguousarray(vertices, np.float32),
+        target_index_count=3,
+        target_error=tolerance,
+        options=meshoptimizer.SIMPLIFY_ERROR_ABSOLUTE,
+    )
+    used, faces = np.unique(kept[:count], return_inverse=True)
+    return Part(part.color, vertices[used], faces.reshape(-1, 3))
 
 
 def merge_vertices(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices closer than 1 um are one; triangles without area go."""
-    key, inverse = np.unique(np.round(vertices * 1e6).astype(np.int64), axis=0, return_inverse=True)
+    """Vertices closer than 0.01 mm are one; triangles without area go."""
+    key, inverse = np.unique(np.round(vertices * 1e5).astype(np.int64), axis=0, return_inverse=True)
     faces = inverse.reshape(-1)[faces]
     good = (
         (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     )
-    return key * 1e-6, faces[good]
+    return key * 1e-5, faces[good]
 
 
 def obj_text(part: Part, robot: str, link: str) -> str:

@@ -1,0 +1,401 @@
+"""Fitting spheres and capsules to the links of an arm, and measuring how well they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from armsight.arrays import Floats, JointVector, Points, Pose
+from armsight.errors import RobotError
+from armsight.geometry.pose import inverse, transform
+from armsight.robots.chain import Chain, ChainLink
+from armsight.robots.covering import Axes, Surroundings, axis_distances, cover, refine
+from armsight.robots.meshes import Triangles, geometry_triangles, join_triangles
+from armsight.robots.pairs import PairStatistics, pair_statistics
+from armsight.robots.shapes import BodyShapes, FitReport, make_capsules, make_spheres
+from armsight.robots.solids import VoxelSolid, outer_surface, sample_surface, thin, voxelise
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to fit.
+
+    Attributes:
+        sphere_price, capsule_price: what one shape costs against overshoot, as the integral of
+            the squared distance to the body over the volume of overshoot [m^5]: higher means fewer.
+        sphere_excess, capsule_excess: overshoots to choose from [m].
+        restarts: of the whole fit of a link, the best counts; rounds: of the search in each.
+        completions: times that checked points left outside join those to cover.
+        voxel: of the body's inside [m].
+        spacing: of the points that a fit must cover [m].
+        check_spacing: of the points that the finished fit is checked and completed with [m].
+        margin: added to every radius, for what lies between two checked points [m].
+        most_axes, most_points, most_around: candidates, points to cover and points to spare, a link.
+        seed: of the search.
+    """
+
+    sphere_price: float = 2.5e-9
+    capsule_price: float = 1e-8
+    sphere_excess: tuple[float, ...] = (0.004, 0.008, 0.012, 0.018, 0.026, 0.038)
+    capsule_excess: tuple[float, ...] = (0.006, 0.012, 0.02, 0.03, 0.04, 0.055)
+    restarts: int = 1
+    rounds: int = 40
+    completions: int = 4
+    voxel: float = 0.003
+    spacing: float = 0.006
+    check_spacing: float = 0.0015
+    margin: float = 0.0003
+    most_axes: int = 1200
+    most_points: int = 4000
+    most_around: int = 6000
+    seed: int = 7
+
+
+@dataclass(frozen=True)
+class Fellow:
+    """A neighbour in the chain, which turns about the joint between.
+
+    Attributes:
+        solid: its inside.
+        T_joint_link: the joint's frame from the fitted link's; T_fellow_joint: the neighbour's
+            from the joint's; axis: (3,) of the joint in the joint's frame.
+    """
+
+    solid: VoxelSolid
+    T_joint_link: Pose
+    T_fellow_joint: Pose
+    axis: Floats
+
+
+@dataclass(frozen=True)
+class Fellows:
+    """The neighbours of a link. What they fill at every joint angle is no overshoot."""
+
+    members: tuple[Fellow, ...] = ()
+
+    def always(self, points: Points) -> NDArray[np.bool_]:
+        """(n,) whether a neighbour covers the point whatever the joint's angle."""
+        result = np.zeros(len(points), bool)
+        for fellow in self.members:
+            in_joint = transform(fellow.T_joint_link, points)
+            always = np.ones(len(points), bool)
+            for angle in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
+                turned = Rotation.from_rotvec(angle * fellow.axis).apply(in_joint[always])
+                always[always] = fellow.solid.contains(transform(fellow.T_fellow_joint, turned))
+            result |= always
+        return result
+
+
+@dataclass(frozen=True)
+class Body:
+    """A link made ready for fitting.
+
+    Attributes:
+        points: what a fit must cover; check: denser, for completing and measuring it.
+        solid: what is inside.
+        fellows: its neighbours.
+        around: what overshoot should spare.
+        balls, segments: candidate axes.
+    """
+
+    points: Points
+    check: Points
+    solid: VoxelSolid
+    fellows: Fellows
+    around: Surroundings
+    balls: Axes
+    segments: Axes
+
+
+def prepare(triangles: Triangles, options: FitOptions, fellows: Fellows) -> Body:
+    """Sample, voxelise, and list candidate axes of one link."""
+    solid = voxelise(triangles, options.voxel)
+    check = thin(sample_surface(triangles, options.check_spacing), options.check_spacing)
+    inside = solid.centers(solid.inside)
+    # The middle must be covered as well: a thing that is wholly inside the body must be found.
+    points = _at_most(
+        options.most_points,
+        options.spacing,
+        lambda h: np.concatenate([thin(check, h), thin(inside, 3 * h)]),
+    )
+    tree = cKDTree(thin(outer_surface(check, solid), options.voxel))
+    centers = _at_most(options.most_axes, 2 * options.voxel, lambda h: thin(inside, h))
+    balls = Axes(centers, centers, np.asarray(tree.query(centers)[0]))
+    segments = _segments(balls, solid, tree, options.most_axes)
+    around = _surroundings(check, solid, fellows, options.most_around)
+    return Body(points, check, solid, fellows, around, balls, segments)
+
+
+def _at_most(most: int, spacing: float, make: Callable[[float], Points]) -> Points:
+    """What ``make`` gives at the finest spacing that keeps it to so many points."""
+    while len(points := make(spacing)) > most:
+        spacing *= 1.1
+    return points
+
+
+def _surroundings(
+    surface: Points, solid: VoxelSolid, fellows: Fellows, most: int, far: float = 0.04
+) -> Surroundings:
+    """A lattice of points outside a body, up to ``far`` away, that no neighbour always fills."""
+    tree = cKDTree(thin(surface, 0.004))
+    low, high = surface.min(axis=0) - far, surface.max(axis=0) + far
+    cell = 0.006
+    while True:
+        axes = [np.arange(a, b, cell) for a, b in zip(low, high)]
+        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        lattice = lattice[~solid.contains(lattice)]
+        distance = np.asarray(tree.query(lattice, distance_upper_bound=far)[0])
+        near = np.flatnonzero(distance < far)
+        near = near[~fellows.always(lattice[near])]
+        if len(near) <= most:
+            return Surroundings(lattice[near], distance[near] ** 2 * cell**3)
+        cell *= 1.1
+
+
+def _segments(balls: Axes, solid: VoxelSolid, tree: cKDTree, most: int) -> Axes:
+    """Axes between pairs of spread centres that stay inside the body."""
+    chosen = [int(np.argmax(balls.depth))]
+    gap = np.linalg.norm(balls.start - balls.start[chosen[0]], axis=1)
+    while len(chosen) < min(100, len(balls.depth)):
+        # Far from those chosen, and deep.
+        chosen.append(int(np.argmax(gap + 2.0 * balls.depth * (gap > 0.0))))
+        gap = np.minimum(gap, np.linalg.norm(balls.start - balls.start[chosen[-1]], axis=1))
+    ends = balls.start[chosen]
+    a, b = np.triu_indices(len(ends))
+    steps = np.linspace(0.0, 1.0, 17)[:, None, None]
+    along = ends[a] + steps * (ends[b] - ends[a])
+    inside = solid.contains(along.reshape(-1, 3)).reshape(len(steps), -1).all(axis=0)
+    along, a, b = along[:, inside], a[inside], b[inside]
+    depth = tree.query(along.reshape(-1, 3))[0].reshape(len(steps), -1).min(axis=0)
+    # Long, deep axes are what capsules are for.
+    order = np.argsort(-depth * (0.03 + np.linalg.norm(ends[a] - ends[b], axis=1)))[:most]
+    return Axes(ends[a][order], ends[b][order], depth[order])
+
+
+def fit_body(body: Body, options: FitOptions, what: str) -> tuple[Axes, Floats]:
+    """Spheres (``balls``) or capsules (``segments``) that cover a link: axes and radii [m]."""
+    spheres = what == "balls"
+    candidates = body.balls if spheres else body.segments
+    excesses = np.array(options.sphere_excess if spheres else options.capsule_excess)
+    price = options.sphere_price if spheres else options.capsule_price
+    rng = np.random.default_rng(options.seed)
+    fits = [
+        cover(body.points, body.around, candidates, excesses, price, options.rounds, rng)
+        for _ in range(options.restarts)
+    ]
+    axes, radius, _ = min(fits, key=lambda fit: fit[2])
+    # The check's points are too many to fit; those that stick out join the points to cover.
+    points = body.points
+    for _ in range(options.completions):
+        distance = axis_distances(body.check, axes.start, axes.end)
+        lack = (distance - radius[:, None]).min(axis=0)
+        out = np.flatnonzero(lack > 0.0)
+        if not len(out):
+            break
+        points = np.concatenate([points, thin(body.check[out], 2 * options.check_spacing)])
+        axes, radius, _ = refine(points, body.around, axes, radius, price)
+    return axes, complete(body.check, axes, radius) + options.margin
+
+
+def complete(points: Points, axes: Axes, radius: Floats) -> Floats:
+    """Radii grown just so far that no point is left outside."""
+    radius = radius.copy()
+    distance = axis_distances(points, axes.start, axes.end)
+    lack = (distance - radius[:, None]).min(axis=0)
+    for p in np.argsort(-lack):
+        if lack[p] <= 0.0:
+            break
+        nearest = int(np.argmin(distance[:, p] - radius))
+        radius[nearest] = max(radius[nearest], distance[nearest, p])
+    return radius
+
+
+def measure(
+    body: Body, axes: Axes, radius: Floats, spacing: float = 0.004
+) -> tuple[Floats, Floats]:
+    """How far surface points lie outside the shapes, and the shapes' surface outside the body.
+
+    Returns:
+        (n,) signed distance of each checked point to the union, positive outside [m];
+        (k,) distance of points spread on the union's surface to the body [m]; 0 inside it or
+        where a neighbour is at every joint angle.
+    """
+    miss = (axis_distances(body.check, axes.start, axes.end) - radius[:, None]).min(axis=0)
+    shell = union_surface(axes, radius, spacing)
+    over = np.asarray(cKDTree(body.check).query(shell)[0])
+    over[body.solid.contains(shell)] = 0.0
+    over[body.fellows.always(shell)] = 0.0
+    return miss, over
+
+
+def union_surface(axes: Axes, radius: Floats, spacing: float) -> Points:
+    """Points spread evenly on the surface of the union of capsules [m]."""
+    points = []
+    for k, (a, b, r) in enumerate(zip(axes.start, axes.end, radius)):
+        skin = _capsule_surface(a, b, float(r), spacing)
+        buried = axis_distances(skin, axes.start, axes.end) < radius[:, None]
+        buried[k] = False
+        points.append(skin[~buried.any(axis=0)])
+    return np.concatenate(points)
+
+
+def _capsule_surface(a: Points, b: Points, radius: float, spacing: float) -> Points:
+    count = max(12, int(4.0 * np.pi * radius**2 / spacing**2))
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    turn = np.pi * (1.0 + 5.0**0.5) * k
+    ball = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], 1)
+    length = float(np.linalg.norm(b - a))
+    if length < 1e-9:
+        return np.asarray(a + radius * ball)
+    u = (b - a) / length
+    side = ball @ u
+    caps = np.where((side > 0)[:, None], b, a) + radius * ball
+    helper = np.eye(3)[int(np.argmin(np.abs(u)))]
+    v = np.cross(u, helper)
+    v /= np.linalg.norm(v)
+    w = np.cross(u, v)
+    rows, around = max(2, int(length / spacing)), max(12, int(2 * np.pi * radius / spacing))
+    angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
+    ring = radius * (np.cos(angle)[:, None] * v + np.sin(angle)[:, None] * w)
+    at = a + ((np.arange(rows) + 0.5) / rows * length)[:, None] * u
+    return np.concatenate([caps, (at[:, None] + ring[None]).reshape(-1, 3)])
+
+
+def report(parts: list[tuple[Floats, Floats]]) -> FitReport:
+    """One report of many links' :func:`measure`."""
+    miss = np.concatenate([m for m, _ in parts])
+    over = np.concatenate([o for _, o in parts])
+    median, p95 = (float(v) for v in np.percentile(over, [50, 95]))
+    return FitReport(
+        samples=len(miss),
+        coverage=float((miss <= 0.0).mean()),
+        deepest_miss=max(0.0, float(miss.max())),
+        overshoot_median=round(median, 5),
+        overshoot_p95=round(p95, 5),
+        overshoot_max=round(float(over.max()), 5),
+    )
+
+
+def link_triangles(link: ChainLink) -> Triangles:
+    """All triangles of a link: its visuals, or its collision geometry where it has no visual."""
+    return join_triangles([geometry_triangles(g) for g in link.visuals or link.collisions])
+
+
+def prepare_chain(
+    chain: Chain, triangles: list[Triangles], options: FitOptions
+) -> list[Body | None]:
+    """Every link of an arm made ready for fitting; None for links without triangles."""
+    solids = [voxelise(t, options.voxel) if len(t[1]) else None for t in triangles]
+    bodies: list[Body | None] = []
+    for i, own in enumerate(triangles):
+        if not len(own[1]):
+            bodies.append(None)
+            continue
+        members = []
+        before = solids[i - 1] if i > 0 else None
+        joint = chain.links[i].joint
+        if before is not None and joint is not None:
+            members.append(Fellow(before, np.eye(4), chain.links[i].T_parent_joint, joint.axis))
+        after = solids[i + 1] if i + 1 < len(solids) else None
+        if after is not None and (joint := chain.links[i + 1].joint) is not None:
+            T = inverse(chain.links[i + 1].T_parent_joint)
+            members.append(Fellow(after, T, np.eye(4), joint.axis))
+        bodies.append(prepare(own, options, Fellows(tuple(members))))
+    return bodies
+
+
+def fit_chain(
+    chain: Chain,
+    lower: JointVector,
+    upper: JointVector,
+    options: FitOptions | None = None,
+    triangles: list[Triangles] | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> BodyShapes:
+    """Fit spheres and capsules to an arm and find the pairs of links worth checking.
+
+    Args:
+        chain: the arm.
+        lower, upper: (n,) joint ranges [rad], within which pairs of links are sampled.
+        options: how to fit.
+        triangles: per link, in its frame; the URDF's own geometry when None.
+        say: told of progress.
+
+    Raises:
+        RobotError: a mesh cannot be read, or no link has any geometry.
+    """
+    options = options or FitOptions()
+    triangles = triangles or [link_triangles(link) for link in chain.links]
+    if not any(len(faces) for _, faces in triangles):
+        raise RobotError("the robot has no geometry to fit spheres to; give it visuals or shapes")
+    bodies = prepare_chain(chain, triangles, options)
+    given = [sphere_collisions(link) for link in chain.links]
+    balls: list[tuple[int, list[float]]] = []
+    rods: list[tuple[int, list[float]]] = []
+    ball_fit: list[tuple[Floats, Floats]] = []
+    rod_fit: list[tuple[Floats, Floats]] = []
+    for i, body in enumerate(bodies):
+        if body is None:
+            continue
+        axes, radius = given[i] or fit_body(body, options, "balls")
+        balls += [(i, [*c, r]) for c, r in zip(axes.start.tolist(), radius.tolist())]
+        ball_fit.append(measure(body, axes, radius))
+        axes, radius = fit_body(body, options, "segments")
+        ends = zip(axes.start.tolist(), axes.end.tolist(), radius.tolist())
+        rods += [(i, [*a, *b, r]) for a, b, r in ends]
+        rod_fit.append(measure(body, axes, radius))
+        one, many = report(ball_fit[-1:]), sum(link == i for link, _ in balls)
+        say(f"{chain.links[i].name}: {many} spheres, overshoot p95 {one.overshoot_p95:.4f} m")
+    spheres, moving = make_spheres(balls), chain.links[1:]
+    statistics = pair_statistics(
+        np.stack([link.T_parent_joint for link in moving]),
+        np.stack([link.joint.axis for link in moving if link.joint]),
+        lower,
+        upper,
+        spheres,
+        [np.empty((0, 3)) if b is None else thin(b.check, 0.008) for b in bodies],
+        [None if b is None else b.solid for b in bodies],
+        np.random.default_rng(options.seed),
+    )
+    for line in pair_lines(statistics, chain):
+        say(line)
+    return BodyShapes(
+        spheres,
+        make_capsules(rods),
+        statistics.worth_checking(),
+        statistics.worth_checking_with_tool(len(moving)),
+        report(ball_fit),
+        report(rod_fit),
+    )
+
+
+def sphere_collisions(link: ChainLink) -> tuple[Axes, Floats] | None:
+    """The spheres of a link whose collision geometry is spheres only, as "spherized" URDFs have."""
+    shapes = link.collisions
+    if not shapes or any(shape.kind != "sphere" for shape in shapes):
+        return None
+    centers = np.stack([shape.T_link_geometry[:3, 3] for shape in shapes])
+    return Axes(centers, centers, np.zeros(len(centers))), np.array([s.size[0] for s in shapes])
+
+
+def pair_lines(statistics: PairStatistics, chain: Chain) -> list[str]:
+    """The statistics of pairs of links in words."""
+    names = [link.name for link in chain.links]
+    kept = {tuple(pair) for pair in statistics.worth_checking().tolist()}
+    return [
+        f"{names[i]} - {names[j]}: spheres {s:.4f}, meshes {m:.4f}, false alarms {f:.4f}, "
+        f"least gap {g:.3f} m{', checked' if (i, j) in kept else ''}"
+        for (i, j), s, m, f, g in zip(
+            statistics.pairs.tolist(),
+            statistics.spheres_touch,
+            statistics.meshes_touch,
+            statistics.false_alarm,
+            statistics.least_gap,
+        )
+    ]

@@ -1,0 +1,172 @@
+"""Which pairs of links are worth checking against each other, found by sampling.
+
+Neighbours in the chain touch by construction. Of the others, a pair is worth checking when its
+meshes come together in some of the sampled configurations but not in all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from armsight.arrays import Floats, Ints, JointPath, JointVector, Points, Poses
+from armsight.robots.kernels import chain_poses_into
+from armsight.robots.robot import Spheres
+from armsight.robots.solids import VoxelSolid
+
+
+@dataclass(frozen=True)
+class PairStatistics:
+    """How links met in sampled configurations.
+
+    Attributes:
+        pairs: (p, 2) links that are not neighbours, the nearer to the base first.
+        spheres_touch: (p,) share of configurations in which their spheres overlap.
+        least_gap: (p,) least gap between their spheres [m].
+        meshes_touch: (p,) share in which their meshes come within a few millimetres.
+        false_alarm: (p,) share in which spheres overlap although meshes do not.
+    """
+
+    pairs: Ints
+    spheres_touch: Floats
+    least_gap: Floats
+    meshes_touch: Floats
+    false_alarm: Floats
+
+    def worth_checking(self, near: float = 0.02) -> Ints:
+        """(k, 2) pairs that can touch: not those that never do, nor those that always do."""
+        may = (self.least_gap < near) & (self.meshes_touch < 0.99)
+        # Spheres that overlap often while the meshes never meet would only raise false alarms.
+        seen = (self.meshes_touch > 0.0) | (self.spheres_touch < 0.001)
+        return np.asarray(self.pairs[may & seen])
+
+    def worth_checking_with_tool(self, last: int) -> Ints:
+        """(k, 2) further pairs of the last link, for a tool that sticks out of it."""
+        bare = {tuple(pair) for pair in self.worth_checking().tolist()}
+        mine = (self.pairs[:, 1] == last) & (self.spheres_touch < 0.001)
+        rows = [pair for pair in self.pairs[mine].tolist() if tuple(pair) not in bare]
+        return np.array(rows, np.int64).reshape(-1, 2)
+
+
+def pair_statistics(
+    T_link_joint: Poses,
+    axis: Points,
+    lower: JointVector,
+    upper: JointVector,
+    spheres: Spheres,
+    points: list[Points],
+    solids: list[VoxelSolid | None],
+    rng: np.random.Generator,
+    samples: int = 20_000,
+    mesh_samples: int = 4_000,
+) -> PairStatistics:
+    """Sample configurations and see which links meet.
+
+    Args:
+        T_link_joint, axis, lower, upper: of the chain and its joints.
+        spheres: of the body.
+        points: per link, (k, 3) points on its surface in its frame [m]; may be empty.
+        solids: per link, its inside, or None.
+        rng: draws the configurations.
+        samples: configurations tried with spheres; mesh_samples: of them, with meshes.
+    """
+    n = len(axis)
+    pairs = np.array([(i, j) for i in range(n + 1) for j in range(i + 2, n + 1)], np.int64)
+    pairs = pairs.reshape(-1, 2)
+    path = rng.uniform(lower, upper, (samples, n))
+    gap = _sphere_gaps(
+        path, T_link_joint, axis, spheres.link, spheres.center, spheres.radius, pairs
+    )
+    met = np.zeros((mesh_samples, len(pairs)), bool)
+    grown = [None if s is None else ndimage.binary_dilation(s.inside, iterations=2) for s in solids]
+    for p, (i, j) in enumerate(pairs):
+        for a, b in ((i, j), (j, i)):
+            solid, body = solids[b], grown[b]
+            if solid is not None and body is not None and len(points[a]):
+                rows = np.flatnonzero((gap[:mesh_samples, p] < 0.01) & ~met[:, p])
+                met[rows, p] |= _mesh_touches(
+                    path[rows], T_link_joint, axis, a, b, points[a], solid.origin, solid.voxel, body
+                )
+    touching = gap < 0.0
+    return PairStatistics(
+        pairs,
+        touching.mean(axis=0),
+        gap.min(axis=0),
+        met.mean(axis=0),
+        (touching[:mesh_samples] & ~met).mean(axis=0),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _sphere_gaps(
+    path: JointPath,
+    T_link_joint: Poses,
+    axis: Points,
+    link: Ints,
+    center: Points,
+    radius: Floats,
+    pairs: Ints,
+) -> Floats:
+    """(k, p) least gap [m] between the spheres of each pair of links at each configuration."""
+    out = np.full((path.shape[0], pairs.shape[0]), np.inf)
+    poses = np.empty((path.shape[1] + 1, 4, 4))
+    at = np.empty((link.shape[0], 3))
+    for c in range(path.shape[0]):
+        chain_poses_into(path[c], T_link_joint, axis, poses)
+        for s in range(link.shape[0]):
+            T = poses[link[s]]
+            for r in range(3):
+                at[s, r] = (
+                    T[r, 0] * center[s, 0] + T[r, 1] * center[s, 1] + T[r, 2] * center[s, 2]
+                ) + T[r, 3]
+        for p in range(pairs.shape[0]):
+            for a in range(link.shape[0]):
+                if link[a] != pairs[p, 0]:
+                    continue
+                for b in range(link.shape[0]):
+                    if link[b] != pairs[p, 1]:
+                        continue
+                    x, y, z = at[a, 0] - at[b, 0], at[a, 1] - at[b, 1], at[a, 2] - at[b, 2]
+                    gap = np.sqrt(x * x + y * y + z * z) - radius[a] - radius[b]
+                    out[c, p] = min(out[c, p], gap)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _mesh_touches(
+    path: JointPath,
+    T_link_joint: Poses,
+    axis: Points,
+    a: int,
+    b: int,
+    points: Points,
+    origin: Floats,
+    voxel: float,
+    inside: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """(k,) whether a point of link a lies in a voxel of link b at each configuration."""
+    out = np.zeros(path.shape[0], np.bool_)
+    poses = np.empty((path.shape[1] + 1, 4, 4))
+    for c in range(path.shape[0]):
+        chain_poses_into(path[c], T_link_joint, axis, poses)
+        A, B = poses[a], poses[b]
+        R = B[:3, :3].T.copy() @ A[:3, :3].copy()
+        t = B[:3, :3].T.copy() @ (A[:3, 3] - B[:3, 3])
+        for k in range(points.shape[0]):
+            v = R @ points[k] + t
+            i = int(np.floor((v[0] - origin[0]) / voxel))
+            j = int(np.floor((v[1] - origin[1]) / voxel))
+            m = int(np.floor((v[2] - origin[2]) / voxel))
+            if (
+                0 <= i < inside.shape[0]
+                and 0 <= j < inside.shape[1]
+                and 0 <= m < inside.shape[2]
+                and inside[i, j, m]
+            ):
+                out[c] = True
+                break
+    return out
