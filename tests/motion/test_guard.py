@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.motion.guard_world import Ball, GuardWorld
 
+from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.motion.arm_model import ArmState
 from armsight.motion.data import GuardMode
 from armsight.motion.gate import Gate
@@ -35,14 +35,14 @@ def reaching(speed=1.5, inside=0.55, begin=2.0, stay=2.5, period=100.0):
 def test_every_arm_goes_where_it_is_told(name):
     robot = load_robot(name)
     goal = robot.home + np.array([0.8, 0.2, -0.3, 0.2, 0.3, 0.4, 0.2])[: robot.n]
-    world = GuardWorld(goals=[goal, robot.home], name=name).run(6)
+    world = QuickCell(goals=[goal, robot.home], robot=name).run(6)
     assert world.log[-1].reached or len(world.visits) >= 1
     at = next(s for s in world.log if s.reached)
     assert at.goal == "G0"
 
 
 def test_nobody_near_nothing_slows_it_and_it_stays_on_its_path():
-    world = GuardWorld(goals=[A, B])
+    world = QuickCell(goals=[A, B])
     world.run(9)
     driving = [s for s in world.log if s.mode == GuardMode.PREDICTIVE]
     assert len(world.visits) >= 2
@@ -55,7 +55,7 @@ def test_nobody_near_nothing_slows_it_and_it_stays_on_its_path():
 
 
 def test_commands_respect_speed_and_acceleration():
-    world = GuardWorld(goals=[A, B])
+    world = QuickCell(goals=[A, B])
     world.run(9)
     v = np.array(world.commands)[:, :6]
     limits = world.robot.limits.scaled(0.5, 0.6)
@@ -64,11 +64,11 @@ def test_commands_respect_speed_and_acceleration():
 
 
 def test_it_slows_stops_and_goes_on_for_a_hand():
-    world = GuardWorld([Ball(reaching(speed=0.3, inside=0.6, begin=1.0, stay=5.0))], [A, B])
+    world = QuickCell([Ball(reaching(speed=0.3, inside=0.6, begin=1.0, stay=5.0))], [A, B])
     world.run(20)
     modes = [s.mode for s in world.log]
     assert GuardMode.SLOWED in modes
-    assert not world.moving_contacts
+    assert not world.moving_touches
     assert len(world.visits) >= 2
     assert any("something" in s.reason for s in world.log)
     assert all(s.reason for s in world.log if s.mode in (GuardMode.SLOWED, GuardMode.STOPPED))
@@ -76,14 +76,14 @@ def test_it_slows_stops_and_goes_on_for_a_hand():
 
 def test_a_fast_hand_meets_a_standing_arm():
     for speed in (1.0, 1.6, 2.0):
-        world = GuardWorld([Ball(reaching(speed=speed, inside=0.45))], [A, B])
+        world = QuickCell([Ball(reaching(speed=speed, inside=0.45))], [A, B])
         world.run(7)
-        assert world.moving_contacts == []
+        assert world.moving_touches == []
 
 
 def test_the_same_seed_gives_the_same_commands_bit_for_bit():
     runs = [
-        GuardWorld([Ball(reaching(period=5.0))], [A, B], seed=3).run(8).commands for _ in range(2)
+        QuickCell([Ball(reaching(period=5.0))], [A, B], seed=3).run(8).commands for _ in range(2)
     ]
     assert np.array(runs[0]).tobytes() == np.array(runs[1]).tobytes()
 
@@ -166,7 +166,7 @@ def test_moving_away_is_always_allowed(seed):
 
 def test_the_stop_in_hand_is_proven_free():
     """With a wall right behind the arm, it never drives so that it could not stop before it."""
-    world = GuardWorld(goals=[A, B])
+    world = QuickCell(goals=[A, B])
     world.run(0.9)
     seen = []
     check = world.guard._model.path_valid

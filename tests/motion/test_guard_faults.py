@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.motion.guard_world import Ball, GuardWorld
 
 from armsight.devices.data import JointState
 from armsight.errors import UsageError
+from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.mapping.snapshot import CameraStatus
 from armsight.motion.data import GuardMode, JointGoal
 from armsight.motion.guard_config import GuardConfig
@@ -20,7 +20,7 @@ B = np.deg2rad([55, -70, 85, -105, -90, 0])
 @pytest.fixture
 def moving():
     """A guard in the middle of a motion."""
-    world = GuardWorld(goals=[A, B])
+    world = QuickCell(goals=[A, B])
     world.run(1.3)
     assert np.abs(world.v).max() > 0.3
     return world
@@ -116,7 +116,7 @@ def test_bad_maps_slow_down_and_stop(moving, case):
 
 def test_a_map_that_stops_coming_is_noticed(moving):
     frozen = moving.snapshot
-    reasons = {moving.tick(snapshot=frozen).status.reason for _ in range(60)}
+    reasons = {moving.tick(snapshot=frozen).status.reason for _ in range(100)}
     assert any("cam is" in r and "ms old" in r for r in reasons)
     assert np.abs(moving.v).max() < 0.02
 
@@ -174,7 +174,7 @@ def plan_of(world, **changes):
 
 
 def waiting():
-    world = GuardWorld(goals=[A])
+    world = QuickCell(goals=[A])
     while world.guard._goals._pending is None:
         world.tick()
     world.plans.clear()
@@ -229,12 +229,12 @@ def test_an_unanswered_request_is_repeated():
 def test_a_goal_in_collision_is_refused_with_what_blocks_it():
     from armsight.robots.kinematics import tip_pose
 
-    world = GuardWorld(goals=[A])
+    world = QuickCell(goals=[A])
     at = tip_pose(world.robot, A)[:3, 3]
     index = tuple(world.grid.index(at[None])[0])
-    world.empty = world.empty.copy()
+    world.state = world.state.copy()
     world.field = np.zeros_like(world.field)
-    world.empty[index] = 2
+    world.state[index] = 2
     world.run(1.0)
     assert world.log[-1].mode == GuardMode.STOPPED
     assert "goal G0" in world.log[-1].reason
@@ -243,13 +243,13 @@ def test_a_goal_in_collision_is_refused_with_what_blocks_it():
 
 
 def test_a_start_in_collision_is_said_and_nothing_moves_in():
-    world = GuardWorld(goals=[A])
-    here = world.guard._gate.body.motion(world.q, np.zeros(6))[0][-1]
+    world = QuickCell(goals=[A])
+    here = world.guard.body.motion(world.q, np.zeros(6))[0][-1]
     world.balls = [Ball(lambda t: here, 0.03)]
     world.run(2.0)
     last = world.log[-1]
     assert last.mode == GuardMode.REFLEX
-    speeds = [world.guard._gate.body.motion(world.q, c[:6])[1] for c in world.commands]
+    speeds = [world.guard.body.motion(world.q, c[:6])[1] for c in world.commands]
     assert max(np.linalg.norm(s, axis=1).max() for s in speeds) <= 0.05
 
 
@@ -261,7 +261,7 @@ def test_configuration_out_of_range_is_refused():
 def test_patrol_visits_in_turn_and_needs_two_goals():
     with pytest.raises(UsageError, match="at least two"):
         PatrolTask({"A": A})
-    world = GuardWorld()
+    world = QuickCell()
     task = PatrolTask({"A": A, "B": B}, dwell=0.3)
     for _ in range(int(9 / 0.008)):
         world.tick(goal=task.update(world.now, world.log[-1] if world.log else None))

@@ -25,7 +25,7 @@ from armsight.motion.faults import FaultWatch, Severity, Verdict
 from armsight.motion.gate import Gate, Passage, declared_reaction
 from armsight.motion.goals import Goals
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.nearest import Hazards
+from armsight.motion.nearest import Hazards, MovingBody
 from armsight.motion.plan import Plan
 from armsight.motion.reflex import FLEE, Reflex, Stage
 from armsight.motion.route import Route, SpeedScale, rate_bounds
@@ -36,6 +36,8 @@ STANDING = 0.01
 """Joint speed below which the arm is at rest [rad/s]."""
 LAG = 0.1
 """Share by which the drives' ramp may lag behind the allowed speed before the brakes are used."""
+LEAD = 0.75
+"""The command is the motion's velocity this far into the coming tick: the drives ramp up to it."""
 STOP_ROOM = 0.04
 """Phase time that is kept free before a blocked place, besides the way to stop [s]."""
 BLOCKED_FOR = 0.1
@@ -116,7 +118,7 @@ class Guard:
         self._reaction = ReactionTime(declared_reaction(cameras, config), config.reaction_window)
         self._goals = Goals(robot, config)
         self._scale = SpeedScale(config.rise, config.rise_jerk)
-        self._reflex = Reflex(config, limits)
+        self._reflex = Reflex(config, robot.limits.scaled(*config.planned))
         self._executed = Executed()
         self._route: Route | None = None
         self._leaving = False
@@ -130,6 +132,11 @@ class Guard:
     def reaction_time(self) -> float:
         """T_r in use [s]."""
         return self._reaction.value
+
+    @property
+    def body(self) -> MovingBody:
+        """The parts that are protected."""
+        return self._gate.body
 
     def step(
         self,
@@ -271,7 +278,7 @@ class Guard:
         """Drive along a route, as fast as everything allows."""
         config, m = self.config, self._arm
         route.advance(self._scale.value * tick.elapsed)
-        wanted = route.wanted(tick.ahead.position)
+        wanted = route.wanted(tick.ahead.position, LEAD * self._scale.value * config.period)
         motion = wanted.velocity + config.gain * wanted.correction
         tick.passage = self._gate.judge(tick.here.position, tick.ahead, motion, self._hazards)
         slowest, fastest = rate_bounds(

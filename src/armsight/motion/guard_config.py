@@ -44,6 +44,8 @@ class GuardConfig:
         reaction_window: a measured reaction time counts for this long [s].
         retreat_speed: a part may always move away at this speed [m/s]; faster only if it could
             stand still before anybody reaches it. An arm below 0.05 m/s counts as standing.
+        headroom: share of speed and twice that of acceleration which planned motions leave to the
+            position correction; a motion at the drives' limits could not be followed exactly.
         rise, rise_jerk: how fast the speed scale may rise [1/s], and that rate itself [1/s^2].
         gain: of the position correction while following [1/s].
         off_path: distance from the path at which it is given up and planned anew [rad].
@@ -75,6 +77,7 @@ class GuardConfig:
     separation: Separation = field(default_factory=Separation)
     reaction_window: float = 10.0
     retreat_speed: float = 0.045
+    headroom: float = 0.04
     rise: float = 1.5
     rise_jerk: float = 10.0
     gain: float = 4.0
@@ -93,6 +96,14 @@ class GuardConfig:
     retry: float = 0.4
     zones: tuple[ContactZone, ...] = ()
 
+    @property
+    def planned(self) -> tuple[float, float]:
+        """Shares of the joints' speed and acceleration limits that planned motions may use."""
+        return (
+            self.speed * (1.0 - self.headroom),
+            self.acceleration * (1.0 - 2.0 * self.headroom),
+        )
+
     def __post_init__(self) -> None:
         """Refuse what cannot be meant.
 
@@ -109,6 +120,7 @@ class GuardConfig:
             ("brake", 0.05, 1.0),
             ("retreat_speed", 0.0, 0.25),
             ("gain", 0.0, 20.0),
+            ("headroom", 0.0, 0.3),
             ("stale_after", 0.02, 2.0),
             ("joints_stale", 0.005, 1.0),
             ("retrace_share", 0.0, 1.0),

@@ -72,10 +72,11 @@ class Route:
         gap = np.linalg.norm(self.trajectory.sample(near) - q, axis=1)
         self.phase = float(near[int(np.argmin(gap))])
 
-    def wanted(self, q: JointVector) -> Wanted:
-        """What to do at (n,) positions [rad]."""
+    def wanted(self, q: JointVector, lead: float = 0.0) -> Wanted:
+        """What to do at (n,) positions [rad]; velocities are those ``lead`` [s] farther on."""
         t = self.trajectory
-        velocity, acceleration = t.velocity(self.phase), t.acceleration(self.phase)
+        velocity = t.velocity(self.phase + lead)
+        acceleration = t.acceleration(self.phase + lead)
         if self.phase < LOOK_AHEAD:
             velocity = (t.position(self.phase + LOOK_AHEAD) - t.position(self.phase)) / LOOK_AHEAD
         return Wanted(velocity, acceleration, t.position(self.phase) - q)

@@ -46,9 +46,8 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
     infos = [camera.info for camera in cell.cameras]
     mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
     guard = config.guard or guard_config(cell.workcell, config)
-    planning = PlannerConfig(
-        speed=cell.workcell.robot.speed, acceleration=cell.workcell.robot.acceleration
-    )
+    speed, acceleration = guard.planned
+    planning = PlannerConfig(speed=speed, acceleration=acceleration)
 
     def make() -> tuple[WorkspaceMap, Planner, Guard]:
         planner = config.planner or SeparationPlanner(

@@ -1,0 +1,242 @@
+"""A cell without physics or pictures: an arm with delayed drives, snapshots made from moving balls.
+
+The map is perfect but as late as a real one, and only whole voxels are seen. Ten times faster than
+the rendered cell, so it serves searches that need thousands of episodes, and the guard's tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats, JointVector, Vector3
+from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo
+from armsight.geometry.camera import PinholeCamera
+from armsight.mapping.snapshot import FREE, CameraStatus, VoxelGrid, WorkspaceSnapshot
+from armsight.motion.collision import CollisionModel
+from armsight.motion.data import GuardStatus, JointGoal
+from armsight.motion.guard import Guard, GuardDecision
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.keep_out import SeparationPlanner
+from armsight.motion.plan import Plan
+from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
+from armsight.robots import load_robot
+from armsight.robots.robot import Robot
+from armsight.simulation.kernels import drive_step
+
+STEP = 0.002
+"""Time step of the drives [s]."""
+VOXEL = 0.02
+"""Edge of a voxel [m]."""
+HALF = 1.2
+"""Half edge of the mapped box [m]."""
+MAP_LATENCY, PLAN_LATENCY = 0.012, 0.05
+"""Compute times that are charged [s]."""
+LOOK = 5
+"""Contacts are looked for every so many steps."""
+KEEP: Any = object()
+"""Stands for "what it really is" in :meth:`QuickCell.tick`."""
+
+
+@dataclass
+class Ball:
+    """A hand: (3,) centre in ``base`` at a time [s], and radius [m]."""
+
+    center: Callable[[float], Vector3]
+    radius: float = 0.05
+
+
+@dataclass(frozen=True)
+class Touch:
+    """The arm and a ball overlap: time [s], speed of the arm's fastest part [m/s], distance [m]."""
+
+    time: float
+    speed: float
+    distance: float
+
+
+class QuickCell:
+    """Guard, planner and a kinematic arm among balls.
+
+    Args:
+        balls: who moves; goals: (n,) configurations, visited in turn [rad].
+        rate: of the pictures [Hz]; latency: exposure to arrival [s].
+        robot: key of the catalogue; config: of the guard; seed: of the planner.
+
+    Attributes:
+        now: time [s]; q, v: true joints; snapshot, plan: newest that has arrived.
+        log: the guard's words, one a tick; commands: (n + 1,) sent, and whether it was a stop.
+        visits: when goals were reached [s]; touches: every overlap that was seen.
+        margins: (time, distance, fastest speed) at every look while there are balls.
+    """
+
+    def __init__(
+        self,
+        balls: Sequence[Ball] = (),
+        goals: Sequence[JointVector] = (),
+        *,
+        rate: float = 30.0,
+        latency: float = 0.04,
+        robot: str = "ur5",
+        config: GuardConfig | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.balls = list(balls)
+        self.goals = list(goals)
+        self.rate, self.latency, self.seed = rate, latency, seed
+        self.config = config or GuardConfig()
+        self.robot: Robot = load_robot(robot)
+        lens = PinholeCamera.from_fov(64, 48, 1.2, 1.0)
+        eye = np.eye(4)
+        self.info = RgbdCameraInfo(
+            "cam", "ideal", lens, None, eye, "base", eye, rate, latency, (0.3, 4.5),
+            DepthNoise(0.0, 0.0, 0.0),
+        )  # fmt: skip
+        count = round(2 * HALF / VOXEL)
+        self.grid = VoxelGrid(np.full(3, -HALF), VOXEL, (count, count, count))
+        self.state = np.full(self.grid.shape, FREE, np.uint8)
+        self.field = np.full(self.grid.shape, 0.3, np.float32)
+        self._never = np.full(self.grid.shape, -np.inf, np.float32)
+        self.guard = Guard(self.robot, [self.info], (), self.config)
+        speed, acceleration = self.config.planned
+        speeds = PlannerConfig(speed=speed, acceleration=acceleration)
+        planner = RrtConnectPlanner(self.robot, CollisionModel(self.robot), speeds)
+        self.planner = SeparationPlanner(planner, self.robot, [self.info], self.config)
+        self.now = 0.0
+        self.q = np.array(self.robot.home, float)
+        self.v = np.zeros(self.robot.n)
+        self.snapshot: WorkspaceSnapshot | None = None
+        self.plan: Plan | None = None
+        self.log: list[GuardStatus] = []
+        self.commands: list[Floats] = []
+        self.visits: list[float] = []
+        self.touches: list[Touch] = []
+        self.margins: list[Touch] = []
+        self.plans: list[tuple[float, Plan]] = []
+        self._pictures: list[tuple[float, WorkspaceSnapshot]] = []
+        self._next_picture = 0.0
+        self._sequence = -1
+        self._queue: list[tuple[float, JointVector, bool]] = []
+        self._target, self._braking = np.zeros(self.robot.n), True
+        self._goal = 0
+        self.rng = np.random.default_rng(seed)
+
+    @property
+    def moving_touches(self) -> list[Touch]:
+        """Touches that count: the arm moved faster than 0.05 m/s."""
+        return [touch for touch in self.touches if touch.speed > 0.05]
+
+    def run(self, seconds: float) -> QuickCell:
+        """Tick on for a time [s]."""
+        for _ in range(round(seconds / self.config.period)):
+            self.tick()
+        return self
+
+    def tick(
+        self,
+        joints: JointState | None = KEEP,
+        snapshot: WorkspaceSnapshot | None = KEEP,
+        goal: JointGoal | None = KEEP,
+        clock: float | None = None,
+    ) -> GuardDecision:
+        """One tick of the guard; what it is given may be replaced, to see what it does then."""
+        self._deliver()
+        if joints is KEEP:
+            joints = JointState(self.now, self.q.copy(), self.v.copy())
+        if snapshot is KEEP:
+            snapshot = self.snapshot
+        if goal is KEEP:
+            goal = self._next_goal()
+        now = self.now if clock is None else clock
+        decision = self.guard.step(now, joints, snapshot, goal, self.plan)
+        acts = self.now + self.config.start_delay
+        self._queue.append((acts, decision.command.copy(), decision.brake))
+        self.commands.append(np.array([*decision.command, float(decision.brake)]))
+        if decision.request is not None and self.snapshot is not None:
+            plan = self.planner.plan(decision.request, self.snapshot, 0.05, self.rng)
+            self.plans.append((self.now + PLAN_LATENCY, plan))
+        self.log.append(decision.status)
+        self.drive(self.now + self.config.period)
+        return decision
+
+    def drive(self, until: float) -> None:
+        """Let the arm move on its own to a time [s]."""
+        limits = self.robot.limits
+        ramp = limits.acceleration * self.config.acceleration
+        while self.now < until - 1e-9:
+            while self._queue and self._queue[0][0] <= self.now + 1e-9:
+                _, self._target, self._braking = self._queue.pop(0)
+            drive_step(
+                self._target, self._braking, self.q, self.v, limits.lower, limits.upper, ramp,
+                limits.acceleration, STEP,
+            )  # fmt: skip
+            self.now += STEP
+            if self.balls and round(self.now / STEP) % LOOK == 0:
+                self._look()
+
+    def snapshot_at(self, stamp: float) -> WorkspaceSnapshot:
+        """What a perfect map says of the balls at a time [s]."""
+        points = [np.empty((0, 3))]
+        for ball in self.balls:
+            center = np.asarray(ball.center(stamp), float)
+            low = np.floor((center - ball.radius - self.grid.origin) / VOXEL).astype(int)
+            high = np.floor((center + ball.radius - self.grid.origin) / VOXEL).astype(int)
+            axes = [np.arange(a, b + 1) for a, b in zip(low, high)]
+            index = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+            corner = self.grid.origin + index * VOXEL
+            gap = np.maximum(np.maximum(corner - center, center - corner - VOXEL), 0.0)
+            points.append(self.grid.center(index[np.linalg.norm(gap, axis=1) <= ball.radius]))
+        hazards = np.concatenate(points).astype(np.float32)
+        self._sequence += 1
+        return WorkspaceSnapshot(
+            sequence=self._sequence,
+            stamp=stamp,
+            oldest=stamp,
+            grid=self.grid,
+            state=self.state,
+            distance=self.field,
+            distance_cap=0.3,
+            last_occupied=self._never,
+            hazards=hazards,
+            hazard_radius=0.5 * np.sqrt(3.0) * VOXEL,
+            hazard_unknown=np.zeros(len(hazards), bool),
+            cloud=hazards,
+            cameras=(CameraStatus("cam", stamp, True, self._sequence + 1, 0),),
+            distance_counts_unknown=True,
+        )
+
+    def _deliver(self) -> None:
+        """Pictures and plans that have arrived by now."""
+        if self.now >= self._next_picture - 1e-9:
+            arrives = self.now + self.latency + MAP_LATENCY
+            self._pictures.append((arrives, self.snapshot_at(self.now)))
+            self._next_picture += 1.0 / self.rate
+        while self._pictures and self._pictures[0][0] <= self.now + 1e-9:
+            self.snapshot = self._pictures.pop(0)[1]
+        while self.plans and self.plans[0][0] <= self.now + 1e-9:
+            self.plan = self.plans.pop(0)[1]
+
+    def _next_goal(self) -> JointGoal | None:
+        if not self.goals:
+            return None
+        last = self.log[-1] if self.log else None
+        if last is not None and last.reached and last.goal == f"G{self._goal % len(self.goals)}":
+            self.visits.append(self.now)
+            self._goal += 1
+        k = self._goal % len(self.goals)
+        return JointGoal(f"G{k}", self.goals[k])
+
+    def _look(self) -> None:
+        """Distance of the moving body to the balls, and the speed of its fastest part."""
+        body = self.guard.body
+        center, velocity = body.motion(self.q, self.v)
+        fastest = float(np.linalg.norm(velocity, axis=1).max())
+        for ball in self.balls:
+            gaps = np.linalg.norm(center - ball.center(self.now), axis=1) - body.radius
+            touch = Touch(self.now, fastest, float(gaps.min()) - ball.radius)
+            self.margins.append(touch)
+            if touch.distance < 0.0:
+                self.touches.append(touch)
