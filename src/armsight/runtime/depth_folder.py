@@ -29,7 +29,7 @@ from armsight.workcell import Cell
 CAMERA = "camera"
 RANGE = (0.3, 8.0)
 LARGEST_BOX = (4.0, 4.0, 3.0)
-"""The map is never larger than this, about the middle of what is seen [m]."""
+"""The map is never larger than this, about the middle of what is mostly seen [m]."""
 LOOKED_AT = 12
 """Frames from which direction of up, size and middle of the place are found."""
 
@@ -87,7 +87,8 @@ def open_depth_folder(folder: str | Path, rate: float = 30.0, voxel: float = 0.0
         note,
     )
     low, high = _fit(lower, upper, voxel)
-    box = {"lower": low, "upper": high, "voxel": voxel}
+    reach = float(np.linalg.norm(np.maximum(np.abs(low), np.abs(high))))
+    box = {"lower": low, "upper": high, "voxel": voxel, "crop": reach, "align": False}
     return recorded_cell(source, description, bare_workcell(place.name, NO_ROBOT, box), no_robot())
 
 
@@ -195,10 +196,8 @@ def _camera_points(lens: PinholeCamera, depth: DepthImage, step: int = 6) -> Poi
 
 
 def _fit(lower: Points, upper: Points, voxel: float) -> tuple[list[float], list[float]]:
-    """The box, no larger than allowed about its middle, on whole voxels."""
-    middle = 0.5 * (lower + upper)
-    half = 0.5 * np.minimum(upper - lower + 0.2, LARGEST_BOX)
-    half[2] = min(half[2], 0.5 * (upper[2] - lower[2] + 0.2))
-    low = np.floor((middle - half) / voxel) * voxel
-    high = np.ceil((middle + half) / voxel) * voxel
+    """The box with a margin, no larger than allowed, on whole voxels."""
+    x, y, z = LARGEST_BOX
+    low = np.floor(np.maximum(lower - 0.1, [-0.5 * x, -0.5 * y, -0.1]) / voxel) * voxel
+    high = np.ceil(np.minimum(upper + 0.1, [0.5 * x, 0.5 * y, z - 0.1]) / voxel) * voxel
     return [round(float(v), 6) for v in low], [round(float(v), 6) for v in high]

@@ -20,7 +20,7 @@ LEAST = 200
 
 
 def upright(views: Sequence[tuple[Points, Pose]]) -> tuple[Pose, Vector3, Vector3]:
-    """Base frame of a place: z up, its lowest surface at z = 0, its middle at x = y = 0.
+    """Base frame of a place: z up, its lowest surface at z = 0, what is mostly seen at x = y = 0.
 
     Args:
         views: (h, w, 3) points [m] in the camera's frame (NaN for none) and ``T_world_camera``.
@@ -46,7 +46,7 @@ def upright(views: Sequence[tuple[Points, Pose]]) -> tuple[Pose, Vector3, Vector
     if not len(points):
         return turn, np.full(3, -1.0), np.full(3, 1.0)
     low, high = np.percentile(points, [1.0, 99.0], axis=0)
-    origin = np.array([*(0.5 * (low + high))[:2], low[2]])
+    origin = np.array([*np.median(points[:, :2], axis=0), low[2]])
     return make_pose(None, -origin) @ turn, low - origin, high - origin
 
 
