@@ -182,7 +182,9 @@ def resample_depth(
     width = raw.shape[1]
     buffer, codes = raw.ravel(), ids.ravel()
     known = geom_of_id.shape[0]
+    # Inside one geom a small step is a slope; a larger one only where the four lie on a plane.
     half, steep = np.float32(0.5), np.float32(0.03)
+    even, cliff = np.float32(0.1), np.float32(0.12)
     add, scale = np.float32(offset), np.float32(factor)
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
@@ -200,7 +202,8 @@ def resample_depth(
             same = (codes[i] == codes[i + 1]) & (codes[i - width] == codes[i - width + 1])
             if same and codes[i] == codes[i - width]:
                 low, high = min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
-                if high - low < steep * high:
+                step, twist = high - low, abs(a + d - b - c)
+                if step < steep * high or (twist < even * step and step < cliff * high):
                     top = a + wu * (b - a)
                     value = top + wv * (c + wu * (d - c) - top)
             depth[v, u] = scale / (value + add)
