@@ -13,6 +13,8 @@ from typing import Annotated, Any, Union
 import tyro
 
 from armsight import __version__
+from armsight.commands.board import Board
+from armsight.commands.calibrate import Calibrate
 from armsight.commands.check import Check
 from armsight.commands.demo import Demo
 from armsight.commands.doctor import Doctor
@@ -24,7 +26,20 @@ from armsight.commands.replay import Replay
 from armsight.commands.robots import Robots
 from armsight.commands.view import View
 
-COMMANDS = (Demo, Doctor, Check, New, Patrol, Record, Replay, Robots, View, Experiment)
+COMMANDS = (
+    Demo,
+    Doctor,
+    Check,
+    New,
+    Patrol,
+    Calibrate,
+    Board,
+    Record,
+    Replay,
+    Robots,
+    View,
+    Experiment,
+)
 
 DESCRIPTION = """armsight: a robot arm that knows its surroundings.
 
@@ -33,6 +48,7 @@ DESCRIPTION = """armsight: a robot arm that knows its surroundings.
   armsight new my_cell.toml                      start a cell of your own, then check it:
   armsight check my_cell.toml
   armsight patrol my_cell.toml --seconds 120 --headless --json result.json
+  armsight calibrate ur5_calibration             find cameras and lenses by the board on the arm
   armsight experiment patrol-smoke               a table beside the papers' figures
 
 armsight COMMAND --help explains a command; --version tells the version; --debug shows the trace of

@@ -169,7 +169,7 @@ class ProcedureOptions:
     least_views: int = 15
     rest: float = 0.2
     frames: int = 3
-    sweep_step: float = float(np.deg2rad(20))
+    sweep_step: float = float(np.deg2rad(28))
     candidates: int = 80
     seconds: float = float("inf")
     paper: bool = False
@@ -494,11 +494,16 @@ def _find(log: _Log) -> Generator[Request, object, None]:
     start = log.at if log.at is not None else setup.robot.home
     if abs(angles[-1] - start[0]) < abs(angles[0] - start[0]):
         angles = angles[::-1]
+    behind = 0
     for a in angles:
         q = q0.copy()
         q[0] = a
+        if all(c >= 2 for c in _rig_counts(log)) and behind >= 2:
+            break  # every camera has seen it, and the board has turned away from all of them
+        before = len(log.views)
         if (yield from _go(log, q, "find")):
             yield from _look(log, q, "find", rest=0.1, frames=1)
+            behind = 0 if len(log.views) > before else behind + 1
             _report(log, f"looking for the board, base at {np.rad2deg(a):.0f} deg")
     if not any(v.found for v in log.views):
         reasons = sorted({r for v in log.views for _, r in v.missed})
@@ -507,6 +512,15 @@ def _find(log: _Log) -> Generator[Request, object, None]:
             + (f" ({', '.join(reasons[:3])})" if reasons else "")
             + ", the light, and that cameras look at the arm"
         )
+
+
+def _rig_counts(log: _Log) -> list[int]:
+    """Views in which each camera saw the board."""
+    lenses = lens_list(log.setup.cameras)
+    return [
+        sum(any(lenses[k].rig == rig for k, _, _ in v.found) for v in log.views)
+        for rig in range(len(log.setup.cameras))
+    ]
 
 
 def _best_views(log: _Log) -> dict[int, SeenView]:
@@ -536,9 +550,16 @@ def _tilted(log: _Log, view: SeenView, axis: int, angle: float) -> JointVector |
 
 
 def _tilt(log: _Log) -> Generator[Request, object, None]:
-    """Tilt before each camera: roll, pitch, yaw, which tell where the board hangs."""
+    """Tilt before a camera: roll, pitch, yaw, which tell where the board hangs.
+
+    All cameras watch; before those that have seen enough by then no tilting of their own is needed.
+    """
     lenses = lens_list(log.setup.cameras)
-    for rig, view in sorted(_best_views(log).items()):
+    best = _best_views(log)
+    # First where most lenses see the board at once.
+    for rig, view in sorted(best.items(), key=lambda item: (-len(item[1].found), item[0])):
+        if log.views[-1].stage == "tilt" and _rig_counts(log)[rig] >= 4:
+            continue
         name = log.setup.cameras[rig].name
         for axis, steps in ((0, (0.4, -0.4)), (1, (0.4, -0.4)), (2, (0.5,))):
             for angle in steps:

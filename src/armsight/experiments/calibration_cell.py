@@ -75,8 +75,17 @@ def open_calibration_cell(
     board: Board | None = None,
     seed: int = 0,
     errors: StudioErrors | None = None,
+    redraw: float = float("inf"),
 ) -> CalibrationCell:
-    """Build a simulated cell with a board on its flange."""
+    """Build a simulated cell with a board on its flange.
+
+    Args:
+        workcell: the cell.
+        board: T1's when None.
+        seed: of the truth.
+        errors: how wrong everything is.
+        redraw: see :class:`BoardStudio`.
+    """
     board = board or Checkerboard()
     spec = world_spec(workcell)
     world = SimulatedWorld(replace(spec, cameras=()), seed)
@@ -88,7 +97,7 @@ def open_calibration_cell(
         image, x0, y0, PER_METER, (middle[0], middle[1]), (half[0], half[1])
     )
     guess = from_rpy((np.pi, 0.0, 0.0), (0.0, 0.0, 0.06)) @ make_pose(None, -middle)
-    studio = BoardStudio(world, spec.cameras, printed, guess, seed, errors)
+    studio = BoardStudio(world, spec.cameras, printed, guess, seed, errors, redraw)
     cameras = []
     for truth, declared in zip(studio.cameras, spec.cameras):
         info = declared.info

@@ -106,7 +106,7 @@ class Photograph:
 
     Attributes:
         color, infrared: (h, w) uint8 grey.
-        depth: (h, w) float32 [m], NaN where there is none, at the infrared lens's resolution.
+        depth: (h, w) float32 [m] on the board, NaN elsewhere, at the infrared lens's resolution.
     """
 
     color: Bytes
@@ -130,6 +130,7 @@ class BoardStudio:
         T_flange_board: Pose,
         seed: int = 0,
         errors: StudioErrors | None = None,
+        redraw: float = 0.0,
     ) -> None:
         """Set up the studio.
 
@@ -140,8 +141,11 @@ class BoardStudio:
             T_flange_board: as designed; the true bracket is drawn here.
             seed: of the truth and of the noise.
             errors: how wrong everything is.
+            redraw: the clutter behind the board is drawn anew when a joint has moved by this much
+                [rad]; inf draws it once, which is quick.
         """
         errors = errors or StudioErrors()
+        self._redraw = redraw
         rng = np.random.default_rng((seed, 77))
         self._world = world
         self._errors = errors
@@ -173,8 +177,7 @@ class BoardStudio:
             info.rate,
             _perturbed(infrared, s, rng),
             _perturbed(color, s, rng),
-            info.T_depth_color
-            @ exp(s * rng.normal(0, 1, 6) * np.repeat([0.001, 0.003], 3)),
+            info.T_depth_color @ exp(s * rng.normal(0, 1, 6) * np.repeat([0.001, 0.003], 3)),
             spec.T_mount_camera_true
             @ exp(rng.normal(0, 1, 6) * np.repeat([spec.pose_error[0], spec.pose_error[1]], 3)),
             DepthErrors(
@@ -252,7 +255,7 @@ class BoardStudio:
         """The cell in grey; redrawn when the arm has moved, at half size (it is only clutter)."""
         q = np.array(self._world._data.qpos[: self._world.spec.arm.robot.n])
         held = self._backgrounds.get((index, is_color))
-        if held is not None and np.abs(held[0] - q).max() < 1e-4:
+        if held is not None and np.abs(held[0] - q).max() <= max(self._redraw, 1e-4):
             return held[1]
         small = lens.scaled(0.25 if lens.width > 1000 else 0.5)
         color = self._world.picture(T_world_lens, small)
@@ -340,8 +343,8 @@ class BoardStudio:
         """Brightness where rays (h, w, 2) meet the bent print, and whether they meet it."""
         p = self.print
         x, y, _ = self._meet(T, ray)
-        column = ((x / (1 + p.scale) - p.x0) * p.per_meter).astype(np.int64)
-        row = ((y / (1 + p.scale) - p.y0) * p.per_meter).astype(np.int64)
+        column = _whole((x / (1 + p.scale) - p.x0) * p.per_meter)
+        row = _whole((y / (1 + p.scale) - p.y0) * p.per_meter)
         h, w = p.image.shape
         inside = (column >= 0) & (column < w) & (row >= 0) & (row < h)
         value = p.image[np.clip(row, 0, h - 1), np.clip(column, 0, w - 1)]
@@ -359,9 +362,10 @@ class BoardStudio:
         for _ in range(3 if any(p.bend) else 1):
             t = (z - origin[2]) / down
             x, y = origin[0] + t * d[..., 0], origin[1] + t * d[..., 1]
-            a, b = (x / (1 + p.scale) - p.center[0]) / p.half[0], (
-                y / (1 + p.scale) - p.center[1]
-            ) / p.half[1]
+            a, b = (
+                (x / (1 + p.scale) - p.center[0]) / p.half[0],
+                (y / (1 + p.scale) - p.center[1]) / p.half[1],
+            )
             z = p.bend[0] * (a * a - 1 / 3) + p.bend[1] * (b * b - 1 / 3)
         return x, y, t
 
@@ -369,7 +373,7 @@ class BoardStudio:
         self, lens: PinholeCamera, T_world_lens: Pose, T: Pose, box: tuple[int, int, int, int]
     ) -> Floats:
         """Share of each pixel of the box that a part of the arm hides from the lens."""
-        small = lens.scaled(0.25 if lens.width > 1000 else 0.5)
+        small = lens.scaled(192 / lens.width)
         world = self._world
         shot = world.renderer.take(world._data, T_world_lens, small)
         depth = world.renderer.depth(shot, small).depth
@@ -384,30 +388,27 @@ class BoardStudio:
     # ------------------------------------------------------------------ depth
 
     def _depth(self, camera: StudioCamera, T_world_board: Pose, frames: int) -> DepthImage:
-        """Depth of the cell and the board with the camera's errors."""
+        """Depth on the board with the camera's errors; NaN elsewhere."""
         lens = camera.infrared
-        world = self._world
-        shot = world.renderer.take(world._data, camera.T_world_infrared, lens)
-        z = world.renderer.depth(shot, lens).depth.astype(np.float64)
-        world.renderer.give_back(shot)
+        z = np.full((lens.height, lens.width), np.nan)
         T = inverse(camera.T_world_infrared) @ T_world_board
         box = self._box(lens, T)
+        if box is None or T[2, 2] <= 0.05:
+            return z.astype(np.float32)
         dark = np.zeros(z.shape, bool)
-        angle = np.full(z.shape, 0.5)
-        if box is not None:
-            u0, v0, u1, v1 = box
-            ray = lens_rays(lens, u0, v0, u1, v1)
-            value, inside = self._paper(T, ray)
-            _, _, plane = self._meet(T, ray)
-            roi = z[v0:v1, u0:u1]
-            front = (inside > 0) & ~(roi < plane - 0.015)
-            roi[front] = plane[front]
-            dark[v0:v1, u0:u1] = front & (value < 100)
-            cosine = abs(float(_unit(T[:3, 3]) @ T[:3, 2]))
-            angle[v0:v1, u0:u1] = np.where(front, np.arccos(min(cosine, 1.0)), 0.5)
+        u0, v0, u1, v1 = box
+        ray = lens_rays(lens, u0, v0, u1, v1)
+        value, inside = self._paper(T, ray)
+        _, _, plane = self._meet(T, ray)
+        hidden = self._hidden(lens, camera.T_world_infrared, T, box)
+        front = (inside > 0) & (hidden < 0.5)
+        z[v0:v1, u0:u1][front] = plane[front]
+        dark[v0:v1, u0:u1] = front & (value < 100)
+        cosine = abs(float(_unit(T[:3, 3]) @ T[:3, 2]))
+        angle = float(np.arccos(min(cosine, 1.0)))
         v, u = np.mgrid[0 : lens.height, 0 : lens.width]
         radius = np.hypot((u - lens.cx) / lens.cx, (v - lens.cy) / lens.cy) / np.sqrt(2)
-        g = angle**2 / np.maximum(np.pi / 2 - angle, 0.1) ** 2
+        g = angle**2 / max(np.pi / 2 - angle, 0.1) ** 2
         if "v2" in camera.model:
             sigma = 1e-3 * (1.5 - 0.5 * z + 0.3 * z**2 + 0.1 * z**1.5 * g)
         else:
@@ -417,7 +418,7 @@ class BoardStudio:
         # One error of the whole frame (modulation, temperature) that no averaging removes.
         whole = 5e-4 * self._errors.depth * self._noise.standard_normal()
         out = z + bias + whole + sigma * self._noise.standard_normal(z.shape)
-        out[(z < 0.4) | (z > 4.5)] = np.nan
+        out[~((z > 0.4) & (z < 4.5))] = np.nan
         return out.astype(np.float32)
 
 
@@ -433,9 +434,7 @@ def _between(pad: Floats, du: float, dv: float) -> Floats:
     a = pad[:, 1:-1] + (
         du * (pad[:, 2:] - pad[:, 1:-1]) if du >= 0 else -du * (pad[:, :-2] - pad[:, 1:-1])
     )
-    return np.asarray(
-        a[1:-1] + (dv * (a[2:] - a[1:-1]) if dv >= 0 else -dv * (a[:-2] - a[1:-1]))
-    )
+    return np.asarray(a[1:-1] + (dv * (a[2:] - a[1:-1]) if dv >= 0 else -dv * (a[:-2] - a[1:-1])))
 
 
 def _perturbed(lens: PinholeCamera, s: float, rng: np.random.Generator) -> PinholeCamera:
@@ -459,3 +458,8 @@ def _unit(v: Vector3) -> Vector3:
 
 def _rows(v: Floats) -> Floats:
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12))
+
+
+def _whole(x: Floats) -> Floats:
+    """Whole numbers below; far outside the print (a ray along the board) is -1."""
+    return np.asarray(np.floor(np.nan_to_num(np.clip(x, -1.0, 1e6), nan=-1.0)).astype(np.int64))

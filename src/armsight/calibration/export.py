@@ -1,0 +1,288 @@
+"""Results as files that others read: ROS, OpenCV, a TF list, and the cell's own workcell.toml.
+
+Nothing good is overwritten by something worse without being told: the summary of an earlier
+calibration in the folder is compared first.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+import yaml
+
+from armsight.arrays import Floats, Pose
+from armsight.calibration.calibrate import Calibration
+from armsight.calibration.depth import DepthModel
+from armsight.calibration.findings import Finding
+from armsight.errors import CalibrationError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import to_quaternion
+
+SUMMARY = "calibration.json"
+
+
+def camera_info_yaml(name: str, lens: PinholeCamera) -> str:
+    """A lens in the layout of ROS ``camera_calibration`` (``camera_info`` YAML)."""
+    document = {
+        "image_width": lens.width,
+        "image_height": lens.height,
+        "camera_name": name,
+        "camera_matrix": _matrix(lens.K),
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": _matrix(np.array([lens.distortion])),
+        "rectification_matrix": _matrix(np.eye(3)),
+        "projection_matrix": _matrix(np.hstack([lens.K, np.zeros((3, 1))])),
+    }
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
+
+
+def _matrix(M: Floats) -> dict[str, Any]:
+    return {"rows": M.shape[0], "cols": M.shape[1], "data": [float(v) for v in M.ravel()]}
+
+
+def opencv_yaml(lens: PinholeCamera) -> str:
+    """A lens in the layout of OpenCV's ``FileStorage``."""
+
+    def matrix(name: str, M: Floats) -> str:
+        data = ", ".join(
+            f"{v:.17g}" if not float(v).is_integer() else f"{v:.0f}." for v in M.ravel()
+        )
+        return (
+            f"{name}: !!opencv-matrix\n   rows: {M.shape[0]}\n   cols: {M.shape[1]}\n   dt: d\n"
+            f"   data: [ {data} ]\n"
+        )
+
+    return (
+        "%YAML:1.0\n---\n"
+        f"image_width: {lens.width}\nimage_height: {lens.height}\n"
+        + matrix("cameraMatrix", lens.K)
+        + matrix("distortionCoefficients", np.array([lens.distortion]))
+    )
+
+
+def tf_list(calibration: Calibration) -> list[dict[str, Any]]:
+    """Every solved transform: parent, child, translation [m], rotation x y z w."""
+    problem = calibration.problem
+    out = []
+    for index, rig in enumerate(problem.rigs):
+        main = calibration.main_lens(index)
+        out.append(
+            _tf(rig.mount, _frame(problem.lenses[main].name), calibration.camera_pose(index))
+        )
+    for index, lens in enumerate(problem.lenses):
+        if lens.offset_free:
+            main = calibration.main_lens(lens.rig)
+            out.append(
+                _tf(
+                    _frame(problem.lenses[main].name),
+                    _frame(lens.name),
+                    calibration.lens_pose(index),
+                )
+            )
+    for index, board in enumerate(problem.boards):
+        out.append(_tf(board.mount, board.name, calibration.board_pose(index)))
+    return out
+
+
+def _frame(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") + "_optical_frame"
+
+
+def _tf(parent: str, child: str, T: Pose) -> dict[str, Any]:
+    return {
+        "parent": parent,
+        "child": child,
+        "translation": dict(zip("xyz", (float(v) for v in T[:3, 3]))),
+        "rotation": dict(zip("xyzw", (float(v) for v in to_quaternion(T)))),
+    }
+
+
+def summary(
+    calibration: Calibration,
+    depth: tuple[DepthModel | None, ...] = (),
+    findings: tuple[Finding, ...] = (),
+) -> dict[str, Any]:
+    """The answer with its uncertainty, as JSON knows it."""
+    problem = calibration.problem
+    cameras = []
+    for index, rig in enumerate(problem.rigs):
+        sigma = np.sqrt(np.maximum(np.diagonal(calibration.covariance.camera_pose(index)), 0.0))
+        cameras.append(
+            {
+                "name": rig.name,
+                "mount": rig.mount,
+                "T_mount_camera": calibration.camera_pose(index).tolist(),
+                "sigma_translation_m": sigma[:3].tolist(),
+                "sigma_rotation_rad": sigma[3:].tolist(),
+                "lenses": [
+                    _lens(calibration, k)
+                    for k, lens in enumerate(problem.lenses)
+                    if lens.rig == index
+                ],
+                "depth": _depth(depth[index]) if index < len(depth) else None,
+            }
+        )
+    left = calibration.left_out
+    return {
+        "cameras": cameras,
+        "boards": [
+            {"name": b.name, "mount": b.mount, "T_mount_board": calibration.board_pose(k).tolist()}
+            for k, b in enumerate(problem.boards)
+        ],
+        "views": len(problem.used_views),
+        "target_sigma_m": worst_target(calibration),
+        "left_out": None if left is None else {"px": left.px, "mm": left.mm},
+        "dropped_boards": [reason for _, reason in calibration.rejected],
+        "findings": [
+            {"code": f.code, "severity": f.severity, "message": f.message, "cure": f.cure}
+            for f in findings
+        ],
+    }
+
+
+def _lens(calibration: Calibration, index: int) -> dict[str, Any]:
+    lens = calibration.lens(index)
+    return {
+        "name": calibration.problem.lenses[index].name,
+        "width": lens.width,
+        "height": lens.height,
+        "fx": lens.fx,
+        "fy": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        "distortion": list(lens.distortion),
+        "T_camera_lens": calibration.lens_pose(index).tolist(),
+        "rms_px": calibration.solution.rms_px(index),
+        "target_sigma_m": calibration.target_sigma(index),
+    }
+
+
+def _depth(model: DepthModel | None) -> dict[str, Any] | None:
+    if model is None:
+        return None
+    return {
+        "offset_m": model.offset,
+        "scale": model.scale if model.scale_known else None,
+        "middle_m": model.middle,
+        "knots_m": model.knots.tolist(),
+        "values_m": model.values.tolist(),
+        "surface_m": model.surface.tolist(),
+        "range_m": list(model.range),
+    }
+
+
+def worst_target(calibration: Calibration) -> float:
+    """The largest expected target error of all lenses that took part [m]."""
+    used = sorted({s.lens for s in calibration.problem.sightings})
+    return max(calibration.target_sigma(k) for k in used)
+
+
+def write_results(
+    folder: Path,
+    calibration: Calibration,
+    depth: tuple[DepthModel | None, ...] = (),
+    findings: tuple[Finding, ...] = (),
+    force: bool = False,
+) -> list[Path]:
+    """Write everything into a folder; returns the files.
+
+    Raises:
+        CalibrationError: a better calibration stands there already, or it cannot be written.
+    """
+    old = _old_target(folder / SUMMARY)
+    new = worst_target(calibration)
+    if old is not None and not force and new > 1.25 * old:
+        raise CalibrationError(
+            f"{folder}: the calibration there is better (points to {1e3 * old:.1f} mm, now "
+            f"{1e3 * new:.1f} mm); nothing was overwritten: write elsewhere, or use --force"
+        )
+    files: list[Path] = []
+
+    def put(name: str, text: str) -> None:
+        write_text(folder / name, text)
+        files.append(folder / name)
+
+    for index, lens in enumerate(calibration.problem.lenses):
+        name = re.sub(r"[^a-z0-9]+", "_", lens.name.lower()).strip("_")
+        put(f"{name}.camera_info.yaml", camera_info_yaml(name, calibration.lens(index)))
+        put(f"{name}.opencv.yaml", opencv_yaml(calibration.lens(index)))
+    put("tf.yaml", yaml.safe_dump({"transforms": tf_list(calibration)}, sort_keys=False))
+    text = json.dumps(_finite(summary(calibration, depth, findings)), indent=2, allow_nan=False)
+    put(SUMMARY, text + "\n")
+    return files
+
+
+def _old_target(file: Path) -> float | None:
+    try:
+        value = json.loads(file.read_text(encoding="utf-8"))["target_sigma_m"]
+        return float(value)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def write_text(file: Path, text: str) -> None:
+    """Write a file whole or not at all.
+
+    Raises:
+        CalibrationError: the folder or the file cannot be written.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            stream.write(text)
+        os.chmod(name, 0o644)
+        os.replace(name, file)
+    except OSError as error:
+        raise CalibrationError(f"{file}: cannot be written: {error.strerror or error}") from None
+
+
+def update_workcell(file: Path, calibration: Calibration, T_world_base: Pose) -> str:
+    """The cell's file with the cameras where they were found; comments and all else kept.
+
+    Args:
+        file: the workcell file; calibration: its ``rigs`` carry the cameras' names.
+        T_world_base: where the arm stands: the file is in world.
+
+    Returns:
+        The new text; the caller writes it.
+
+    Raises:
+        CalibrationError: the file cannot be read or lacks a camera.
+    """
+    try:
+        document = tomlkit.parse(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomlkit.exceptions.ParseError) as error:
+        raise CalibrationError(f"{file}: cannot be read: {error}") from None
+    sections = document.get("camera", [])
+    for index, rig in enumerate(calibration.problem.rigs):
+        section = next((s for s in sections if s.get("name") == rig.name), None)
+        if section is None:
+            raise CalibrationError(f"{file}: has no [[camera]] named {rig.name}")
+        T = calibration.camera_pose(index)
+        if rig.mount == "base":
+            T = T_world_base @ T
+        section["position"] = [round(float(v), 6) for v in T[:3, 3]]
+        for key in ("look_at", "rpy_deg"):
+            if key in section:
+                del section[key]
+        section["quaternion_xyzw"] = [round(float(v), 9) for v in to_quaternion(T)]
+    return tomlkit.dumps(document)

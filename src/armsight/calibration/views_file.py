@@ -1,0 +1,77 @@
+"""Views of a calibration in progress, one JSON line each: a stopped calibration goes on from them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armsight.calibration.procedure import SeenView
+from armsight.errors import CalibrationError
+
+
+def append(file: Path, view: SeenView) -> None:
+    """Add a view; each line is whole or not there.
+
+    Raises:
+        CalibrationError: the file cannot be written.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(_to_json(view), allow_nan=False) + "\n")
+            stream.flush()
+    except OSError as error:
+        raise CalibrationError(f"{file}: cannot be written: {error.strerror or error}") from None
+
+
+def read(file: Path) -> list[SeenView]:
+    """All whole views of a file; a last line cut short by a stop is dropped.
+
+    Raises:
+        CalibrationError: a line in the middle is broken.
+    """
+    if not file.is_file():
+        return []
+    out = []
+    rows = file.read_text(encoding="utf-8").splitlines()
+    for number, row in enumerate(rows, 1):
+        try:
+            out.append(_from_json(json.loads(row)))
+        except (ValueError, KeyError, TypeError):
+            if number == len(rows):
+                break
+            raise CalibrationError(
+                f"{file}, line {number}: is not a view; delete the file to start anew"
+            ) from None
+    return out
+
+
+def _to_json(view: SeenView) -> dict[str, Any]:
+    return {
+        "joints": [float(v) for v in view.joints],
+        "stage": view.stage,
+        "stamp": float(view.stamp),
+        "found": [
+            [int(k), [int(c) for c in corner], [[float(x) for x in p] for p in pixel]]
+            for k, corner, pixel in view.found
+        ],
+        "missed": [[int(k), reason] for k, reason in view.missed],
+        "depth": [
+            [int(c), [[float(x) for x in p] for p in pixel], [float(v) for v in z]]
+            for c, pixel, z in view.depth
+        ],
+    }
+
+
+def _from_json(row: dict[str, Any]) -> SeenView:
+    return SeenView(
+        np.array(row["joints"], float),
+        str(row["stage"]),
+        float(row["stamp"]),
+        tuple((int(k), np.array(c, np.int64), np.array(p, float)) for k, c, p in row["found"]),
+        tuple((int(k), str(r)) for k, r in row["missed"]),
+        tuple((int(c), np.array(p, float), np.array(z, float)) for c, p, z in row["depth"]),
+    )

@@ -1,0 +1,200 @@
+"""``armsight calibrate``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from armsight.calibration.boards import Board
+    from armsight.calibration.procedure import Progress, SeenView
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Calibrate a cell's cameras by the board that its arm carries, or a recorded set.
+
+    Examples: armsight calibrate ur5_calibration --out calibration;
+    armsight calibrate --from recordings/monday --board checkerboard:9x7:25
+
+    Attributes:
+        workcell: a workcell file, or the name of a packaged cell, to calibrate live.
+        from_: a folder of images and poses to solve instead; docs/calibration.md lists the layouts.
+        out: folder for results and report; a stopped run goes on from the views in it.
+        board: which board, sizes in mm, such as checkerboard:7x5:30 or charuco:5x7:36:27.
+        lens: a file with the lens of a recorded set (ROS camera_info, OpenCV or ViSP).
+        hand: the camera of a recorded set is on the flange, the board beside the arm.
+        robot: model of the arm of a recorded set that has joint angles, such as ur5.
+        goal_mm: stop when points 1.0-1.5 m away are this sure.
+        views: at most.
+        paper: T1's staged trajectory instead of views chosen by information.
+        write: put the cameras' poses into the workcell file (comments are kept).
+        fresh: forget the views of an earlier run.
+        force: overwrite a better calibration.
+        seed: of everything random.
+    """
+
+    workcell: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")] = None
+    from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="FOLDER")] = None
+    out: Path = Path("calibration")
+    board: str | None = None
+    lens: Path | None = None
+    hand: bool = False
+    robot: str | None = None
+    goal_mm: float = 1.2
+    views: int = 60
+    paper: bool = False
+    write: bool = False
+    fresh: bool = False
+    force: bool = False
+    seed: int = 0
+
+    def run(self) -> int:
+        """Calibrate; prints the report, writes the results."""
+        from armsight.errors import UsageError
+
+        if (self.workcell is None) == (self.from_ is None):
+            raise UsageError(
+                "calibrate: give a workcell to calibrate live, or --from FOLDER for a recorded set"
+            )
+        return self._recorded() if self.from_ is not None else self._live()
+
+    def _board(self) -> Board | None:
+        from armsight.calibration.boards import parse_board
+
+        return parse_board(self.board) if self.board is not None else None
+
+    def _recorded(self) -> int:
+        from armsight.calibration import report
+        from armsight.calibration.export import write_results, write_text
+        from armsight.calibration.recorded_set import load, solve_set
+        from armsight.robots import load_robot
+
+        assert self.from_ is not None
+        robot = load_robot(self.robot) if self.robot is not None else None
+        recorded = load(self.from_, self._board(), self.lens, _say)
+        answer = solve_set(
+            recorded, "flange" if self.hand else "base", robot, self.seed, progress=_say
+        )
+        _say("")
+        if answer.calibration is None:
+            assert answer.lens is not None
+            c = answer.lens.camera
+            d = " ".join(f"{v:.4f}" for v in c.distortion)
+            print(f"lens from {answer.lens.frames} frames, corners to {answer.lens.rms_px:.2f} px:")
+            print(f"  f {c.fx:.2f} {c.fy:.2f}, centre {c.cx:.2f} {c.cy:.2f}, k1 k2 p1 p2 k3 {d}")
+            from armsight.calibration.export import camera_info_yaml, opencv_yaml
+
+            write_text(self.out / "camera.camera_info.yaml", camera_info_yaml("camera", c))
+            write_text(self.out / "camera.opencv.yaml", opencv_yaml(c))
+            for finding in answer.findings:
+                print(finding)
+            print(f"written to {self.out}")
+            return 0
+        for line in report.lines(answer.calibration, (), answer.findings):
+            print(line)
+        wrong = any(f.severity == "error" for f in answer.findings)
+        if wrong and not self.force:
+            print("nothing was written: mend what is wrong first, or use --force", file=sys.stderr)
+            return 1
+        write_results(self.out, answer.calibration, (), answer.findings, self.force)
+        page = report.page(answer.calibration, (), answer.findings, f"Calibration of {self.from_}")
+        write_text(self.out / "report.html", page)
+        print(f"written to {self.out}; open {self.out / 'report.html'}")
+        return 0
+
+    def _live(self) -> int:
+        import numpy as np
+
+        from armsight.calibration import report, views_file
+        from armsight.calibration.export import update_workcell, write_results, write_text
+        from armsight.calibration.findings import Finding
+        from armsight.calibration.procedure import ProcedureOptions, drive, procedure
+        from armsight.commands.cells import find
+        from armsight.errors import CalibrationError
+        from armsight.experiments.calibration_cell import open_calibration_cell
+        from armsight.workcell import load_workcell
+        from armsight.workcell.drivers import SIMULATED
+
+        assert self.workcell is not None
+        file = find(self.workcell)
+        workcell = load_workcell(file)
+        real = {workcell.robot.driver, *(c.driver for c in workcell.camera)} - {SIMULATED}
+        if real:
+            raise CalibrationError(
+                f"{self.workcell}: live calibration drives simulated devices only so far (this "
+                f"cell uses {', '.join(sorted(real))}); record images and poses, and use --from"
+            )
+        if not workcell.camera:
+            raise CalibrationError(f"{self.workcell}: has no [[camera]] to calibrate")
+        log = self.out / "views.jsonl"
+        if self.fresh:
+            log.unlink(missing_ok=True)
+        done = views_file.read(log)
+        if done:
+            print(f"going on from {len(done)} views in {log}; --fresh starts anew")
+        cell = open_calibration_cell(workcell, self._board(), self.seed, redraw=0.3)
+        options = ProcedureOptions(
+            goal=1e-3 * self.goal_mm, most_views=self.views, paper=self.paper
+        )
+        watcher = _Terminal(log)
+        try:
+            steps = procedure(
+                cell.setup, options, np.random.default_rng(self.seed), watcher, cell.now, done
+            )
+            result = drive(steps, cell, cell)
+            seconds = cell.now()
+        finally:
+            cell.close()
+        _say("")
+        findings = tuple(
+            Finding("camera_unseen", "warning", words, "see docs/calibration.md")
+            for words in result.problems
+        )
+        print(f"{len(result.views)} views in {seconds:.0f} s of robot time: {result.stopped}")
+        for line in report.lines(result.calibration, result.depth, findings):
+            print(line)
+        write_results(self.out, result.calibration, result.depth, findings, self.force)
+        title = f"Calibration of {workcell.name}"
+        write_text(
+            self.out / "report.html", report.page(result.calibration, result.depth, findings, title)
+        )
+        if self.write:
+            if result.problems:
+                raise CalibrationError(
+                    f"{file}: not changed: {result.problems[0]}; the results are in {self.out}"
+                )
+            text = update_workcell(file, result.calibration, workcell.robot.T_world_base)
+            write_text(file, text)
+            print(f"{file}: cameras moved to where they were found")
+        print(f"written to {self.out}; open {self.out / 'report.html'}")
+        return 0
+
+
+class _Terminal:
+    """Progress in the terminal; views into the file."""
+
+    def __init__(self, log: Path) -> None:
+        self._log = log
+
+    def stage(self, progress: Progress) -> None:
+        sure = [e for e in progress.expected if e == e]
+        words = f", points to {1e3 * max(sure):.1f} mm" if sure else ""
+        _say(f"{progress.stage}: {progress.views} views{words}")
+
+    def view(self, view: SeenView) -> None:
+        from armsight.calibration import views_file
+
+        views_file.append(self._log, view)
+
+
+def _say(words: str) -> None:
+    """One line of progress that replaces the last one on a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{words}", end="", file=sys.stderr, flush=True)
+    elif words:
+        print(words, file=sys.stderr)
