@@ -19,7 +19,6 @@ from common import Report, peak_memory_mb
 from armsight.commands.cells import packaged
 from armsight.experiments.patrol_log import PatrolLog
 from armsight.motion.patrol import PatrolTask
-from armsight.runtime.configure import session_config
 from armsight.runtime.session import Session
 from armsight.workcell import load_workcell, open_cell
 
@@ -62,7 +61,7 @@ def patrol(seconds: float, seed: int, digest: bool = False) -> tuple[float, floa
         task = PatrolTask(workcell.goals, workcell.patrol.dwell_s)
         log, hasher = PatrolLog(cell, task), Digest()
         observers = (log, hasher) if digest else (log,)
-        session = Session(cell, task, seed=seed, config=session_config(cell), observers=observers)
+        session = Session(cell, task, seed=seed, observers=observers)
         session.warm_up()
         cpu, start = cpu_seconds(), time.perf_counter()
         session.run(seconds)

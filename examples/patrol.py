@@ -7,7 +7,6 @@ import sys
 
 from armsight.commands.cells import packaged
 from armsight.motion.patrol import PatrolTask
-from armsight.runtime.configure import session_config
 from armsight.runtime.session import Session
 from armsight.workcell import load_workcell, open_cell
 
@@ -16,7 +15,7 @@ def main(seconds: float) -> None:
     workcell = load_workcell(packaged()["ur5_four_cameras"])
     with open_cell(workcell, seed=0) as cell:
         patrol = PatrolTask(workcell.goals, dwell=0.5)
-        session = Session(cell, patrol, config=session_config(cell))
+        session = Session(cell, patrol)
         session.warm_up()
         session.run(seconds)
         truth = cell.world.truth

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from armsight.commands.cells import packaged
 from armsight.mapping.snapshot import OCCUPIED
-from armsight.runtime.configure import session_config
 from armsight.runtime.recording import Recorder
 from armsight.runtime.replay import open_recording
 from armsight.runtime.session import Session
@@ -18,12 +17,12 @@ from armsight.workcell import load_workcell, open_cell
 def main(file: Path) -> None:
     with open_cell(load_workcell(packaged()["ur3_bench"])) as cell:
         recorder = Recorder(file, cell)
-        session = Session(cell, None, config=session_config(cell), observers=(recorder,))
+        session = Session(cell, None, observers=(recorder,))
         session.run(1.0)
         recorder.close()
         live = (session.view().snapshot.state == OCCUPIED).sum()
     with open_recording(file) as cell:
-        session = Session(cell, None, config=session_config(cell))
+        session = Session(cell, None)
         session.run(1.0)
         replayed = (session.view().snapshot.state == OCCUPIED).sum()
     print(f"occupied voxels, live {live}, replayed {replayed}; {file.stat().st_size / 1e6:.0f} MB")

@@ -7,14 +7,13 @@ import sys
 
 from armsight.commands.cells import find
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
-from armsight.runtime.configure import session_config
 from armsight.runtime.session import Session
 from armsight.workcell import load_workcell, open_cell
 
 
 def main(file: str) -> None:
     with open_cell(load_workcell(find(file))) as cell:
-        session = Session(cell, None, config=session_config(cell))  # no task: the arm holds still
+        session = Session(cell, None)  # no task: the arm holds still
         session.run(1.0)
         view = session.view()
     snapshot = view.snapshot

@@ -49,7 +49,6 @@ class Wanted:
 
 def run_session(cell: Cell, task: Task | None, wanted: Wanted) -> Session:
     """Run to the end (time, Ctrl-C, SIGTERM) and return the session for its figures."""
-    from armsight.runtime.configure import session_config
     from armsight.runtime.session import Session
 
     with ExitStack() as stack:
@@ -57,7 +56,6 @@ def run_session(cell: Cell, task: Task | None, wanted: Wanted) -> Session:
             cell,
             task,
             seed=wanted.seed,
-            config=session_config(cell),
             observers=wanted.observers,
         )
         if wanted.record is not None:

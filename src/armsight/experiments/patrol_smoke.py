@@ -46,7 +46,6 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
 def _one(file: Path, seed: int, progress: Progress) -> tuple[PatrolLog, float]:
     from armsight.motion.patrol import PatrolTask
-    from armsight.runtime.configure import session_config
     from armsight.runtime.session import Session
     from armsight.workcell import load_workcell, open_cell
 
@@ -58,7 +57,6 @@ def _one(file: Path, seed: int, progress: Progress) -> tuple[PatrolLog, float]:
             cell,
             task,
             seed=seed,
-            config=session_config(cell),
             observers=(log, _Told(progress)),
         )
         session.warm_up(lambda stage, done: progress(stage, 0.0))

@@ -15,18 +15,10 @@ from armsight.motion.separation import Separation
 from armsight.runtime.config import SessionConfig
 
 if TYPE_CHECKING:
-    from armsight.workcell import Cell, Workcell
+    from armsight.workcell import Workcell
 
 REACH_MARGIN = 0.35
 """Without a box of its own, a cell is mapped this far beyond the robot's reach [m]."""
-
-
-def session_config(cell: Cell) -> SessionConfig:
-    """Map and guard as the cell's file wants them; everything else at its default."""
-    return SessionConfig(
-        mapping=mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach),
-        guard=guard_config(cell.workcell),
-    )
 
 
 def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> GuardConfig:
