@@ -39,6 +39,8 @@ class MappingConfig:
             are taken for flying pixels: they neither occupy nor free anything.
         strong_share: a voxel hit by at least this share of the pixels that would see one of its
             faces is occupied at once; fewer hits need a second frame within ``weak_window``.
+        cluster, far_cluster: an occupied voxel with fewer occupied ones among its 26 neighbours
+            is avoided but not taken for a part of a person; in the fine and in the coarse layer.
         weak_window: seconds in which two weak sightings count as one strong [s].
         hold: a voxel that one camera has hit is not cleared by another before this time [s].
         person_speed: how fast someone unseen may move through unseen space [m/s].
@@ -74,6 +76,8 @@ class MappingConfig:
     greatest_turn: float = 0.06
     support: int = 3
     strong_share: float = 0.15
+    cluster: int = 2
+    far_cluster: int = 1
     weak_window: float = 0.15
     hold: float = 0.06
     person_speed: float = 2.0

@@ -25,10 +25,11 @@ from armsight.mapping.kernels.flood import (
     open_by_cube,
     pack,
     pack_room,
+    replace_outside,
     spread,
     unpack,
 )
-from armsight.mapping.snapshot import VoxelGrid
+from armsight.mapping.snapshot import ENCLOSED, UNKNOWN, VoxelGrid
 
 
 class UnseenPeople:
@@ -143,6 +144,10 @@ class UnseenPeople:
         steps = int(self._owed)
         self._owed -= steps
         return steps
+
+    def mark_enclosed(self, state: Bytes) -> None:
+        """Turn UNKNOWN to ENCLOSED, in place, where nobody can be."""
+        replace_outside(self._possible, self._rim, UNKNOWN, ENCLOSED, state)
 
     def mask(self) -> Bytes:
         """(nx, ny, nz) uint8, 1 where someone could be, seen or unseen."""

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from armsight.arrays import Bytes, Floats32, Ints32
-from armsight.mapping.kernels.evidence import add_hits, clear_seen_through, compose_state
+from armsight.mapping.kernels.evidence import (
+    add_hits,
+    clear_seen_through,
+    compose_state,
+    keep_clusters,
+)
 from armsight.mapping.snapshot import VoxelGrid
 
 
@@ -77,6 +82,16 @@ class Occupancy:
     def dynamic(self) -> Ints32:
         """(m,) int32 flat indices of the voxels occupied by something undeclared."""
         return self._listed[: self._count]
+
+    def clusters(self, neighbors: int) -> Ints32:
+        """Those of :attr:`dynamic` with at least so many of them among their 26 neighbours.
+
+        A single voxel is a stray measurement far more often than a part of a person.
+        """
+        kept = np.empty(self._count, np.int32)
+        shape = np.asarray(self.grid.shape, np.int64)
+        found = keep_clusters(self._listed, self._count, self.occupied, shape, neighbors, kept)
+        return kept[:found]
 
     def state(self, alive: Bytes) -> Bytes:
         """(nx, ny, nz) uint8 state, a new array; ``alive`` (cameras,) says whose word counts."""

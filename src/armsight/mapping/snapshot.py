@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from armsight.arrays import Bytes, Floats32, Ints, Points, Vector3
 
-UNKNOWN, FREE, OCCUPIED = 0, 1, 2
-"""States of a voxel."""
+UNKNOWN, FREE, OCCUPIED, ENCLOSED = 0, 1, 2, 3
+"""States of a voxel. ENCLOSED: unseen, but so surrounded by what is seen that nobody is there."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,8 @@ class WorkspaceSnapshot:
         stamp: exposure of the newest frame in it [s].
         oldest: exposure of the newest frame of the *stalest* camera that matters [s].
         grid: where the fine voxels lie.
-        state: (nx, ny, nz) uint8, UNKNOWN, FREE or OCCUPIED (declared static geometry included).
+        state: (nx, ny, nz) uint8, UNKNOWN, FREE, OCCUPIED (declared static geometry included) or
+            ENCLOSED.
         distance: (nx, ny, nz) float32 [m]: a proven lower bound of the distance from any point of
             the voxel to any occupied cube or (by policy) unknown cube; capped at ``distance_cap``.
         distance_cap: where ``distance`` saturates [m].

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from armsight.robots.robot import Robot
 MAX_CAMERAS = 8
 NEAR_SOLID = 0.1
 """How far from a declared solid a hit may still be explained by it [m]."""
+
+QUIET = 0.05
+"""Without frames the map is worked out anew this often only [s]."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +116,8 @@ class WorkspaceMap:
         self._points: Floats32 = np.zeros((int(np.prod(self._far.grid.shape)), 3), np.float32)
         self._body: BodyPose | None = None
         self._now = -np.inf
+        self._alive = np.zeros(len(names), np.uint8)
+        self._snapshot: WorkspaceSnapshot | None = None
         self._sequence = -1
         threads = max(config.threads, 1)
         self._pool = ThreadPoolExecutor(threads, "mapping") if threads > 1 else None
@@ -135,26 +140,30 @@ class WorkspaceMap:
             clock = moment
 
         jobs = self._admit(frames, joints, now)
+        alive = np.array([h.alive(now) for h in self._health], np.uint8)
+        if not jobs and self._nothing_new(alive, now):
+            return self._again(now)
         evidence = self._judge(jobs)
         lap("images")
         self._move_body(jobs)
         for job, seen in sorted(zip(jobs, evidence), key=lambda pair: pair[0].frame.stamp):
             self._take(job, seen)
         alive = np.array([h.alive(now) for h in self._health], np.uint8)
+        self._alive = alive
         state = self._fine.occupancy.state(alive)
-        state.flags.writeable = False
         lap("occupancy")
         distance, (hazards, unknown) = self._field_and_hazards(state, alive, now)
+        self._fine.unseen.mark_enclosed(state)
         lap("field and hazards")
         last = self._fine.occupancy.last_occupied()
         cloud = self.grid.center(self._triples(self._fine.occupancy.dynamic)).astype(np.float32)
-        for array in (hazards, unknown, last, cloud):
+        for array in (state, hazards, unknown, last, cloud):
             array.flags.writeable = False
         lap("publish")
         self._now = now
         self._sequence += 1
         stamps = [h.stamp for h in self._health]
-        return WorkspaceSnapshot(
+        self._snapshot = WorkspaceSnapshot(
             sequence=self._sequence,
             stamp=max(stamps, default=-np.inf),
             oldest=min(stamps, default=-np.inf),
@@ -171,6 +180,23 @@ class WorkspaceMap:
             timings=tuple(timings),
             distance_counts_unknown=self.config.unknown_is_solid,
         )
+        return self._snapshot
+
+    def _nothing_new(self, alive: Bytes, now: float) -> bool:
+        """Whether a round without frames would find what the last one found.
+
+        People who may hide in unseen space go on moving, so not for long.
+        """
+        return (
+            self._snapshot is not None
+            and bool((alive == self._alive).all())
+            and 0.0 <= now - self._now < QUIET
+        )
+
+    def _again(self, now: float) -> WorkspaceSnapshot:
+        """The last snapshot with the cameras' health as it is now."""
+        assert self._snapshot is not None
+        return replace(self._snapshot, cameras=tuple(h.status(now) for h in self._health))
 
     def _admit(self, frames: Sequence[RgbdFrame], joints: JointHistory, now: float) -> list[_Job]:
         """The newest usable frame of each camera, with arm and camera at its exposure."""
@@ -257,7 +283,7 @@ class WorkspaceMap:
         parts: list[tuple[Floats32, bool]] = []
         if self.config.far_margin > 0:
             parts = self._far_hazards(far.occupancy.state(alive), elapsed)
-        seen = fine.occupancy.dynamic
+        seen = fine.occupancy.clusters(self.config.cluster)
         unseen, _ = fine.unseen.update(state, seen, self._body_near, elapsed)
         unseen = unseen[fine.occupancy.occupied[unseen] == 0]
         parts.append((self._centers(seen), False))
@@ -271,12 +297,13 @@ class WorkspaceMap:
         far = self._far
         shape = np.asarray(far.grid.shape)
         parts = self.config.far_parts
-        index, faces = far.unseen.update(state, far.occupancy.dynamic, None, elapsed)
+        dynamic = far.occupancy.clusters(self.config.far_cluster)
+        index, faces = far.unseen.update(state, dynamic, None, elapsed)
         seen = far.occupancy.occupied[index] != 0
-        whole = np.full(len(far.occupancy.dynamic), 63, np.uint8)
+        whole = np.full(len(dynamic), 63, np.uint8)
         out = []
         for cells, open_faces, unseen in (
-            (far.occupancy.dynamic, whole, False),
+            (dynamic, whole, False),
             (index[~seen], faces[~seen], True),
         ):
             count = face_points(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Bytes, Floats, Ints32
+from armsight.arrays import Bytes, Floats, Ints, Ints32
 from armsight.mapping.snapshot import OCCUPIED, UNKNOWN
 
 
@@ -131,3 +131,30 @@ def compose_state(free: Any, alive: Bytes, occupied: Bytes, static: Bytes, state
             if alive[c] != 0:
                 _join(free[c, start:stop], out)
         _occupy(occupied[start:stop], static[start:stop], out)
+
+
+@njit(cache=True, nogil=True)
+def keep_clusters(
+    listed: Ints32, count: int, occupied: Bytes, shape: Ints, neighbors: int, kept: Ints32
+) -> int:
+    """Those occupied voxels that have at least so many occupied ones among their 26 neighbours.
+
+    Returns:
+        Their number; their indices are in ``kept``, in the order of ``listed``.
+    """
+    nx, ny, nz = shape[0], shape[1], shape[2]
+    n = 0
+    for a in range(count):
+        v = listed[a]
+        k = v % nz
+        j = (v // nz) % ny
+        i = v // (nz * ny)
+        found = -1  # itself
+        for x in range(max(i - 1, 0), min(i + 2, nx)):
+            for y in range(max(j - 1, 0), min(j + 2, ny)):
+                for z in range(max(k - 1, 0), min(k + 2, nz)):
+                    found += occupied[(x * ny + y) * nz + z]
+        if found >= neighbors:
+            kept[n] = v
+            n += 1
+    return n

@@ -98,6 +98,20 @@ def unpack(bits: Words, rim: int, mask: Bytes) -> None:
 
 
 @njit(cache=True, nogil=True)
+def replace_outside(bits: Words, rim: int, old: int, new: int, state: Bytes) -> None:
+    """Turn the voxels of state ``old`` that are not in the set to ``new``, in place."""
+    nx, ny, nz = state.shape
+    for x in range(nx):
+        for y in range(ny):
+            for z in range(nz):
+                if state[x, y, z] == old:
+                    p = z + rim
+                    word = bits[x + rim, y + rim, p >> 6]
+                    if not (word >> np.uint64(p & 63)) & ONE:
+                        state[x, y, z] = new
+
+
+@njit(cache=True, nogil=True)
 def add_voxels(indices: Ints32, count: int, ny: int, nz: int, rim: int, bits: Words) -> None:
     """Add voxels by their flat index in the (nx, ny, nz) grid."""
     for a in range(count):

@@ -39,16 +39,37 @@ def label_valid(depth: Floats32, near: float, far: float, label: Bytes) -> int:
 
 
 @njit(cache=True, nogil=True)
-def supported(depth: Floats32, v: int, u: int, tolerance: float, need: int) -> bool:
-    """Whether ``need`` of the 8 neighbours lie within ``tolerance`` [m] of a pixel's depth."""
+def trusted(depth: Floats32, label: Bytes, v: int, u: int, like: float, need: int) -> bool:
+    """Whether a pixel shows a surface and not the mixture of two.
+
+    At the border of something near, a pixel may see both it and what is behind, and report a depth
+    in between where nothing is ("flying" pixels). A pixel is not trusted if
+
+    * fewer than ``need`` of its 8 neighbours lie within ``like`` [m] of its depth, or
+    * one neighbour is nearer and another farther than that, or
+    * the arm is seen within two pixels of it and nearer than it.
+    """
     h, w = depth.shape
     z = depth[v, u]
     found = 0
+    nearer = False
+    farther = False
     for y in range(max(v - 1, 0), min(v + 2, h)):
         for x in range(max(u - 1, 0), min(u + 2, w)):
-            if abs(depth[y, x] - z) <= tolerance:  # false for NaN
+            d = depth[y, x] - z
+            if abs(d) <= like:  # false for NaN
                 found += 1
-    return found > need  # the pixel itself was counted
+            elif d > like:
+                farther = True
+            elif d < -like:
+                nearer = True
+    if found <= need or (nearer and farther):  # the pixel itself was counted
+        return False
+    for y in range(max(v - 2, 0), min(v + 3, h)):
+        for x in range(max(u - 2, 0), min(u + 3, w)):
+            if label[y, x] == ROBOT and depth[y, x] < z:
+                return False
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -134,7 +155,7 @@ def collect_hits(
             lies inside, else in the coarse one.
         solids: (kinds, sizes, T_solid_base).
         tolerance: (m, rad, sigmas): a point is a solid within m + rad x depth + sigmas x sigma.
-        support: see :func:`supported`.
+        support: how many neighbours must agree, see :func:`trusted`.
         count: (voxels,) uint16 scratch, zero on entry; holds the pixel counts afterwards.
         hits: (m,) out: flat indices of the voxels hit.
 
@@ -187,7 +208,7 @@ def collect_hits(
                     t,
                 ):
                     continue
-                if not supported(depth, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
+                if not trusted(depth, label, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
                     continue
                 if count[index] == 0:
                     if n >= hits.shape[0]:
@@ -216,7 +237,7 @@ def collect_hits(
                     t,
                 ):
                     continue
-                if not supported(depth, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
+                if not trusted(depth, label, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
                     continue
                 if far_count[index] == 0:
                     if m >= far_hits.shape[0]:
