@@ -228,7 +228,7 @@ def _raise_sunken(joints: Floats) -> None:
     """Stand on the floor: the upright pelvis of a clip is as high as the legs are long."""
     p = PERSON
     upright = np.percentile(joints[:, INDEX["pelvis"], 2], 90)
-    joints[..., 2] += p.ankle + p.shin + p.thigh + 0.01 - upright
+    joints[..., 2] += p.ankle + p.shin + p.thigh - 0.01 - upright
 
 
 def clip_frame(x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> Floats:

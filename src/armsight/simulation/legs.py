@@ -53,9 +53,10 @@ def _walk(
     yaw = {s: np.full(k, heading[0]) for s in homes}
     i = 0
     while i < k - 1:
+        soon = min(i + swing // 2, k - 1)  # a walker steps before the foot is left behind
         stray = {
-            s: np.linalg.norm(homes[s][i] - place[s][i]) / STRAY
-            + abs(heading[i] - yaw[s][i]) / TURN
+            s: np.linalg.norm(homes[s][soon] - place[s][i]) / STRAY
+            + abs(heading[soon] - yaw[s][i]) / TURN
             for s in homes
         }
         foot = max(stray, key=lambda s: stray[s])
@@ -63,7 +64,7 @@ def _walk(
             i += 1
             continue
         end = min(i + swing, k - 1)
-        landing = min(end + swing // 2, k - 1)
+        landing = min(end + (2 * swing) // 3, k - 1)
         x = np.arange(i, end + 1)
         w = ((x - i) / max(end - i, 1))[:, None]
         ease = w * w * (3.0 - 2.0 * w)

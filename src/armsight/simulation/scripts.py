@@ -186,7 +186,7 @@ def _walking(times: Floats, o: ScriptOptions, ahead: Floats, yaw: Floats) -> Flo
     p = o.proportions
     joints = np.repeat(standing(p)[None], len(times), axis=0)
     pace = np.gradient(ahead, times)
-    joints[:, :, 2] -= 0.03 * np.minimum(np.abs(pace), 1.2)[:, None]
+    joints[:, :, 2] -= 0.035 * np.minimum(np.abs(pace), 1.2)[:, None]
     swing = 0.16 * np.tanh(pace) * np.sin(2.0 * np.pi * ahead / 1.3)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for joint, share in (("elbow", 0.5), ("wrist", 1.0), ("hand", 1.15)):

@@ -92,8 +92,8 @@ class Proportions:
     def __post_init__(self) -> None:
         """Fill what was not given from the height."""
         shares = {
-            "trunk": 0.300,
-            "neck_to_head": 0.092,
+            "trunk": 0.306,
+            "neck_to_head": 0.102,
             "shoulder_half": 0.112,
             "upper_arm": 0.186,
             "forearm": 0.146,
@@ -117,6 +117,7 @@ def standing(p: Proportions) -> Points:
     def put(name: str, x: float, y: float, z: float) -> None:
         pose[INDEX[name]] = (x, y, z)
 
+    hip -= 0.017 * p.height  # nobody stands with knees locked
     put("pelvis", 0, 0, hip + 0.02)
     neck = hip + 0.02 + p.trunk
     put("neck", 0, 0, neck)
@@ -152,9 +153,17 @@ def bend(start: Floats, end: Floats, first: float, second: float, toward: Floats
     reach = end - start
     length = np.linalg.norm(reach, axis=-1, keepdims=True)
     axis = reach / np.maximum(length, 1e-9)
-    length = np.clip(length, abs(first - second) + 1e-3, 0.999 * (first + second))
+    length = _soft(np.maximum(length, abs(first - second) + 1e-3), first + second)
     along = (first**2 - second**2 + length**2) / (2.0 * length)
     aside = np.sqrt(np.maximum(first**2 - along**2, 0.0))
     side = toward - axis * np.sum(axis * toward, axis=-1, keepdims=True)
     side /= np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-9)
     return np.stack([start + axis * along + side * aside, start + axis * length])
+
+
+def _soft(length: Floats, full: float) -> Floats:
+    """Lengths up to ``full``, approached gently: a limb that snaps straight would jerk."""
+    margin = 0.02 * full
+    over = np.maximum(length - (full - margin), 0.0)
+    gentle = 0.9999 * full - 0.995 * margin * np.exp(-over / margin)
+    return np.asarray(np.where(over > 0.0, gentle, length))
