@@ -368,7 +368,8 @@ class AprilTagGrid:
         for corner, tag in zip(corners, np.ravel(ids) if ids is not None else ()):
             index = int(tag) - self.first
             if 0 <= index < count:
-                found.append((index, np.asarray(corner, float).reshape(4, 2)))
+                # This refinement counts pixel centres from a half (measured: +0.46 px), we from 0.
+                found.append((index, np.asarray(corner, float).reshape(4, 2) - 0.5))
         if not found:
             return Miss(f"image is {problem}" if problem else "no tag of this board found")
         corner_ids = np.concatenate([4 * index + np.arange(4) for index, _ in found])

@@ -1,0 +1,150 @@
+"""Boards drawn, seen through a lens and found again; printed true to scale."""
+
+import re
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from armsight.calibration.boards import (
+    AprilTagGrid,
+    CharucoBoard,
+    Checkerboard,
+    Detection,
+    Miss,
+    parse_board,
+    raster,
+)
+from armsight.calibration.printing import board_pdf
+from armsight.errors import UsageError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import exp
+
+CAMERA = PinholeCamera(640, 480, 560, 560, 319.5, 239.5)
+BOARDS = [Checkerboard(), CharucoBoard(7, 5, 0.03, 0.022), AprilTagGrid(4, 3, 0.04)]
+
+
+def picture(board, T, camera=CAMERA, blur=0.7, noise=1.0, seed=0):
+    """The board by one homography at four times the size, area-averaged: an oracle of its own."""
+    image, x0, y0 = raster(board, 4000, 0.02)
+    n = 4
+    K = camera.K.copy()
+    K[:2, :2] *= n
+    K[0, 2], K[1, 2] = (camera.cx + 0.5) * n - 0.5, (camera.cy + 0.5) * n - 0.5
+    place = np.array([[1 / 4000, 0, x0 + 0.5 / 4000], [0, 1 / 4000, y0 + 0.5 / 4000], [0, 0, 1]])
+    H = K @ T[:3, [0, 1, 3]] @ place
+    big = cv2.warpPerspective(
+        image, H, (camera.width * n, camera.height * n), flags=cv2.INTER_AREA, borderValue=150
+    )
+    small = cv2.resize(big, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), blur).astype(float)
+    small += np.random.default_rng(seed).normal(0, noise, small.shape)
+    return np.clip(0.7 * small + 20, 0, 255).astype(np.uint8)
+
+
+def centred(board, z, tilt):
+    middle = 0.5 * (board.points.max(0) + board.points.min(0))
+    turn = exp([0, 0, 0, *tilt])
+    T = turn.copy()
+    T[:3, 3] = [0, 0, z] - turn[:3, :3] @ middle
+    return T
+
+
+@pytest.mark.parametrize("board", BOARDS, ids=lambda b: type(b).__name__)
+@pytest.mark.parametrize("tilt", [(0, 0, 0.2), (0.5, -0.3, 0.1), (-0.4, 0.4, 3.0)])
+def test_corners_are_found_where_they_are(board, tilt):
+    T = centred(board, 0.45, tilt)
+    found = board.detect(picture(board, T))
+    assert isinstance(found, Detection)
+    assert len(found.corner) >= 0.9 * len(board.points)
+    truth = CAMERA.project(board.points[found.corner] @ T[:3, :3].T + T[:3, 3])
+    error = np.linalg.norm(found.pixel - truth, axis=1)
+    limit = 0.25 if isinstance(board, AprilTagGrid) else 0.12
+    assert np.sqrt(np.mean(error**2)) < limit
+
+
+def test_the_hollow_square_tells_the_turn():
+    board = Checkerboard()
+    for turn in (0.0, np.pi):
+        T = centred(board, 0.5, (0, 0, turn))
+        found = board.detect(picture(board, T))
+        assert isinstance(found, Detection)
+        truth = CAMERA.project(board.points[found.corner] @ T[:3, :3].T + T[:3, 3])
+        np.testing.assert_allclose(found.pixel, truth, atol=0.3)
+
+
+def test_small_boards_lose_only_the_corner_by_the_hollow_square():
+    board = Checkerboard()
+    T = centred(board, 1.9, (0.2, 0.1, 0.3))
+    found = board.detect(picture(board, T))
+    assert isinstance(found, Detection)
+    assert set(range(1, 24)) <= set(found.corner.tolist())
+
+
+def test_misses_say_why():
+    board = Checkerboard()
+    black, white = np.zeros((480, 640), np.uint8), np.full((480, 640), 255, np.uint8)
+    gray = np.full((480, 640), 128, np.uint8)
+    reasons = [board.detect(image) for image in (black, white, gray)]
+    assert [m.reason for m in reasons if isinstance(m, Miss)] == [
+        "image is black",
+        "image is over-exposed",
+        "no board found",
+    ]
+
+
+def test_a_mirrored_board_is_refused():
+    board = Checkerboard()
+    image = picture(board, centred(board, 0.5, (0.1, 0.2, 0)))
+    assert isinstance(board.detect(np.ascontiguousarray(image[:, ::-1])), Miss)
+
+
+def test_a_blurred_board_is_missed_or_right():
+    board = Checkerboard()
+    T = centred(board, 0.8, (0.2, 0.1, 0))
+    for blur in (2.0, 4.0, 8.0):
+        found = board.detect(picture(board, T, blur=blur))
+        if isinstance(found, Detection):
+            truth = CAMERA.project(board.points[found.corner] @ T[:3, :3].T + T[:3, 3])
+            assert np.median(np.linalg.norm(found.pixel - truth, axis=1)) < 0.3
+
+
+@pytest.mark.parametrize("board", BOARDS, ids=lambda b: type(b).__name__)
+def test_pdf_is_true_to_scale(board):
+    pdf = board_pdf(board, "A4")
+    assert pdf.startswith(b"%PDF-1.4")
+    assert zlib.crc32(pdf) == zlib.crc32(board_pdf(board, "A4"))
+    boxes = [
+        [float(v) for v in m] for m in re.findall(rb"([\d.]+) ([\d.]+) ([\d.]+) ([\d.]+) re f", pdf)
+    ]
+    count = len(board.tiles())
+    tiles = np.array(boxes[:count])
+    x0, y0, x1, y1 = board.outline
+    points = 72 / 25.4 * 1e3
+    width = (tiles[:, 0] + tiles[:, 2]).max() - tiles[:, 0].min()
+    height = (tiles[:, 1] + tiles[:, 3]).max() - tiles[:, 1].min()
+    assert width == pytest.approx((x1 - x0) * points, abs=0.01)
+    assert height == pytest.approx((y1 - y0) * points, abs=0.01)
+    rule = np.array(boxes[count:])
+    if len(rule):
+        assert rule[:, 2].max() == pytest.approx(100 * 72 / 25.4, abs=1e-3)
+
+
+def test_a_board_too_large_says_what_paper_holds_it():
+    with pytest.raises(UsageError, match="use A2"):
+        board_pdf(Checkerboard(13, 9, 0.04), "A4")
+    with pytest.raises(UsageError, match="no paper"):
+        board_pdf(Checkerboard(), "B5")
+
+
+def test_boards_from_words():
+    assert parse_board("checkerboard:7x5:30") == Checkerboard()
+    assert parse_board("checkerboard:10x7:25:plain") == Checkerboard(10, 7, 0.025, False)
+    assert parse_board("charuco:5x7:36:27:DICT_5X5_100").dictionary == "DICT_5X5_100"
+    assert len(parse_board("apriltag:6x4:30").points) == 96
+    for words in ("chess:7x5:30", "checkerboard:7", "checkerboard:7x5:x"):
+        with pytest.raises(UsageError, match="not understood"):
+            parse_board(words)
+    with pytest.raises(UsageError, match="odd"):
+        parse_board("checkerboard:8x5:30")

@@ -1,0 +1,254 @@
+"""Depth models, spheres, drift, files: each against truth or another reader."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from armsight.calibration import report
+from armsight.calibration.calibrate import CalibrationOptions, calibrate
+from armsight.calibration.depth import DepthSamples, fit_depth
+from armsight.calibration.drift import DriftWatch
+from armsight.calibration.export import (
+    camera_info_yaml,
+    opencv_yaml,
+    update_workcell,
+    write_results,
+)
+from armsight.calibration.procedure import SeenView
+from armsight.calibration.spheres import fit_sphere, procrustes, register_spheres
+from armsight.calibration.synthetic import (
+    ErrorLevels,
+    make_cell,
+    observe,
+    random_views,
+    target_error,
+)
+from armsight.calibration.views_file import append, read
+from armsight.errors import CalibrationError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import exp, inverse
+
+LENS = PinholeCamera(512, 424, 366.1, 367.2, 255.5, 204.0, (0.1, -0.28, 1e-3, -2e-3, 0.09))
+
+
+@pytest.fixture(scope="module")
+def solved(arm5):
+    rng = np.random.default_rng(6)
+    cell = make_cell(arm5, rng)
+    problem = observe(cell, random_views(cell, 24, rng), rng)
+    return cell, calibrate(problem, rng, CalibrationOptions())
+
+
+def test_a_whole_calibration_is_within_its_stated_error(solved):
+    cell, answer = solved
+    for lens in range(6):
+        assert target_error(cell, answer.solution.state, lens) < 3 * answer.target_sigma(lens)
+    assert answer.left_out is not None
+    assert answer.left_out.mm < 2.0
+    assert "A point 1.0-1.5 m from a camera" in report.verdict(answer)
+    assert any(line.startswith("camera left in base") for line in report.lines(answer))
+
+
+def test_report_page_holds_its_pictures(solved):
+    page = report.page(solved[1], (), (), "Test <cell>")
+    assert page.count("data:image/png;base64,") == 3
+    assert "Test &lt;cell&gt;" in page
+
+
+def true_depth_error(z, pixel):
+    r2 = ((pixel - [255.5, 211.5]) ** 2).sum(1) / (255.5**2 + 211.5**2)
+    return 0.021 + 0.004 * (z - 1.2) + 0.003 * np.sin(2 * np.pi * z / 0.9 + 1) + 0.004 * r2
+
+
+def test_depth_model_predicts_unseen_distances(rng):
+    samples = []
+    for _ in range(40):
+        z0 = rng.uniform(0.7, 1.6)
+        pixel = rng.uniform([40, 40], [470, 380]) + rng.uniform(-30, 30, (7, 2))
+        z = z0 + rng.normal(0, 0.02, 7)
+        noise = rng.normal(0, 0.0006, 7) + rng.normal(0, 0.0005)
+        samples.append(
+            DepthSamples(pixel, z + true_depth_error(z, pixel) + noise, z, np.full(7, 1e-3))
+        )
+    model = fit_depth(samples, LENS)
+    assert model is not None
+    pixel = rng.uniform([30, 30], [480, 390], (300, 2))
+    z = rng.uniform(0.8, 1.5, 300)
+    left = true_depth_error(z, pixel) - model.error(z, pixel, LENS)
+    assert np.median(np.abs(left)) < 0.0012
+    assert model.scale_known
+    image = np.full((424, 512), np.nan, np.float32)
+    image[200, 250] = 1.2 + true_depth_error(np.array([1.2]), np.array([[250.0, 200.0]]))[0]
+    fixed = model.corrected(image, LENS)
+    assert abs(fixed[200, 250] - 1.2) < 0.002
+    assert np.isnan(fixed).sum() == fixed.size - 1
+
+
+def test_depth_of_one_distance_refuses_a_scale(rng):
+    z = np.full(7, 1.0)
+    pixel = rng.uniform(100, 300, (7, 2))
+    samples = [DepthSamples(pixel, z + 0.02, z, np.full(7, 1e-3)) for _ in range(5)]
+    model = fit_depth(samples, LENS)
+    assert model is not None
+    assert not model.scale_known
+    assert model.scale == pytest.approx(0.0, abs=1e-6)
+    assert fit_depth([], LENS) is None
+
+
+def cap(center, radius, rng, n=300, noise=0.0003):
+    """Points on the half of a sphere that faces a camera at the origin."""
+    d = rng.normal(size=(4 * n, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    d = d[d @ center < -0.3 * np.linalg.norm(center)][:n]
+    p = center + radius * d
+    return p + p / np.linalg.norm(p, axis=1, keepdims=True) * rng.normal(0, noise, (len(p), 1))
+
+
+def test_sphere_of_known_radius(rng):
+    center = np.array([0.3, -0.2, 2.2])
+    points = cap(center, 0.075, rng)
+    points[:15] += rng.normal(0, 0.05, (15, 3))
+    fit = fit_sphere(points, 0.075)
+    assert fit is not None
+    assert np.linalg.norm(fit.center - center) < 1e-3
+    assert fit_sphere(points[:5], 0.075) is None
+
+
+def test_spheres_register_cameras_in_spite_of_depth_bias(rng):
+    poses = [np.eye(4), exp([1.5, 0.1, 0.8, 0.1, -1.0, 0.1]), exp([-1.2, 0.2, 0.6, 0.2, 0.9, 0])]
+    bias = np.array([0.0, 0.015, -0.01])
+    places = rng.uniform([-0.6, -0.5, 1.6], [0.6, 0.5, 2.4], (30, 3))
+    seen = []
+    for p in places:
+        row = []
+        for T, b in zip(poses, bias):
+            local = (inverse(T) @ np.append(p, 1))[:3]
+            local = local * (1 + b / np.linalg.norm(local)) + rng.normal(0, 0.002, 3)
+            row.append(local if rng.random() > 0.15 else None)
+        seen.append(row)
+    seen[4][1] = np.array([0.0, 0.0, 3.0])  # a mistaken marker
+    found = register_spheres(seen, rng, 0.002)
+    corners = np.array([[x, y, z] for x in (-0.6, 0.6) for y in (-0.5, 0.5) for z in (1.6, 2.4)])
+    for T, truth in zip(found.T_reference_camera, poses):
+        local = corners @ inverse(truth)[:3, :3].T + inverse(truth)[:3, 3]
+        error = np.linalg.norm(local @ T[:3, :3].T + T[:3, 3] - corners, axis=1)
+        assert error.max() < 0.02  # V's corners were off by 50 mm
+
+
+def test_too_few_or_collinear_places_are_refused(rng):
+    line = [[np.array([0.1 * k, 0, 2.0]), np.array([0.1 * k, 0.1, 1.9])] for k in range(8)]
+    with pytest.raises(CalibrationError, match="line"):
+        register_spheres(line, rng)
+    with pytest.raises(CalibrationError, match="shared"):
+        register_spheres([[np.ones(3), None], [None, np.ones(3)]], rng)
+
+
+def test_procrustes_is_exact(rng):
+    T = exp(rng.normal(0, 1, 6))
+    p = rng.normal(size=(5, 3))
+    np.testing.assert_allclose(procrustes(p, p @ T[:3, :3].T + T[:3, 3]), T, atol=1e-12)
+
+
+def watch(cell, answer, moved, seed, count=12):
+    """Feed later sightings with a moved cell; the alarm and after how many."""
+    rng = np.random.default_rng(seed)
+    joints = random_views(cell, count, rng)
+    later = observe(moved, joints, rng)
+    guard = DriftWatch(answer)
+    for v in range(count):
+        seen = [s for s in later.sightings if s.view == v]
+        alarm = guard.add(later.views[v], seen)
+        if alarm is not None:
+            return alarm, v + 1
+    return None, count
+
+
+def test_drift_watch_names_the_camera_and_keeps_still_otherwise(solved):
+    cell, answer = solved
+    quiet = replace(cell, levels=replace(cell.levels, wrong_boards=0.0))
+    assert watch(quiet, answer, quiet, 1)[0] is None
+    poses = cell.state.T_mount_rig.copy()
+    poses[1] = poses[1] @ exp([0.005, 0, 0, 0, 0.009, 0])
+    moved = replace(quiet, state=replace(cell.state, T_mount_rig=poses))
+    alarm, _ = watch(quiet, answer, moved, 2)
+    assert alarm is not None
+    assert alarm.cameras == ("right",)
+    assert "calibrate again" in alarm.message
+
+
+def test_files_are_read_by_others(tmp_path):
+    ros = yaml.safe_load(camera_info_yaml("left", LENS))
+    assert ros["distortion_model"] == "plumb_bob"
+    assert ros["camera_matrix"]["data"][0] == pytest.approx(366.1)
+    assert ros["projection_matrix"]["cols"] == 4
+    file = tmp_path / "lens.yaml"
+    file.write_text(opencv_yaml(LENS))
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
+    np.testing.assert_allclose(storage.getNode("cameraMatrix").mat(), LENS.K)
+    np.testing.assert_allclose(
+        storage.getNode("distortionCoefficients").mat().ravel(), LENS.distortion
+    )
+
+
+def test_results_do_not_replace_better_ones(solved, tmp_path):
+    answer = solved[1]
+    files = write_results(tmp_path, answer)
+    assert {f.name for f in files} >= {"tf.yaml", "calibration.json", "left_color.opencv.yaml"}
+    summary = json.loads((tmp_path / "calibration.json").read_text())
+    assert len(summary["cameras"]) == 3
+    summary["target_sigma_m"] = 1e-5
+    (tmp_path / "calibration.json").write_text(json.dumps(summary))
+    with pytest.raises(CalibrationError, match="better"):
+        write_results(tmp_path, answer)
+    write_results(tmp_path, answer, force=True)
+
+
+def test_workcell_keeps_its_comments(solved, tmp_path):
+    file = tmp_path / "cell.toml"
+    text = "# my cell\n[cell]\nname = 'x' # short\n"
+    for name in ("left", "right", "front"):
+        text += f'\n[[camera]]\nname = "{name}" # by the door\nposition = [0, 0, 1]\nlook_at = [1, 0, 0]\n'
+    file.write_text(text)
+    T = exp([0, 0, 0.8, 0, 0, 0])
+    out = update_workcell(file, solved[1], T)
+    assert "# my cell" in out
+    assert out.count("# by the door") == 3
+    assert "look_at" not in out
+    import tomllib
+
+    camera = tomllib.loads(out)["camera"][1]
+    np.testing.assert_allclose(camera["position"], (T @ solved[1].camera_pose(1))[:3, 3], atol=1e-6)
+    with pytest.raises(CalibrationError, match="no \\[\\[camera\\]\\]"):
+        file.write_text("[cell]\nname='x'\n")
+        update_workcell(file, solved[1], T)
+
+
+def test_views_survive_a_stop(tmp_path):
+    file = tmp_path / "views.jsonl"
+    view = SeenView(
+        np.arange(6.0), "tilt", 1.5,
+        ((1, np.array([0, 2]), np.array([[1.0, 2.0], [3.0, 4.0]])),),
+        ((0, "no board found"),),
+        ((0, np.array([[5.0, 6.0]]), np.array([1.2])),),
+    )  # fmt: skip
+    append(file, view)
+    append(file, view)
+    with file.open("a") as stream:
+        stream.write('{"joints": [1, 2')  # cut short by a stop
+    found = read(file)
+    assert len(found) == 2
+    np.testing.assert_array_equal(found[1].found[0][2], view.found[0][2])
+    file.write_text("nonsense\n" + file.read_text())
+    with pytest.raises(CalibrationError, match="line 1"):
+        read(file)
+
+
+def test_no_sighting_at_all_is_named(arm5):
+    rng = np.random.default_rng(0)
+    cell = make_cell(arm5, rng, ErrorLevels.ideal())
+    with pytest.raises(CalibrationError, match="no board was seen"):
+        calibrate(cell.sheet, rng)
