@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, DepthImage, Floats, Pose, Vector3
+from armsight.arrays import Bytes, DepthImage, Floats, JointVector, Pose, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, inverse
 from armsight.simulation.spec import CameraSpec
@@ -198,6 +198,13 @@ class BoardStudio:
         T[:3, :3] = world._data.xmat[body].reshape(3, 3)
         T[:3, 3] = world._data.xpos[body]
         return np.asarray(T @ world.spec.arm.robot.T_last_flange)
+
+    def place(self, joints: JointVector) -> None:
+        """Put the arm at joint angles at once, without moving it there: for pools of photographs.
+
+        The arm's sag and the error of its rest are not simulated then.
+        """
+        self._world._data.qpos[: len(joints)] = joints
 
     def photograph(
         self, index: int, frames: int = 5, blur_px: float = 0.0, color: bool = True
