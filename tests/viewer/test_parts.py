@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_fakes import GRID, make_guard, make_snapshot
 
+from armsight.geometry.pose import from_rpy, transform
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import CameraStatus
 from armsight.motion.data import GuardMode
@@ -18,7 +19,7 @@ from armsight.viewer import colors, html
 from armsight.viewer.cameras import TILE, mosaic
 from armsight.viewer.danger import FADE, voxels
 from armsight.viewer.history import SECONDS, History
-from armsight.viewer.nodes import quaternions, scale_of
+from armsight.viewer.nodes import is_wall, quaternions, scale_of, wall_face
 from armsight.viewer.primitives import CUBE, CYLINDER, SPHERE
 
 
@@ -144,3 +145,29 @@ def test_instances_have_the_size_of_their_solid(kind, size, extent) -> None:  # 
     corners = vertices[shape.faces]
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.all(np.sum(outward * corners.mean(axis=1), axis=1) > 0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_wall_shows_the_face_towards_the_robot(axis: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    size = [3.0, 2.4, 2.0]
+    size[axis] = 0.1
+    solid = Solid("wall", "box", (size[0], size[1], size[2]), np.eye(4))
+    assert is_wall(solid)
+    T = from_rpy(rng.normal(size=3), rng.normal(size=3) * 3.0)
+    inside = rng.normal(size=3)
+    vertices, faces = wall_face(solid, T, inside)
+    corners = transform(T, vertices.astype(float))
+    assert np.allclose(np.abs(vertices), 0.5 * np.array(size), atol=1e-6)
+    for a, b, c in corners[faces]:
+        normal = np.cross(b - a, c - a)
+        other = 2 * T[:3, 3] - a  # the far face's corner: the near face is nearer to the point
+        assert (inside - T[:3, 3]) @ normal > 0
+        assert np.linalg.norm(other - a) > 0
+
+
+def test_tables_and_posts_are_no_walls() -> None:
+    for size in ((1.4, 1.4, 0.05), (1.4, 1.4, 0.75), (0.06, 0.06, 2.0), (3.0, 0.4, 0.02)):
+        assert not is_wall(Solid("s", "box", size, np.eye(4)))
+    assert not is_wall(Solid("s", "sphere", (3.0, 0.0, 0.0), np.eye(4)))

@@ -44,13 +44,21 @@ HEIGHT = _ramp(
 )
 """Cloud by height: dark blue low, pale high; no red, which is kept for danger."""
 
+_LINEAR = np.round(255.0 * (np.arange(256) / 255.0) ** 2.2).astype(np.uint8)
+
+
+def for_instances(colors: Bytes) -> Bytes:
+    """Viser takes the colours of instances for linear light; these look as they are meant."""
+    return _LINEAR[colors]
+
+
 DANGER = _ramp(
     [
-        (0.0, (45, 75, 140)),
-        (0.35, (60, 130, 95)),
-        (0.6, (215, 165, 20)),
-        (0.8, (225, 95, 15)),
-        (1.0, (200, 18, 22)),
+        (0.0, (60, 90, 150)),
+        (0.35, (75, 150, 110)),
+        (0.6, (235, 185, 40)),
+        (0.8, (240, 115, 35)),
+        (1.0, (230, 40, 40)),
     ]
 )
 """Voxels by danger: blue is long gone, red is there now."""

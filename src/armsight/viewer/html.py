@@ -38,7 +38,8 @@ def banner(guard: GuardStatus | None, note: str, armless: bool = False) -> str:
     goal = ""
     if guard is not None and guard.goal:
         arrow = "at" if guard.reached else "to"
-        goal = f"<span style='float:right;text-transform:none;{DIM}'>{arrow} {escape(guard.goal)}</span>"
+        style = f"float:right;text-transform:none;{DIM}"
+        goal = f"<span style='{style}'>{arrow} {escape(guard.goal)}</span>"
     return (
         f"<div style='{FONT};margin:0 .2em .5em;padding:.65em .8em;border-radius:.5em;"
         f"background:{color};color:#fff'>"

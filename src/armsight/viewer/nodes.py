@@ -11,14 +11,17 @@ from typing import Any
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from armsight.arrays import Bytes, Floats, Floats32, Points, Pose, Poses
-from armsight.geometry.pose import to_wxyz
+from armsight.arrays import Bytes, Floats, Floats32, Points, Pose, Poses, Vector3
+from armsight.geometry.pose import inverse, to_wxyz, transform
 from armsight.geometry.shapes import ShapeKind, Solid
-from armsight.viewer.colors import Color
+from armsight.viewer.colors import Color, for_instances
 from armsight.viewer.primitives import CUBE, CYLINDER, SPHERE
 
+WALL = 1.5
+"""A thin box at least this long and high is a wall [m]."""
 SHAPES = {"box": CUBE, "cylinder": CYLINDER, "sphere": SPHERE}
 
 
@@ -142,7 +145,7 @@ class Cubes(Shown):
             return
         room = _room(len(centers), self.STEP)
         placed = _padded(centers, room, np.float32)
-        shades = _padded(colors, room, np.uint8)
+        shades = _padded(for_instances(colors), room, np.uint8)
         fits = self._handle is not None and len(self._handle.batched_positions) == room
         if fits and edge == self._edge:
             self._handle.batched_positions = placed
@@ -237,7 +240,7 @@ class SolidGroup(Shown):
             batched_wxyzs=turns,
             batched_positions=positions,
             batched_scales=np.array([scale_of(solid) for solid in solids], np.float32),
-            batched_colors=np.array([to_uint8(solid.color) for solid in solids], np.uint8),
+            batched_colors=for_instances(np.array([to_uint8(s.color) for s in solids], np.uint8)),
             lod="off",
             flat_shading=kind == "box",
             visible=self._visible,
@@ -268,15 +271,50 @@ def to_uint8(color: tuple[float, float, float]) -> Color:
     return red, green, blue
 
 
-def add_solid(scene: viser.SceneApi, name: str, solid: Solid, T: Pose) -> Posed:
-    """Draw a box, cylinder or sphere that stands still."""
+def add_solid(scene: viser.SceneApi, name: str, solid: Solid, T: Pose, inside: Vector3) -> None:
+    """Draw a box, cylinder or sphere that stands still.
+
+    Args:
+        scene: where.
+        name: of the node.
+        solid: its shape.
+        T: its pose in the parent.
+        inside: (3,) a point in the parent. Of a wall only the face towards it is drawn, so that one
+            looks into a room from outside as into a doll's house.
+    """
     color = to_uint8(solid.color)
     handle: Any
-    if solid.kind == "box":
+    if is_wall(solid):
+        vertices, faces = wall_face(solid, T, inside)
+        handle = scene.add_mesh_simple(
+            name, vertices, faces, color=color, side="front", cast_shadow=False
+        )
+    elif solid.kind == "box":
         handle = scene.add_box(name, dimensions=solid.size, color=color)
     elif solid.kind == "sphere":
         handle = scene.add_icosphere(name, radius=solid.size[0], subdivisions=3, color=color)
     else:
         radius, height, _ = solid.size
         handle = scene.add_cylinder(name, radius=radius, height=height, color=color)
-    return Posed(handle, T)
+    Posed(handle, T)
+
+
+def is_wall(solid: Solid) -> bool:
+    """Whether a box is thin and large both ways: a wall, a ceiling, a fence; not a table's top."""
+    thin, middle, _ = sorted(solid.size)
+    return solid.kind == "box" and middle >= WALL and thin <= 0.2 * middle
+
+
+def wall_face(solid: Solid, T: Pose, inside: Vector3) -> tuple[Floats32, NDArray[np.uint32]]:
+    """Two triangles: the large face of a wall that looks towards a point in the parent."""
+    axis = int(np.argmin(solid.size))
+    towards = float(transform(inverse(T), np.asarray(inside, float)[None])[0, axis])
+    sign = 1.0 if towards > 0 else -1.0
+    half = 0.5 * np.asarray(solid.size)
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+    vertices = np.zeros((4, 3), np.float32)
+    vertices[:, axis] = sign * half[axis]
+    vertices[:, u] = np.array([-1, 1, 1, -1]) * half[u]
+    vertices[:, v] = np.array([-1, -1, 1, 1]) * half[v]
+    faces = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
+    return vertices, faces if sign > 0 else np.ascontiguousarray(faces[:, ::-1])

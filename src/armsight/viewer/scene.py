@@ -85,7 +85,8 @@ class Scene:
         )
         self._solids = api.add_frame(f"{base}/static", show_axes=False)
         for solid in cell.static:
-            add_solid(api, f"{base}/static/{solid.name}", solid, solid.T_frame_solid)
+            node = f"{base}/static/{solid.name}"
+            add_solid(api, node, solid, solid.T_frame_solid, np.array([0.0, 0.0, 0.3]))
         self._robot_root = api.add_frame(f"{base}/robot", show_axes=False)
         self.robot = RobotModel(api, f"{base}/robot", cell.robot)
         self._camera_root = api.add_frame(f"{base}/cameras", show_axes=False)
