@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from armsight.arrays import Floats, Points, Pose
+from armsight.arrays import Floats, Floats32, Ints, Points, Pose
 from armsight.geometry.pose import inverse, transform
 
 ShapeKind = Literal["box", "cylinder", "sphere"]
@@ -46,3 +46,20 @@ class Solid:
             q = np.stack([radial, np.abs(p[:, 2]) - 0.5 * self.size[1]], axis=1)
         outside = np.linalg.norm(np.maximum(q, 0.0), axis=1)
         return np.asarray(outside + np.minimum(q.max(axis=1), 0.0))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A coloured surface of triangles, for drawing only.
+
+    Attributes:
+        name: unique in what it belongs to.
+        vertices: (n, 3) float32 in the owner's frame [m].
+        faces: (m, 3) corners, outward.
+        color: RGB, 0..1.
+    """
+
+    name: str
+    vertices: Floats32
+    faces: Ints
+    color: tuple[float, float, float]

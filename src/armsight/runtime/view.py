@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from armsight.arrays import Pose
 from armsight.devices.data import JointState, RgbdFrame
-from armsight.geometry.shapes import Solid
+from armsight.geometry.shapes import Solid, Surface
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 
@@ -42,6 +42,21 @@ class Mover:
 
 
 @dataclass(frozen=True)
+class Body:
+    """A rigid part of a person as it looks, where a driver knows; pose in ``world``.
+
+    Attributes:
+        name: unique, such as ``visitor/left_forearm``.
+        surfaces: in the body's frame; the same objects every time.
+        T_world_body: where it is.
+    """
+
+    name: str
+    surfaces: tuple[Surface, ...]
+    T_world_body: Pose
+
+
+@dataclass(frozen=True)
 class SessionView:
     """One consistent look at a session.
 
@@ -52,6 +67,8 @@ class SessionView:
         frames: newest frame of each camera.
         health: of every component.
         movers: people and things that move, where a driver can show them.
+        bodies: what people look like in detail, where a driver knows; they are among the movers
+            as well, roughly.
     """
 
     now: float
@@ -63,3 +80,4 @@ class SessionView:
     frames: tuple[RgbdFrame, ...] = ()
     health: tuple[ComponentHealth, ...] = ()
     movers: tuple[Mover, ...] = field(default=())
+    bodies: tuple[Body, ...] = field(default=())
