@@ -33,7 +33,7 @@ from armsight.runtime.parts import Parts, make_parts
 from armsight.runtime.shared_devices import SharedArm, SharedCamera
 from armsight.runtime.signals import orderly_signals
 from armsight.runtime.simulated_loop import SimulatedLoop
-from armsight.runtime.view import ComponentHealth, Mover, SessionView
+from armsight.runtime.view import Body, ComponentHealth, Mover, SessionView
 from armsight.runtime.wall_loop import WallLoop
 from armsight.runtime.warm_up import Progress
 
@@ -91,6 +91,7 @@ class Session:
         self._held = False
         self._speed = math.inf
         self._movers: tuple[Mover, ...] = ()
+        self._bodies: tuple[Body, ...] = ()
         self._loop_thread: int | None = None
         self._warm = False
         self._loop: SimulatedLoop | WallLoop
@@ -129,7 +130,7 @@ class Session:
         now = self.now()
         channels = self._channels
         if threading.get_ident() == self._loop_thread or self._loop_thread is None:
-            self._movers = self._read_movers()
+            self._movers, self._bodies = self._read_movers()
         return SessionView(
             now=now,
             running=not self._held,
@@ -140,6 +141,7 @@ class Session:
             frames=channels.frames.newest(),
             health=self.health(),
             movers=self._movers,
+            bodies=self._bodies,
         )
 
     def health(self) -> tuple[ComponentHealth, ...]:
@@ -373,12 +375,14 @@ class Session:
         if math.isfinite(last) and now - last > HEARTBEAT:
             self._arm.stop()
 
-    def _read_movers(self) -> tuple[Mover, ...]:
+    def _read_movers(self) -> tuple[tuple[Mover, ...], tuple[Body, ...]]:
         world = self.cell.world
         if world is None:
-            return ()
+            return (), ()
         with self._lock:
-            return tuple(Mover(m.name, m.solid, m.T_world_solid) for m in world.movers())
+            movers = tuple(Mover(m.name, m.solid, m.T_world_solid) for m in world.movers())
+            bodies = getattr(world, "bodies", tuple)()
+            return movers, tuple(Body(b.name, b.surfaces, b.T_world_body) for b in bodies)
 
 
 def _advance_of(cell: Cell) -> Callable[[float], None] | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Pose, Vector3
 from armsight.errors import UsageError
-from armsight.geometry.shapes import Solid
+from armsight.geometry.shapes import Solid, Surface
 from armsight.simulation.clips import load_clip
 from armsight.simulation.kernels import part_poses
 from armsight.simulation.motion import Motion, finish
@@ -59,6 +59,15 @@ class MoverState:
     name: str
     solid: Solid
     T_world_solid: Pose
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """A rigid part of a person as the cameras see it; pose in ``world``."""
+
+    name: str
+    surfaces: tuple[Surface, ...]
+    T_world_body: Pose
 
 
 class Person:
@@ -250,4 +259,31 @@ def drawn_solids(
     ]
 
 
-__all__ = ["Hand", "Mover", "MoverState", "MovingObject", "Person", "drawn_solids", "make_person"]
+def drawn_bodies(
+    body: PersonBody, colors: dict[str, tuple[float, float, float]]
+) -> list[tuple[str, tuple[Surface, ...]]]:
+    """What each part of a person looks like: its name and its surfaces in the part's frame."""
+    return [
+        (
+            f"{body.name}/{part.name}",
+            tuple(
+                Surface(piece.name, vertices.astype(np.float32), faces, colors[piece.look])
+                for piece in part.lofts
+                for vertices, faces in (piece.mesh(),)
+            ),
+        )
+        for part in body.parts
+    ]
+
+
+__all__ = [
+    "BodyState",
+    "Hand",
+    "Mover",
+    "MoverState",
+    "MovingObject",
+    "Person",
+    "drawn_bodies",
+    "drawn_solids",
+    "make_person",
+]
