@@ -21,10 +21,12 @@ from armsight.simulation.gl import mujoco
 from armsight.simulation.looks import cloth_colors
 from armsight.simulation.model import build_model
 from armsight.simulation.movers import (
+    BodyState,
     Hand,
     MoverState,
     MovingObject,
     Trajectory,
+    drawn_bodies,
     drawn_solids,
     make_person,
 )
@@ -91,6 +93,7 @@ class SimulatedWorld:
         self._darkroom = Darkroom(self.renderer)
         self.truth = Truth(self._cell, spec.arm.robot, self._data)
         self._drawn = [drawn_solids(p.body, cloth_colors(p.name)) for p in self._people]
+        self._looks = [drawn_bodies(p.body, cloth_colors(p.name)) for p in self._people]
         self._mover_steps = max(1, round(MOVER_PERIOD / spec.time_step))
         self._truth_steps = max(1, round(TRUTH_PERIOD / spec.time_step))
         self.reset()
@@ -148,6 +151,14 @@ class SimulatedWorld:
                 states.append(MoverState(solid.name, solid, poses[index] @ solid.T_frame_solid))
         for item, first in zip(self.spec.objects, self._cell.object_bodies):
             states.append(MoverState(item.solid.name, item.solid, self._mocap_pose(first)))
+        return tuple(states)
+
+    def bodies(self) -> tuple[BodyState, ...]:
+        """What people look like, part by part, where they are now, for drawing."""
+        states = []
+        for looks, first in zip(self._looks, self._cell.person_bodies):
+            for i, (name, surfaces) in enumerate(looks):
+                states.append(BodyState(name, surfaces, self._mocap_pose(first + i)))
         return tuple(states)
 
     def drag(self, name: str, position_world: Vector3 | None) -> None:
