@@ -12,6 +12,8 @@ from armsight.geometry.shapes import Solid
 from armsight.robots.kinematics import link_poses
 from armsight.robots.robot import Capsules, JointLimits, Robot, Spheres
 
+NO_NOISE = DepthNoise(0.0, 0.0, 0.0)
+
 
 def two_link_arm() -> Robot:
     """A shoulder that turns about z on a column, and an elbow about y; capsules only."""
@@ -84,7 +86,7 @@ def camera_info(
     target: tuple = (0.0, 0.0, 0.2),
     size: tuple = (128, 106),
     fov: tuple = (1.2217, 1.0472),
-    noise: DepthNoise = DepthNoise(0.0, 0.0, 0.0),
+    noise: DepthNoise = NO_NOISE,
     distortion: tuple = (0.0, 0.0, 0.0, 0.0, 0.0),
     mounted_on: str = "base",
     T_mount_camera: np.ndarray | None = None,

@@ -50,7 +50,7 @@ class Occupancy:
             strong: (m,) uint8, 1 where the sighting is strong.
             body: flat uint8, 1 where the arm's own body fills the voxel.
         """
-        bit = np.uint8(1 << camera)
+        bit = 1 << camera
         self._count = add_hits(
             hits,
             strong,

@@ -113,7 +113,7 @@ def _field(
     highs = [v.max(axis=0) for v, _ in meshes] + [np.maximum(a, b) + r for a, b, r in capsules]
     field, corner = _empty(np.min(lows, axis=0), np.max(highs, axis=0))
     if meshes:
-        vertices, faces = join_triangles(meshes)
+        vertices, faces = join_triangles(list(meshes))
         _mesh_field(np.ascontiguousarray(vertices), np.ascontiguousarray(faces), corner, field)
     for start, end, radius in capsules:
         capsule_distance(

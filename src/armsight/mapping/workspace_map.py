@@ -56,7 +56,7 @@ class _Layer:
         self.occupancy = Occupancy(
             static.grid, cameras, static.filled, config.hold, config.weak_window
         )
-        self.unseen = UnseenPeople(
+        self.unseen: UnseenPeople = UnseenPeople(
             static.grid,
             static.filled,
             config.person_speed,

@@ -9,11 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Points, Poses, Vector3
 from armsight.mapping.kernels.image import ROBOT, VALID
 
 
 @njit(cache=True, nogil=True)
-def triangle_distance2(px, py, pz, a, b, c):
+def triangle_distance2(
+    px: float, py: float, pz: float, a: Vector3, b: Vector3, c: Vector3
+) -> float:
     """Squared distance [m^2] of a point to a triangle (Ericson, Real-Time Collision Detection)."""
     abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
@@ -61,7 +64,15 @@ def triangle_distance2(px, py, pz, a, b, c):
 
 
 @njit(cache=True, nogil=True)
-def mesh_distance(vertices, faces, origin, cell, band, field, nearest):
+def mesh_distance(
+    vertices: Points,
+    faces: Ints,
+    origin: Vector3,
+    cell: float,
+    band: float,
+    field: Floats32,
+    nearest: Ints32,
+) -> None:
     """Lower the nodes of a field to their distance from a mesh, within a band of each triangle.
 
     Of the arguments:
@@ -95,7 +106,15 @@ def mesh_distance(vertices, faces, origin, cell, band, field, nearest):
 
 
 @njit(cache=True, nogil=True)
-def spread_distance(vertices, faces, origin, cell, seed, nearest, field):
+def spread_distance(
+    vertices: Points,
+    faces: Ints,
+    origin: Vector3,
+    cell: float,
+    seed: Ints32,
+    nearest: Ints32,
+    field: Floats32,
+) -> None:
     """Distances of the nodes that no triangle touched: to the triangle of the nearest one that was.
 
     Of the arguments:
@@ -120,7 +139,7 @@ def spread_distance(vertices, faces, origin, cell, seed, nearest, field):
 
 
 @njit(cache=True, nogil=True)
-def winding(vertices, faces, points, inside):
+def winding(vertices: Points, faces: Ints, points: Points, inside: Bytes) -> None:
     """Tell which points a mesh encloses: those with a generalised winding number over 1/2.
 
     Works for meshes with gaps and overlaps (Jacobson, Kavan, Sorkine-Hornung 2013). Far triangles
@@ -166,7 +185,7 @@ def winding(vertices, faces, points, inside):
 
 
 @njit(cache=True, nogil=True)
-def _solid_angle(a, b, c, x, y, z):
+def _solid_angle(a: Vector3, b: Vector3, c: Vector3, x: float, y: float, z: float) -> float:
     """Signed solid angle of a triangle seen from a point [sr]."""
     ax, ay, az = a[0] - x, a[1] - y, a[2] - z
     bx, by, bz = b[0] - x, b[1] - y, b[2] - z
@@ -183,7 +202,9 @@ def _solid_angle(a, b, c, x, y, z):
 
 
 @njit(cache=True, nogil=True)
-def capsule_distance(start, end, radius, origin, cell, field):
+def capsule_distance(
+    start: Vector3, end: Vector3, radius: float, origin: Vector3, cell: float, field: Floats32
+) -> None:
     """Lower the nodes of a field to their signed distance from a capsule; see mesh_distance."""
     nx, ny, nz = field.shape
     dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
@@ -206,7 +227,9 @@ def capsule_distance(start, end, radius, origin, cell, field):
 
 
 @njit(cache=True, nogil=True)
-def interpolate(values, offset, nx, ny, nz, gx, gy, gz):
+def interpolate(
+    values: Floats32, offset: int, nx: int, ny: int, nz: int, gx: float, gy: float, gz: float
+) -> float:
     """Trilinear value at grid coordinates that lie inside the field."""
     i = int(gx)
     j = int(gy)
@@ -234,8 +257,19 @@ def interpolate(values, offset, nx, ny, nz, gx, gy, gz):
 
 @njit(cache=True, nogil=True)
 def label_body(
-    depth, label, rays, rect, T_field_camera, values, offset, shape, cell, tolerance, noise, sigmas
-):
+    depth: Floats32,
+    label: Bytes,
+    rays: Floats32,
+    rect: Ints,
+    T_field_camera: Poses,
+    values: Floats32,
+    offset: Ints,
+    shape: Ints,
+    cell: float,
+    tolerance: Floats,
+    noise: Floats,
+    sigmas: float,
+) -> int:
     """Label as ROBOT the valid pixels whose point lies on or in a body's link.
 
     Of the arguments:
@@ -278,7 +312,18 @@ def label_body(
 
 
 @njit(cache=True, nogil=True)
-def mark_body(T_field_base, box, values, offset, shape, origin, voxel, limit, value, mask):
+def mark_body(
+    T_field_base: Poses,
+    box: Ints,
+    values: Floats32,
+    offset: Ints,
+    shape: Ints,
+    origin: Vector3,
+    voxel: float,
+    limit: float,
+    value: int,
+    mask: Bytes,
+) -> None:
     """Set ``mask`` to ``value`` where a voxel's centre is within ``limit`` [m] of a link.
 
     Of the arguments:

@@ -11,9 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from armsight.arrays import Bytes, Floats32
+
 
 @njit(cache=True, nogil=True)
-def changed_columns(new, old, counts_unknown, changed):
+def changed_columns(new: Bytes, old: Bytes, counts_unknown: bool, changed: Bytes) -> int:
     """Take over the solid voxels of a state grid; marks the (x, y) columns that differ.
 
     Of the arguments:
@@ -42,7 +44,7 @@ def changed_columns(new, old, counts_unknown, changed):
 
 
 @njit(cache=True, nogil=True)
-def widen(flags, reach, axis, out):
+def widen(flags: Bytes, reach: int, axis: int, out: Bytes) -> None:
     """Spread (nx, ny) flags by ``reach`` cells along one axis."""
     nx, ny = flags.shape
     for x in range(nx):
@@ -60,7 +62,7 @@ def widen(flags, reach, axis, out):
 
 
 @njit(cache=True, nogil=True)
-def pass_z(solid, todo, radius, out, busy):
+def pass_z(solid: Bytes, todo: Bytes, radius: int, out: Bytes, busy: Bytes) -> None:
     """Squared gap to the nearest solid voxel of the same column, capped at radius^2.
 
     ``busy`` (nx, ny) tells which columns hold anything below the cap.
@@ -93,7 +95,7 @@ def pass_z(solid, todo, radius, out, busy):
 
 
 @njit(cache=True, nogil=True)
-def pass_row(src, dst, cap, cost):
+def pass_row(src: Bytes, dst: Bytes, cap: np.uint8, cost: np.uint8) -> None:
     """Dst = min(dst, src + cost), saturating at cap; one column of voxels."""
     limit = np.uint8(cap - cost)
     for z in range(dst.shape[0]):
@@ -103,7 +105,9 @@ def pass_row(src, dst, cap, cost):
 
 
 @njit(cache=True, nogil=True)
-def pass_xy(g, busy_in, todo, radius, axis, out, busy):
+def pass_xy(
+    g: Bytes, busy_in: Bytes, todo: Bytes, radius: int, axis: int, out: Bytes, busy: Bytes
+) -> None:
     """One separable pass along x (axis 0) or y (axis 1); see the module."""
     nx, ny, nz = g.shape
     cap = np.uint8(radius * radius)
@@ -129,7 +133,7 @@ def pass_xy(g, busy_in, todo, radius, axis, out, busy):
 
 
 @njit(cache=True, nogil=True)
-def to_metres(squares, todo, table, out):
+def to_metres(squares: Bytes, todo: Bytes, table: Floats32, out: Floats32) -> None:
     """Metric distances of the columns to do; ``table`` (256,) float32 maps squared voxels to m."""
     nx, ny, nz = squares.shape
     for x in range(nx):

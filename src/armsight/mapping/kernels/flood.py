@@ -7,6 +7,8 @@ the world outside: voxel (x, y, z) of the grid is bit (z + p) % 64 of word (z + 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -16,7 +18,7 @@ ONE = np.uint64(1)
 
 
 @njit(inline="always")
-def _gathered(eight: int) -> int:
+def _gathered(eight: Any) -> Any:
     """Eight bytes of 0 or 1, read as one word, to eight bits."""
     return ((np.uint64(eight) * np.uint64(0x0102040810204080)) >> np.uint64(56)) & np.uint64(0xFF)
 
@@ -280,7 +282,7 @@ def open_by_cube(bits: Words, edge: int, depth: int) -> None:
 
 
 @njit(inline="always")
-def _bit_number(single: int) -> int:
+def _bit_number(single: Any) -> int:
     """Position of the only bit of a word."""
     n = 0
     for step in (32, 16, 8, 4, 2, 1):

@@ -1,0 +1,70 @@
+"""T2's own map, kept as the baseline: an octomap of 5 cm voxels, by ray casting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import octomap
+
+from armsight.arrays import Bytes, Points, Pose, Vector3
+from armsight.geometry.cloud import voxel_centroids, within_sphere
+from armsight.geometry.pose import transform
+from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
+
+
+class OctomapBaseline:
+    """OctoMap (Hornung et al. 2013) as T2 uses it, through octomap-python.
+
+    Args:
+        voxel: edge of a voxel [m]; T2 takes 5 cm.
+        crop: points farther than this from the base are dropped [m]; T2 takes 1.5 m.
+        thin: clouds are thinned to one centroid in this first [m]; 0 for none.
+    """
+
+    def __init__(self, voxel: float = 0.05, crop: float = 1.5, thin: float = 0.0) -> None:
+        self.voxel = voxel
+        self._crop = crop
+        self._thin = thin
+        self._tree = octomap.OcTree(voxel)
+
+    def insert(self, points_camera: Points, T_base_camera: Pose) -> None:
+        """Take in one camera's cloud.
+
+        Args:
+            points_camera: (n, 3) in the camera frame [m]; those not finite are left out.
+            T_base_camera: the camera in ``base``.
+        """
+        p = np.asarray(points_camera, float).reshape(-1, 3)
+        p = transform(T_base_camera, p[np.isfinite(p).all(axis=1)])
+        p = p[within_sphere(p, np.zeros(3), self._crop)]
+        if self._thin > 0:
+            p = voxel_centroids(p, self._thin)
+        self._tree.insertPointCloud(
+            np.ascontiguousarray(p, np.float64), np.asarray(T_base_camera[:3, 3], np.float64)
+        )
+
+    def state(self, points: Points) -> Bytes:
+        """(n,) UNKNOWN, FREE or OCCUPIED of the voxel that holds each of (n, 3) points [m]."""
+        labels = self._tree.getLabels(np.ascontiguousarray(points, np.float64))
+        out = np.full(len(labels), UNKNOWN, np.uint8)
+        out[labels == 0] = FREE
+        out[labels == 1] = OCCUPIED
+        return out
+
+    def occupied(self) -> tuple[Points, np.ndarray]:
+        """(n, 3) centres of the occupied leaves [m] and their (n,) edges [m]."""
+        centers, edges = [], []
+        for leaf in self._tree.begin_leafs():
+            if self._tree.isNodeOccupied(leaf):
+                centers.append(np.asarray(leaf.getCoordinate()))
+                edges.append(leaf.getSize())
+        return np.array(centers).reshape(-1, 3), np.array(edges)
+
+    def clear(self, origin: Vector3 | None = None) -> None:
+        """Forget everything."""
+        self._tree.clear()
+
+    def write(self, path: Path) -> None:
+        """Write a ``.bt`` file by OctoMap itself."""
+        self._tree.writeBinary(str(path).encode())
