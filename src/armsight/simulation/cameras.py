@@ -212,7 +212,10 @@ class SimulatedCamera:
             picture = self._frozen
         else:
             shot = take(T_world_camera, self.info.depth)
-            color = self._color_wanted and self.info.color is not None
+            color = None
+            if self._color_wanted and self.info.color is not None:
+                T = T_world_camera @ self.info.T_depth_color
+                color = take(T, self.info.color, "color")
             empty = self.faults.find("empty", now) is not None
             picture = darkroom.submit(
                 lambda: self._develop(darkroom, shot, T_world_camera, sequence, now, color, empty)
@@ -228,7 +231,7 @@ class SimulatedCamera:
         T_world_camera: Pose,
         sequence: int,
         now: float,
-        color_wanted: bool,
+        color_shot: Shot | None,
         empty: bool,
     ) -> tuple[DepthImage, ColorImage | None]:
         """Depth as the sensor gives it, and colour; runs in the darkroom."""
@@ -236,10 +239,10 @@ class SimulatedCamera:
         picture = renderer.depth(shot, info.depth)
         self.seen = (picture, T_world_camera)
         color = None
-        if color_wanted and info.color is not None:
-            renderer.aim(shot, T_world_camera @ info.T_depth_color, info.color)
-            color = renderer.color(shot, info.color)
         renderer.give_back(shot)
+        if color_shot is not None and info.color is not None:
+            color = renderer.color(color_shot, info.color)
+            renderer.give_back(color_shot)
         if empty:
             depth = np.full_like(picture.depth, np.nan)
         elif self._sensor is None:
@@ -321,7 +324,7 @@ class SimulatedStereo:
         times = self._timing.expose(now)
         if times is None or not self._wanted or self.info.color is None:
             return
-        shot = take(T_world_camera, self.info.depth)
+        shot = take(T_world_camera, self.info.depth, "color")
         picture = darkroom.submit(lambda: self._develop(darkroom, shot, T_world_camera))
         self._deliveries.add(_Delivery(*times, picture), now, cancel=True)
 

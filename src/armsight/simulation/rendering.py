@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -15,11 +15,16 @@ from armsight.simulation.gl import OpenGLContext, mujoco
 from armsight.simulation.kernels import resample_depth
 from armsight.simulation.lens import RenderLens, render_lens
 from armsight.simulation.looks import FAR, NEAR
-from armsight.simulation.model import CellModel
+from armsight.simulation.model import COLOR_ONLY, DEPTH_ONLY, SEEN, CellModel
 
 GeomImage = NDArray[np.int16]
 """(h, w) index of the geom seen, -1 for none; ``CellModel.parts`` says what each is."""
 
+Kind = Literal["depth", "color"]
+_GROUPS: dict[Kind, tuple[int, ...]] = {
+    "depth": (SEEN, DEPTH_ONLY),
+    "color": (SEEN, COLOR_ONLY),
+}
 _SAMPLES = {"depth": 0, "color": 4}
 _SHADOWS = {"depth": 0, "color": 2048}
 
@@ -42,6 +47,7 @@ class Shot:
 
     def __init__(self, model: Any) -> None:
         self.scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 64)
+        self.kind: Kind = "depth"
 
 
 class Renderer:
@@ -55,11 +61,10 @@ class Renderer:
         self._cell = cell
         self._gl_or_none: OpenGLContext | None = None
         self._contexts: dict[str, Any] = {}
-        self._option = mujoco.MjvOption()
-        self._option.label = mujoco.mjtLabel.mjLABEL_NONE
+        self._options = {kind: _option(groups) for kind, groups in _GROUPS.items()}
         self._free = mujoco.MjvCamera()
         self._spare: list[Shot] = []
-        self._geom_of_id: NDArray[np.int16] | None = None
+        self._geom_of_id: dict[Kind, NDArray[np.int16]] = {}
 
     def open(self) -> None:
         """Make the OpenGL context now rather than with the first picture.
@@ -76,15 +81,25 @@ class Renderer:
         assert self._gl_or_none is not None
         return self._gl_or_none
 
-    def take(self, data: Any, T_world_camera: Pose, lens: PinholeCamera) -> Shot:
-        """Freeze the cell as ``data`` has it, seen by a lens at an optical pose in world."""
+    def take(
+        self, data: Any, T_world_camera: Pose, lens: PinholeCamera, kind: Kind = "depth"
+    ) -> Shot:
+        """Freeze the cell as ``data`` has it, seen by a lens at an optical pose in world.
+
+        Args:
+            data: MuJoCo's state.
+            T_world_camera: optical pose.
+            lens: of the camera.
+            kind: what will be drawn of it.
+        """
         shot = self._spare.pop() if self._spare else Shot(self._cell.model)
+        shot.kind = kind
         # An endless floor is drawn around the camera that the scene had before, so aim first.
         self.aim(shot, T_world_camera, lens)
         mujoco.mjv_updateScene(
             self._cell.model,
             data,
-            self._option,
+            self._options[kind],
             None,
             self._free,
             mujoco.mjtCatBit.mjCAT_ALL,
@@ -189,13 +204,13 @@ class Renderer:
 
     def _geom_table(self, shot: Shot) -> NDArray[np.int16]:
         """Geom of each segmentation id; the scene lists the geoms in the same order every time."""
-        table = self._geom_of_id
+        table = self._geom_of_id.get(shot.kind)
         if table is None or len(table) != shot.scene.ngeom + 1:
             table = np.full(shot.scene.ngeom + 1, -1, np.int16)
             for geom in shot.scene.geoms[: shot.scene.ngeom]:
                 if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
                     table[geom.segid + 1] = geom.objid
-            self._geom_of_id = table
+            self._geom_of_id[shot.kind] = table
         return table
 
 
@@ -209,6 +224,16 @@ _COLOR_FLAGS = frozenset(
         _FLAG.mjRND_CULL_FACE,
     }
 )
+
+
+def _option(groups: tuple[int, ...]) -> Any:
+    """What of a scene is drawn: these groups of geoms, and nothing that is no geom."""
+    option = mujoco.MjvOption()
+    option.label = mujoco.mjtLabel.mjLABEL_NONE
+    option.geomgroup[:] = 0
+    for group in groups:
+        option.geomgroup[group] = 1
+    return option
 
 
 def _set_flags(shot: Shot, on: frozenset[Any]) -> None:

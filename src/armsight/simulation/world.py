@@ -30,7 +30,7 @@ from armsight.simulation.movers import (
     drawn_solids,
     make_person,
 )
-from armsight.simulation.rendering import Renderer, Shot
+from armsight.simulation.rendering import Kind, Renderer, Shot
 from armsight.simulation.spec import WorldSpec
 from armsight.simulation.truth import Truth
 
@@ -185,7 +185,7 @@ class SimulatedWorld:
     def picture(self, T_world_camera: Pose, lens: PinholeCamera) -> ColorImage:
         """(h, w, 3) colour picture of the cell as it is now, from any optical pose."""
         self._settle()
-        shot = self.renderer.take(self._data, T_world_camera, lens)
+        shot = self.renderer.take(self._data, T_world_camera, lens, "color")
         image = self.renderer.color(shot, lens)
         self.renderer.give_back(shot)
         return image
@@ -238,8 +238,8 @@ class SimulatedWorld:
         for camera in due:
             camera.expose(now, self._camera_pose(camera), self._take, self._darkroom)
 
-    def _take(self, T_world_camera: Pose, lens: PinholeCamera) -> Shot:
-        return self.renderer.take(self._data, T_world_camera, lens)
+    def _take(self, T_world_camera: Pose, lens: PinholeCamera, kind: Kind = "depth") -> Shot:
+        return self.renderer.take(self._data, T_world_camera, lens, kind)
 
     def _camera_pose(self, camera: SimulatedCamera | SimulatedStereo) -> Pose:
         """True optical pose of the depth lens in world."""
