@@ -301,6 +301,8 @@ class WorkspaceMap:
         index, faces = far.unseen.update(state, dynamic, None, elapsed)
         seen = far.occupancy.occupied[index] != 0
         whole = np.full(len(dynamic), 63, np.uint8)
+        lower = np.asarray(self.grid.origin, float)
+        upper = lower + np.asarray(self.grid.shape) * self.grid.voxel
         out = []
         for cells, open_faces, unseen in (
             (dynamic, whole, False),
@@ -314,12 +316,11 @@ class WorkspaceMap:
                 far.grid.voxel,
                 shape,
                 parts,
+                lower,
+                upper,
                 self._points,
             )
-            points = self._points[:count]
-            inside = self.grid.index(points)
-            outside = ((inside < 0) | (inside >= self.grid.shape)).any(axis=1)
-            out.append((points[outside], unseen))
+            out.append((self._points[:count].copy(), unseen))
         return out
 
     def _centers(self, flat: Ints32) -> Floats32:

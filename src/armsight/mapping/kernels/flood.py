@@ -386,13 +386,16 @@ def face_points(
     cell: float,
     shape: Ints,
     parts: int,
+    lower: Floats,
+    upper: Floats,
     out: Floats32,
 ) -> int:
-    """Centres of the small cubes that make up the open faces of big cells.
+    """Centres of the small cubes that make up the open faces of big cells, outside a box.
 
     Of the arguments:
         indices, faces, count: see :func:`frontier`.
         cell: edge of a big cell [m]; parts: small cubes along it.
+        lower, upper: (3,) corners of the box [m].
         out: (m, 3) [m].
 
     Returns:
@@ -419,9 +422,19 @@ def face_points(
                         or (f & 16 and k == 0)
                         or (f & 32 and k == last)
                     )
-                    if on_open and n < out.shape[0]:
-                        out[n, 0] = x0 + (i + 0.5) * part
-                        out[n, 1] = y0 + (j + 0.5) * part
-                        out[n, 2] = z0 + (k + 0.5) * part
-                        n += 1
+                    if not on_open or n >= out.shape[0]:
+                        continue
+                    x = x0 + (i + 0.5) * part
+                    y = y0 + (j + 0.5) * part
+                    z = z0 + (k + 0.5) * part
+                    if (
+                        lower[0] <= x < upper[0]
+                        and lower[1] <= y < upper[1]
+                        and lower[2] <= z < upper[2]
+                    ):
+                        continue
+                    out[n, 0] = x
+                    out[n, 1] = y
+                    out[n, 2] = z
+                    n += 1
     return n
