@@ -63,6 +63,17 @@ class CollisionModel:
             np.isfinite(q).all() and (q >= self.body.lower).all() and (q <= self.body.upper).all()
         )
 
+    def inside_limits(self, q: JointVector, tolerance: float = 0.02) -> JointVector:
+        """(n,) positions, those beyond a limit by no more than ``tolerance`` [rad] put on it.
+
+        Encoders are noisy: an arm that stands at a limit may report to be just beyond it.
+        """
+        q = np.asarray(q, float)
+        if q.shape != self.body.lower.shape:
+            return q
+        inside = np.clip(q, self.body.lower, self.body.upper)
+        return np.where(np.abs(inside - q) <= tolerance, inside, q)
+
     def clearances(
         self, q: JointVector, snapshot: WorkspaceSnapshot, at: JointVector | None = None
     ) -> Floats:

@@ -16,7 +16,8 @@ from scipy.special import exp1
 from armsight.arrays import Floats, JointPath
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.body import Body
-from armsight.motion.cost_kernels import Danger, make_cost_scratch, path_cost_kernel
+from armsight.motion.cost_kernels import Danger, path_cost_kernel
+from armsight.motion.kernels import make_scratch
 from armsight.motion.obstacles import frozen
 
 ALPHA = 0.2586
@@ -65,4 +66,4 @@ def path_cost(
 ) -> float:
     """C_traj of a (k, n) path [m]."""
     path = np.ascontiguousarray(path, np.float64)
-    return float(path_cost_kernel(body, danger_of(snapshot, alpha), path, make_cost_scratch(body)))
+    return float(path_cost_kernel(body, danger_of(snapshot, alpha), path, make_scratch(body)))

@@ -7,12 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32, JointPath, JointVector, Points
+from armsight.arrays import Floats, Floats32, JointPath, JointVector
 from armsight.motion.body import Body
-from armsight.motion.kernels import body_centers
+from armsight.motion.kernels import Scratch, body_motion
 
 CALM_STEP = 0.1
 """Length of a step [m] of the fastest sphere where no voxel is dangerous."""
+COARSE = 8.0
+"""Steps are this many times longer while paths are compared than when a cost is told."""
 
 
 class Danger(NamedTuple):
@@ -34,21 +36,6 @@ class Danger(NamedTuple):
     table: Floats
     step: float
     calm: bool
-
-
-class CostScratch(NamedTuple):
-    """Working memory: two (m, 3) sets of centres, (n,) joints, and a counter of looks."""
-
-    before: Points
-    after: Points
-    q: JointVector
-    looks: np.ndarray
-
-
-def make_cost_scratch(body: Body) -> CostScratch:
-    """Working memory for one thread."""
-    m, n = body.lever.shape
-    return CostScratch(np.zeros((m, 3)), np.zeros((m, 3)), np.zeros(n), np.zeros(1, np.int64))
 
 
 @njit(cache=True, nogil=True)
@@ -73,51 +60,51 @@ def danger_at(danger: Danger, x: float, y: float, z: float) -> float:
 
 @njit(cache=True, nogil=True)
 def edge_cost(
-    body: Body, danger: Danger, q0: JointVector, q1: JointVector, scratch: CostScratch
+    body: Body,
+    danger: Danger,
+    q0: JointVector,
+    q1: JointVector,
+    scratch: Scratch,
+    coarse: float = 1.0,
 ) -> float:
-    """Cost [m] of the straight joint motion: mean over spheres of the integral of (1 + danger)."""
+    """Cost [m] of the straight joint motion: mean over spheres of the integral of (1 + danger).
+
+    Midpoint rule on the spheres' speeds, in steps of about a voxel (a decimetre where nothing is
+    dangerous), ``coarse`` times that.
+    """
     m, n = body.lever.shape
+    dq, q = scratch.dq, scratch.q
+    for j in range(n):
+        dq[j] = q1[j] - q0[j]
     fastest = 0.0
     for i in range(m):
         travel = 0.0
         for j in range(n):
-            travel += body.lever[i, j] * abs(q1[j] - q0[j])
+            travel += body.lever[i, j] * abs(dq[j])
         fastest = max(fastest, travel)
     if fastest == 0.0:
         return 0.0
-    step = CALM_STEP if danger.calm else danger.voxel
-    steps = int(np.ceil(fastest / step))
-    before, after, q = scratch.before, scratch.after, scratch.q
+    steps = int(np.ceil(fastest / (coarse * (CALM_STEP if danger.calm else danger.voxel))))
+    velocity, centers = scratch.velocity, scratch.centers
     total = 0.0
-    body_centers(body, q0, before)
-    for k in range(1, steps + 1):
+    for k in range(steps):
+        s = (k + 0.5) / steps
         for j in range(n):
-            q[j] = q0[j] + (k / steps) * (q1[j] - q0[j])
-        body_centers(body, q, after)
+            q[j] = q0[j] + s * dq[j]
+        body_motion(body, q, dq, scratch)
         for i in range(m):
-            dx = after[i, 0] - before[i, 0]
-            dy = after[i, 1] - before[i, 1]
-            dz = after[i, 2] - before[i, 2]
-            length = np.sqrt(dx * dx + dy * dy + dz * dz)
-            if danger.calm:
-                total += length
-            else:
-                total += length * (
-                    1.0
-                    + danger_at(
-                        danger,
-                        0.5 * (after[i, 0] + before[i, 0]),
-                        0.5 * (after[i, 1] + before[i, 1]),
-                        0.5 * (after[i, 2] + before[i, 2]),
-                    )
-                )
-        before, after = after, before
+            v = velocity[i]
+            speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+            if not danger.calm:
+                c = centers[i]
+                speed *= 1.0 + danger_at(danger, c[0], c[1], c[2])
+            total += speed
     scratch.looks[0] += steps
-    return total / m
+    return total / (m * steps)
 
 
 @njit(cache=True, nogil=True)
-def path_cost_kernel(body: Body, danger: Danger, path: JointPath, scratch: CostScratch) -> float:
+def path_cost_kernel(body: Body, danger: Danger, path: JointPath, scratch: Scratch) -> float:
     """Cost [m] of a (k, n) path."""
     total = 0.0
     for i in range(path.shape[0] - 1):

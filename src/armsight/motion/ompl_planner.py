@@ -22,9 +22,9 @@ from armsight.arrays import JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.cost import ALPHA, danger_of
-from armsight.motion.cost_kernels import edge_cost, make_cost_scratch, path_cost_kernel
+from armsight.motion.cost_kernels import edge_cost, path_cost_kernel
 from armsight.motion.data import PlanRequest
-from armsight.motion.kernels import config_free, edge_free
+from armsight.motion.kernels import config_free, edge_free, make_scratch
 from armsight.motion.plan import Plan, failed, refusal
 from armsight.motion.timing import time_parameterise
 from armsight.robots.robot import JointLimits, Robot
@@ -90,7 +90,7 @@ class OmplPlanner:
         )
         body = self.model.body
         danger = danger_of(snapshot, self.alpha)
-        cost = float(path_cost_kernel(body, danger, path, make_cost_scratch(body)))
+        cost = float(path_cost_kernel(body, danger, path, make_scratch(body)))
         optimisation = time.perf_counter() - found
         return Plan(
             request.sequence,
@@ -151,7 +151,7 @@ class OmplPlanner:
         objective = None
         if self.algorithm in OPTIMISING:
             danger = danger_of(snapshot, self.alpha)
-            memory = make_cost_scratch(body)
+            memory = make_scratch(body)
 
             class DangerAware(base.OptimizationObjective):  # type: ignore[misc]
                 def motionCost(self, a: Any, b: Any) -> Any:

@@ -28,6 +28,8 @@ class Plan:
         optimisation_s: spent on better paths and on the motion in time [s].
         failure: why there is no path, in words; empty when all is well.
         solutions: paths found before the cheapest was chosen.
+        escape_s: how long the motion first leaves something that the arm touches at its start [s];
+            up to this time it is not proven free (it cannot be), only never to touch more.
     """
 
     request: int
@@ -39,6 +41,7 @@ class Plan:
     optimisation_s: float
     failure: str = ""
     solutions: int = 0
+    escape_s: float = 0.0
 
     @property
     def good(self) -> bool:

@@ -1,4 +1,10 @@
-"""The predictive planner: RRT-Connect on proven edges, many solutions, the cheapest is improved."""
+"""The predictive planner: RRT-Connect on proven edges, many solutions, the cheapest is improved.
+
+T2 lets RRT-Connect run until its time limit (1 s, three attempts) and executes the cheapest of the
+paths found. Here the first path mostly comes within milliseconds; the time limit is for finding it,
+and only ``PlannerConfig.improvement`` is then spent on other paths and on cheaper ones. Trees that
+have grown full are planted anew, so attempts need no counting.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +17,29 @@ from armsight.arrays import JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.cost import ALPHA, danger_of
-from armsight.motion.cost_kernels import CostScratch, Danger, make_cost_scratch, path_cost_kernel
+from armsight.motion.cost_kernels import Danger, path_cost_kernel
 from armsight.motion.data import PlanRequest
+from armsight.motion.escape import escape
+from armsight.motion.improve_kernels import improve
 from armsight.motion.kernels import Obstacles, edge_free, path_free
 from armsight.motion.plan import Plan, failed, refusal
 from armsight.motion.planner_kernels import (
     FULL,
     SOLVED,
     Forest,
-    improve,
     make_forest,
     plant,
     rrt_connect,
     traced,
 )
 from armsight.motion.timing import time_parameterise
+from armsight.motion.trajectory import Trajectory, join, straight
 from armsight.robots.robot import JointLimits, Robot
+
+CHUNK = 10_000
+"""Looks between two glances at the wall clock."""
+FINALISTS = 2
+"""Paths that are improved beyond the first round."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +53,7 @@ class PlannerConfig:
         improvement: time for more solutions and improvement after the first [s].
         looks_per_second: body poses that count as one second. Budgets are kept in this unit, so
             that a plan depends on the seed and not on the machine's load.
-        wall_limit: also stop at this many times the asked time on the wall clock; None for never
+        wall_limit: also stop at this many times the asked times on the wall clock; None for never
             (simulations that must repeat bit for bit).
         alpha: decay of danger [1/s].
         speed, acceleration: share of the robot's limits (T2: 50 % and 60 %).
@@ -58,7 +71,14 @@ class PlannerConfig:
 
 
 class RrtConnectPlanner:
-    """Plans for one robot; not to be shared by threads."""
+    """Plans for one robot; not to be shared by threads.
+
+    Args:
+        robot: the arm.
+        model: collision checks; made from the robot when None.
+        config: how it works.
+        limits: of the motion in time; the robot's, scaled by the configuration, when None.
+    """
 
     def __init__(
         self,
@@ -72,7 +92,6 @@ class RrtConnectPlanner:
         self.config = config or PlannerConfig()
         self.limits = limits or robot.limits.scaled(self.config.speed, self.config.acceleration)
         self._forest: Forest = make_forest(self.config.nodes, robot.n)
-        self._cost: CostScratch = make_cost_scratch(self.model.body)
 
     def plan(
         self,
@@ -83,28 +102,42 @@ class RrtConnectPlanner:
     ) -> Plan:
         """See :class:`~armsight.motion.plan.Planner`."""
         began = time.perf_counter()
-        start = np.array(request.start, float)
+
+        def fail(reason: str) -> Plan:
+            seconds = time.perf_counter() - began
+            return failed(request, snapshot, self.robot.n, reason, seconds)
+
+        start = self.model.inside_limits(np.array(request.start, float))
         goal = np.array(request.goal.position, float)
-        failure = refusal(self.model, start, goal, snapshot)
-        if failure:
-            return failed(request, snapshot, self.robot.n, failure, time.perf_counter() - began)
-        ob = self.model.obstacles(snapshot, start)
+        way_out = np.zeros((0, self.robot.n))
+        reason = refusal(self.model, start, goal, snapshot)
+        if reason.startswith("start") and start.shape == goal.shape == (self.robot.n,):
+            free = escape(self.model, start, snapshot, rng)
+            if free is None:
+                return fail(reason)
+            way_out, start = start[None], free
+            reason = refusal(self.model, start, goal, snapshot)
+        if reason:
+            return fail(reason)
+        here = way_out[0] if len(way_out) else start
+        ob = self.model.obstacles(snapshot, here)
         danger = danger_of(snapshot, self.config.alpha)
-        first, spent = self._search(ob, start, goal, request.warm, time_limit, rng, began)
+        end = None
+        if self.config.wall_limit is not None:
+            end = began + self.config.wall_limit * time_limit
+        first, spent = self._first(ob, start, goal, request.warm, time_limit, rng, end)
         if first is None:
-            failure = f"no path found within {time_limit:g} s"
-            return failed(request, snapshot, self.robot.n, failure, time.perf_counter() - began)
+            return fail(f"no path found within {time_limit:g} s; {_extent(self._forest)}")
         found = time.perf_counter()
         left = max(0.0, time_limit - spent / self.config.looks_per_second)
-        path, cost, count = self._cheapest(
-            ob, danger, first, min(self.config.improvement, left), rng
-        )
-        motion = time_parameterise(
-            path, self.limits, lambda t: self.model.first_blocked_time(t, snapshot, at=start)
-        )
+        seconds = min(self.config.improvement, left)
+        if self.config.wall_limit is not None:
+            end = found + self.config.wall_limit * seconds
+        path, cost, count = self._cheapest(ob, danger, first, seconds, rng, end)
+        motion, escape_s = self._motion(path, way_out, snapshot, here)
         return Plan(
             request.sequence,
-            path,
+            np.concatenate([way_out, path]),
             motion,
             cost,
             snapshot.sequence,
@@ -112,9 +145,26 @@ class RrtConnectPlanner:
             time.perf_counter() - found,
             "",
             count,
+            escape_s,
         )
 
-    def _search(
+    def _motion(
+        self,
+        path: JointPath,
+        way_out: JointPath,
+        snapshot: WorkspaceSnapshot,
+        here: JointVector,
+    ) -> tuple[Trajectory, float]:
+        """The proven motion along a path, after the way out; and how long that takes [s]."""
+        motion = time_parameterise(
+            path, self.limits, lambda t: self.model.first_blocked_time(t, snapshot, at=here)
+        )
+        if len(way_out) == 0:
+            return motion, 0.0
+        out = straight(way_out[0], path[0], self.limits)
+        return join([out, motion]) if motion.duration > 0.0 else out, out.duration
+
+    def _first(
         self,
         ob: Obstacles,
         start: JointVector,
@@ -122,20 +172,19 @@ class RrtConnectPlanner:
         warm: JointPath | None,
         time_limit: float,
         rng: np.random.Generator,
-        began: float,
+        end: float | None,
     ) -> tuple[JointPath | None, int]:
         """First path, and looks spent."""
-        scratch = self.model.scratch()
-        body = self.model.body
+        body, scratch = self.model.body, self.model.scratch()
         scratch.looks[0] = 0
-        straight = np.stack([start, goal])
         if warm is not None and len(warm):
-            bent = np.concatenate([start[None], np.asarray(warm, float), goal[None]])
+            bent = joined_to(np.asarray(warm, float).reshape(-1, self.robot.n), start, goal)
             if path_free(body, ob, bent, scratch) < 0:
                 return bent, int(scratch.looks[0])
         if edge_free(body, ob, start, goal, scratch):
-            return straight, int(scratch.looks[0])
-        path = self._one(ob, start, goal, int(time_limit * self.config.looks_per_second), rng)
+            return np.stack([start, goal]), int(scratch.looks[0])
+        budget = int(time_limit * self.config.looks_per_second)
+        path = self._one(ob, start, goal, budget, rng, end)
         return path, int(scratch.looks[0])
 
     def _one(
@@ -145,22 +194,22 @@ class RrtConnectPlanner:
         goal: JointVector,
         budget: int,
         rng: np.random.Generator,
+        end: float | None,
     ) -> JointPath | None:
         """A path by RRT-Connect, or None when the looks are spent."""
         body, scratch, forest = self.model.body, self.model.scratch(), self._forest
-        low = np.maximum(body.lower, np.minimum(start, goal) - np.pi)
-        high = np.minimum(body.upper, np.maximum(start, goal) + np.pi)
-        forest.box[0], forest.box[1] = low, high
-        end = int(scratch.looks[0]) + budget
-        fresh = True
-        while scratch.looks[0] < end:
-            if fresh:
+        # A turn more than this is never needed: the arm looks the same after it.
+        forest.box[0] = np.maximum(body.lower, np.minimum(start, goal) - np.pi)
+        forest.box[1] = np.minimum(body.upper, np.maximum(start, goal) + np.pi)
+        last = int(scratch.looks[0]) + budget
+        outcome = FULL
+        while scratch.looks[0] < last and (end is None or time.perf_counter() < end):
+            if outcome == FULL:
                 plant(forest, start, goal, _seed(rng))
-            chunk = min(20_000, end - int(scratch.looks[0]))
+            chunk = min(CHUNK, last - int(scratch.looks[0]))
             outcome = rrt_connect(body, ob, forest, self.config.step, chunk, scratch)
             if outcome == SOLVED:
                 return traced(forest)
-            fresh = outcome == FULL
         return None
 
     def _cheapest(
@@ -170,30 +219,63 @@ class RrtConnectPlanner:
         first: JointPath,
         seconds: float,
         rng: np.random.Generator,
+        end: float | None,
     ) -> tuple[JointPath, float, int]:
         """The cheapest of several paths, improved; its cost; how many were found."""
-        body, scratch, cost = self.model.body, self.model.scratch(), self._cost
+        body, scratch = self.model.body, self.model.scratch()
         budget = int(seconds * self.config.looks_per_second)
         scratch.looks[0] = 0
-        cost.looks[0] = 0
+
+        def better(path: JointPath, looks: int) -> JointPath:
+            last = int(scratch.looks[0]) + looks
+            while scratch.looks[0] < last and (end is None or time.perf_counter() < end):
+                part = min(CHUNK, last - int(scratch.looks[0]))
+                path = improve(body, ob, danger, path, _seed(rng), part, scratch)
+            return path
+
+        def cost(path: JointPath) -> float:
+            return float(path_cost_kernel(body, danger, path, scratch))
+
         paths = [first]
         if len(first) > 2 or not danger.calm:
-            while len(paths) < self.config.solutions and scratch.looks[0] < budget // 4:
-                other = self._one(ob, first[0], first[-1], budget // 4 - int(scratch.looks[0]), rng)
+            part = budget // 10
+            while len(paths) < self.config.solutions and scratch.looks[0] < part:
+                rest = part - int(scratch.looks[0])
+                other = self._one(ob, first[0], first[-1], rest, rng, end)
                 if other is None:
                     break
                 paths.append(other)
-        share = (budget - int(scratch.looks[0])) // (2 * len(paths))
-        better = [
-            improve(body, ob, danger, p, _seed(rng), max(share // 2, 1), scratch, cost)
-            for p in paths
-        ]
-        costs = [float(path_cost_kernel(body, danger, p, cost)) for p in better]
-        best = better[int(np.argmin(costs))]
-        left = budget - int(scratch.looks[0]) - int(cost.looks[0])
-        if left > 0:
-            best = improve(body, ob, danger, best, _seed(rng), left, scratch, cost)
-        return best, float(path_cost_kernel(body, danger, best, cost)), len(paths)
+            paths = sorted((better(p, part // len(paths)) for p in paths), key=cost)
+        count = len(paths)
+        paths = paths[:FINALISTS]
+        # The finalists get a third of what is left, the winner the rest.
+        if len(paths) > 1:
+            share = (budget - int(scratch.looks[0])) // (3 * len(paths))
+            paths = sorted((better(p, share) for p in paths), key=cost)
+        best = better(paths[0], budget - int(scratch.looks[0]))
+        return best, cost(best), count
+
+
+def joined_to(warm: JointPath, start: JointVector, goal: JointVector) -> JointPath:
+    """A known path from start to goal: what of it lies ahead of the place nearest to the start."""
+    ahead = warm
+    if len(warm) > 1:
+        a, step = warm[:-1], np.diff(warm, axis=0)
+        size = np.maximum((step * step).sum(axis=1), 1e-12)
+        share = np.clip(((start - a) * step).sum(axis=1) / size, 0.0, 1.0)
+        gap = np.linalg.norm(a + share[:, None] * step - start, axis=1)
+        ahead = warm[int(np.argmin(gap)) + 1 :]
+    parts = (
+        [start[None], ahead]
+        if np.array_equal(ahead[-1], goal)
+        else [start[None], ahead, goal[None]]
+    )
+    return np.ascontiguousarray(np.concatenate(parts))
+
+
+def _extent(forest: Forest) -> str:
+    """How far the search got, for the message of a failure."""
+    return f"the trees have {int(forest.size[0])} and {int(forest.size[1])} nodes"
 
 
 def _seed(rng: np.random.Generator) -> np.uint64:

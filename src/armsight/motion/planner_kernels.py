@@ -1,6 +1,6 @@
-"""Compiled RRT-Connect on proven edges, and the anytime improvement of a path.
+"""Compiled RRT-Connect on proven edges.
 
-Both run until a number of "looks" (body poses evaluated) is spent: the unit of work that makes a
+It runs until a number of "looks" (body poses evaluated) is spent: the unit of work that makes a
 plan depend on the seed alone, never on the speed of the machine.
 """
 
@@ -13,7 +13,6 @@ from numba import njit
 
 from armsight.arrays import Floats, Ints, JointPath, JointVector
 from armsight.motion.body import Body
-from armsight.motion.cost_kernels import CostScratch, Danger, edge_cost
 from armsight.motion.kernels import Obstacles, Scratch, edge_free
 
 SOLVED, UNSOLVED, FULL = 1, 0, 2
@@ -214,133 +213,3 @@ def traced(forest: Forest) -> JointPath:
         path[i] = forest.q[1, k]
         k = forest.parent[1, k]
     return path
-
-
-@njit(cache=True, nogil=True)
-def improve(
-    body: Body,
-    ob: Obstacles,
-    danger: Danger,
-    path: JointPath,
-    seed: np.uint64,
-    budget: int,
-    scratch: Scratch,
-    cost_scratch: CostScratch,
-) -> JointPath:
-    """A path of no greater cost: random shortcuts, corners moved, corners put in, all proven."""
-    n = path.shape[1]
-    room = 128
-    q = np.empty((room, n))
-    cost = np.empty(room)
-    count = path.shape[0]
-    if count > room or count < 2:
-        return path
-    for i in range(count):
-        q[i] = path[i]
-    for i in range(count - 1):
-        cost[i] = edge_cost(body, danger, q[i], q[i + 1], cost_scratch)
-    rng = np.empty(1, np.uint64)
-    rng[0] = seed
-    a, b = np.empty(n), np.empty(n)
-    scale = 0.3
-    end = scratch.looks[0] + cost_scratch.looks[0] + budget
-    while scratch.looks[0] + cost_scratch.looks[0] < end:
-        if count > 2 and uniform(rng) < 0.5:
-            # Shortcut between two random places of the path.
-            u, v = uniform(rng) * (count - 1), uniform(rng) * (count - 1)
-            if u > v:
-                u, v = v, u
-            i, k = int(u), int(v)
-            if i == k:
-                continue
-            fu, fv = u - i, v - k
-            # Half of the time the ends snap to corners, so that corners can vanish.
-            if uniform(rng) < 0.5:
-                fu = 0.0
-                fv = 0.0 if fv < 0.5 and k - i > 1 else 1.0
-            for j in range(n):
-                a[j] = q[i, j] + fu * (q[i + 1, j] - q[i, j])
-                b[j] = q[k, j] + fv * (q[k + 1, j] - q[k, j])
-            old = cost[i] * (1.0 - fu) + cost[k] * fv
-            for s in range(i + 1, k):
-                old += cost[s]
-            new = edge_cost(body, danger, a, b, cost_scratch)
-            if new >= old * (1.0 - 1e-4) or not edge_free(body, ob, a, b, scratch):
-                continue
-            head = edge_cost(body, danger, q[i], a, cost_scratch) if fu > 0.0 else 0.0
-            tail = edge_cost(body, danger, b, q[k + 1], cost_scratch) if fv < 1.0 else 0.0
-            old = 0.0
-            for s in range(i, k + 1):
-                old += cost[s]
-            if head + new + tail >= old:
-                continue
-            insert = (1 if fu > 0.0 else 0) + (1 if fv < 1.0 else 0)
-            shift = insert - (k - i)
-            if count + shift > room:
-                continue
-            keep_q = q[k + 1 : count].copy()
-            keep_cost = cost[k + 1 : count - 1].copy()
-            at = i
-            if fu > 0.0:
-                cost[at] = head
-                at += 1
-                q[at] = a
-            cost[at] = new
-            at += 1
-            if fv < 1.0:
-                q[at] = b
-                cost[at] = tail
-                at += 1
-            for s in range(keep_q.shape[0]):
-                q[at + s] = keep_q[s]
-            for s in range(keep_cost.shape[0]):
-                cost[at + s] = keep_cost[s]
-            count = at + keep_q.shape[0]
-            continue
-        # Move a corner, or bend an edge at a new one.
-        bend = count < 3 or (count < 24 and uniform(rng) < 0.3)
-        if bend:
-            i = int(uniform(rng) * (count - 1))
-            f = 0.25 + 0.5 * uniform(rng)
-            for j in range(n):
-                a[j] = q[i, j] + f * (q[i + 1, j] - q[i, j])
-            k = i + 1
-            old = cost[i]
-        else:
-            i = 1 + int(uniform(rng) * (count - 2))
-            a[:] = q[i]
-            k = i + 1
-            i -= 1
-            old = cost[i] + cost[i + 1]
-        if uniform(rng) < 0.5:
-            j = int(uniform(rng) * n)
-            a[j] += scale * normal(rng)
-        else:
-            for j in range(n):
-                a[j] += scale * normal(rng) * 0.5
-        for j in range(n):
-            a[j] = min(max(a[j], body.lower[j]), body.upper[j])
-        first = edge_cost(body, danger, q[i], a, cost_scratch)
-        if first < old:
-            second = edge_cost(body, danger, a, q[k], cost_scratch)
-        if (
-            first >= old
-            or first + second >= old * (1.0 - 1e-4)
-            or not edge_free(body, ob, q[i], a, scratch)
-            or not edge_free(body, ob, a, q[k], scratch)
-        ):
-            scale = max(0.02, scale * 0.98)
-            continue
-        scale = min(0.6, scale * 1.3)
-        if bend:
-            for s in range(count, i + 1, -1):
-                q[s] = q[s - 1]
-            for s in range(count - 1, i, -1):
-                cost[s] = cost[s - 1]
-            count += 1
-            q[i + 1] = a
-        else:
-            q[i + 1] = a
-        cost[i] = first
-        cost[i + 1] = second
-    return q[:count].copy()
