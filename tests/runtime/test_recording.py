@@ -22,11 +22,12 @@ from rosbags.highlevel import AnyReader
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.errors import RecordingError
+from armsight.geometry.shapes import Surface
 from armsight.runtime.mcap_file import McapWriter
 from armsight.runtime.messages import TRANSFORMS
 from armsight.runtime.recording import Recorder
 from armsight.runtime.replay import open_recording
-from armsight.runtime.view import Mover
+from armsight.runtime.view import Body, Mover
 
 SEED = 3
 
@@ -152,7 +153,7 @@ def test_another_reader_finds_standard_types(tmp_path: Path) -> None:
         "/guard/status": ("diagnostic_msgs/msg/DiagnosticArray", 20),
         "/guard/distance": ("std_msgs/msg/Float64", 20),
         "/guard/path": ("trajectory_msgs/msg/JointTrajectory", 20),
-        "/movers": ("visualization_msgs/msg/MarkerArray", 20),
+        "/movers": ("visualization_msgs/msg/MarkerArray", 10),  # every tenth of a second
         "/workcell/solids": ("visualization_msgs/msg/MarkerArray", 1),
     }
     with AnyReader([tmp_path / "a.mcap"]) as bag:
@@ -317,3 +318,60 @@ def test_two_recorders_do_not_share_a_file(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="exists already"):
         Recorder(tmp_path / "a.mcap", cell)
     first.close()
+
+
+def test_people_come_back_as_they_looked(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cell = make_cell()
+    looks = (
+        Surface("palm", *_tetrahedron(rng), (0.9, 0.7, 0.6)),
+        Surface("sleeve", *_tetrahedron(rng), (0.2, 0.3, 0.8)),
+    )
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    session = FakeSession(cell)
+    recorder.attach(session)
+    poses = [m.T_world_solid for m in make_movers(rng)]
+    rough = tuple(
+        Mover(name, m.solid, m.T_world_solid)
+        for name, m in zip(("helper/hand/0", "helper/hand/1", "ball"), make_movers(rng))
+    )
+    for i, pose in enumerate(poses):
+        session.shown = empty_view(
+            0.2 * i, movers=rough, bodies=(Body("helper/hand", looks, pose),)
+        )
+        recorder.update(0.2 * i)
+    recorder.close()
+    with open_recording(tmp_path / "a.mcap") as again:
+        surfaces = []
+        for i, pose in enumerate(poses):
+            again.world.advance(0.2 * i)
+            [body] = again.world.bodies()
+            np.testing.assert_allclose(body.T_world_body, pose, atol=1e-12)
+            surfaces.append(body.surfaces)
+        assert surfaces[0] is surfaces[-1]  # so the page draws them once
+        assert [m.name for m in again.world.movers()] == ["ball"]
+    for a, b in zip(looks, surfaces[0], strict=True):
+        assert a.name == b.name
+        np.testing.assert_allclose(a.color, b.color, atol=1e-6)
+        assert a.vertices[a.faces].tobytes() == b.vertices[b.faces].tobytes()
+
+
+def _tetrahedron(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    return rng.normal(size=(4, 3)).astype(np.float32), faces
+
+
+def test_a_reset_ends_the_recording_in_order(tmp_path: Path) -> None:
+    """Time never runs backwards in a file; what was before the reset is whole."""
+    rng = np.random.default_rng(0)
+    cell = make_cell()
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    for i in range(30):
+        recorder.on_joints(make_joints(0.1 * i, 6, rng), 0.1 * i)
+    recorder.on_joints(make_joints(0.0, 6, rng), 0.0)
+    recorder.on_frame(make_frame(cell.cameras[0].info, 0, 0.05, rng), 0.05)
+    assert recorder.problem == "recording ended at 2.9 s: the session was reset"
+    assert recorder.close() == tmp_path / "a.mcap"
+    with open_recording(tmp_path / "a.mcap") as again:
+        assert again.world.note == ""
+        assert again.world.duration == pytest.approx(2.9)

@@ -142,7 +142,7 @@ def test_simulated_and_replayed_maps_agree(tmp_path: Path, gl: str) -> None:
         x, y = getattr(a, name), getattr(b, name)
         assert x.shape == y.shape
         assert np.count_nonzero(x != y) <= 1e-4 * x.size, name
-    assert view.movers
+    assert view.bodies
     assert view.guard is not None
     assert status is not None
     assert view.guard.mode is status.mode

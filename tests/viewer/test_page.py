@@ -11,9 +11,10 @@ from page_watching import wait_for, watching
 from viser import _messages as wire
 
 from armsight.errors import UsageError
+from armsight.geometry.shapes import Surface
 from armsight.motion.data import GuardMode
 from armsight.runtime.no_robot import no_robot
-from armsight.runtime.view import SessionView
+from armsight.runtime.view import Body, SessionView
 from armsight.viewer import LivePage
 from armsight.viewer.page import draggable
 
@@ -243,3 +244,31 @@ def test_a_cell_without_an_arm_has_a_page() -> None:
             assert "occupied voxels" in words(page, "figures")
     finally:
         page.close()
+
+
+def test_people_in_detail_replace_their_rough_solids(page: LivePage, session: FakeSession) -> None:
+    surface = Surface("head", np.eye(3, dtype=np.float32), np.array([[0, 1, 2]]), (1.0, 0.5, 0.2))
+    with watching(page):
+        session.step(1.0)
+        others = (replace(session.shown.movers[0], name="ball"),)
+        session.step(1.0, movers=(*session.shown.movers, *others))
+        pose = np.eye(4)
+        for i in range(3):
+            pose = pose.copy()
+            pose[0, 3] = 0.1 * i
+            body = Body("person/head", (surface,), pose)
+            session.shown = replace(session.shown, bodies=(body,))
+            page.update(1.0)
+        assert set(page._scene.movers._handles) == {"sphere"}  # the ball alone
+        frame = page._scene.people._parts["person/head"][1].handle
+        np.testing.assert_allclose(frame.position, [0.2, 0.0, 0.0])
+        assert len(sent(page, wire.MeshMessage)) == before_meshes(page) + 1
+        session.step(2.0)
+        page.update(2.0)
+        assert not page._scene.people._parts
+        assert len(page._scene.movers._handles) == 3
+
+
+def before_meshes(page: LivePage) -> int:
+    """Meshes of the robot and of walls."""
+    return sum("/people" not in m.name for m in sent(page, wire.MeshMessage))  # type: ignore[attr-defined]

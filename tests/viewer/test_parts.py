@@ -19,8 +19,9 @@ from armsight.viewer import colors, html
 from armsight.viewer.cameras import TILE, mosaic
 from armsight.viewer.danger import FADE, voxels
 from armsight.viewer.history import SECONDS, History
-from armsight.viewer.nodes import is_wall, quaternions, scale_of, wall_face
+from armsight.viewer.nodes import quaternions
 from armsight.viewer.primitives import CUBE, CYLINDER, SPHERE
+from armsight.viewer.solids import is_wall, scale_of, wall_face
 
 
 def test_every_mode_has_its_own_colour_and_words() -> None:

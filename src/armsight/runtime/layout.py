@@ -17,7 +17,7 @@ from armsight.runtime import messages
 from armsight.runtime.description import CellDescription, from_metadata
 from armsight.runtime.mcap_file import McapReader
 from armsight.runtime.no_robot import NAME as NO_ROBOT
-from armsight.runtime.recording import depth_frame, depth_topic
+from armsight.runtime.scribe import depth_frame, depth_topic
 
 LOOK = 400
 """Messages of a foreign recording that are looked at to learn what is in it."""

@@ -7,12 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from armsight.geometry.shapes import ShapeKind, Solid
-from armsight.runtime.messages import MARKERS, encode, header, make, pose_message, pose_of
-from armsight.runtime.view import Mover
+from armsight.geometry.shapes import ShapeKind, Solid, Surface
+from armsight.runtime.messages import (
+    MARKERS,
+    encode,
+    header,
+    make,
+    point_message,
+    pose_message,
+    pose_of,
+)
+from armsight.runtime.view import Body, Mover
 
 _TYPES: dict[ShapeKind, int] = {"box": 1, "sphere": 2, "cylinder": 3}
 _KINDS: dict[int, ShapeKind] = {number: kind for kind, number in _TYPES.items()}
+_TRIANGLES = 11
 _ADD, _DELETE_ALL = 0, 3
 _NO_BYTES = np.zeros(0, np.uint8)
 
@@ -32,6 +41,41 @@ def encode_movers(movers: Sequence[Mover], stamp: float, *, fresh: bool) -> byte
     if fresh:
         markers.insert(0, _marker(0, stamp, "world", action=_DELETE_ALL))
     return encode(make(MARKERS, markers=markers))
+
+
+def encode_looks(bodies: Sequence[Body], stamp: float) -> bytes:
+    """MarkerArray of triangles: each surface in the frame of its body, which ``/tf`` moves."""
+    markers: list[Any] = []
+    for body in bodies:
+        for surface in body.surfaces:
+            corners = surface.vertices[surface.faces].reshape(-1, 3)
+            markers.append(
+                _marker(
+                    len(markers),
+                    stamp,
+                    body.name,
+                    kind=_TRIANGLES,
+                    color=(*surface.color, 1.0),
+                    text=surface.name,
+                    points=[point_message(corner) for corner in corners],
+                )
+            )
+    return encode(make(MARKERS, markers=markers))
+
+
+def decode_looks(message: Any) -> dict[str, tuple[Surface, ...]]:
+    """Surfaces by body."""
+    looks: dict[str, tuple[Surface, ...]] = {}
+    for marker in message.markers:
+        if int(marker.type) != _TRIANGLES:
+            continue
+        corners = np.array([[p.x, p.y, p.z] for p in marker.points], np.float32).reshape(-1, 3)
+        vertices, faces = np.unique(corners, axis=0, return_inverse=True)
+        color = (float(marker.color.r), float(marker.color.g), float(marker.color.b))
+        surface = Surface(marker.text, vertices, faces.reshape(-1, 3), color)
+        name = marker.header.frame_id
+        looks[name] = (*looks.get(name, ()), surface)
+    return looks
 
 
 def decode_movers(message: Any) -> tuple[Mover, ...]:
@@ -87,6 +131,7 @@ def _marker(
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
     color: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
     text: str = "",
+    points: Sequence[Any] = (),
 ) -> Any:
     point = make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
     upright = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
@@ -103,8 +148,8 @@ def _marker(
         scale=make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
         color=make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=alpha),
         lifetime=make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
-        frame_locked=False,
-        points=[],
+        frame_locked=kind == _TRIANGLES,
+        points=list(points),
         colors=[],
         texture_resource="",
         texture=make(

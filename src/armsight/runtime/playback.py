@@ -15,7 +15,22 @@ from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
 from armsight.errors import UsageError
 from armsight.motion.data import GuardStatus
 from armsight.runtime.messages import to_ns, to_seconds
-from armsight.runtime.view import Mover
+from armsight.runtime.view import Body, Mover
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Where all that moves besides the arm is now; None leaves what was said before.
+
+    Attributes:
+        movers: rough solids; bodies: people in detail.
+    """
+
+    movers: tuple[Mover, ...] | None = None
+    bodies: tuple[Body, ...] | None = None
+
+
+Item = RgbdFrame | JointState | GuardStatus | Moved
 
 
 @dataclass(frozen=True)
@@ -24,11 +39,11 @@ class Delivery:
 
     Attributes:
         at: on the recording's clock [ns].
-        item: a frame, a joint reading, a tick of the guard, or all that moves besides the arm.
+        item: a frame, a joint reading, a tick of the guard, or what moved.
     """
 
     at: int
-    item: RgbdFrame | JointState | GuardStatus | tuple[Mover, ...]
+    item: Item
 
 
 @dataclass(frozen=True)
@@ -76,6 +91,7 @@ class Playback:
         self.last = source.span[0]
         self._cameras: Mapping[str, RecordedCamera] = {c.info.name: c for c in cameras}
         self._movers: tuple[Mover, ...] = ()
+        self._bodies: tuple[Body, ...] = ()
         self._rest = source.deliveries()
         self._next = next(self._rest, None)
 
@@ -102,7 +118,7 @@ class Playback:
         """Back to the start."""
         self._rest = self.source.deliveries()
         self._next = next(self._rest, None)
-        self.guard, self._movers = None, ()
+        self.guard, self._movers, self._bodies = None, (), ()
         self.arm.deliver(None)
         for camera in self.cameras:
             camera.deliver(None)
@@ -111,6 +127,10 @@ class Playback:
     def movers(self) -> tuple[Mover, ...]:
         """People and things that moved, as the recording's simulation knew them."""
         return self._movers
+
+    def bodies(self) -> tuple[Body, ...]:
+        """What people looked like, as the recording's simulation knew it."""
+        return self._bodies
 
     def drag(self, name: str, position_world: Vector3) -> None:
         """What is recorded cannot be moved.
@@ -124,7 +144,7 @@ class Playback:
         """Let go of the file."""
         self.source.close()
 
-    def _deliver(self, item: RgbdFrame | JointState | GuardStatus | tuple[Mover, ...]) -> None:
+    def _deliver(self, item: Item) -> None:
         if isinstance(item, RgbdFrame):
             self._cameras[item.camera].deliver(item)
         elif isinstance(item, JointState):
@@ -132,4 +152,5 @@ class Playback:
         elif isinstance(item, GuardStatus):
             self.guard = item
         else:
-            self._movers = item
+            self._movers = self._movers if item.movers is None else item.movers
+            self._bodies = self._bodies if item.bodies is None else item.bodies

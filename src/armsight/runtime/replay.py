@@ -14,18 +14,20 @@ from armsight.arrays import ColorImage, JointPath
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
 from armsight.errors import ArmsightError, RecordingError
+from armsight.geometry.shapes import Surface
 from armsight.robots import load_robot, load_tool
 from armsight.robots.robot import Robot
 from armsight.runtime import messages
 from armsight.runtime.description import CellDescription
 from armsight.runtime.layout import FrameTree, Layout, layout_of
-from armsight.runtime.markers import decode_movers
+from armsight.runtime.markers import decode_looks, decode_movers
 from armsight.runtime.mcap_file import McapReader
 from armsight.runtime.messages import NANOSECONDS, to_seconds
 from armsight.runtime.no_robot import NAME as NO_ROBOT
 from armsight.runtime.no_robot import no_robot
-from armsight.runtime.playback import Delivery, Playback, Source
+from armsight.runtime.playback import Delivery, Moved, Playback, Source
 from armsight.runtime.status_messages import GUARD, guard_from_status
+from armsight.runtime.view import Body
 from armsight.workcell import Cell, Workcell, parse_workcell, robot_in
 
 LATE_START = 60 * NANOSECONDS
@@ -150,6 +152,7 @@ class _Decoder:
         self._path: JointPath | None = None
         self._executed: JointPath | None = None
         self._tree: FrameTree = layout.tree
+        self._looks: dict[str, tuple[Surface, ...]] = {}
 
     def wants(self, topic: str) -> bool:
         """Whether a topic is replayed."""
@@ -157,8 +160,8 @@ class _Decoder:
             topic in self._layout.depth
             or topic in self._layout.color
             or topic == self._layout.joints
-            or topic
-            in ("/guard/status", "/guard/path", "/guard/executed", "/movers", "/tf", "/tf_static")
+            or topic in ("/guard/status", "/guard/path", "/guard/executed", "/tf", "/tf_static")
+            or topic in ("/movers", "/people")
         )
 
     def take(self, topic: str, message: Any, record: Any) -> Any:
@@ -173,9 +176,7 @@ class _Decoder:
             state = messages.decode_joint_state(message, self._joint_names)
             return None if state is None else self._shifted(state)
         elif topic in ("/tf", "/tf_static"):
-            for _, parent, child, T in messages.decode_transforms(message):
-                self._tree.set(parent, child, T)
-                self._moved.add(child) if topic == "/tf" else None
+            return self._transforms(message, fixed=topic == "/tf_static")
         elif topic == "/guard/path":
             self._path = _or_none(messages.decode_trajectory(message))
         elif topic == "/guard/executed":
@@ -185,8 +186,22 @@ class _Decoder:
             status = guard_from_status(reason, values, self._path, self._executed)
             return None if status is None else replace(status, stamp=status.stamp - self._shift)
         elif topic == "/movers":
-            return decode_movers(message)
+            return Moved(movers=decode_movers(message))
+        elif topic == "/people":
+            self._looks = decode_looks(message)
         return None
+
+    def _transforms(self, message: Any, *, fixed: bool) -> Moved | None:
+        """Keep what poses cameras; what poses people is told."""
+        people = []
+        for _, parent, child, T in messages.decode_transforms(message):
+            if child in self._looks:
+                people.append(Body(child, self._looks[child], T))
+                continue
+            self._tree.set(parent, child, T)
+            if not fixed:
+                self._moved.add(child)
+        return Moved(bodies=tuple(people)) if people else None
 
     def _shifted(self, state: JointState) -> JointState:
         return replace(state, stamp=state.stamp - self._shift) if self._shift else state

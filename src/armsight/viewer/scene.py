@@ -17,12 +17,13 @@ from armsight.motion.data import GuardStatus
 from armsight.robots.kernels import path_points
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
-from armsight.runtime.view import Mover, SessionView
+from armsight.runtime.view import Body, Mover, SessionView
 from armsight.viewer import colors
 from armsight.viewer.cameras import CameraModel
 from armsight.viewer.danger import voxels
-from armsight.viewer.nodes import Cloud, Cubes, Line, SolidGroup, add_solid
+from armsight.viewer.nodes import Cloud, Cubes, Line
 from armsight.viewer.robot_model import RobotModel
+from armsight.viewer.solids import Bodies, SolidGroup, add_solid
 from armsight.workcell import Cell
 
 MOST_POINTS = 20_000
@@ -95,6 +96,7 @@ class Scene:
             for camera in cell.cameras
         }
         self.movers = SolidGroup(api, "/movers")
+        self.people = Bodies(api, "/people")
         self._moved = False
         armed = cell.robot.n > 0
         self.cloud = Cloud(api, f"{base}/cloud", 0.008 if armed else 0.013, "circle")
@@ -153,7 +155,12 @@ class Scene:
                 "Distance", "the two nearest points of robot and hazard", True, self._show_nearest
             ),
             Layer("Cameras", "frustums with what they see", True, of(self._camera_root)),
-            Layer("People", "the simulation's truth, for comparison", True, of(self.movers)),
+            Layer(
+                "People",
+                "the simulation's truth, for comparison",
+                True,
+                of(self.people, self.movers),
+            ),
             Layer("Robot", "at the last joint reading", True, of(self._robot_root)),
             Layer("Solids", "what the cell's file declares", True, of(self._solids)),
             Layer("Axes", "of the robot's base: x red, y green, z blue", False, of(self._axes)),
@@ -166,7 +173,7 @@ class Scene:
         if joints is not None:
             self.robot.move(joints.position)
         self._update_cameras(view, joints)
-        self._update_movers(view.movers)
+        self._update_movers(view.movers, view.bodies)
         snapshot = view.snapshot
         if snapshot is not None and snapshot.sequence != self._drawn_snapshot:
             self._update_map(snapshot, view.now)
@@ -193,12 +200,17 @@ class Scene:
                 camera.move(flange_pose(self._robot, q) @ camera.info.T_mount_camera)
             camera.show_health(None if status is None else status.alive)
 
-    def _update_movers(self, movers: tuple[Mover, ...]) -> None:
-        if not movers and not self._moved:
+    def _update_movers(self, movers: tuple[Mover, ...], bodies: tuple[Body, ...]) -> None:
+        """People in detail where their looks are known, everything else as solids."""
+        if self.people.visible:
+            self.people.show(bodies)
+        known = {body.name.split("/")[0] for body in bodies}
+        rest = [m for m in movers if m.name.split("/")[0] not in known]
+        if not rest and not self._moved:
             return
-        self._moved = bool(movers)
+        self._moved = bool(rest)
         if self.movers.visible:
-            self.movers.show([m.solid for m in movers], [m.T_world_solid for m in movers])
+            self.movers.show([m.solid for m in rest], [m.T_world_solid for m in rest])
 
     def _update_map(self, snapshot: WorkspaceSnapshot, now: float) -> None:
         self._drawn_snapshot = snapshot.sequence

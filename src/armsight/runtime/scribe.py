@@ -1,0 +1,232 @@
+"""Writes what a session shows into a recording: which topic, which type, which frame.
+
+Topics are named as ROS names them, so that Foxglove and rosbag2 know what to do with them; the
+table is in ``docs/recording.md``.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armsight.arrays import JointPath, Pose
+from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.data import GuardStatus
+from armsight.robots.kinematics import link_poses, tip_pose
+from armsight.runtime import messages
+from armsight.runtime.changes import Changes
+from armsight.runtime.description import CellDescription, to_metadata
+from armsight.runtime.markers import encode_looks, encode_movers, encode_solids
+from armsight.runtime.mcap_file import McapWriter
+from armsight.runtime.messages import to_ns
+from armsight.runtime.robot_description import robot_description
+from armsight.runtime.status_messages import guard_to_status, health_to_statuses
+from armsight.runtime.view import SessionView
+
+if TYPE_CHECKING:
+    from armsight.workcell import Cell
+
+EXECUTED_PERIOD = 0.5
+"""Between records of the driven path, which grows all the time [s]."""
+TIP_POINTS = 100
+"""About the most points of a recorded path of the tip."""
+
+
+def depth_frame(camera: str) -> str:
+    """Name of the frame of a camera's depth lens."""
+    return f"{camera}_depth_optical_frame"
+
+
+def color_frame(camera: str) -> str:
+    """Name of the frame of a camera's colour lens."""
+    return f"{camera}_color_optical_frame"
+
+
+def depth_topic(info: RgbdCameraInfo) -> str:
+    """ROS calls an image rectified only when its lens has no distortion left."""
+    return f"/{info.name}/depth/{'image_rect_raw' if info.depth.is_ideal else 'image_raw'}"
+
+
+class Scribe:
+    """Encodes and writes; belongs to the recorder's thread.
+
+    Every method takes the time at which the session had its news: the message's log time.
+
+    Attributes:
+        newest: log time of the newest message written [s].
+    """
+
+    def __init__(self, cell: Cell, writer: McapWriter) -> None:
+        self.newest = 0.0
+        self._cell = cell
+        self._robot = cell.robot
+        self._writer = writer
+        self._infos = {camera.info.name: camera.info for camera in cell.cameras}
+        self._topics = {name: depth_topic(info) for name, info in self._infos.items()}
+        self._changes = Changes()
+
+    def _write(
+        self,
+        topic: str,
+        kind: str,
+        data: bytes,
+        now: float,
+        stamp: float,
+        *,
+        sequence: int = 0,
+        latched: bool = False,
+    ) -> None:
+        self.newest = max(self.newest, now)
+        self._writer.write(
+            topic,
+            kind,
+            data,
+            max(0, to_ns(now)),
+            max(0, to_ns(stamp)),  # MCAP's times are unsigned
+            sequence=sequence,
+            latched=latched,
+        )
+
+    def frame(self, frame: RgbdFrame, now: float) -> None:
+        """Write an exposure: pose if it has one, lenses, colour, depth."""
+        info = self._infos[frame.camera]
+        place, stamp = depth_frame(info.name), frame.stamp
+        if frame.T_base_camera is not None:
+            tree = [("base", place, frame.T_base_camera)]
+            data = messages.encode_transforms(tree, stamp)
+            self._write("/tf", messages.TRANSFORMS, data, now, stamp)
+        lens = messages.encode_camera_info(info.depth, stamp, place)
+        self._write(f"/{info.name}/depth/camera_info", messages.CAMERA_INFO, lens, now, stamp)
+        if frame.color is not None and info.color is not None:
+            place = color_frame(info.name)
+            lens = messages.encode_camera_info(info.color, stamp, place)
+            self._write(f"/{info.name}/color/camera_info", messages.CAMERA_INFO, lens, now, stamp)
+            self._write(
+                f"/{info.name}/color/image_raw",
+                messages.IMAGE,
+                messages.encode_color(frame.color, stamp, place),
+                now,
+                stamp,
+                sequence=frame.sequence,
+            )
+        # Depth comes last: when a reader meets it, everything else of the exposure is there.
+        self._write(
+            self._topics[info.name],
+            messages.IMAGE,
+            messages.encode_depth(frame.depth, stamp, depth_frame(info.name)),
+            now,
+            stamp,
+            sequence=frame.sequence,
+        )
+
+    def movers(self, view: SessionView, now: float) -> None:
+        """Write where people and things are, and once what people look like."""
+        people = {body.name.split("/")[0] for body in view.bodies}
+        if view.bodies:
+            names = tuple(body.name for body in view.bodies)
+            if self._changes.changed("people", names):
+                data = encode_looks(view.bodies, now)
+                self._write("/people", messages.MARKERS, data, now, now, latched=True)
+            tree = [("world", body.name, body.T_world_body) for body in view.bodies]
+            data = messages.encode_transforms(tree, now)
+            self._write("/tf", messages.TRANSFORMS, data, now, now)
+        rest = [mover for mover in view.movers if mover.name.split("/")[0] not in people]
+        if rest:
+            data = encode_movers(rest, now, fresh=self._changes.changed("movers", len(rest)))
+            self._write("/movers", messages.MARKERS, data, now, now)
+
+    def guard(self, guard: GuardStatus, now: float) -> None:
+        """Write a tick of the guard: its words, what is plotted, and its paths when they change."""
+        for topic, path in (("/guard/path", guard.path), ("/guard/executed", guard.executed)):
+            slow = topic == "/guard/executed" and not self._changes.due(topic, now, EXECUTED_PERIOD)
+            if not slow and self._changes.changed(topic, path):
+                self._path(topic, path, now)
+        data = messages.encode_diagnostics([guard_to_status(guard)], guard.stamp)
+        self._write("/guard/status", messages.DIAGNOSTICS, data, now, guard.stamp)
+        for topic, value in (
+            ("/guard/distance", guard.distance),
+            ("/guard/protective_distance", guard.protective_distance),
+            ("/guard/speed_scale", guard.speed_scale),
+        ):
+            data = messages.encode_float(value)
+            self._write(topic, messages.FLOAT, data, now, guard.stamp)
+
+    def _path(self, topic: str, path: JointPath | None, now: float) -> None:
+        """The joints' path as it is, and the tip's, thinned, for those who look at it."""
+        robot = self._robot
+        way = np.zeros((0, robot.n)) if path is None else path
+        data = messages.encode_trajectory(way, robot.joint_names, now)
+        self._write(topic, messages.TRAJECTORY, data, now, now)
+        few = way[:: 1 + len(way) // TIP_POINTS]
+        tips = np.array([tip_pose(robot, q)[:3, 3] for q in few]).reshape(-1, 3)
+        data = messages.encode_path(tips, now, "base")
+        self._write(f"{topic}_tip", messages.PATH, data, now, now)
+
+    def links(self, joints: JointState, now: float) -> None:
+        """Write where the arm's links are."""
+        poses = link_poses(self._robot, joints.position)
+        names = self._robot.link_names
+        tree = [
+            (names[i], names[i + 1], np.linalg.inv(poses[i]) @ poses[i + 1])
+            for i in range(self._robot.n)
+        ]
+        if tree:
+            data = messages.encode_transforms(tree, joints.stamp)
+            self._write("/tf", messages.TRANSFORMS, data, now, joints.stamp)
+
+    def describe(self) -> None:
+        """Everything that does not change: metadata, the cell file, fixed transforms, the robot."""
+        cell, robot = self._cell, self._robot
+        description = CellDescription(
+            robot.name,
+            "none" if robot.tool is None else robot.tool.name,
+            cell.T_world_base,
+            robot.joint_names,
+            tuple(self._infos.values()),
+            cell.static,
+            datetime.now(UTC).isoformat(timespec="seconds"),
+        )
+        text = cell.workcell.text if cell.workcell is not None else ""
+        attachments = {"workcell.toml": text.encode()} if text else {}
+        self._writer.describe(to_metadata(description), attachments)
+        now = cell.clock.now()
+        tree: list[tuple[str, str, Pose]] = [("world", "base", cell.T_world_base)]
+        if robot.link_names[0] != "base":
+            tree.append(("base", robot.link_names[0], np.eye(4)))
+        if "flange" not in robot.link_names:
+            tree.append((robot.link_names[-1], "flange", robot.T_last_flange))
+        if robot.tool is not None:
+            tree.append(("flange", "tool_tip", robot.tool.T_flange_tip))
+        for info in self._infos.values():
+            tree.append((info.mounted_on, depth_frame(info.name), info.T_mount_camera))
+            if info.color is not None:
+                place = color_frame(info.name)
+                tree.append((depth_frame(info.name), place, info.T_depth_color))
+        self._latch("/tf_static", messages.TRANSFORMS, messages.encode_transforms(tree, now), now)
+        text = robot_description(robot)
+        self._latch("/robot_description", messages.STRING, messages.encode_string(text), now)
+        data = encode_solids(cell.static, now, "base")
+        self._latch("/workcell/solids", messages.MARKERS, data, now)
+        self._writer.flush()
+
+    def joints(self, state: JointState, now: float) -> None:
+        """Write a joint reading."""
+        data = messages.encode_joint_state(state, self._robot.joint_names)
+        self._write("/joint_states", messages.JOINT_STATE, data, now, state.stamp)
+
+    def cloud(self, snapshot: WorkspaceSnapshot, now: float) -> None:
+        """Write the map's merged cloud."""
+        data = messages.encode_cloud(snapshot.cloud, snapshot.stamp, "base")
+        self._write("/workspace/cloud", messages.POINT_CLOUD, data, now, snapshot.stamp)
+
+    def health(self, view: SessionView, now: float) -> None:
+        """Write how components and cameras are."""
+        cameras = () if view.snapshot is None else view.snapshot.cameras
+        data = messages.encode_diagnostics(health_to_statuses(view.health, cameras), now)
+        self._write("/diagnostics", messages.DIAGNOSTICS, data, now, now)
+
+    def _latch(self, topic: str, kind: str, data: bytes, now: float) -> None:
+        self._write(topic, kind, data, now, now, latched=True)
