@@ -11,7 +11,7 @@ from armsight.arrays import ColorImage, Pose, Vector3
 from armsight.devices.camera_models import camera_model
 from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import from_quaternion
+from armsight.geometry.pose import make_pose
 from armsight.simulation.arm import SimulatedArm
 from armsight.simulation.arm_errors import compliance, true_geometry
 from armsight.simulation.cameras import SimulatedCamera, SimulatedStereo, make_rivals
@@ -213,8 +213,10 @@ class SimulatedWorld:
         return self._movers[owner]
 
     def _mocap_pose(self, index: int) -> Pose:
-        w, x, y, z = self._data.mocap_quat[index]
-        return from_quaternion([x, y, z, w], self._data.mocap_pos[index])
+        # Called for every part of every person at every look: scipy's rotations would be felt.
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, self._data.mocap_quat[index])
+        return make_pose(rotation.reshape(3, 3), self._data.mocap_pos[index])
 
     def _move_movers(self, now: float) -> None:
         positions, quaternions = self._data.mocap_pos, self._data.mocap_quat
