@@ -30,7 +30,7 @@ class PatrolLog:
     """
 
     name = "patrol_log"
-    period = 0.02
+    period = 0.05
 
     def __init__(self, cell: Cell, task: PatrolTask) -> None:
         self._cell, self._task = cell, task
