@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Vector3
+from armsight.arrays import JointVector, Vector3
 from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo
 from armsight.geometry.camera import PinholeCamera
 from armsight.mapping.snapshot import FREE, CameraStatus, VoxelGrid, WorkspaceSnapshot
@@ -111,7 +111,7 @@ class QuickCell:
         self.snapshot: WorkspaceSnapshot | None = None
         self.plan: Plan | None = None
         self.log: list[GuardStatus] = []
-        self.commands: list[Floats] = []
+        self.commands: list[JointVector] = []
         self.visits: list[float] = []
         self.touches: list[Touch] = []
         self.margins: list[Touch] = []
@@ -154,7 +154,8 @@ class QuickCell:
         decision = self.guard.step(now, joints, snapshot, goal, self.plan)
         acts = self.now + self.config.start_delay
         self._queue.append((acts, decision.command.copy(), decision.brake))
-        self.commands.append(np.array([*decision.command, float(decision.brake)]))
+        sent: JointVector = np.array([*decision.command, float(decision.brake)])
+        self.commands.append(sent)
         if decision.request is not None and self.snapshot is not None:
             plan = self.planner.plan(decision.request, self.snapshot, 0.05, self.rng)
             self.plans.append((self.now + PLAN_LATENCY, plan))

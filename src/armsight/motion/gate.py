@@ -75,6 +75,11 @@ class Gate:
         second = self._view(ahead.position, motion, hazards, self._law_ahead)
         return Passage(min(first.allowed, second.allowed), first, second)
 
+    def at_rest(self, q: JointVector, hazards: Hazards) -> Passage:
+        """How far hazards are from the body at (n,) [rad]; nothing moves, so nothing is limited."""
+        view = self.body.view(q, np.zeros(len(q)), hazards, self._law)
+        return Passage(np.inf, view, view)
+
     def protective_distance(self, view: View, state: ArmState, hazards: Hazards) -> float:
         """S_p of the part nearest to a hazard at the arm's present velocity [m]; 0 without one."""
         sphere = view.closest

@@ -185,7 +185,7 @@ class Guard:
         ahead = self._arm.ahead(joints, now + self.config.start_delay)
         still = np.zeros(self.robot.n)
         speed = max(np.abs(here.velocity).max(), np.abs(ahead.velocity).max())
-        passage = self._gate.judge(here.position, ahead, still, self._hazards)
+        passage = self._gate.at_rest(here.position, self._hazards)
         return _Tick(
             now,
             elapsed,

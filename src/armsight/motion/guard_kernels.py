@@ -190,6 +190,8 @@ def scan(
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         fastest = max(fastest, vx * vx + vy * vy + vz * vz)
     fastest = np.sqrt(fastest)
+    count = blocks.lower.shape[0]
+    bound = np.empty(count)
     for i in range(center.shape[0]):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -208,12 +210,26 @@ def scan(
             cut = min(need + law.reaching * time, law.close)
         if speed <= 0.0:
             cut = -np.inf
-        for k in range(blocks.lower.shape[0]):
+        first = -1
+        for k in range(count):
             dx = max(blocks.lower[k, 0] - x, x - blocks.upper[k, 0], 0.0)
             dy = max(blocks.lower[k, 1] - y, y - blocks.upper[k, 1], 0.0)
             dz = max(blocks.lower[k, 2] - z, z - blocks.upper[k, 2], 0.0)
+            bound[k] = dx * dx + dy * dy + dz * dz
+            if first < 0 or bound[k] < bound[first]:
+                first = k
+        # The nearest block comes first: what it holds rules out most of the others.
+        for turn in range(-1, count):
+            k = first if turn < 0 else turn
+            if turn == first or k < 0:
+                continue
             reach = max(cut, best) + skin
-            if dx * dx + dy * dy + dz * dz > reach * reach:
+            if bound[k] > reach * reach:
+                continue
+            near = np.sqrt(bound[k]) - skin
+            if near >= best and (
+                near >= cut or allowed_share(near, speed, fastest, stopping[i], law) >= least
+            ):
                 continue
             for p in range(blocks.first[k], blocks.first[k + 1]):
                 ex = blocks.points[p, 0] - x
