@@ -158,7 +158,11 @@ class SimulatedCamera:
         self._timing = _Timing(spec, clock, (*seed, 1))
         self.faults = self._timing.faults
         self.T_mount_camera = misplaced(spec, np.random.default_rng((*seed, 2)))
-        self._sensor = DepthSensor(spec.info, materials, (*seed, 3)) if spec.errors else None
+        self._sensor = (
+            DepthSensor(spec.info, materials, (*seed, 3), systematic=spec.systematic)
+            if spec.errors
+            else None
+        )
         self.disturbs = spec.errors and structured(spec.info)
         self.rivals: tuple[SimulatedCamera, ...] = ()
         self.reset()

@@ -64,7 +64,8 @@ def set_up(mj: Any) -> None:
         light.specular = np.full(3, 0.25 * brightness)
     _sky(mj)
     _texture(mj, "floor", _concrete(512, seed=1), repeat=(4.0, 4.0))
-    _texture(mj, "table", _wood(512, seed=2), repeat=(1.0, 1.0), cube=True)
+    _cube(mj, "wood", _wood(256, seed=2))
+    _cube(mj, "plaster", _plaster(256, seed=3))
 
 
 def arm_material(mj: Any, color: Color) -> str:
@@ -78,7 +79,9 @@ def solid_material(mj: Any, solid: Solid) -> str:
         return _material(mj, "black_plastic", solid.color, specular=0.05, shininess=0.1)
     if solid.material == "shiny":
         return _material(mj, "shiny", solid.color, specular=0.9, shininess=0.9)
-    return _material(mj, "plain", solid.color, specular=0.12, shininess=0.2)
+    wooden = max(solid.color) - min(solid.color) > 0.12
+    texture = "wood" if wooden else "plaster"
+    return _material(mj, "plain", solid.color, specular=0.1, shininess=0.2, texture=texture)
 
 
 def cloth_material(mj: Any, look: str, person: str) -> str:
@@ -100,29 +103,44 @@ def cloth_colors(person: str) -> dict[str, Color]:
     }
 
 
-def _material(mj: Any, kind: str, color: Color, specular: float, shininess: float) -> str:
+def _material(
+    mj: Any, kind: str, color: Color, specular: float, shininess: float, texture: str = ""
+) -> str:
     name = f"{kind}/" + "/".join(f"{c:.3f}" for c in color)
     if mj.material(name) is None:
-        mj.add_material(
+        material = mj.add_material(
             name=name, rgba=[*color, 1.0], specular=specular, shininess=shininess, reflectance=0.0
         )
+        if texture:
+            material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture
     return name
 
 
-def _texture(
-    mj: Any, name: str, image: Bytes, repeat: tuple[float, float], cube: bool = False
-) -> None:
-    kind = mujoco.mjtTexture.mjTEXTURE_CUBE if cube else mujoco.mjtTexture.mjTEXTURE_2D
-    if cube:
-        image = np.concatenate([image] * 6, axis=0)
+def _texture(mj: Any, name: str, image: Bytes, repeat: tuple[float, float]) -> None:
     texture = mj.add_texture(
-        name=name, type=kind, width=image.shape[1], height=image.shape[0], nchannel=3
+        name=name,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        width=image.shape[1],
+        height=image.shape[0],
+        nchannel=3,
     )
     texture.data = image.tobytes()
     material = mj.add_material(
-        name=name, texrepeat=repeat, texuniform=not cube, specular=0.05, shininess=0.1
+        name=name, texrepeat=repeat, texuniform=True, specular=0.05, shininess=0.1
     )
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+
+
+def _cube(mj: Any, name: str, side: Bytes) -> None:
+    """A faint unevenness, nearly white, for every side of a solid: tinted by the solid's colour."""
+    texture = mj.add_texture(
+        name=name,
+        type=mujoco.mjtTexture.mjTEXTURE_CUBE,
+        width=side.shape[1],
+        height=6 * side.shape[0],
+        nchannel=3,
+    )
+    texture.data = np.concatenate([side] * 6).tobytes()
 
 
 def _sky(mj: Any) -> None:
@@ -150,12 +168,21 @@ def _concrete(size: int, seed: int) -> Bytes:
 
 
 def _wood(size: int, seed: int) -> Bytes:
-    """(size, size, 3) light beech with grain along one axis."""
+    """(size, size, 3) grain along one axis, nearly white."""
     rng = np.random.default_rng(seed)
-    grain = gaussian_filter(rng.standard_normal((size, size)), (0.8, 40.0), mode="wrap")
-    wide = gaussian_filter(rng.standard_normal((size, size)), (10.0, 90.0), mode="wrap")
-    value = 1.0 + 0.045 * grain / grain.std() + 0.03 * wide / wide.std()
-    return _to_bytes(value[..., None] * np.array([0.78, 0.66, 0.50]))
+    grain = gaussian_filter(rng.standard_normal((size, size)), (0.7, 24.0), mode="wrap")
+    wide = gaussian_filter(rng.standard_normal((size, size)), (8.0, 60.0), mode="wrap")
+    value = 0.93 + 0.022 * grain / grain.std() + 0.018 * wide / wide.std()
+    return _to_bytes(value[..., None] * np.ones(3))
+
+
+def _plaster(size: int, seed: int) -> Bytes:
+    """(size, size, 3) fine and broad blotches, nearly white."""
+    rng = np.random.default_rng(seed)
+    fine = gaussian_filter(rng.standard_normal((size, size)), 0.9, mode="wrap")
+    broad = gaussian_filter(rng.standard_normal((size, size)), 22.0, mode="wrap")
+    value = 0.95 + 0.008 * fine / fine.std() + 0.014 * broad / broad.std()
+    return _to_bytes(value[..., None] * np.ones(3))
 
 
 def _to_bytes(image: Any) -> Bytes:

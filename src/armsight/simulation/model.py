@@ -151,8 +151,10 @@ class _Builder:
         self.parts: dict[str, Part] = {}
 
     def floor(self) -> None:
-        """One plane to stand on; MuJoCo draws it in thousands of pieces, for lights' sake, which
-        takes half of a depth picture's time: depth gets a plain slab instead.
+        """A plane to stand on.
+
+        MuJoCo draws it in thousands of pieces, for the lights' sake, which takes half of a depth
+        picture's time: depth gets a plain slab instead.
         """
         what = Part("floor", "floor")
         self._geom(

@@ -15,8 +15,9 @@ f200       0.5 + 4 z^2 mm                                       assumption: 1-2 
 stereo     30 planes of disparity from 0.2 to 0.4 m             the paper on hybrid servoing
 ========== ==================================================== ===================================
 
-Systematic error of a Kinect v2, drawn once a unit: offset 20 mm (13 and 24 seen on real ones),
-scale 0.3 %, 3 mm sine of 0.9 m period, 4 mm at the corners, 5 mm warm-up (sizes: assumption).
+Systematic error of a Kinect v2 out of the box, drawn once a unit: offset 20 mm (13 and 24 seen on
+real ones), scale 0.3 %, 3 mm sine of 0.9 m period, 4 mm at the corners, 5 mm warm-up (sizes:
+assumption). A calibrated camera keeps the share that ``CameraSpec.systematic`` states.
 
 Missing and wrong: out of range; grazing incidence; matt black plastic (no infrared comes back);
 mirrors in shiny things; edges (mixed "flying" pixels with time of flight, ragged borders and the
@@ -26,7 +27,7 @@ same surface. Not modelled: multipath in corners, sunlight, motion blur.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -179,16 +180,17 @@ WARM_UP = 600.0
 """Time constant of the drift [s]: 95 % after 30 min."""
 
 
-def draw_unit(errors: DepthErrors, rng: np.random.Generator) -> UnitErrors:
-    """The systematic error of one unit."""
+def draw_unit(errors: DepthErrors, rng: np.random.Generator, share: float = 1.0) -> UnitErrors:
+    """The systematic error of one unit, or the share of it that a calibration has left."""
     offset, scale, radial = rng.standard_normal(3)
+    phase = float(rng.uniform(0.0, 2.0 * np.pi))
     return UnitErrors(
-        errors.offset * float(np.clip(offset, -2.0, 2.0)),
-        errors.scale * float(np.clip(scale, -2.5, 2.5)),
-        errors.wiggle,
-        float(rng.uniform(0.0, 2.0 * np.pi)),
-        errors.radial * float(np.clip(radial, -2.0, 2.0)),
-        errors.warm_up,
+        share * errors.offset * float(np.clip(offset, -2.0, 2.0)),
+        share * errors.scale * float(np.clip(scale, -2.5, 2.5)),
+        share * errors.wiggle,
+        phase,
+        share * errors.radial * float(np.clip(radial, -2.0, 2.0)),
+        share * errors.warm_up,
     )
 
 
@@ -206,6 +208,7 @@ class DepthSensor:
         seed: tuple[int, ...],
         errors: DepthErrors | None = None,
         unit: UnitErrors | None = None,
+        systematic: float = 1.0,
     ) -> None:
         """Prepare a sensor.
 
@@ -215,11 +218,12 @@ class DepthSensor:
             seed: of everything random.
             errors: instead of the model's.
             unit: systematic error instead of one drawn from the seed.
+            systematic: share of the drawn one that is left.
         """
         self.info = info
         self._errors = DEPTH_ERRORS[info.model] if errors is None else errors
         rng = np.random.default_rng((*seed, 0))
-        self.unit = draw_unit(self._errors, rng) if unit is None else unit
+        self.unit = draw_unit(self._errors, rng, systematic) if unit is None else unit
         self._seed = seed
         self._materials = materials
         self._rays = ray_planes(info.depth)
@@ -323,11 +327,6 @@ def ray_planes(lens: PinholeCamera) -> Floats32:
 def structured(info: RgbdCameraInfo) -> bool:
     """Whether the camera lights the scene with a pattern that disturbs its like."""
     return camera_model(info.model).principle in ("structured_light", "coded_light")
-
-
-def without_systematic(errors: DepthErrors) -> DepthErrors:
-    """The same sensor, perfectly calibrated."""
-    return replace(errors, offset=0.0, scale=0.0, wiggle=0.0, radial=0.0, warm_up=0.0)
 
 
 @lru_cache(maxsize=1)

@@ -55,6 +55,8 @@ class CameraSpec:
         pose_error: extra calibration error drawn from the seed: (sigma [m], sigma [rad]).
         stamp_jitter: uniform error of the stamp, plus or minus [s].
         phase: time of the first exposure [s]; staggered cameras give fresher evidence.
+        systematic: share of the unit's systematic depth error (see ``sensor_errors``) that its
+            calibration has left; 1 for a camera as it comes out of the box.
     """
 
     info: RgbdCameraInfo
@@ -63,6 +65,7 @@ class CameraSpec:
     pose_error: tuple[float, float] = (0.0, 0.0)
     stamp_jitter: float = 0.0
     phase: float = 0.0
+    systematic: float = 0.15
 
 
 @dataclass(frozen=True)
