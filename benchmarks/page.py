@@ -32,6 +32,7 @@ from armsight.workcell import Cell
 
 POINTS, VOXELS, CAMERAS, PARTS = 20_000, 5_000, 4, 24
 GRID = (140, 140, 100)
+TARGET = (0.0, 0.0, 0.3)
 
 CLIENT = """
 import asyncio, sys, viser
@@ -139,7 +140,7 @@ def make_cell() -> Cell:
         RecordedCamera(
             RgbdCameraInfo(
                 f"camera_{i}", "kinect_v2", model.depth, None, np.eye(4), "base",
-                look_at([1.5 * np.cos(i * 1.57 + 0.8), 1.5 * np.sin(i * 1.57 + 0.8), 1.2], [0, 0, 0.3]),
+                look_at([1.5 * np.cos(i * 1.57 + 0.8), 1.5 * np.sin(i * 1.57 + 0.8), 1.2], TARGET),
                 15.0, 0.03, model.range, model.noise,
             )
         )

@@ -381,8 +381,9 @@ class Session:
             return (), ()
         with self._lock:
             movers = tuple(Mover(m.name, m.solid, m.T_world_solid) for m in world.movers())
-            bodies = getattr(world, "bodies", tuple)()
-            return movers, tuple(Body(b.name, b.surfaces, b.T_world_body) for b in bodies)
+            if not hasattr(world, "bodies"):
+                return movers, ()
+            return movers, tuple(Body(b.name, b.surfaces, b.T_world_body) for b in world.bodies())
 
 
 def _advance_of(cell: Cell) -> Callable[[float], None] | None:
