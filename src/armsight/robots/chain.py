@@ -68,7 +68,11 @@ def fold_chain(
     joints = _joints_to(urdf, end)
     for joint in joints:
         if joint.kind == "prismatic":
-            raise _fail(urdf, f'joint "{joint.name}" is prismatic; arms here have revolute joints')
+            raise _fail(
+                urdf,
+                f'joint "{joint.name}" is prismatic, arms here have revolute joints; if it is a '
+                "gripper's, name the link where the arm ends with flange=",
+            )
     if not joints:
         raise _fail(urdf, "has no moving joint between its root and its flange")
     _check_held(urdf, joints, held or {})
@@ -83,9 +87,9 @@ def fold_chain(
 
     links = []
     for i, piece in enumerate(pieces):
-        joint = joints[i - 1] if i else None
-        T = pieces[i - 1][joint.parent] @ joint.T_parent_joint if joint else np.eye(4)
-        links.append(_chain_link(urdf, base if i == 0 else starts[i], piece, T, joint))
+        before = joints[i - 1] if i else None
+        T = pieces[i - 1][before.parent] @ before.T_parent_joint if before else np.eye(4)
+        links.append(_chain_link(urdf, base if i == 0 else starts[i], piece, T, before))
     flange = flange or next((n for n in _FLANGE_NAMES if n in pieces[-1]), starts[-1])
     return Chain(tuple(links), pieces[-1][flange], flange)
 

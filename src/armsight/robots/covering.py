@@ -7,8 +7,9 @@ axes times a few excesses. The cover sought makes
     price * number of capsules + integral of (distance to the body) over the overshoot's volume
 
 small: a greedy choice first, then neighbourhoods of the cover are taken out and covered anew, and
-what is better is kept (large neighbourhood search). At the end the axes move freely, and capsules whose
-neighbours can take over for less than the price are left out. A ball is a capsule of no length.
+what is better is kept (large neighbourhood search). At the end the axes move freely, and capsules
+whose neighbours can take over for less than the price are left out. A ball is a capsule of no
+length.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def cover(
     which = np.repeat(np.arange(len(axes.depth)), len(excesses))
     covers = (near[which] <= reach[:, None]).astype(np.uint8)
     spills = (far[which] <= reach[:, None]).astype(np.uint8)
-    reachable = covers.any(axis=0)
+    reachable = np.asarray(covers.any(axis=0), np.bool_)
     middle = 0.5 * (axes.start + axes.end)[which]
     chosen = _search(
         covers,
@@ -264,7 +265,7 @@ def refine(
 
     Each capsule in turn tries small moves of its ends; its radius is what the points that no other
     capsule covers ask for. Then capsules are left out, as long as their neighbours can take over
-    for less overshoot than the price.
+    for less overshoot than the price; at price 0 none is.
 
     Returns:
         Axes (their depth is not kept up), radii [m], which together cover all points, and what
@@ -292,7 +293,7 @@ def _refine(
     _take_over(points, start, end, radius)
     everyone = np.arange(radius.shape[0])
     cost = _relax(points, near, weight, start, end, radius, everyone, sweeps)
-    while radius.shape[0] > 1:
+    while price > 0.0 and radius.shape[0] > 1:
         best, best_cost = -1, cost + price
         best_start, best_end, best_radius = start, end, radius
         for k in range(radius.shape[0]):
@@ -359,6 +360,7 @@ def _relax(
                 continue
             own = _exclusive(distance, radius, k, 1e-9)
             free = _exclusive(spread, radius, k, 0.0)
+            free = free[spread[k][free] < radius[k] + 0.04]
             if own.shape[0] == 0:
                 radius[k] = 0.0
                 continue

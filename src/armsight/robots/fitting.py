@@ -35,7 +35,8 @@ class FitOptions:
         spacing: of the points that a fit must cover [m].
         check_spacing: of the points that the finished fit is checked and completed with [m].
         margin: added to every radius, for what lies between two checked points [m].
-        most_axes, most_points, most_around: candidates, points to cover and points to spare, a link.
+        most_axes, most_points, most_around: candidates, points to cover and points to spare, of a
+            link.
         seed: of the search.
     """
 
@@ -44,7 +45,7 @@ class FitOptions:
     sphere_excess: tuple[float, ...] = (0.004, 0.008, 0.012, 0.018, 0.026, 0.038)
     capsule_excess: tuple[float, ...] = (0.006, 0.012, 0.02, 0.03, 0.04, 0.055)
     restarts: int = 1
-    rounds: int = 40
+    rounds: int = 12
     completions: int = 4
     voxel: float = 0.003
     spacing: float = 0.006
@@ -171,7 +172,8 @@ def _segments(balls: Axes, solid: VoxelSolid, tree: cKDTree, most: int) -> Axes:
     along = ends[a] + steps * (ends[b] - ends[a])
     inside = solid.contains(along.reshape(-1, 3)).reshape(len(steps), -1).all(axis=0)
     along, a, b = along[:, inside], a[inside], b[inside]
-    depth = tree.query(along.reshape(-1, 3))[0].reshape(len(steps), -1).min(axis=0)
+    gaps = np.asarray(tree.query(along.reshape(-1, 3))[0])
+    depth = gaps.reshape(len(steps), -1).min(axis=0)
     # Long, deep axes are what capsules are for.
     order = np.argsort(-depth * (0.03 + np.linalg.norm(ends[a] - ends[b], axis=1)))[:most]
     return Axes(ends[a][order], ends[b][order], depth[order])
@@ -198,7 +200,7 @@ def fit_body(body: Body, options: FitOptions, what: str) -> tuple[Axes, Floats]:
         if not len(out):
             break
         points = np.concatenate([points, thin(body.check[out], 2 * options.check_spacing)])
-        axes, radius, _ = refine(points, body.around, axes, radius, price)
+        axes, radius, _ = refine(points, body.around, axes, radius, 0.0)
     return axes, complete(body.check, axes, radius) + options.margin
 
 
@@ -322,7 +324,8 @@ def fit_chain(
 
     Args:
         chain: the arm.
-        lower, upper: (n,) joint ranges [rad], within which pairs of links are sampled.
+        lower: (n,) least joint positions [rad], for sampling pairs of links.
+        upper: (n,) greatest joint positions [rad].
         options: how to fit.
         triangles: per link, in its frame; the URDF's own geometry when None.
         say: told of progress.
@@ -331,11 +334,13 @@ def fit_chain(
         RobotError: a mesh cannot be read, or no link has any geometry.
     """
     options = options or FitOptions()
+    given = [sphere_collisions(link) for link in chain.links]
+    if triangles is None and _all_spheres(chain):
+        return _given_shapes(chain, lower, upper, given, options.seed)
     triangles = triangles or [link_triangles(link) for link in chain.links]
     if not any(len(faces) for _, faces in triangles):
         raise RobotError("the robot has no geometry to fit spheres to; give it visuals or shapes")
     bodies = prepare_chain(chain, triangles, options)
-    given = [sphere_collisions(link) for link in chain.links]
     balls: list[tuple[int, list[float]]] = []
     rods: list[tuple[int, list[float]]] = []
     ball_fit: list[tuple[Floats, Floats]] = []
@@ -343,7 +348,7 @@ def fit_chain(
     for i, body in enumerate(bodies):
         if body is None:
             continue
-        axes, radius = given[i] or fit_body(body, options, "balls")
+        axes, radius = fit_body(body, options, "balls")
         balls += [(i, [*c, r]) for c, r in zip(axes.start.tolist(), radius.tolist())]
         ball_fit.append(measure(body, axes, radius))
         axes, radius = fit_body(body, options, "segments")
@@ -359,8 +364,7 @@ def fit_chain(
         lower,
         upper,
         spheres,
-        [np.empty((0, 3)) if b is None else thin(b.check, 0.008) for b in bodies],
-        [None if b is None else b.solid for b in bodies],
+        [None if b is None else (thin(b.check, 0.008), b.solid) for b in bodies],
         np.random.default_rng(options.seed),
     )
     for line in pair_lines(statistics, chain):
@@ -372,6 +376,48 @@ def fit_chain(
         statistics.worth_checking_with_tool(len(moving)),
         report(ball_fit),
         report(rod_fit),
+    )
+
+
+def _all_spheres(chain: Chain) -> bool:
+    """Whether the collision geometry is there and made of spheres alone."""
+    shapes = [shape for link in chain.links for shape in link.collisions]
+    return bool(shapes) and all(shape.kind == "sphere" for shape in shapes)
+
+
+def _given_shapes(
+    chain: Chain,
+    lower: JointVector,
+    upper: JointVector,
+    given: list[tuple[Axes, Floats] | None],
+    seed: int,
+) -> BodyShapes:
+    """The spheres of a "spherized" URDF as they are; as capsules too, which need no length."""
+    balls: list[tuple[int, list[float]]] = []
+    rods: list[tuple[int, list[float]]] = []
+    for i, found in enumerate(given):
+        if found is not None:
+            for c, r in zip(found[0].start.tolist(), found[1].tolist()):
+                balls.append((i, [*c, r]))
+                rods.append((i, [*c, *c, r]))
+    moving = chain.links[1:]
+    spheres = make_spheres(balls)
+    statistics = pair_statistics(
+        np.stack([link.T_parent_joint for link in moving]),
+        np.stack([link.joint.axis for link in moving if link.joint]),
+        lower,
+        upper,
+        spheres,
+        None,
+        np.random.default_rng(seed),
+    )
+    return BodyShapes(
+        spheres,
+        make_capsules(rods),
+        statistics.worth_checking(),
+        statistics.worth_checking_with_tool(len(moving)),
+        None,
+        None,
     )
 
 

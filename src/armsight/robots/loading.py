@@ -38,19 +38,20 @@ def load_urdf(
 ) -> Robot:
     """Load an arm from a URDF file.
 
-    Spheres come from the file's collision geometry where a link's is spheres only, as in
-    "spherized" URDFs; otherwise spheres and capsules are fitted to collision geometry and visuals,
-    which takes some seconds a robot.
+    Spheres come from the file's collision geometry where that is spheres only, as in "spherized"
+    URDFs; otherwise spheres and capsules are fitted to the visuals (or to the collision geometry of
+    links without), which takes a minute or two.
 
     Args:
         path: of the URDF.
         name: of the robot; the URDF's own when None.
-        base, flange: links whose frames become ``base`` and the flange, see
-            :func:`~armsight.robots.chain.fold_chain`.
+        base: link whose frame becomes ``base``; the root when None.
+        flange: link whose frame is the flange, see :func:`~armsight.robots.chain.fold_chain`.
         held: values of moving joints off the chain, such as fingers [rad or m].
         packages: folders that ``package://NAME/`` stands for.
         meshes: whether the visual meshes are wanted; when False they need not exist.
-        acceleration, jerk: limits, which URDF does not know [rad/s^2], [rad/s^3].
+        acceleration: limits, which URDF does not know [rad/s^2].
+        jerk: limits, which URDF does not know [rad/s^3].
         home: (n,) [rad]; the middle of the joints' ranges when None, or 0 where that is inside.
         reach: [m]; the stretched length from the second joint to the flange when None.
         shapes: ready-made shapes; fitted when None.

@@ -58,8 +58,7 @@ def pair_statistics(
     lower: JointVector,
     upper: JointVector,
     spheres: Spheres,
-    points: list[Points],
-    solids: list[VoxelSolid | None],
+    bodies: list[tuple[Points, VoxelSolid] | None] | None,
     rng: np.random.Generator,
     samples: int = 20_000,
     mesh_samples: int = 4_000,
@@ -67,12 +66,16 @@ def pair_statistics(
     """Sample configurations and see which links meet.
 
     Args:
-        T_link_joint, axis, lower, upper: of the chain and its joints.
+        T_link_joint: (n, 4, 4) of the chain.
+        axis: (n, 3) of its joints.
+        lower: (n,) least joint positions [rad].
+        upper: (n,) greatest joint positions [rad].
         spheres: of the body.
-        points: per link, (k, 3) points on its surface in its frame [m]; may be empty.
-        solids: per link, its inside, or None.
+        bodies: per link, (k, 3) points on its surface in its frame [m] and its inside, or None;
+            None for all where only spheres are known, which then stand for the meshes.
         rng: draws the configurations.
-        samples: configurations tried with spheres; mesh_samples: of them, with meshes.
+        samples: configurations tried with spheres.
+        mesh_samples: of them, how many are tried with meshes.
     """
     n = len(axis)
     pairs = np.array([(i, j) for i in range(n + 1) for j in range(i + 2, n + 1)], np.int64)
@@ -81,17 +84,32 @@ def pair_statistics(
     gap = _sphere_gaps(
         path, T_link_joint, axis, spheres.link, spheres.center, spheres.radius, pairs
     )
-    met = np.zeros((mesh_samples, len(pairs)), bool)
-    grown = [None if s is None else ndimage.binary_dilation(s.inside, iterations=2) for s in solids]
-    for p, (i, j) in enumerate(pairs):
-        for a, b in ((i, j), (j, i)):
-            solid, body = solids[b], grown[b]
-            if solid is not None and body is not None and len(points[a]):
+    touching = gap < 0.0
+    met = touching[:mesh_samples].copy()
+    if bodies is not None:
+        met[:] = False
+        # Two voxels more, so that near misses count.
+        grown = [
+            None if b is None else ndimage.binary_dilation(b[1].inside, iterations=2)
+            for b in bodies
+        ]
+        for p, (i, j) in enumerate(pairs):
+            for a, b in ((i, j), (j, i)):
+                mover, still, inside = bodies[a], bodies[b], grown[b]
+                if mover is None or still is None or inside is None:
+                    continue
                 rows = np.flatnonzero((gap[:mesh_samples, p] < 0.01) & ~met[:, p])
                 met[rows, p] |= _mesh_touches(
-                    path[rows], T_link_joint, axis, a, b, points[a], solid.origin, solid.voxel, body
+                    path[rows],
+                    T_link_joint,
+                    axis,
+                    a,
+                    b,
+                    mover[0],
+                    still[1].origin,
+                    still[1].voxel,
+                    inside,
                 )
-    touching = gap < 0.0
     return PairStatistics(
         pairs,
         touching.mean(axis=0),

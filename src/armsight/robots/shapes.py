@@ -46,14 +46,17 @@ class FitReport:
 
 @dataclass(frozen=True)
 class BodyShapes:
-    """All that ``shapes.json`` holds, links as indices of the chain."""
+    """All that ``shapes.json`` holds, links as indices of the chain.
+
+    The fits are None where nobody measured them.
+    """
 
     spheres: Spheres
     capsules: Capsules
     self_pairs: Ints
     tool_pairs: Ints
-    sphere_fit: FitReport
-    capsule_fit: FitReport
+    sphere_fit: FitReport | None = None
+    capsule_fit: FitReport | None = None
 
 
 def make_spheres(rows: list[tuple[int, list[float]]]) -> Spheres:
@@ -89,8 +92,7 @@ def read_shapes(path: Path, link_names: tuple[str, ...]) -> BodyShapes:
             make_capsules(_rows(data["capsules"], index)),
             _pairs(data["self_pairs"], index),
             _pairs(data["tool_pairs"], index),
-            FitReport(**data["fit"]["spheres"]),
-            FitReport(**data["fit"]["capsules"]),
+            *(FitReport(**data["fit"][key]) for key in ("spheres", "capsules")),
         )
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror})") from None
@@ -114,7 +116,8 @@ def shapes_json(shapes: BodyShapes, link_names: tuple[str, ...]) -> str:
     ]
     for key, pairs in (("self_pairs", shapes.self_pairs), ("tool_pairs", shapes.tool_pairs)):
         parts.append(f'"{key}": {json.dumps([[link_names[i] for i in pair] for pair in pairs])}')
-    fit = {"spheres": asdict(shapes.sphere_fit), "capsules": asdict(shapes.capsule_fit)}
+    named = {"spheres": shapes.sphere_fit, "capsules": shapes.capsule_fit}
+    fit = {key: asdict(value) for key, value in named.items() if value is not None}
     parts.append(f'"fit": {json.dumps(fit, indent=1)}')
     return "{\n" + ",\n".join(parts) + "\n}\n"
 

@@ -1,0 +1,265 @@
+"""Make the tools' folders of ``src/armsight/robots/data/tools``.
+
+Tools are built from primitives with the dimensions below; the Panda's hand comes from the meshes of
+example-robot-data. Needs what ``convert_robots.py`` needs::
+
+    PYTHONPATH=src python scripts/make_tools.py \
+        --example-robot-data example_robot_data-6.0.0-0-py3-none-any.whl
+
+writes, for each tool, ``tool.json`` (tip, mass, colours, spheres, capsules, how well they fit) and
+one OBJ file a colour, in the flange's frame: z outward along the tool's axis.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import convert_robots as source
+import numpy as np
+import trimesh
+from trimesh.creation import box, capsule, cylinder, icosphere
+
+from armsight.geometry.pose import from_rpy, make_pose, transform
+from armsight.robots.fitting import Fellows, FitOptions, fit_body, measure, prepare, report
+from armsight.robots.meshes import join_triangles
+
+TOOLS = source.DATA / "tools"
+ALUMINIUM, DARK, BLACK, WHITE = (
+    (0.72, 0.73, 0.75),
+    (0.22, 0.23, 0.25),
+    (0.07, 0.07, 0.08),
+    (0.95,) * 3,
+)
+STEEL = (0.55, 0.56, 0.58)
+
+
+@dataclass
+class Draft:
+    """A tool before fitting; see ``armsight.robots.Tool``."""
+
+    title: str
+    tip: np.ndarray
+    mass: float
+    center_of_mass: tuple[float, float, float]
+    origin: str = "made for armsight from primitives"
+    license: str = "Apache-2.0"
+    license_text: str = ""
+    sphere_price: float = 1e-9
+    capsule_price: float = 2e-9
+    meshes: list[tuple[source.Color, trimesh.Trimesh]] = field(default_factory=list)
+
+    def add(self, color: source.Color, mesh: trimesh.Trimesh, T: np.ndarray | None = None) -> None:
+        """One more body, placed in the flange's frame."""
+        if T is not None:
+            mesh.apply_transform(T)
+        self.meshes.append((color, mesh))
+
+
+def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    """A shift [m]."""
+    return make_pose(None, [x, y, z])
+
+
+def rod(radius: float, length: float, sections: int = 32) -> trimesh.Trimesh:
+    """A cylinder along z that begins at z = 0 [m]."""
+    mesh = cylinder(radius, length, sections=sections)
+    mesh.apply_translation([0, 0, 0.5 * length])
+    return mesh
+
+
+def gripper() -> Draft:
+    """Two parallel fingers, open 85 mm along y: the size of a Robotiq 2F-85 with its coupling."""
+    tool = Draft("two-finger gripper, open 85 mm", at(z=0.150), 1.0, (0.0, 0.0, 0.06))
+    tool.add(ALUMINIUM, rod(0.0375, 0.014))
+    tool.add(DARK, box((0.060, 0.072, 0.066)), at(z=0.014 + 0.033))
+    tool.add(DARK, box((0.040, 0.110, 0.020)), at(z=0.086))
+    for side in (-1, 1):
+        tilt = from_rpy([-side * 0.12, 0, 0], [0, side * 0.054, 0.106])
+        tool.add(ALUMINIUM, box((0.027, 0.014, 0.036)), tilt)
+        tool.add(BLACK, box((0.022, 0.012, 0.044)), at(y=side * 0.0485, z=0.140))
+    return tool
+
+
+def pen() -> Draft:
+    """A steel rod with a ball of 10 mm at its end, on a plate."""
+    tool = Draft("rod with a 10 mm ball at its tip", at(z=0.150), 0.25, (0.0, 0.0, 0.03))
+    tool.add(ALUMINIUM, rod(0.0315, 0.010))
+    tool.add(ALUMINIUM, rod(0.012, 0.030), at(z=0.010))
+    tool.add(STEEL, rod(0.004, 0.106), at(z=0.040))
+    tool.add((0.8, 0.1, 0.1), icosphere(subdivisions=3, radius=0.005), at(z=0.145))
+    return tool
+
+
+def calibration_board() -> Draft:
+    """T1's board: 7x5 squares of 30 mm, one corner hollow, on an A4 plate facing along the tool.
+
+    The tip is the print's middle: x along the seven squares, z out of the paper towards who reads.
+    """
+    height, square, rim = 0.060, 0.030, 0.22
+    tool = Draft(
+        "calibration board on a bracket, A4, 7x5 squares of 30 mm",
+        at(z=height),
+        0.55,
+        (0.0, 0.0, 0.040),
+        sphere_price=3e-9,
+        capsule_price=4e-9,
+    )
+    tool.add(ALUMINIUM, rod(0.0315, 0.008))
+    tool.add(ALUMINIUM, box((0.050, 0.030, height - 0.013)), at(z=0.008 + 0.5 * (height - 0.013)))
+    tool.add(WHITE, box((0.297, 0.210, 0.005)), at(z=height - 0.0025))
+    for i in range(7):
+        for j in range(5):
+            if (i + j) % 2 == 0:
+                x, y = (i - 3) * square, -(j - 2) * square
+                for w, h, dx, dy in tile(square, rim if i == j == 0 else 0.5):
+                    tool.add(BLACK, box((w, h, 0.0002)), at(x + dx, y + dy, height + 0.0001))
+    return tool
+
+
+def tile(square: float, rim: float) -> list[tuple[float, float, float, float]]:
+    """A dark square as (width, height, shift x, shift y); a frame where the rim is below half."""
+    if rim >= 0.5:
+        return [(square, square, 0.0, 0.0)]
+    r = rim * square
+    inner, shift = square - 2 * r, 0.5 * (square - r)
+    return [
+        (square, r, 0.0, shift),
+        (square, r, 0.0, -shift),
+        (r, inner, shift, 0.0),
+        (r, inner, -shift, 0.0),
+    ]
+
+
+def type2_plug() -> Draft:
+    """A Type 2 vehicle plug (IEC 62196-2: face 56 mm wide, flat on top) in a clamp, cable sideways.
+
+    The top, where the face is flat, is +y. The cable leaves towards -y and is cut after 12 cm; its
+    weight is counted to there.
+    """
+    tool = Draft("Type 2 plug in its holder, with cable", at(z=0.190), 2.2, (0.0, -0.015, 0.075))
+    tool.add(ALUMINIUM, rod(0.040, 0.012))
+    tool.add(ALUMINIUM, box((0.076, 0.076, 0.040)), at(z=0.032))
+    tool.add(DARK, rod(0.034, 0.090), at(z=0.040))
+    tool.add(BLACK, nose(0.0285, 0.0205, 0.060), at(z=0.130))
+    cable = capsule(height=0.120, radius=0.0125, count=(24, 24))
+    cable.apply_translation([0, 0, 0])
+    tool.add(BLACK, cable, from_rpy([math.pi / 2, 0, 0], [0, -0.030, 0.065]))
+    return tool
+
+
+def nose(radius: float, flat: float, length: float) -> trimesh.Trimesh:
+    """The plug's face: a round of a radius, cut flat at a height, drawn out along z [m]."""
+    start = math.asin(flat / radius)
+    angle = np.linspace(math.pi - start, 2 * math.pi + start, 49)
+    rim = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return trimesh.convex.convex_hull(
+        np.concatenate([np.column_stack([rim, np.full(len(rim), z)]) for z in (0.0, length)])
+    )
+
+
+def panda_hand(example: Path) -> Draft:
+    """The Panda's own hand, fingers open; its frame is turned by -45 deg about the flange's z."""
+    meshes = source.find(example, "meshes/visual/hand.dae").parent
+    T_flange_hand = from_rpy([0, 0, -math.pi / 4])
+    tool = Draft(
+        "Franka hand, fingers open 80 mm",
+        T_flange_hand @ at(z=0.1034),
+        0.76,
+        tuple(transform(T_flange_hand, np.array([[-0.01, 0.0, 0.03]]))[0]),
+        origin="frankaemika/franka_ros, branch noetic-devel, franka_description",
+        license_text=(meshes.parents[1] / "LICENSE").read_text(),
+    )
+    for stem, T in (
+        ("hand", np.eye(4)),
+        ("finger", at(y=0.04, z=0.0584)),
+        ("finger", from_rpy([0, 0, math.pi], [0, -0.04, 0.0584])),
+    ):
+        for part in source.read_collada(meshes / f"{stem}.dae", 1.0):
+            mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+            tool.add(part.color, mesh, T_flange_hand @ T)
+    return tool
+
+
+def main() -> None:
+    """Make the tools named, or all."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--example-robot-data", type=Path, required=True, help="wheel")
+    parser.add_argument("--out", type=Path, default=TOOLS)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        source.extract(args.example_robot_data, Path(folder), ("/panda_description/",))
+        makers: dict[str, Callable[[], Draft]] = {
+            "gripper": gripper,
+            "panda_hand": lambda: panda_hand(Path(folder)),
+            "pen": pen,
+            "calibration_board": calibration_board,
+            "type2_plug": type2_plug,
+        }
+        for name in args.names or makers:
+            write(makers[name](), args.out / name)
+
+
+def write(tool: Draft, folder: Path) -> None:
+    """Fit the shapes and write all files of one tool."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob("*.obj"):
+        old.unlink()
+    by_color: dict[source.Color, list[source.Part]] = {}
+    for color, mesh in tool.meshes:
+        part = source.Part(color, np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        by_color.setdefault(color, []).append(part)
+    files, full = [], []
+    for i, (color, parts) in enumerate(by_color.items()):
+        joined = source.Part(color, *join_triangles([(p.vertices, p.faces) for p in parts]))
+        small = source.decimate(joined, 0.0001)
+        name = f"{folder.name}_{i}.obj"
+        (folder / name).write_text(source.obj_text(small, folder.name, "see tool.json"))
+        files.append({"file": name, "color": [round(float(c), 3) for c in color]})
+        full += [(joined.vertices, joined.faces), (small.vertices, small.faces)]
+    options = FitOptions(
+        restarts=2,
+        voxel=0.0015,
+        spacing=0.004,
+        check_spacing=0.0012,
+        sphere_price=tool.sphere_price,
+        capsule_price=tool.capsule_price,
+    )
+    body = prepare(join_triangles(full), options, Fellows())
+    axes, radius = fit_body(body, options, "balls")
+    balls = np.column_stack([axes.start, radius])
+    ball_fit = report([measure(body, axes, radius, 0.002)])
+    axes, radius = fit_body(body, options, "segments")
+    rods = np.column_stack([axes.start, axes.end, radius])
+    rod_fit = report([measure(body, axes, radius, 0.002)])
+    data = {
+        "title": tool.title,
+        "license": tool.license,
+        "origin": tool.origin,
+        "T_flange_tip": np.round(tool.tip, 9).tolist(),
+        "mass": tool.mass,
+        "center_of_mass": [round(float(v), 6) for v in tool.center_of_mass],
+        "meshes": files,
+        "spheres": np.round(balls, 5).tolist(),
+        "capsules": np.round(rods, 5).tolist(),
+        "fit": {"spheres": asdict(ball_fit), "capsules": asdict(rod_fit)},
+    }
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in data.items()]
+    text = "{\n" + ",\n".join(lines) + "\n}\n"
+    (folder / "tool.json").write_text(text.replace("], [", "],\n  ["))
+    if tool.license_text:
+        (folder / "LICENSE").write_text(tool.license_text)
+    print(
+        f"{folder.name}: {len(balls)} spheres {ball_fit}\n  {len(rods)} capsules {rod_fit}",
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    main()
