@@ -134,7 +134,7 @@ def test_robot_errors_move_the_flange_as_they_say(arm5, rng):
     errors = RobotErrors(arm5)
     q = rng.uniform(-2, 2, (4, 6))
     theta = rng.normal(0, 1e-3, errors.size)
-    T, B = errors.flange_poses(q, theta)
+    _T, B = errors.flange_poses(q, theta)
     for k in range(errors.size):
         d = np.zeros(errors.size)
         d[k] = 1e-6

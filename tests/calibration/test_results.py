@@ -211,7 +211,8 @@ def test_workcell_keeps_its_comments(solved, tmp_path):
     file = tmp_path / "cell.toml"
     text = "# my cell\n[cell]\nname = 'x' # short\n"
     for name in ("left", "right", "front"):
-        text += f'\n[[camera]]\nname = "{name}" # by the door\nposition = [0, 0, 1]\nlook_at = [1, 0, 0]\n'
+        text += f'\n[[camera]]\nname = "{name}" # by the door\n'
+        text += "position = [0, 0, 1]\nlook_at = [1, 0, 0]\n"
     file.write_text(text)
     T = exp([0, 0, 0.8, 0, 0, 0])
     out = update_workcell(file, solved[1], T)
@@ -222,19 +223,21 @@ def test_workcell_keeps_its_comments(solved, tmp_path):
 
     camera = tomllib.loads(out)["camera"][1]
     np.testing.assert_allclose(camera["position"], (T @ solved[1].camera_pose(1))[:3, 3], atol=1e-6)
+    file.write_text("[cell]\nname='x'\n")
     with pytest.raises(CalibrationError, match="no \\[\\[camera\\]\\]"):
-        file.write_text("[cell]\nname='x'\n")
         update_workcell(file, solved[1], T)
 
 
 def test_views_survive_a_stop(tmp_path):
     file = tmp_path / "views.jsonl"
     view = SeenView(
-        np.arange(6.0), "tilt", 1.5,
+        np.arange(6.0),
+        "tilt",
+        1.5,
         ((1, np.array([0, 2]), np.array([[1.0, 2.0], [3.0, 4.0]])),),
         ((0, "no board found"),),
         ((0, np.array([[5.0, 6.0]]), np.array([1.2])),),
-    )  # fmt: skip
+    )
     append(file, view)
     append(file, view)
     with file.open("a") as stream:

@@ -175,9 +175,9 @@ class Checkerboard:
         H = cv2.getPerspectiveTransform(source, image)
         bright = []
         inset = 0.5 - self.rim
-        offset = (np.mgrid[-2:3, -2:3].reshape(2, -1).T / 2.0) * inset * 0.6
+        offset: Floats = np.mgrid[-2:3, -2:3].reshape(2, -1).T * (0.3 * inset)
         for x, y in ((-0.5, -0.5), (a - 0.5, -0.5), (a - 0.5, b - 0.5), (-0.5, b - 0.5)):
-            bright.append(_sample(gray, H, np.array([x, y]) + offset).mean())
+            bright.append(float(_sample(gray, H, np.array([x, y]) + offset).mean()))
         inner = np.array([[i + 0.5, j + 0.5] for j in range(b - 1) for i in range(a - 1)])
         level = np.array([_sample(gray, H, c + offset).mean() for c in inner])
         dark_cell = np.array([(i + j) % 2 == 0 for j in range(b - 1) for i in range(a - 1)])
@@ -198,8 +198,9 @@ class Checkerboard:
     def _checked(self, gray: Bytes, pixel: Floats) -> Detection | Miss:
         corner = np.flatnonzero(np.isfinite(pixel[:, 0]))
         pixel = pixel[corner]
-        spread = straightness(self.points[corner, :2], pixel)
-        spacing = np.linalg.norm(pixel[2] - pixel[1])
+        flat = np.asarray(self.points[corner, :2], np.float64)
+        spread = straightness(flat, pixel)
+        spacing = float(np.linalg.norm(pixel[2] - pixel[1]))
         if spread > max(1.0, 0.08 * spacing):
             return Miss(f"corners do not lie on a flat board ({spread:.1f} px)")
         return Detection(corner, pixel, spread)
@@ -291,7 +292,7 @@ class CharucoBoard:
         # OpenCV interpolates corners by a homography without distortion: refine on the image, in a
         # window that does not reach the markers.
         gap = 0.5 * (self.square - self.marker) / self.square
-        corner = np.asarray(ids, np.int64).ravel()
+        corner: Ints = np.asarray(ids, np.int64).ravel()
         refined = refine(gray, np.asarray(pixel, float).reshape(-1, 2), 0, min(0.42, gap + 0.05))
         return _partial(self.points, corner, refined, self.square)
 
@@ -331,7 +332,7 @@ class AprilTagGrid:
         corner = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * self.tag
         return np.concatenate(
             [
-                corner + [i * step, j * step, 0]
+                corner + np.array([i * step, j * step, 0.0])
                 for j in range(self.rows)
                 for i in range(self.columns)
             ]
@@ -388,7 +389,7 @@ def _partial(points: Points, corner: Ints, pixel: Floats, square: float) -> Dete
     flat = points[corner, :2] - points[corner, :2].mean(0)
     if len(corner) < 4 or np.linalg.svd(flat, compute_uv=False)[1] < 0.5 * square:
         return Miss(f"only {len(corner)} corners, all in one row")
-    spread = straightness(points[corner, :2], pixel)
+    spread = straightness(np.asarray(points[corner, :2], np.float64), pixel)
     if spread > 3.0:
         return Miss(f"corners do not lie on a flat board ({spread:.1f} px)")
     return Detection(corner, pixel, spread)

@@ -35,7 +35,8 @@ def shah(A: Poses, C: Poses) -> tuple[Pose, Pose]:
     J. Mechanisms Robotics 5(3), 2013.
 
     Args:
-        A: (n, 4, 4) poses of the arm; C: (n, 4, 4) poses of the board in the camera.
+        A: (n, 4, 4) poses of the arm.
+        C: (n, 4, 4) poses of the board in the camera.
 
     Returns:
         X, Z with ``A_i Z = X C_i``.

@@ -1,8 +1,8 @@
 """Finding and refining corners on grey images; OpenCV's pitfalls are dealt with here.
 
-Checkerboards are found by the newer detector (SB) without its flags and then counted again by the
-classic one on an enlarged crop: with its accuracy flag SB returned wrong corners for most small dark
-boards (61 of 78), while the classic one misses dark boards in large images.
+Checkerboards are found by the newer detector (SB) without its flags and counted again by the
+classic one on an enlarged crop: with its accuracy flag SB returned wrong corners for most small
+dark boards (61 of 78), while the classic one misses dark boards in large images.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def classic_checkerboard(gray: Bytes, across: int, down: int) -> Floats | None:
     for x0, y0, x1, y1 in windows:
         found = _search(gray[y0:y1, x0:x1], across, down)
         if found is not None:
-            return found + [x0, y0]
+            return np.asarray(found + np.array([x0, y0]))
     return None
 
 
@@ -127,7 +127,9 @@ def _on_crop(gray: Bytes, rough: Floats, across: int, down: int) -> Floats:
     ok, found = cv2.findChessboardCorners(crop, (across, down), flags=_FLAGS)
     if not ok:
         return rough
-    return _unscaled(np.asarray(found, float).reshape(-1, 2), scale) + [x0, y0]
+    return np.asarray(
+        _unscaled(np.asarray(found, float).reshape(-1, 2), scale) + np.array([x0, y0])
+    )
 
 
 def refine(gray: Bytes, pixel: Floats, across: int, reach: float) -> Floats:
@@ -144,7 +146,7 @@ def refine(gray: Bytes, pixel: Floats, across: int, reach: float) -> Floats:
     np.fill_diagonal(gaps, np.inf)
     nearest = float(np.median(gaps.min(1))) if len(pixel) > 1 else 20.0
     shortest = float(gaps.min()) if len(pixel) > 1 else 20.0
-    # A crop enlarged to a comfortable size: windows of whole pixels are too coarse for small boards.
+    # A crop enlarged to a comfortable size: windows of whole pixels are coarse for small ones.
     scale = int(np.clip(np.ceil(16.0 / max(shortest, 1.0)), 1, 4))
     half = int(np.clip(round(reach * min(nearest, 1.3 * shortest) * scale), 2, 14))
     if scale == 1:
@@ -158,7 +160,7 @@ def refine(gray: Bytes, pixel: Floats, across: int, reach: float) -> Floats:
         crop = _resized(gray[y0:y1, x0:x1], scale)
         points = _scaled(pixel - [x0, y0], scale).astype(np.float32).reshape(-1, 1, 2)
         out = cv2.cornerSubPix(crop, points, (half, half), (-1, -1), _STOP)
-        refined = _unscaled(np.asarray(out, float).reshape(-1, 2), scale) + [x0, y0]
+        refined = _unscaled(np.asarray(out, float).reshape(-1, 2), scale) + np.array([x0, y0])
     # A corner that wandered off is better left where it was found.
     moved = np.linalg.norm(refined - pixel, axis=1) > max(0.45 * nearest, 1.5)
     refined[moved] = pixel[moved]
@@ -167,7 +169,7 @@ def refine(gray: Bytes, pixel: Floats, across: int, reach: float) -> Floats:
 
 def straightness(flat: Floats, pixel: Floats) -> float:
     """Rms distance of corners from the best perspective of a flat board [px]."""
-    H, _ = cv2.findHomography(flat, pixel, 0)
+    H: Floats | None = cv2.findHomography(flat, pixel, 0)[0]
     if H is None:
         return float("inf")
     p = np.column_stack([flat, np.ones(len(flat))]) @ H.T

@@ -55,7 +55,9 @@ class Covariance:
         """(t, 3, 3) covariance in the mount's frame of points given by pixel and true depth [m^2].
 
         Args:
-            lens: index; pixels: (t, 2); depth: (t,) along the optical axis [m].
+            lens: index.
+            pixels: (t, 2) [px].
+            depth: (t,) along the optical axis [m].
         """
         D = point_derivatives(self.solution, lens, pixels, depth)
         a = np.einsum("tig,gh,tjh->tij", D, self.model, D, optimize=True)

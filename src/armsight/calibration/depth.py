@@ -128,8 +128,9 @@ def fit_depth(
         np.arange(low, high + 0.5 * spacing, spacing) if high - low > 2 * spacing else np.zeros(0)
     )
     columns = [np.ones_like(z), z - middle if known else np.zeros_like(z)]
-    A = np.column_stack([*columns, _basis(z, knots) if len(knots) else np.zeros((len(z), 0)),
-                         _surface(pixel, lens)])  # fmt: skip
+    A = np.column_stack(
+        [*columns, _basis(z, knots) if len(knots) else np.zeros((len(z), 0)), _surface(pixel, lens)]
+    )
     n = A.shape[1]
     # The offset is free; the scale is of the order of a percent, the rest of millimetres.
     prior = np.full(n, wiggle_sigma)
@@ -147,9 +148,16 @@ def fit_depth(
     k = len(knots)
     means = [float(np.mean((y - A @ x[:n])[frame == f])) for f in range(len(samples))]
     return DepthModel(
-        float(x[0]), float(x[1]), knots, x[2 : 2 + k], x[2 + k : n], middle, (low, high),
-        float(np.sqrt(np.mean(np.square(means)))), known,
-    )  # fmt: skip
+        float(x[0]),
+        float(x[1]),
+        knots,
+        x[2 : 2 + k],
+        x[2 + k : n],
+        middle,
+        (low, high),
+        float(np.sqrt(np.mean(np.square(means)))),
+        known,
+    )
 
 
 def read_squares(

@@ -29,7 +29,7 @@ BETTER = 3.0
 """Another reading must fit this many times better to be named."""
 
 SLIP_RATIO = 12.0
-"""F ratio above which a board counts as slipped; clean sets stay below 3, a slip of 2 mm gives 30."""
+"""F ratio above which a board counts as slipped: clean sets stay below 3, 2 mm give 30."""
 
 Item = tuple[int, PlanarPose, Sighting]
 
@@ -79,22 +79,46 @@ def other_rotations(raw: RawPoses) -> list[tuple[str, str, str, Poses]]:
         out.append((code, words, cure, _poses(raw.position, R)))
 
     if raw.kind == "quaternion":
-        add("quaternion_order", "the quaternions are w x y z, not x y z w",
-            "reorder the columns, or name them qw qx qy qz", _rotations("quaternion", r[:, [1, 2, 3, 0]]))  # fmt: skip
+        add(
+            "quaternion_order",
+            "the quaternions are w x y z, not x y z w",
+            "reorder the columns, or name them qw qx qy qz",
+            _rotations("quaternion", r[:, [1, 2, 3, 0]]),
+        )
     if raw.kind in ("vector", "rpy"):
         other = "rpy" if raw.kind == "vector" else "vector"
         name = {"rpy": "roll, pitch, yaw", "vector": "rotation vectors"}
-        add("degrees", "the angles are in degrees, not radians",
-            "write radians, or name the columns with _deg", _rotations(raw.kind, np.deg2rad(r)))  # fmt: skip
-        add("rotation_format", f"the angles are {name[other]}, not {name[raw.kind]}",
-            "name the columns by what they are", _rotations(other, r))  # fmt: skip
-        add("rotation_format", f"the angles are {name[other]} in degrees, not {name[raw.kind]}",
-            "name the columns by what they are", _rotations(other, np.deg2rad(r)))  # fmt: skip
-        add("rotation_format", "the angles are turned about the moving z, y, x axes in that order",
-            "write quaternions instead", Rotation.from_euler("ZYX", r).as_matrix())  # fmt: skip
+        add(
+            "degrees",
+            "the angles are in degrees, not radians",
+            "write radians, or name the columns with _deg",
+            _rotations(raw.kind, np.deg2rad(r)),
+        )
+        add(
+            "rotation_format",
+            f"the angles are {name[other]}, not {name[raw.kind]}",
+            "name the columns by what they are",
+            _rotations(other, r),
+        )
+        add(
+            "rotation_format",
+            f"the angles are {name[other]} in degrees, not {name[raw.kind]}",
+            "name the columns by what they are",
+            _rotations(other, np.deg2rad(r)),
+        )
+        add(
+            "rotation_format",
+            "the angles are turned about the moving z, y, x axes in that order",
+            "write quaternions instead",
+            Rotation.from_euler("ZYX", r).as_matrix(),
+        )
     if raw.kind == "matrix":
-        add("matrix_order", "the rotation matrices are written column by column",
-            "write them row by row", np.swapaxes(r.reshape(-1, 3, 3), 1, 2))  # fmt: skip
+        add(
+            "matrix_order",
+            "the rotation matrices are written column by column",
+            "write them row by row",
+            np.swapaxes(r.reshape(-1, 3, 3), 1, 2),
+        )
     return out
 
 
@@ -191,18 +215,31 @@ def diagnose_start(
     hand = problem.rigs[rig].mount == "flange"
     place = "on the flange" if hand else "beside the robot"
     other = "beside the robot" if hand else "on the flange"
-    consider(se3.inverses(A), items, Finding(
-        "pose_inverted", "error",
-        f"the poses fit only when inverted: they map base to flange, or camera {name} stands "
-        f"{other} and not {place}",
-        "write T_base_flange (the flange in the base), and say where the camera is mounted"))  # fmt: skip
+    consider(
+        se3.inverses(A),
+        items,
+        Finding(
+            "pose_inverted",
+            "error",
+            f"the poses fit only when inverted: they map base to flange, or camera {name} stands "
+            f"{other} and not {place}",
+            "write T_base_flange (the flange in the base), and say where the camera is mounted",
+        ),
+    )
     if raw is not None:
         for code, words, cure, poses in other_rotations(raw):
             P = poses if not hand else se3.inverses(poses)
             consider(P, items, Finding(code, "error", f"{words}: so read, the data fit", cure))
-            consider(se3.inverses(P), items, Finding(
-                code, "error", f"{words}, and the poses are inverted: so read, the data fit",
-                cure))  # fmt: skip
+            consider(
+                se3.inverses(P),
+                items,
+                Finding(
+                    code,
+                    "error",
+                    f"{words}, and the poses are inverted: so read, the data fit",
+                    cure,
+                ),
+            )
     for finding, permuted in _orders(items):
         consider(A, permuted, finding)
     scale = unit_scale(A, items)
@@ -232,7 +269,7 @@ def diagnose_start(
                 f"camera {name}: poses and images do not belong together: {words}, "
                 f"{asis.median_px:.0f} px",
                 "check that each image was taken at its pose, with the arm at rest",
-            )  # fmt: skip
+            )
         )
     return findings
 
@@ -252,21 +289,41 @@ def _orders(items: list[Item]) -> list[tuple[Finding, list[Item]]]:
     cure = "pair each image with the pose at its exposure; number both with leading zeros"
     for shift in (1, -1, 2, -2):
         direction = "later" if shift > 0 else "earlier"
-        pair("shifted", f"images and poses are shifted: each image fits the pose {abs(shift)} "
-             f"{direction}", cure, lambda v, k=shift: v + k)  # type: ignore[misc]  # fmt: skip
+        pair(
+            "shifted",
+            f"images and poses are shifted: each image fits the pose {abs(shift)} {direction}",
+            cure,
+            lambda v, k=shift: v + k,
+        )  # type: ignore[misc]
     pair("order", "the poses are in the opposite order of the images", cure, lambda v: last - v)
     by_name = sorted(range(last + 1), key=str)  # 0, 1, 10, 11, 2 ...
     back = list(np.argsort(by_name))
-    pair("order", "images are sorted as text (1, 10, 11, 2), poses as numbers", cure,
-         lambda v: by_name[v])  # fmt: skip
-    pair("order", "poses are sorted as text (1, 10, 11, 2), images as numbers", cure,
-         lambda v: int(back[v]))  # fmt: skip
+    pair(
+        "order",
+        "images are sorted as text (1, 10, 11, 2), poses as numbers",
+        cure,
+        lambda v: by_name[v],
+    )
+    pair(
+        "order",
+        "poses are sorted as text (1, 10, 11, 2), images as numbers",
+        cure,
+        lambda v: int(back[v]),
+    )
     one = sorted(range(1, last + 2), key=str)
-    pair("order", "images are sorted as text (1, 10, 11, 2), poses as numbers", cure,
-         lambda v: one[v] - 1)  # fmt: skip
+    pair(
+        "order",
+        "images are sorted as text (1, 10, 11, 2), poses as numbers",
+        cure,
+        lambda v: one[v] - 1,
+    )
     back_one = list(np.argsort(one))
-    pair("order", "poses are sorted as text (1, 10, 11, 2), images as numbers", cure,
-         lambda v: int(back_one[v]))  # fmt: skip
+    pair(
+        "order",
+        "poses are sorted as text (1, 10, 11, 2), images as numbers",
+        cure,
+        lambda v: int(back_one[v]),
+    )
     return out
 
 
@@ -275,7 +332,7 @@ def unit_scale(A: Poses, items: list[Item]) -> float | None:
     views = [v for v, _, _ in items]
     C = np.array([p.T_lens_board[0] for _, p, _ in items])
     A = A[views]
-    X, Z = shah(A, C)
+    X, _ = shah(A, C)
     n = len(A)
     for _ in range(2):
         rows = np.zeros((3 * n, 7))
@@ -290,7 +347,7 @@ def unit_scale(A: Poses, items: list[Item]) -> float | None:
         if keep.all() or keep.sum() < 4:
             break
         A, C, n = A[keep], C[keep], int(keep.sum())
-        X, Z = shah(A, C)
+        X, _Z = shah(A, C)
     scale = float(t[6])
     return scale if 1e-5 < scale < 1e5 else None
 
@@ -376,10 +433,11 @@ def some_flipped(problem: Problem, items: list[Item], fit: Fit, A: Poses) -> lis
 
 def _flip_finding(count: int, total: int) -> Finding:
     return Finding(
-        "flipped", "error",
+        "flipped",
+        "error",
         f"the board is read turned by 180 deg in {count} of {total} images",
         "use a board whose corners cannot be confused: a hollow corner square, ChArUco or tags",
-    )  # fmt: skip
+    )
 
 
 def view_findings(problem: Problem, rig: int, items: list[Item]) -> list[Finding]:
@@ -394,7 +452,7 @@ def view_findings(problem: Problem, rig: int, items: list[Item]) -> list[Finding
                 f"camera {name} saw the board in {len(items)} views; three are the least, fifteen "
                 "are good",
                 "take more views, and turn the board about all three axes",
-            )  # fmt: skip
+            )
         ]
     A = arm_for(problem, rig)[[v for v, _, _ in items]]
     i, j = np.triu_indices(len(A), 1)
@@ -408,7 +466,7 @@ def view_findings(problem: Problem, rig: int, items: list[Item]) -> list[Finding
                 "error",
                 f"camera {name}: the arm turns by at most {largest:.1f} deg between the views",
                 "turn the board by 30 deg or more about different axes between views",
-            )  # fmt: skip
+            )
         ]
     # Turns about one axis leave the direction along it unknown.
     spread = np.linalg.svd(turns[angle > np.deg2rad(5)], compute_uv=False)
@@ -420,7 +478,7 @@ def view_findings(problem: Problem, rig: int, items: list[Item]) -> list[Finding
                 "error",
                 f"camera {name}: all turns are about one axis; the position along it is unknown",
                 "turn the board about a second axis by 30 deg or more in some views",
-            )  # fmt: skip
+            )
         )
     elif largest < 25 or len(items) < 6:
         out.append(
@@ -429,7 +487,7 @@ def view_findings(problem: Problem, rig: int, items: list[Item]) -> list[Finding
                 "warning",
                 f"camera {name}: {len(items)} views with at most {largest:.0f} deg of turn",
                 "take fifteen views with turns of 30 deg or more about all axes",
-            )  # fmt: skip
+            )
         )
     return out
 
@@ -467,7 +525,7 @@ def resolution_findings(problem: Problem, rig: int) -> list[Finding]:
                         f"lens {lens.name} belongs to another resolution: the images want a focal "
                         f"length {ratio:.2f} times that given",
                         f"scale the lens by {factor:.3g}, or give that of this image size",
-                    )  # fmt: skip
+                    )
                 )
     return out
 
@@ -502,7 +560,7 @@ def _distortion(solution: Solution, rig: int) -> list[Finding]:
                     f"lens {lens.name}: its distortion is missing, wrong or applied twice (up to "
                     f"{bend:.1f} px); freed, the error falls from {kept:.2f} to {free:.2f} px",
                     "calibrate the lens, or give images as they came from the camera",
-                )  # fmt: skip
+                )
             )
     return out
 
@@ -561,7 +619,7 @@ def _slip(solution: Solution, rig: int) -> list[Finding]:
             f"board or camera {problem.rigs[rig].name} moved between view {views[best[1] - 1]} and "
             f"view {views[best[1]]}: apart, the two parts fit (F {ratio:.0f})",
             "tighten the board and the camera's stand, and repeat",
-        )  # fmt: skip
+        )
     ]
 
 
@@ -592,5 +650,5 @@ def _moving(solution: Solution, rig: int) -> list[Finding]:
             f"camera {model.problem.rigs[rig].name}: errors grow with the arm's speed at exposure "
             f"(correlation {correlation:.2f})",
             "let the arm rest for 0.3 s before each image",
-        )  # fmt: skip
+        )
     ]

@@ -85,7 +85,8 @@ class DriftWatch:
         """Judge one pose of the resting arm, as all cameras that see the board saw it.
 
         Args:
-            view: joints and controller's pose; sightings: their ``view`` is ignored.
+            view: joints and controller's pose.
+            sightings: their ``view`` is ignored.
         """
         seen: list[int] = []
         for rig in range(len(self._tracks)):
@@ -155,7 +156,7 @@ class DriftWatch:
             size = float(mean @ np.linalg.solve(C, mean))
             track.off = track.off + 1 if size > bar else 0
             if track.off >= 1 and recent >= options.agree:
-                moved[rig] = mean
+                moved[rig] = np.asarray(mean, np.float64)
         if not moved:
             return None
         return self._say(moved, seen)
@@ -183,9 +184,12 @@ class DriftWatch:
             )
         which = " and ".join(names)
         return Drift(
-            "camera", names, shift, turn,
+            "camera",
+            names,
+            shift,
+            turn,
             f"camera {which} was moved by about {size}; calibrate again before trusting it",
-        )  # fmt: skip
+        )
 
     def _alike(self, moved: dict[int, Floats]) -> bool:
         """Whether the cameras' seeming motions are one motion of what they look at."""

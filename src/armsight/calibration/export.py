@@ -259,7 +259,8 @@ def update_workcell(file: Path, calibration: Calibration, T_world_base: Pose) ->
     """The cell's file with the cameras where they were found; comments and all else kept.
 
     Args:
-        file: the workcell file; calibration: its ``rigs`` carry the cameras' names.
+        file: the workcell file.
+        calibration: its ``rigs`` carry the cameras' names.
         T_world_base: where the arm stands: the file is in world.
 
     Returns:

@@ -92,16 +92,21 @@ def read_lens(file: Path, width: int, height: int) -> PinholeCamera | None:
     document = read_yaml(file)
     if not isinstance(document, dict):
         return None
-    w = int(document.get("image_width", document.get("width", width)))
-    h = int(document.get("image_height", document.get("height", height)))
+    w = int(document.get("image_width") or document.get("width") or width)
+    h = int(document.get("image_height") or document.get("height") or height)
     if isinstance(document.get("intrinsics"), dict):
         k = document["intrinsics"]
         if {"fx", "fy", "cx", "cy"} <= set(k):
-            return PinholeCamera(w, h, *(float(k[name]) for name in ("fx", "fy", "cx", "cy")))
+            fx, fy, cx, cy = (float(k[name]) for name in ("fx", "fy", "cx", "cy"))
+            return PinholeCamera(w, h, fx, fy, cx, cy)
     matrix = next(
-        (m for key in ("camera_matrix", "cameraMatrix", "K", "k") if (m := _numbers(document.get(key))) is not None),
+        (
+            m
+            for key in ("camera_matrix", "cameraMatrix", "K", "k")
+            if (m := _numbers(document.get(key))) is not None
+        ),
         None,
-    )  # fmt: skip
+    )
     if matrix is None or len(matrix) != 9:
         return None
     model = str(document.get("distortion_model", "plumb_bob"))
@@ -110,9 +115,19 @@ def read_lens(file: Path, width: int, height: int) -> PinholeCamera | None:
             f"{file}: distortion model '{model}' is not supported; armsight reads plumb_bob"
         )
     d = next(
-        (v for key in ("distortion_coefficients", "distortionCoefficients", "dist_coeffs", "D", "d") if (v := _numbers(document.get(key))) is not None),
+        (
+            v
+            for key in (
+                "distortion_coefficients",
+                "distortionCoefficients",
+                "dist_coeffs",
+                "D",
+                "d",
+            )
+            if (v := _numbers(document.get(key))) is not None
+        ),
         np.zeros(5),
-    )  # fmt: skip
+    )
     if len(d) > 5 and np.any(d[5:] != 0):
         raise CalibrationError(f"{file}: {len(d)} distortion numbers; armsight uses k1 k2 p1 p2 k3")
     d = np.concatenate([d, np.zeros(5)])[:5]
@@ -285,10 +300,26 @@ def _list_file(file: Path) -> PoseFile:
 
 
 _ALIASES = {
-    "tx": "x", "ty": "y", "tz": "z", "px": "x", "py": "y", "pz": "z", "pos_x": "x", "pos_y": "y",
-    "pos_z": "z", "q_x": "qx", "q_y": "qy", "q_z": "qz", "q_w": "qw", "file": "image",
-    "filename": "image", "name": "image", "frame": "image", "index": "image", "id": "image",
-}  # fmt: skip
+    "tx": "x",
+    "ty": "y",
+    "tz": "z",
+    "px": "x",
+    "py": "y",
+    "pz": "z",
+    "pos_x": "x",
+    "pos_y": "y",
+    "pos_z": "z",
+    "q_x": "qx",
+    "q_y": "qy",
+    "q_z": "qz",
+    "q_w": "qw",
+    "file": "image",
+    "filename": "image",
+    "name": "image",
+    "frame": "image",
+    "index": "image",
+    "id": "image",
+}
 
 
 def _table(file: Path) -> PoseFile:

@@ -16,7 +16,7 @@ import numpy as np
 from armsight.arrays import Floats
 from armsight.calibration import se3
 from armsight.calibration.covariance import invert
-from armsight.calibration.model import Model, State
+from armsight.calibration.model import Model
 from armsight.calibration.problem import Freedom, Priors, Problem, lens_from_vector
 from armsight.calibration.solver import Solution, SolverOptions, solve
 
@@ -167,9 +167,12 @@ def left_out_errors(
     """Predict each view by a solve without it (in folds when there are many).
 
     Args:
-        problem: with start values; freedom: of the model under test.
+        problem: with start values.
+        freedom: of the model under test.
         whole: its solution on all views: the start of every solve.
         folds: solves to make; one a view when there are no more views than this.
+        priors: of the solves.
+        options: of the solves.
     """
     views = [v for v in problem.used_views if not problem.views[v].free]
     groups = [views[k::folds] for k in range(min(folds, len(views)))]
@@ -245,7 +248,8 @@ def climb(
         problem: with start values.
         lens: lenses are to be solved in every rung (they have never been calibrated); otherwise
             freeing them is one of the freedoms.
-        priors, options: of the solves.
+        priors: of the solves.
+        options: of the solves.
         folds: for the left-out test.
         gain: a rung must lower the left-out error by this share.
         progress: called with each rung's name.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from armsight.arrays import Floats, Points
+from armsight.arrays import Floats, Ints, Points
 from armsight.calibration.covariance import Covariance, covariance
 from armsight.calibration.ladder import solve_with_noise
 from armsight.calibration.lens_prior import sheet_prior
@@ -42,7 +42,8 @@ def zhang(
     Args:
         points: of each frame, (m, 3) corners on the board, z = 0 [m].
         pixels: of each frame, (m, 2) where they were seen [px].
-        width: of the image; height: likewise [px].
+        width: of the image [px].
+        height: of the image [px].
 
     Returns:
         The lens, or None when the frames do not tell (all frontal, or fewer than two).
@@ -53,12 +54,12 @@ def zhang(
     for X, p in zip(points, pixels):
         if len(X) < 4:
             continue
-        H, _ = cv2.findHomography(X[:, :2], (p - middle) * scale, 0)
-        if H is None:
+        found = cv2.findHomography(X[:, :2], (p - middle) * scale, 0)[0]
+        if found is None:
             continue
-        H = H / np.linalg.norm(H)
+        M: Floats = np.asarray(found / np.linalg.norm(found), np.float64)
 
-        def row(i: int, j: int, H: Floats = H) -> Floats:
+        def row(i: int, j: int, H: Floats = M) -> Floats:
             # B is diagonal but for the centre, which is taken as the middle of the image.
             return np.array([H[0, i] * H[0, j] + 0.0, H[1, i] * H[1, j], H[2, i] * H[2, j]])
 
@@ -100,7 +101,7 @@ class LensCalibration:
 def lens_problem(
     lenses: Sequence[Lens],
     board: Points,
-    frames: Sequence[tuple[int, int, Floats, Floats]],
+    frames: Sequence[tuple[int, int, Ints, Floats]],
     sigma: float = 0.15,
 ) -> Problem:
     """A problem of lens frames alone: every board hangs freely in space.
@@ -124,7 +125,7 @@ def lens_problem(
 
 def calibrate_lens(
     board: Points,
-    frames: Sequence[tuple[Floats, Floats]],
+    frames: Sequence[tuple[Ints, Floats]],
     width: int,
     height: int,
     sheet: PinholeCamera | None = None,
@@ -136,7 +137,8 @@ def calibrate_lens(
     Args:
         board: (k, 3) corners [m].
         frames: (corner indices, pixels) of each.
-        width: of the image; height: likewise [px].
+        width: of the image [px].
+        height: of the image [px].
         sheet: what the maker says; found by Zhang's closed form without it.
         rng: for the start's random samples.
         priors: about the board.
@@ -172,7 +174,7 @@ def summary(solution: Solution, lens: int) -> LensCalibration:
     block = cov.block(solution.model.lens_slice(lens))
     camera = solution.model.problem.lenses[lens].camera
     prior = solution.model.problem.lenses[lens].prior
-    information = np.linalg.pinv(block, rcond=1e-14, hermitian=True)
+    information: Floats = np.asarray(np.linalg.pinv(block, rcond=1e-14, hermitian=True), np.float64)
     if prior is not None:
         # What the frames told beyond the sheet; the sheet is added again by whoever uses this.
         information = information - prior

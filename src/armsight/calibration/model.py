@@ -230,11 +230,11 @@ class Model:
                 at = slice(9 * index, 9 * index + 9)
                 H[at, at] += lens.prior
         for b in range(len(problem.boards)):
-            at = self._at_shape + SHAPE * b
+            first = self._at_shape + SHAPE * b
             for k, sigma in enumerate(
                 (self.priors.board_scale, self.priors.board_warp, self.priors.board_warp)
             ):
-                H[at + k, at + k] += 1 / sigma**2
+                H[first + k, first + k] += 1 / sigma**2
         for r in range(len(problem.rigs)):
             H[self._at_time + r, self._at_time + r] += 1 / self.priors.time**2
         if problem.robot is not None:

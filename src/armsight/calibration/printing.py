@@ -5,8 +5,13 @@ from __future__ import annotations
 from armsight.calibration.boards import Board
 from armsight.errors import UsageError
 
-PAPERS = {"A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1": (594.0, 841.0),
-          "letter": (215.9, 279.4)}  # fmt: skip
+PAPERS = {
+    "A4": (210.0, 297.0),
+    "A3": (297.0, 420.0),
+    "A2": (420.0, 594.0),
+    "A1": (594.0, 841.0),
+    "letter": (215.9, 279.4),
+}
 """Width and height upright [mm]."""
 
 _POINT = 72.0 / 25.4  # points a millimetre
@@ -28,8 +33,11 @@ def board_pdf(board: Board, paper: str = "A4") -> bytes:
     if width > height:
         w, h = h, w
     if width + 16 > w or height + 16 > h:
-        fits = [p for p, (a, b) in PAPERS.items()
-                if min(width, height) + 16 <= min(a, b) and max(width, height) + 16 <= max(a, b)]  # fmt: skip
+        fits = [
+            p
+            for p, (a, b) in PAPERS.items()
+            if min(width, height) + 16 <= min(a, b) and max(width, height) + 16 <= max(a, b)
+        ]
         hint = f"use {fits[0]}" if fits else "make the squares smaller"
         raise UsageError(
             f"a board of {width:.0f} x {height:.0f} mm does not fit on {paper} ({w:.0f} x "
@@ -51,15 +59,25 @@ def board_pdf(board: Board, paper: str = "A4") -> bytes:
             lines.append("0 g" if dark else "1 g")
             shade = dark
         lines.append(
-            box(left + 1e3 * (a - x0), top + 1e3 * (b - y0), left + 1e3 * (c - x0),
-                top + 1e3 * (d - y0))
-        )  # fmt: skip
+            box(
+                left + 1e3 * (a - x0),
+                top + 1e3 * (b - y0),
+                left + 1e3 * (c - x0),
+                top + 1e3 * (d - y0),
+            )
+        )
     lines.append("0 g")
     if top >= 12:  # a rule to check the printer with
         lines.append(box(left, h - 7.0, left + 100.0, h - 6.6))
         lines += [box(left + k, h - 8.4, left + k + 0.3, h - 6.6) for k in (0.0, 50.0, 99.7)]
-        lines.append(_text(left, 5.0 - 2.2, f"100 mm. {board.describe()}. Print at 100 %, without "
-                           "fitting; measure it; mount it flat."))  # fmt: skip
+        lines.append(
+            _text(
+                left,
+                5.0 - 2.2,
+                f"100 mm. {board.describe()}. Print at 100 %, without "
+                "fitting; measure it; mount it flat.",
+            )
+        )
     stream = "\n".join(lines).encode("latin-1")
     return _document(w * _POINT, h * _POINT, stream)
 

@@ -141,7 +141,7 @@ class Problem:
 
     def only_views(self, views: Sequence[int] | Ints) -> Problem:
         """The same problem seen from some views only (indices are kept)."""
-        wanted = set(int(v) for v in views)
+        wanted = {int(v) for v in views}
         return replace(self, sightings=tuple(s for s in self.sightings if s.view in wanted))
 
     def only_lenses(self, lenses: Sequence[int]) -> Problem:

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from armsight.arrays import Bytes, DepthImage, Floats, JointVector, Pose
+from armsight.arrays import Bytes, DepthImage, Floats, Ints, JointVector, Pose
 from armsight.calibration import arm, se3
 from armsight.calibration.boards import Board, Checkerboard, Detection, Miss
 from armsight.calibration.calibrate import (
@@ -84,7 +84,7 @@ class MoveTo:
 
 @dataclass(frozen=True)
 class LookAt:
-    """Photograph with some cameras. Reply: a list of :class:`Picture`, one each.
+    """Photograph with some cameras. Reply: :class:`Looked`.
 
     Attributes:
         cameras: indices; rest: stand still for this long first [s]; frames: exposures to average.
@@ -109,6 +109,14 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Looked:
+    """The reply to :class:`LookAt`: (n,) joint angles that the arm reported meanwhile, pictures."""
+
+    joints: JointVector
+    pictures: list[Picture]
+
+
+@dataclass(frozen=True)
 class SeenView:
     """One view that was taken, small enough to be kept in a file.
 
@@ -123,7 +131,7 @@ class SeenView:
     joints: JointVector
     stage: str
     stamp: float
-    found: tuple[tuple[int, Floats, Floats], ...]
+    found: tuple[tuple[int, Ints, Floats], ...]
     missed: tuple[tuple[int, str], ...] = ()
     depth: tuple[tuple[int, Floats, Floats], ...] = ()
 
@@ -136,6 +144,7 @@ class Setup:
         robot: the arm with its tool; cameras: as believed; board: which.
         T_flange_board: of the board's middle, a guess (T1: the flange's centre, facing out).
         free: whether the arm may stand at joint angles; None trusts it everywhere.
+        path: whether it may go straight from one configuration to another; None trusts it.
         speed, acceleration: share of the arm's limits that moves use.
         frame_seconds: between exposures [s].
     """
@@ -145,6 +154,7 @@ class Setup:
     board: Board
     T_flange_board: Pose
     free: FreeCheck | None = None
+    path: Callable[[JointVector, JointVector], bool] | None = None
     speed: float = 0.5
     acceleration: float = 0.6
     frame_seconds: float = 1 / 15
@@ -156,6 +166,7 @@ class ProcedureOptions:
 
     Attributes:
         goal: stop when the expected target error of every lens is below this [m].
+        patience: stop when three more views lower the worst lens's error by less than this share.
         most_views: stop after so many views; least_views: not before.
         rest: before each picture [s]; frames: averaged.
         sweep_step: between stops of the base sweep [rad].
@@ -165,6 +176,7 @@ class ProcedureOptions:
     """
 
     goal: float = 0.0012
+    patience: float = 0.06
     most_views: int = 60
     least_views: int = 15
     rest: float = 0.2
@@ -231,7 +243,7 @@ class LiveResult:
 
 
 Request = MoveTo | LookAt
-Procedure = Generator[Request, "bool | list[Picture]", LiveResult]
+Procedure = Generator[Request, "bool | Looked", LiveResult]
 
 
 @dataclass
@@ -248,11 +260,23 @@ def lens_list(cameras: Sequence[CameraSetup]) -> list[Lens]:
     """Lenses of all cameras: infrared first, then colour, camera by camera."""
     out: list[Lens] = []
     for index, c in enumerate(cameras):
-        out.append(Lens(f"{c.name} infrared", index, c.infrared, prior=sheet_prior(c.infrared),
-                        keep=c.keep))  # fmt: skip
+        out.append(
+            Lens(
+                f"{c.name} infrared", index, c.infrared, prior=sheet_prior(c.infrared), keep=c.keep
+            )
+        )
         if c.color is not None:
-            out.append(Lens(f"{c.name} color", index, c.color, c.T_infrared_color, not c.keep,
-                            sheet_prior(c.color), keep=c.keep))  # fmt: skip
+            out.append(
+                Lens(
+                    f"{c.name} color",
+                    index,
+                    c.color,
+                    c.T_infrared_color,
+                    not c.keep,
+                    sheet_prior(c.color),
+                    keep=c.keep,
+                )
+            )
     return out
 
 
@@ -363,7 +387,11 @@ def depth_models(
 
 
 def _go(log: _Log, joints: JointVector, stage: str) -> Generator[Request, object, bool]:
-    if log.setup.free is not None and not log.setup.free(joints):
+    setup = log.setup
+    if setup.free is not None and not setup.free(joints):
+        return False
+    here = log.at if log.at is not None else setup.robot.home
+    if setup.path is not None and not setup.path(here, joints):
         return False
     arrived = yield MoveTo(joints, stage)
     if arrived:
@@ -372,17 +400,17 @@ def _go(log: _Log, joints: JointVector, stage: str) -> Generator[Request, object
 
 
 def _look(
-    log: _Log, joints: JointVector, stage: str, rest: float | None = None, frames: int | None = None
+    log: _Log, stage: str, rest: float | None = None, frames: int | None = None
 ) -> Generator[Request, object, SeenView]:
     cameras = tuple(range(len(log.setup.cameras)))
     options = log.options
-    pictures = yield LookAt(
+    looked = yield LookAt(
         cameras,
         options.rest if rest is None else rest,
         options.frames if frames is None else frames,
     )
-    assert isinstance(pictures, list)
-    view = read_pictures(log.setup, joints, stage, log.clock(), pictures)
+    assert isinstance(looked, Looked)
+    view = read_pictures(log.setup, looked.joints, stage, log.clock(), looked.pictures)
     if view.found:
         log.views.append(view)
         log.watcher.view(view)
@@ -454,24 +482,26 @@ def _facing_out(setup: Setup) -> JointVector:
     robot = setup.robot
     rng = np.random.default_rng(0)
     best: tuple[float, JointVector] | None = None
-    for height in (0.55, 0.45, 0.65, 0.35):
-        for out in (0.5, 0.6, 0.4):
-            T = np.eye(4)
-            # Board: z away from the viewer, that is towards the base; y down.
-            T[:3, :3] = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
-            T[:3, :3] = np.column_stack([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
-            T[:3, 3] = [out * robot.reach + 0.1, 0.0, height * robot.reach]
-            middle = _middle(setup)
-            flange = T @ inverse(setup.T_flange_board @ make_pose(None, middle))
-            q, ok = arm.reach_some(robot, np.repeat(flange[None], 6, axis=0), rng, 3)
-            for x in q[ok]:
-                if setup.free is not None and not setup.free(x):
-                    continue
-                far = float(np.abs(x - robot.home).sum())
-                if best is None or far < best[0]:
-                    best = (far, x)
-        if best is not None:
+    places = [(h, o) for h in (0.55, 0.45, 0.65, 0.35) for o in (0.5, 0.6, 0.4)]
+    for height, out in places:
+        T = np.eye(4)
+        # Board: z away from the viewer, that is towards the base; y down.
+        T[:3, :3] = np.column_stack([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+        T[:3, 3] = [out * robot.reach + 0.1, 0.0, height * robot.reach]
+        flange = T @ inverse(setup.T_flange_board @ make_pose(None, _middle(setup)))
+        q, ok = arm.reach_some(robot, np.repeat(flange[None], 6, axis=0), rng, 3)
+        for x in q[ok]:
+            if setup.free is not None and not setup.free(x):
+                continue
+            far = float(np.abs(x - robot.home).sum())
+            if setup.path is not None and not setup.path(robot.home, x):
+                far += 100.0  # only if nothing can be reached straight
+            if best is None or far < best[0]:
+                best = (far, x)
+        if best is not None and best[0] < 100.0:
             return best[1]
+    if best is not None:
+        return best[1]
     raise CalibrationError(
         "calibration: the arm cannot hold the board in front of itself; check the tool, the "
         "board's place on the flange and the solids about the arm"
@@ -494,6 +524,8 @@ def _find(log: _Log) -> Generator[Request, object, None]:
     start = log.at if log.at is not None else setup.robot.home
     if abs(angles[-1] - start[0]) < abs(angles[0] - start[0]):
         angles = angles[::-1]
+    # First into the L before the arm, then round: so that the way is a plain turn of the base.
+    yield from _go(log, q0, "find")
     behind = 0
     for a in angles:
         q = q0.copy()
@@ -502,7 +534,7 @@ def _find(log: _Log) -> Generator[Request, object, None]:
             break  # every camera has seen it, and the board has turned away from all of them
         before = len(log.views)
         if (yield from _go(log, q, "find")):
-            yield from _look(log, q, "find", rest=0.1, frames=1)
+            yield from _look(log, "find", rest=0.1, frames=1)
             behind = 0 if len(log.views) > before else behind + 1
             _report(log, f"looking for the board, base at {np.rad2deg(a):.0f} deg")
     if not any(v.found for v in log.views):
@@ -567,7 +599,7 @@ def _tilt(log: _Log) -> Generator[Request, object, None]:
                     q = _tilted(log, view, axis, angle * share)
                     if q is None or not (yield from _go(log, q, "tilt")):
                         continue
-                    seen = yield from _look(log, q, "tilt")
+                    seen = yield from _look(log, "tilt")
                     _report(log, f"tilting before camera {name}")
                     if any(lenses[k].rig == rig for k, _, _ in seen.found):
                         break
@@ -575,8 +607,9 @@ def _tilt(log: _Log) -> Generator[Request, object, None]:
 
 def _solve(log: _Log, rng: np.random.Generator) -> Calibration:
     options = CalibrationOptions(left_out=False)
-    return calibrate(problem_of(log.setup, log.views), np.random.default_rng(rng.integers(1 << 31)),
-                     options)  # fmt: skip
+    return calibrate(
+        problem_of(log.setup, log.views), np.random.default_rng(rng.integers(1 << 31)), options
+    )
 
 
 def _learn(
@@ -584,7 +617,7 @@ def _learn(
 ) -> Generator[Request, object, str]:
     """View after view, each the most useful one, until the goal (ours)."""
     setup, options = log.setup, log.options
-    since, failures = 0, 0
+    since, failures, checked = 0, 0, 0
     solution = answer.solution
     S = solution.normal.reduced()
     W = target_weight(solution, solution.normal.free)
@@ -598,41 +631,58 @@ def _learn(
             since = 0
             _report(log, "learning", answer)
             worst = max(answer.target_sigma(k) for k in range(len(answer.problem.lenses)))
-            if worst < options.goal and len(log.views) >= options.least_views:
-                return f"the goal is reached: {1e3 * worst:.2f} mm"
+            if len(log.views) >= options.least_views:
+                if worst < options.goal:
+                    return f"the goal is reached: {1e3 * worst:.2f} mm"
+                if len(log.views) >= checked + 3:
+                    if worst > (1 - options.patience) * best_before:
+                        return f"further views teach little: {1e3 * worst:.2f} mm"
+                    best_before, checked = worst, len(log.views)
         if len(log.views) >= options.most_views:
             return f"{len(log.views)} views are enough"
         if log.clock() - began > options.seconds:
             return "the time is spent"
         margin = _margin(answer)
-        offers = propose(answer.problem, solution.state, setup.robot, rng, options.candidates,
-                         setup.free, near=log.at, margin=margin)  # fmt: skip
+        offers = propose(
+            answer.problem,
+            solution.state,
+            setup.robot,
+            rng,
+            options.candidates,
+            setup.free,
+            near=log.at,
+            margin=margin,
+        )
         if not len(offers):
             return "no further view can be reached"
-        looks = information(answer.problem, solution.state, answer.freedom, setup.robot, offers,
-                            margin=margin)  # fmt: skip
+        looks = information(
+            answer.problem, solution.state, answer.freedom, setup.robot, offers, margin=margin
+        )
         here = log.at if log.at is not None else setup.robot.home
         fixed = options.rest + options.frames * setup.frame_seconds
         seconds = travel_seconds(setup.robot, here, offers, setup.speed, setup.acceleration) + fixed
-        choice = choose(S, W, looks, seconds)
-        if choice.present - choice.expected < 2e-3 * choice.present and since == 0:
-            if choice.present > 0.999 * best_before:
-                return f"further views teach nothing: {1e3 * choice.present:.2f} mm"
-            best_before = choice.present
-        q = offers[choice.index]
-        if not (yield from _go(log, q, "learn")):
+        # The best view may lie behind something: then the next best that can be reached straight.
+        left = np.arange(len(offers))
+        choice, gone = None, False
+        while len(left) and not gone:
+            choice = choose(S, W, looks.only(left), seconds[left])
+            gone = yield from _go(log, offers[left[choice.index]], "learn")
+            if not gone:
+                left = np.delete(left, choice.index)
+        if choice is None or not gone:
             failures += 1
-            if failures > 20:
-                return "the arm cannot reach further views"
+            if failures > 5:
+                return "no further view can be reached"
             continue
+        taken = int(left[choice.index])
         before = len(log.views)
-        yield from _look(log, q, "learn")
+        yield from _look(log, "learn")
         if len(log.views) == before:
             failures += 1
-            if failures > 20:
+            if failures > 8:
                 return "the board is not seen where it should be"
             continue
-        S = S + looks.information[choice.index]
+        S = S + looks.information[taken]
         since += 1
 
 
@@ -655,7 +705,7 @@ def _cover(log: _Log, answer: Calibration) -> Generator[Request, object, None]:
             q = _show_at(log, answer, rig, place, distance, tilt)
             if q is None or not (yield from _go(log, q, "cover")):
                 continue
-            yield from _look(log, q, "cover")
+            yield from _look(log, "cover")
             if len(log.views) % schedule.solve_every == 0:
                 answer = _solve(log, np.random.default_rng(len(log.views)))
             _report(log, f"covering the image of camera {name}", answer)
@@ -673,7 +723,7 @@ def _tilt_limits(log: _Log, rig: int, view: SeenView) -> Generator[Request, obje
                 q = _tilted(log, view, axis, sign * k * step)
                 if q is None or not (yield from _go(log, q, "tilt")):
                     break
-                seen = yield from _look(log, q, "tilt")
+                seen = yield from _look(log, "tilt")
                 if not any(lenses[i].rig == rig for i, _, _ in seen.found):
                     break
                 limits[axis, side] = sign * k * step
@@ -700,8 +750,9 @@ def _show_at(
     q, ok = arm.reach(setup.robot, flange[None], near[None])
     if not ok[0]:
         return None
-    inside, _ = board_in_view(answer.problem, answer.solution.state,
-                              arm.flange_poses(setup.robot, q), lens_index, 6.0)  # fmt: skip
+    inside, _ = board_in_view(
+        answer.problem, answer.solution.state, arm.flange_poses(setup.robot, q), lens_index, 6.0
+    )
     return q[0] if inside[0] else None
 
 
@@ -777,21 +828,36 @@ class Eyes(Protocol):
 
 def drive(steps: Procedure, mover: Mover, eyes: Eyes) -> LiveResult:
     """Carry a procedure out."""
-    reply: bool | list[Picture] | None = None
+    reply: bool | Looked | None = None
     try:
         while True:
-            request = steps.send(reply) if reply is not None else next(steps)  # type: ignore[arg-type]
+            request = steps.send(reply) if reply is not None else next(steps)
             if isinstance(request, MoveTo):
                 reply = mover.move(request.joints)
             else:
-                reply = eyes.look(request.cameras, request.rest, request.frames)
+                pictures = eyes.look(request.cameras, request.rest, request.frames)
+                reply = Looked(mover.joints(), pictures)
     except StopIteration as end:
         result: LiveResult = end.value
         return result
 
 
 __all__ = [
-    "CameraSetup", "Eyes", "LiveResult", "LookAt", "MoveTo", "Mover", "PaperSchedule", "Picture",
-    "ProcedureOptions", "Progress", "SeenView", "Setup", "Watcher", "drive", "finish", "procedure",
+    "CameraSetup",
+    "Eyes",
+    "LiveResult",
+    "LookAt",
+    "MoveTo",
+    "Mover",
+    "PaperSchedule",
+    "Picture",
+    "ProcedureOptions",
+    "Progress",
+    "SeenView",
+    "Setup",
+    "Watcher",
+    "drive",
+    "finish",
+    "procedure",
     "replace",
-]  # fmt: skip
+]

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from armsight.arrays import Floats, Poses
-from armsight.calibration.boards import AprilTagGrid, Board, CharucoBoard, Checkerboard, Detection
+from armsight.calibration.boards import Board, CharucoBoard, Checkerboard, Detection
 from armsight.calibration.calibrate import Calibration, CalibrationOptions, calibrate
 from armsight.calibration.diagnosis import RawPoses, diagnose_solution, diagnose_start
 from armsight.calibration.files import images_in, number_of, read_lens, read_poses, read_yaml
@@ -151,16 +151,25 @@ def load(
                 "error",
                 f"the lens is for {lens.width}x{lens.height}, the images are {size[0]}x{size[1]}",
                 "give the lens of this resolution",
-            )  # fmt: skip
+            )
         )
     raw = None
     if table is not None:
         raw = RawPoses(table.raw.position[pairs], table.raw.rotation[pairs], table.raw.kind)
     joints = table.joints[pairs] if table is not None and table.joints is not None else None
     return RecordedSet(
-        folder, tuple(images), tuple(detections), tuple(misses),
-        raw.poses() if raw is not None else None, raw, joints, lens, size, board, tuple(findings),
-    )  # fmt: skip
+        folder,
+        tuple(images),
+        tuple(detections),
+        tuple(misses),
+        raw.poses() if raw is not None else None,
+        raw,
+        joints,
+        lens,
+        size,
+        board,
+        tuple(findings),
+    )
 
 
 def _paired(
@@ -189,7 +198,7 @@ def _paired(
                     "warning",
                     f"{len(images)} images and {len(keys)} poses in {source}: {len(kept)} pairs",
                     "number images and poses alike",
-                )  # fmt: skip
+                )
             )
         if not kept:
             raise CalibrationError(f"{source}: no pose belongs to an image by name or number")
@@ -203,7 +212,7 @@ def _paired(
                 "warning",
                 f"{len(images)} images but {len(keys)} poses in {source}, tied by order alone",
                 "name the image of each pose",
-            )  # fmt: skip
+            )
         )
     return images[:n], list(range(n)), odd
 
@@ -236,12 +245,29 @@ def board_of(folder: Path) -> Board | None:
     if not isinstance(finder, dict):
         return None
     kind = str(finder.get("type", ""))
-    names = (
-        "DICT_4X4_50 DICT_4X4_100 DICT_4X4_250 DICT_4X4_1000 DICT_5X5_50 DICT_5X5_100 DICT_5X5_250 "
-        "DICT_5X5_1000 DICT_6X6_50 DICT_6X6_100 DICT_6X6_250 DICT_6X6_1000 DICT_7X7_50 "
-        "DICT_7X7_100 DICT_7X7_250 DICT_7X7_1000 DICT_ARUCO_ORIGINAL DICT_APRILTAG_16h5 "
-        "DICT_APRILTAG_25h9 DICT_APRILTAG_36h10 DICT_APRILTAG_36h11"
-    ).split()
+    names = [
+        "DICT_4X4_50",
+        "DICT_4X4_100",
+        "DICT_4X4_250",
+        "DICT_4X4_1000",
+        "DICT_5X5_50",
+        "DICT_5X5_100",
+        "DICT_5X5_250",
+        "DICT_5X5_1000",
+        "DICT_6X6_50",
+        "DICT_6X6_100",
+        "DICT_6X6_250",
+        "DICT_6X6_1000",
+        "DICT_7X7_50",
+        "DICT_7X7_100",
+        "DICT_7X7_250",
+        "DICT_7X7_1000",
+        "DICT_ARUCO_ORIGINAL",
+        "DICT_APRILTAG_16h5",
+        "DICT_APRILTAG_25h9",
+        "DICT_APRILTAG_36h10",
+        "DICT_APRILTAG_36h11",
+    ]
     try:
         if kind.startswith("Charuco"):
             return CharucoBoard(
@@ -334,9 +360,10 @@ def solve_set(
             Finding(
                 "unseen",
                 "note",
-                f"no board in {len(lost)} of {len(recorded.images)} images: {', '.join(sorted(set(lost)))}",
+                f"no board in {len(lost)} of {len(recorded.images)} images: "
+                + ", ".join(sorted(set(lost))),
                 "leave them out, or improve light and focus",
-            )  # fmt: skip
+            )
         )
     if recorded.poses is None:
         frames = [(d.corner, d.pixel) for d in recorded.detections if d is not None]
@@ -379,10 +406,11 @@ def verdict_findings(answer: Calibration) -> list[Finding]:
                 "inconsistent",
                 "warning",
                 f"poses and images agree only to {answer.left_out.mm:.1f} mm in views that the "
-                f"solve has not seen ({answer.left_out.px:.1f} px; corners scatter by {noise:.2f} px)",
+                f"solve has not seen ({answer.left_out.px:.1f} px; corners scatter by "
+                f"{noise:.2f} px)",
                 "check that the arm was at rest, its poses are those of the images, and board and "
                 "camera are tight",
-            )  # fmt: skip
+            )
         )
     if white is not None and white[0] > 0.002:
         out.append(
@@ -392,7 +420,7 @@ def verdict_findings(answer: Calibration) -> list[Finding]:
                 f"the arm's poses scatter by {1e3 * white[0]:.1f} mm and "
                 f"{np.rad2deg(white[1]):.2f} deg",
                 "an arm repeats to 0.1 mm: look for late poses, a loose board or a wrong flange",
-            )  # fmt: skip
+            )
         )
     if sigma > 0.005:
         out.append(
@@ -400,7 +428,7 @@ def verdict_findings(answer: Calibration) -> list[Finding]:
                 "uncertain",
                 "warning",
                 f"a point 1.0-1.5 m away would be off by about {1e3 * sigma:.0f} mm",
-                "take more views, tilted by 20-40 deg about different axes and over the whole image",
-            )  # fmt: skip
+                "take more views, tilted by 20-40 deg about different axes, over the whole image",
+            )
         )
     return out

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}
-table{border-collapse:collapse}td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #ddd}
+table{border-collapse:collapse}
+td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #ddd}
 td:first-child,th:first-child{text-align:left}img{max-width:100%}.error{color:#b00020}
 .warning{color:#8a5a00}"""
 
@@ -68,8 +69,8 @@ def lines(
             if lens.rig == index:
                 c = calibration.lens(k)
                 out.append(
-                    f"  {lens.name}: f {c.fx:.1f} {c.fy:.1f}, centre {c.cx:.1f} {c.cy:.1f}, corners "
-                    f"to {calibration.solution.rms_px(k):.2f} px, points to "
+                    f"  {lens.name}: f {c.fx:.1f} {c.fy:.1f}, centre {c.cx:.1f} {c.cy:.1f}, "
+                    f"corners to {calibration.solution.rms_px(k):.2f} px, points to "
                     f"{1e3 * calibration.target_sigma(k):.2f} mm"
                 )
         if index < len(depth) and depth[index] is not None:
@@ -138,9 +139,14 @@ def _residuals(calibration: Calibration) -> Figure:
         d = raw[mine]
         limit = max(float(np.quantile(np.abs(d), 0.99)), 0.1)
         a.scatter(d[:, 0], d[:, 1], s=3, alpha=0.5)
-        a.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal", xlabel="u [px]",
-              ylabel="v [px]",
-              title=f"{calibration.problem.lenses[lens].name}: {solution.rms_px(lens):.2f} px")  # fmt: skip
+        a.set(
+            xlim=(-limit, limit),
+            ylim=(-limit, limit),
+            aspect="equal",
+            xlabel="u [px]",
+            ylabel="v [px]",
+            title=f"{calibration.problem.lenses[lens].name}: {solution.rms_px(lens):.2f} px",
+        )
     return figure
 
 
@@ -152,8 +158,12 @@ def _coverage(calibration: Calibration) -> Figure:
         mine = [s for s in calibration.problem.sightings if s.lens == lens]
         for s in mine:
             a.plot(s.pixel[:, 0], s.pixel[:, 1], ".", ms=2)
-        a.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal",
-              title=f"{calibration.problem.lenses[lens].name}: {len(mine)} boards")  # fmt: skip
+        a.set(
+            xlim=(0, camera.width),
+            ylim=(camera.height, 0),
+            aspect="equal",
+            title=f"{calibration.problem.lenses[lens].name}: {len(mine)} boards",
+        )
     return figure
 
 
@@ -178,11 +188,18 @@ def _sureness(calibration: Calibration) -> Figure:
             values, vectors = np.linalg.eigh(local)
             turn = np.rad2deg(np.arctan2(vectors[1, 1], vectors[0, 1]))
             grow = 2 * 20 * 2.45
-            a.add_patch(Ellipse(p, grow * np.sqrt(values[1]), grow * np.sqrt(values[0]), angle=turn,
-                                fill=False))  # fmt: skip
-        a.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal",
-              title=f"{calibration.problem.lenses[lens].name}: {1e3 * size.min():.1f}-"
-              f"{1e3 * size.max():.1f} mm at 1.25 m")  # fmt: skip
+            a.add_patch(
+                Ellipse(
+                    p, grow * np.sqrt(values[1]), grow * np.sqrt(values[0]), angle=turn, fill=False
+                )
+            )
+        a.set(
+            xlim=(0, camera.width),
+            ylim=(camera.height, 0),
+            aspect="equal",
+            title=f"{calibration.problem.lenses[lens].name}: {1e3 * size.min():.1f}-"
+            f"{1e3 * size.max():.1f} mm at 1.25 m",
+        )
     return figure
 
 

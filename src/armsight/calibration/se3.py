@@ -1,4 +1,4 @@
-"""SE(3) for stacks of poses: exponential, logarithm, adjoint, inverse. Twists: translation first."""
+"""SE(3) for stacks of poses: exponential, logarithm, adjoint; twists have translation first."""
 
 from __future__ import annotations
 

@@ -173,12 +173,12 @@ def normal_equations(model: Model, state: State, huber: float) -> tuple[NormalEq
     flat = (columns[:, :, None] * G + columns[:, None, :]).ravel()
     H = np.bincount(flat, N[:, :P, :P].ravel(), G * G).reshape(G, G) + model.prior_information
     by_view = (model.view_of[:, None] * G + columns).ravel()
-    scores = np.bincount(by_view, g[:, :P].ravel(), V * G).reshape(V, G)
+    scores: Floats = np.bincount(by_view, g[:, :P].ravel(), V * G).reshape(V, G)
     d = np.where(model.free, model.prior_residual(state), 0.0)
     gradient = scores.sum(0) + model.prior_information @ d
 
     mixed_at = ((model.view_of[:, None, None] * G + columns[:, :, None]) * 6 + np.arange(6)).ravel()
-    mixed = np.bincount(mixed_at, N[:, :P, P:].ravel(), V * G * 6).reshape(V, G, 6)
+    mixed: Floats = np.bincount(mixed_at, N[:, :P, P:].ravel(), V * G * 6).reshape(V, G, 6)
     H_view = np.zeros((V, 6, 6))
     np.add.at(H_view, model.view_of, N[:, P:, P:])
     g_view = np.zeros((V, 6))
@@ -224,7 +224,8 @@ def solve(
     state = state or model.start()
     normal, residual = normal_equations(model, state, options.huber)
     damping, converged, rounds = 1e-4, False, 0
-    for rounds in range(1, options.iterations + 1):
+    while rounds < options.iterations:
+        rounds += 1
         step, view_step = _step(normal, damping)
         trial = model.retract(
             state, _spread(model, normal, step), _spread_views(model, normal, view_step)
@@ -268,7 +269,7 @@ def _step(normal: NormalEquations, damping: float) -> tuple[Floats, Floats]:
 
 def _solve_views(H_view: Floats, mixed: Floats) -> Floats:
     """(v, 6, g) inv(H_view) mixed^T."""
-    return np.linalg.solve(H_view, np.swapaxes(mixed, 1, 2))
+    return np.asarray(np.linalg.solve(H_view, np.swapaxes(mixed, 1, 2)), np.float64)
 
 
 def _product(mixed: Floats, Y: Floats) -> Floats:
@@ -281,9 +282,9 @@ def _solve(H: Floats, g: Floats) -> Floats:
     if not len(g):
         return g
     try:
-        return np.linalg.solve(H, g)
+        return np.asarray(np.linalg.solve(H, g), np.float64)
     except np.linalg.LinAlgError:
-        return np.linalg.lstsq(H, g, rcond=None)[0]
+        return np.asarray(np.linalg.lstsq(H, g, rcond=None)[0], np.float64)
 
 
 def _unit(diagonal: Floats) -> Floats:

@@ -142,7 +142,8 @@ def register_spheres(
     Args:
         seen: of each place, the centre in each camera's frame [m], or None where it was not seen.
         rng: for the start.
-        sigma: of a centre [m]; offset_sigma: of a camera's depth offset [m].
+        sigma: of a centre [m].
+        offset_sigma: of a camera's depth offset [m].
 
     Raises:
         CalibrationError: a camera shares fewer than three places with those registered before.
@@ -239,12 +240,21 @@ def _refine(
     keep = np.concatenate([np.arange(7 * c, 7 * c + 6) for c in range(C)])
     rms = float(np.sqrt(total / max(count, 1)))
     return SphereRegistration(
-        T, offset, centers, inverse[np.ix_(keep, keep)] * max(1.0, (rms / sigma) ** 2), rms,
+        T,
+        offset,
+        centers,
+        inverse[np.ix_(keep, keep)] * max(1.0, (rms / sigma) ** 2),
+        rms,
         int(there.sum()),
-    )  # fmt: skip
+    )
 
 
 __all__ = [
-    "SphereFit", "SphereRegistration", "fit_sphere", "procrustes", "procrustes_ransac",
-    "register_spheres", "se3",
-]  # fmt: skip
+    "SphereFit",
+    "SphereRegistration",
+    "fit_sphere",
+    "procrustes",
+    "procrustes_ransac",
+    "register_spheres",
+    "se3",
+]

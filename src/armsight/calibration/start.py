@@ -61,9 +61,13 @@ def planar_poses(camera: PinholeCamera, points: Points, pixels: Floats) -> Plana
     found: list[tuple[float, Pose]] = []
     for rvec, tvec in zip(rvecs[:n], tvecs[:n]):
         rvec, tvec = cv2.solvePnPRefineLM(
-            np.ascontiguousarray(points, float), np.ascontiguousarray(ideal), np.eye(3), None,
-            rvec.copy(), tvec.copy(),
-        )  # fmt: skip
+            np.ascontiguousarray(points, float),
+            np.ascontiguousarray(ideal),
+            np.eye(3),
+            None,
+            rvec.copy(),
+            tvec.copy(),
+        )
         T = np.eye(4)
         T[:3, :3] = cv2.Rodrigues(rvec)[0]
         T[:3, 3] = tvec.ravel()

@@ -79,9 +79,17 @@ def t1_cameras(center: tuple[float, float, float] = (0.45, 0.0, 0.45)) -> tuple[
     v2_offset = make_pose(None, (-0.052, 0.0, 0.0))
     v1_offset = make_pose(None, (-0.025, 0.0, 0.0))
 
-    def camera(name: str, ir: PinholeCamera, color: PinholeCamera, offset: Pose,
-               angle: float, distance: float, height: float) -> SheetCamera:  # fmt: skip
-        eye = np.array(center) + [distance * np.cos(angle), distance * np.sin(angle), height]
+    def camera(
+        name: str,
+        ir: PinholeCamera,
+        color: PinholeCamera,
+        offset: Pose,
+        angle: float,
+        distance: float,
+        height: float,
+    ) -> SheetCamera:
+        away = np.array([distance * np.cos(angle), distance * np.sin(angle), height])
+        eye = np.array(center) + away
         return SheetCamera(
             name, (("infrared", ir), ("color", color)), (np.eye(4), offset), look_at(eye, center)
         )
@@ -233,7 +241,8 @@ def seen_by(
     """(v,) whether a detector would find the board: whole, in front, not too slanted or small.
 
     Args:
-        points: (v, k, 3) corners in the lens's frame [m]; pixels: (v, k, 2).
+        points: (v, k, 3) corners in the lens's frame [m].
+        pixels: (v, k, 2) [px].
         lens: image size.
         least_square: a square's short side must span this many pixels.
     """

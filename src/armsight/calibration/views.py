@@ -47,18 +47,32 @@ class Candidates:
     information: Floats
     sees: Mask
 
+    def only(self, index: Ints) -> Candidates:
+        """Some of them."""
+        return Candidates(self.joints[index], self.information[index], self.sees[index])
+
 
 def board_in_view(
-    problem: Problem, state: State, flanges: Poses, lens: int, margin: float = 4.0,
-    slant: float = np.deg2rad(55), least_square: float = 7.0, board: int = 0,
-) -> tuple[Mask, Floats]:  # fmt: skip
+    problem: Problem,
+    state: State,
+    flanges: Poses,
+    lens: int,
+    margin: float = 4.0,
+    slant: float = np.deg2rad(55),
+    least_square: float = 7.0,
+    board: int = 0,
+) -> tuple[Mask, Floats]:
     """Whether a lens would see the whole board well.
 
     Args:
-        problem: with the board and lenses; state: present estimate.
-        flanges: (v, 4, 4) ``T_base_flange``; lens: index.
-        margin: to the image's edge [px]; slant: greatest angle of incidence [rad].
-        least_square: shortest distance of neighbouring corners [px]; board: index.
+        problem: with the board and lenses.
+        state: present estimate.
+        flanges: (v, 4, 4) ``T_base_flange``.
+        lens: index.
+        margin: to the image's edge [px].
+        slant: greatest angle of incidence [rad].
+        least_square: shortest distance of neighbouring corners [px].
+        board: index.
 
     Returns:
         (v,) answers, and (v, k, 2) predicted pixels.
@@ -106,12 +120,15 @@ def propose(
     """Reachable configurations that show the board somewhere in some camera's image.
 
     Args:
-        problem: cameras, lenses, boards; state: where they roughly are.
-        robot: the arm; rng: draws.
+        problem: cameras, lenses, boards.
+        state: where they roughly are.
+        robot: the arm.
+        rng: draws.
         count: wanted; fewer may be found.
         free: whether the arm may stand there.
         near: start of the search for joint angles; home if None.
-        distance: range from the camera [m]; tilt: greatest tilt [rad].
+        distance: range from the camera [m].
+        tilt: greatest tilt [rad].
         limits: of a rig, (3,) greatest roll, pitch, yaw found by tilting [rad].
         margin: to the image's edge [px].
 
@@ -125,7 +142,7 @@ def propose(
     T_middle = np.eye(4)
     T_middle[:3, 3] = -middle
     T_flange_board = state.T_mount_board[0]
-    used = [k for k in range(len(problem.lenses))]
+    used = list(range(len(problem.lenses)))
     for _ in range(8):
         if total >= count:
             break
@@ -153,9 +170,13 @@ def propose(
             turn = se3.exps(np.array([[0, 0, 0, *(axis * angle), 0], [0, 0, 0, 0, 0, roll]]))
             T_base_lens = state.T_mount_rig[definition.rig] @ state.T_rig_lens[lens]
             targets[k] = (
-                T_base_lens @ T @ turn[0] @ turn[1] @ T_middle
+                T_base_lens
+                @ T
+                @ turn[0]
+                @ turn[1]
+                @ T_middle
                 @ se3.inverses(T_flange_board[None])[0]
-            )  # fmt: skip
+            )
         inside = np.linalg.norm(targets[:, :3, 3], axis=1) < 1.05 * robot.reach
         targets = targets[inside]
         if not len(targets):
@@ -273,7 +294,8 @@ def choose(
     """The candidate that lowers the squared target error most, per second.
 
     Args:
-        S: (g, g) information that there is; weight: (g, g) of :func:`target_weight`.
+        S: (g, g) information that there is.
+        weight: (g, g) of :func:`target_weight`.
         candidates: what could be added.
         seconds: (c,) robot time of each [s].
         patience: power of the time: 0 ignores it.
@@ -321,7 +343,8 @@ def truth_bound(
     """(g, g) covariance that no unbiased estimate can beat, at the truth (Cramer-Rao).
 
     Args:
-        problem: with the true noise of corners; state: the truth.
+        problem: with the true noise of corners.
+        state: the truth.
         freedom: the unknowns, with the true size of pose errors.
         priors: that the truth was drawn from.
     """
@@ -333,6 +356,16 @@ def truth_bound(
 
 
 __all__ = [
-    "Candidates", "Choice", "Pose", "board_in_view", "choose", "expected_error", "information",
-    "propose", "reduced_information", "target_weight", "travel_seconds", "truth_bound",
-]  # fmt: skip
+    "Candidates",
+    "Choice",
+    "Pose",
+    "board_in_view",
+    "choose",
+    "expected_error",
+    "information",
+    "propose",
+    "reduced_information",
+    "target_weight",
+    "travel_seconds",
+    "truth_bound",
+]

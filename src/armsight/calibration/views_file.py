@@ -1,4 +1,4 @@
-"""Views of a calibration in progress, one JSON line each: a stopped calibration goes on from them."""
+"""Views of a calibration in progress, a JSON line each: a stopped one goes on from them."""
 
 from __future__ import annotations
 

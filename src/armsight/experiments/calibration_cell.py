@@ -93,9 +93,7 @@ def open_calibration_cell(
     points = board.points
     middle = 0.5 * (points.max(0) + points.min(0))
     half = 0.5 * np.ptp(points, axis=0)
-    printed = Print(
-        image, x0, y0, PER_METER, (middle[0], middle[1]), (half[0], half[1])
-    )
+    printed = Print(image, x0, y0, PER_METER, (middle[0], middle[1]), (half[0], half[1]))
     guess = from_rpy((np.pi, 0.0, 0.0), (0.0, 0.0, 0.06)) @ make_pose(None, -middle)
     studio = BoardStudio(world, spec.cameras, printed, guess, seed, errors, redraw)
     cameras = []
@@ -121,6 +119,7 @@ def open_calibration_cell(
         board,
         guess,
         lambda q: stands_free(robot, q, static),
+        lambda a, b: way_free(robot, a, b, static),
         spec.arm.speed,
         spec.arm.acceleration,
         1.0 / min(c.info.rate for c in spec.cameras),
@@ -151,6 +150,16 @@ def stands_free(
             if np.any(gap < radius[i][:, None] + radius[j][None]):
                 return False
     return True
+
+
+def way_free(
+    robot: Robot, a: JointVector, b: JointVector, static: tuple[Solid, ...], step: float = 0.08
+) -> bool:
+    """Whether the arm is free all along a straight joint move, looked at every ``step`` [rad]."""
+    count = max(2, int(np.ceil(np.abs(b - a).max() / step)))
+    return all(
+        stands_free(robot, a + w * (b - a), static) for w in np.linspace(0.0, 1.0, count + 1)[1:]
+    )
 
 
 def true_target_errors(cell: CalibrationCell, answer: Calibration) -> dict[str, float]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -102,36 +103,106 @@ def _cold_rows(cold: list[dict[str, float]]) -> list[Row]:
 
     def row(key: str, measure: str, condition: str, name: str, unit: str, **budget: float) -> Row:
         v = np.array([c[name] for c in cold])
-        return Row(key, measure, condition, float(v.mean()), unit, n=n, low=float(v.min()),
-                   high=float(v.max()), **budget)  # fmt: skip
+        return Row(
+            key,
+            measure,
+            condition,
+            float(v.mean()),
+            unit,
+            n=n,
+            low=float(v.min()),
+            high=float(v.max()),
+            **budget,
+        )
 
     condition = "ours from cold, rendered, lenses solved too"
     return [
-        row("tre_mm", "true 3D error of a point 1.0-1.5 m away", f"{condition}; infrared lenses",
-            "tre infrared", "mm", paper=10.0, must=2.5, aim=1.2),
-        row("tre_mm", "true 3D error of a point 1.0-1.5 m away", f"{condition}; colour lenses",
-            "tre color", "mm", paper=10.0, must=2.5, aim=1.2),
-        row("stated_mm", "what the calibration itself says of that error", condition, "stated", "mm"),
-        row("reprojection_px", "rms distance of corners", f"{condition}; infrared", "px infrared",
-            "px", paper=1.0, must=0.3, aim=0.15),
-        row("reprojection_px", "rms distance of corners", f"{condition}; colour", "px color", "px",
-            paper=1.0, must=0.3, aim=0.15),
-        row("robot_time_s", "robot time from cold to the end, three cameras", condition, "seconds",
-            "s", paper=115.0 + 128.0, must=150.0, aim=60.0),
+        row(
+            "tre_mm",
+            "true 3D error of a point 1.0-1.5 m away",
+            f"{condition}; infrared lenses",
+            "tre infrared",
+            "mm",
+            paper=10.0,
+            must=2.5,
+            aim=1.2,
+        ),
+        row(
+            "tre_mm",
+            "true 3D error of a point 1.0-1.5 m away",
+            f"{condition}; colour lenses",
+            "tre color",
+            "mm",
+            paper=10.0,
+            must=2.5,
+            aim=1.2,
+        ),
+        row(
+            "stated_mm", "what the calibration itself says of that error", condition, "stated", "mm"
+        ),
+        row(
+            "reprojection_px",
+            "rms distance of corners",
+            f"{condition}; infrared",
+            "px infrared",
+            "px",
+            paper=1.0,
+            must=0.3,
+            aim=0.15,
+        ),
+        row(
+            "reprojection_px",
+            "rms distance of corners",
+            f"{condition}; colour",
+            "px color",
+            "px",
+            paper=1.0,
+            must=0.3,
+            aim=0.15,
+        ),
+        row(
+            "robot_time_s",
+            "robot time from cold to the end, three cameras",
+            condition,
+            "seconds",
+            "s",
+            paper=115.0 + 128.0,
+            must=150.0,
+            aim=60.0,
+        ),
         row("views", "board poses taken, all cameras at once", condition, "views", ""),
-        row("depth_error_mm", "true depth error after the depth model, 1-2 m over the image, median",
-            condition, "depth", "mm", must=4.0, aim=2.0),
-        row("depth_error_mm", "true depth error after the depth model, 1-2 m over the image, median",
-            f"{condition}; worst camera", "depth worst", "mm"),
-        row("compute_s", "processor time of the whole, rendering included", condition, "compute",
-            "s"),
-    ]  # fmt: skip
+        row(
+            "depth_error_mm",
+            "true depth error after the depth model, 1-2 m over the image, median",
+            condition,
+            "depth",
+            "mm",
+            must=4.0,
+            aim=2.0,
+        ),
+        row(
+            "depth_error_mm",
+            "true depth error after the depth model, 1-2 m over the image, median",
+            f"{condition}; worst camera",
+            "depth worst",
+            "mm",
+        ),
+        row(
+            "compute_s",
+            "processor time of the whole, rendering included",
+            condition,
+            "compute",
+            "s",
+        ),
+    ]
 
 
 def _five(
-    cell: CalibrationCell, result: LiveResult, rng: np.random.Generator,
+    cell: CalibrationCell,
+    result: LiveResult,
+    rng: np.random.Generator,
     table: dict[int, list[dict[str, float]]],
-) -> None:  # fmt: skip
+) -> None:
     """T1's five: frames parallel to each image, spread over it, fewer and fewer."""
     answer = result.calibration
     most = (14, 14, 11)
@@ -140,13 +211,15 @@ def _five(
         if k < 3:
             continue  # more frames than the pool holds: experiments 3 to 5 are the useful ones
         frames = [pools[rig][: min(counts[rig], len(pools[rig]))] for rig in range(3)]
-        paper = [_paper_method(cell, answer, result.depth[rig], frames[rig], rig, rng)
-                 for rig in range(3)]  # fmt: skip
+        paper = [
+            _paper_method(cell, answer, result.depth[rig], frames[rig], rig, rng)
+            for rig in range(3)
+        ]
         ours = _our_method(cell, answer, [v for f in frames for v, _ in f])
         joints = np.array([v.joints for f in frames for v, _ in f])
         seconds = sum(
             float(travel_seconds(cell.setup.robot, a, b[None], 0.5, 0.6)[0]) + 0.3 + 5 / 15
-            for a, b in zip(joints[:-1], joints[1:])
+            for a, b in pairwise(joints)
         )
         table.setdefault(k, []).append(
             {
@@ -166,13 +239,33 @@ def _five_rows(table: dict[int, list[dict[str, float]]]) -> list[Row]:
         words = f"experiment {k}: T1 had {a}/{b}/{c} frames, board parallel to the images"
         for key, label in (("paper", "T1's method (depth corners, RANSAC)"), ("ours", "ours")):
             v = np.array([x[key] for x in values])
-            rows.append(Row("tre_known_lenses_mm", "true 3D error of a point 1.0-1.5 m away, lenses "
-                            "solved before, infrared lenses", f"{words}; {label}", float(v.mean()),
-                            "mm", n=n, low=float(v.min()), high=float(v.max()), paper=10.0,
-                            must=1.2 if key == "ours" else None,
-                            aim=0.5 if key == "ours" else None))  # fmt: skip
-        rows.append(Row("seconds", "robot time of these frames, all three cameras", words,
-                        float(np.mean([x["seconds"] for x in values])), "s", n=n, paper=seconds))  # fmt: skip
+            rows.append(
+                Row(
+                    "tre_known_lenses_mm",
+                    "true 3D error of a point 1.0-1.5 m away, lenses "
+                    "solved before, infrared lenses",
+                    f"{words}; {label}",
+                    float(v.mean()),
+                    "mm",
+                    n=n,
+                    low=float(v.min()),
+                    high=float(v.max()),
+                    paper=10.0,
+                    must=1.2 if key == "ours" else None,
+                    aim=0.5 if key == "ours" else None,
+                )
+            )
+        rows.append(
+            Row(
+                "seconds",
+                "robot time of these frames, all three cameras",
+                words,
+                float(np.mean([x["seconds"] for x in values])),
+                "s",
+                n=n,
+                paper=seconds,
+            )
+        )
     return rows
 
 
@@ -215,9 +308,13 @@ def _pool(cell: CalibrationCell, rig: int, count: int, rng: np.random.Generator)
 
 
 def _paper_method(
-    cell: CalibrationCell, answer: Calibration, depth: DepthModel | None, frames: list[PoolFrame],
-    rig: int, rng: np.random.Generator,
-) -> float:  # fmt: skip
+    cell: CalibrationCell,
+    answer: Calibration,
+    depth: DepthModel | None,
+    frames: list[PoolFrame],
+    rig: int,
+    rng: np.random.Generator,
+) -> float:
     """T1: RANSAC over 3D corner pairs; true target error [m]."""
     lens_index = 2 * rig
     lens = answer.lens(lens_index)
@@ -254,10 +351,15 @@ def _our_method(cell: CalibrationCell, answer: Calibration, views: list[SeenView
     """Ours on the same views, lenses kept from the earlier solve; mean true target error [m]."""
     problem = problem_of(cell.setup, views)
     lenses = tuple(
-        replace(lens, camera=answer.lens(k), T_rig_lens=answer.lens_pose(k), offset_free=False,
-                keep=True)
+        replace(
+            lens,
+            camera=answer.lens(k),
+            T_rig_lens=answer.lens_pose(k),
+            offset_free=False,
+            keep=True,
+        )
         for k, lens in enumerate(problem.lenses)
-    )  # fmt: skip
+    )
     options = CalibrationOptions(solve_lenses=False, left_out=False)
     solved = calibrate(replace(problem, lenses=lenses), np.random.default_rng(0), options)
     return float(

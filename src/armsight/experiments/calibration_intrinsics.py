@@ -8,6 +8,7 @@ frames well may still be wrong, so the error of 40 unseen frames stands beside i
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,12 +31,12 @@ from armsight.calibration.problem import (
 from armsight.calibration.solver import Solution, solve
 from armsight.calibration.start import find_start
 from armsight.calibration.views import travel_seconds
+from armsight.commands.cells import find
 from armsight.experiments.calibration_cell import CalibrationCell, open_calibration_cell
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.geometry.pose import inverse, make_pose
 from armsight.workcell import load_workcell
-from armsight.commands.cells import find
 
 PAPER = (
     # colour, infrared, both frames; overlap, tilt; seconds
@@ -70,8 +71,12 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         )
         rows += _rows(words, found[name], seconds)
     for count in (20, 30):
-        rows += _rows(f"ours: {count} frames, tilted, spread over the image", found[f"ours {count}"],
-                      None, count)  # fmt: skip
+        rows += _rows(
+            f"ours: {count} frames, tilted, spread over the image",
+            found[f"ours {count}"],
+            None,
+            count,
+        )
     return Outcome(tuple(rows), {}, NOTES)
 
 
@@ -97,24 +102,64 @@ def _rows(
     for lens in ("colour", "infrared"):
         must = {30: 0.3}.get(ours)
         aim = {20: 0.15, 30: 0.15}.get(ours)
-        rows.append(Row("reprojection_px", "rms distance of corners from where the solve puts them",
-                        f"{words}; {lens}", mean(f"seen {lens}"), "px", n=n, must=must, aim=aim,
-                        paper=1.0 if "experiment 3" in words else None))  # fmt: skip
-        rows.append(Row("unseen_px", "the same in 40 frames that the solve has not seen",
-                        f"{words}; {lens}", mean(f"unseen {lens}"), "px", n=n))  # fmt: skip
-        rows.append(Row("frames", "frames in which the board was found", f"{words}; {lens}",
-                        mean(f"frames {lens}"), n=n))  # fmt: skip
-    rows.append(Row("color_to_infrared_mm", "true error of the colour lens's place on the infrared "
-                    "one's", words, mean("offset mm"), "mm", n=n))  # fmt: skip
-    rows.append(Row("seconds", "robot time of these frames", words, mean("seconds"), "s", n=n,
-                    paper=paper_s))  # fmt: skip
+        rows.append(
+            Row(
+                "reprojection_px",
+                "rms distance of corners from where the solve puts them",
+                f"{words}; {lens}",
+                mean(f"seen {lens}"),
+                "px",
+                n=n,
+                must=must,
+                aim=aim,
+                paper=1.0 if "experiment 3" in words else None,
+            )
+        )
+        rows.append(
+            Row(
+                "unseen_px",
+                "the same in 40 frames that the solve has not seen",
+                f"{words}; {lens}",
+                mean(f"unseen {lens}"),
+                "px",
+                n=n,
+            )
+        )
+        rows.append(
+            Row(
+                "frames",
+                "frames in which the board was found",
+                f"{words}; {lens}",
+                mean(f"frames {lens}"),
+                n=n,
+            )
+        )
+    rows.append(
+        Row(
+            "color_to_infrared_mm",
+            "true error of the colour lens's place on the infrared one's",
+            words,
+            mean("offset mm"),
+            "mm",
+            n=n,
+        )
+    )
+    rows.append(
+        Row(
+            "seconds", "robot time of these frames", words, mean("seconds"), "s", n=n, paper=paper_s
+        )
+    )
     return rows
 
 
 def _one(
-    cell: CalibrationCell, rng: np.random.Generator, found: dict[str, list[dict[str, float]]],
-    progress: Progress, r: int, runs: int,
-) -> None:  # fmt: skip
+    cell: CalibrationCell,
+    rng: np.random.Generator,
+    found: dict[str, list[dict[str, float]]],
+    progress: Progress,
+    r: int,
+    runs: int,
+) -> None:
     """All experiments on one cell; pools of photographs are shared between them."""
     tilted = _pool(cell, rng, 130, True, (0.7, 1.15), lambda s: progress(s, r / runs))
     plain = _pool(cell, rng, 18, False, (0.8, 1.0), lambda s: progress(s, (r + 0.7) / runs))
@@ -131,9 +176,13 @@ Frame = tuple[Floats, dict[int, Detection]]
 
 
 def _pool(
-    cell: CalibrationCell, rng: np.random.Generator, count: int, tilt: bool,
-    distance: tuple[float, float], say: object,
-) -> list[Frame]:  # fmt: skip
+    cell: CalibrationCell,
+    rng: np.random.Generator,
+    count: int,
+    tilt: bool,
+    distance: tuple[float, float],
+    say: object,
+) -> list[Frame]:
     """Photographs by the first camera with the arm at reachable poses all over its image."""
     truth = cell.studio.cameras[0]
     setup = cell.setup
@@ -214,7 +263,7 @@ def _solve(cell: CalibrationCell, frames: list[Frame], unseen: list[Frame]) -> d
     tour = _tour(np.array([q for q, _ in frames]))
     seconds = sum(
         float(travel_seconds(cell.setup.robot, a, b[None], 0.5, 0.6)[0]) + 0.3 + 5 / 15
-        for a, b in zip(tour[:-1], tour[1:])
+        for a, b in pairwise(tour)
     )
     return {
         "seen infrared": solution.rms_px(0),
@@ -253,8 +302,8 @@ EXPERIMENT = Experiment(
     run,
     runs=3,
     about=(
-        "One Kinect v2 of T1's cell, its lenses off from the sheet by a percent in focal length and "
-        "by 0.6 % of the width in their centre, with distortion. Experiments 1 and 2 use 90 frames "
+        "One Kinect v2 of T1's cell, its lenses off from the sheet by a percent in focal length "
+        "and by 0.6 % of the width in their centre, with distortion. Experiments 1 and 2 use 90 frames "
         "here instead of T1's 234 and 120: more frames of this quality change nothing."
     ),
 )

@@ -190,9 +190,12 @@ def opencv_poses(A: Poses, C: Poses) -> dict[str, Floats]:
     for name, method in HAND_EYE.items():
         try:
             R, t = cv2.calibrateHandEye(
-                list(inverted[:, :3, :3]), list(inverted[:, :3, 3]), list(C[:, :3, :3]),
-                list(C[:, :3, 3]), method=method,
-            )  # fmt: skip
+                list(inverted[:, :3, :3]),
+                list(inverted[:, :3, 3]),
+                list(C[:, :3, :3]),
+                list(C[:, :3, 3]),
+                method=method,
+            )
         except cv2.error:
             continue
         out[name] = _pose(R, t)
@@ -200,9 +203,12 @@ def opencv_poses(A: Poses, C: Poses) -> dict[str, Floats]:
         try:
             # A X = Z B with A = T_camera_board, B = T_base_flange: Z is the base in the camera.
             *_, R, t = cv2.calibrateRobotWorldHandEye(
-                list(C[:, :3, :3]), list(C[:, :3, 3]), list(A[:, :3, :3]), list(A[:, :3, 3]),
+                list(C[:, :3, :3]),
+                list(C[:, :3, 3]),
+                list(A[:, :3, :3]),
+                list(A[:, :3, 3]),
                 method=method,
-            )  # fmt: skip
+            )
         except cv2.error:
             continue
         out[name] = inverse(_pose(R, t))
@@ -256,7 +262,7 @@ def against_opencv(
 def chosen_views(
     cell: SyntheticCell, seed: int, counts: tuple[int, ...], start: int = 6
 ) -> dict[int, Floats]:
-    """True target errors (L,) after so many views, chosen by information after a few random ones."""
+    """True target errors (L,) after so many views: a few random ones, then chosen."""
     rng = np.random.default_rng((seed, 2))
     joints: JointPath = random_views(cell, start, rng)
     flanges = true_flanges(cell, joints, rng)
@@ -271,7 +277,8 @@ def chosen_views(
             solution = answer.solution
             S = solution.normal.reduced()
             W = views.target_weight(solution, solution.normal.free)
-        assert answer is not None and W is not None
+        assert answer is not None
+        assert W is not None
         solution = answer.solution
         if len(joints) in counts:
             out[len(joints)] = np.array(
@@ -310,41 +317,87 @@ def outcome(done: list[Run]) -> Outcome:
     with_chosen = [r for r in done if r.chosen]
     for name, lenses in LENSES.items():
         at = list(lenses)
-        rows.append(_row("tre_mm", TRE, f"15 random poses a camera, {name} lens",
-                         [1e3 * r.random[at].mean() for r in done], "mm", **budget))  # fmt: skip
+        rows.append(
+            _row(
+                "tre_mm",
+                TRE,
+                f"15 random poses a camera, {name} lens",
+                [1e3 * r.random[at].mean() for r in done],
+                "mm",
+                **budget,
+            )
+        )
         for count in (15, 30):
-            rows.append(_row("tre_mm", TRE, f"{count} chosen poses for all three, {name} lens",
-                             [1e3 * r.chosen[count][at].mean() for r in with_chosen], "mm",
-                             **budget))  # fmt: skip
-        rows.append(_row("tre_known_lenses_mm", TRE, f"15 random poses a camera, {name} lens",
-                         [1e3 * r.known[at].mean() for r in done], "mm", **budget_known))  # fmt: skip
+            rows.append(
+                _row(
+                    "tre_mm",
+                    TRE,
+                    f"{count} chosen poses for all three, {name} lens",
+                    [1e3 * r.chosen[count][at].mean() for r in with_chosen],
+                    "mm",
+                    **budget,
+                )
+            )
+        rows.append(
+            _row(
+                "tre_known_lenses_mm",
+                TRE,
+                f"15 random poses a camera, {name} lens",
+                [1e3 * r.known[at].mean() for r in done],
+                "mm",
+                **budget_known,
+            )
+        )
     ratio, ratio_known = (
-        float(np.sqrt(np.mean([np.mean(r_error(r) ** 2) for r in done]) /
-                      np.mean([np.mean(r_bound(r) ** 2) for r in done])))
-        for r_error, r_bound in ((lambda r: r.random, lambda r: r.bound),
-                                 (lambda r: r.known, lambda r: r.bound_known))
-    )  # fmt: skip
+        float(
+            np.sqrt(
+                np.mean([np.mean(r_error(r) ** 2) for r in done])
+                / np.mean([np.mean(r_bound(r) ** 2) for r in done])
+            )
+        )
+        for r_error, r_bound in (
+            (lambda r: r.random, lambda r: r.bound),
+            (lambda r: r.known, lambda r: r.bound_known),
+        )
+    )
     measure = "rms true target error over the Cramer-Rao bound of the same views, outliers on"
-    rows.append(Row("bound_ratio", measure, "lenses solved too", ratio, "1", n=len(done),
-                    must=1.5, aim=1.1))  # fmt: skip
-    rows.append(Row("bound_ratio", measure, "lenses known", ratio_known, "1", n=len(done),
-                    must=1.5, aim=1.1))  # fmt: skip
+    rows.append(
+        Row("bound_ratio", measure, "lenses solved too", ratio, "1", n=len(done), must=1.5, aim=1.1)
+    )
+    rows.append(
+        Row(
+            "bound_ratio", measure, "lenses known", ratio_known, "1", n=len(done), must=1.5, aim=1.1
+        )
+    )
     for condition, values in (
         ("camera poses (6 numbers)", [x for r in done for x in r.inside]),
         ("points 1.0-1.5 m away (3 numbers)", [x for r in done for x in r.inside_points]),
     ):
         rows += _coverage(condition, values, len(done))
     color = list(LENSES["colour"])
-    rows += _peers("three cameras, 15 poses each, true lenses known",
-                   [{n: float(e.mean()) for n, e in r.peers_three.items()} for r in done],
-                   [float(r.known[color].mean()) for r in done])  # fmt: skip
-    rows += _peers("one camera alone, 15 poses, true lens known", [r.peers for r in done],
-                   [r.ours for r in done])  # fmt: skip
+    rows += _peers(
+        "three cameras, 15 poses each, true lenses known",
+        [{n: float(e.mean()) for n, e in r.peers_three.items()} for r in done],
+        [float(r.known[color].mean()) for r in done],
+    )
+    rows += _peers(
+        "one camera alone, 15 poses, true lens known",
+        [r.peers for r in done],
+        [r.ours for r in done],
+    )
     if with_chosen:
         rows.append(_gain(with_chosen))
-    rows.append(_row("solve_s", "processor time of one solve, three cameras of two lenses, 45 views",
-                     "lenses, arm, print and poses", [r.solve_s for r in done], "s",
-                     must=10.0, aim=2.0))  # fmt: skip
+    rows.append(
+        _row(
+            "solve_s",
+            "processor time of one solve, three cameras of two lenses, 45 views",
+            "lenses, arm, print and poses",
+            [r.solve_s for r in done],
+            "s",
+            must=10.0,
+            aim=2.0,
+        )
+    )
     notes = (
         "True errors in a synthetic cell; the truth only scores. `tre_mm` is the 3D rms error in "
         "the base of points given by pixel and true depth, over the whole image at 1.0-1.5 m.",
@@ -355,11 +408,21 @@ def outcome(done: list[Run]) -> Outcome:
 TRE = "true 3D error in the base of a point 1.0-1.5 m away, mean over three cameras"
 
 
-def _row(key: str, measure: str, condition: str, values: list[float], unit: str,
-         **budget: float) -> Row:  # fmt: skip
+def _row(
+    key: str, measure: str, condition: str, values: list[float], unit: str, **budget: float
+) -> Row:
     v = np.array(values)
-    return Row(key, measure, condition, float(np.mean(v)), unit, n=len(v),
-               low=float(np.quantile(v, 0.025)), high=float(np.quantile(v, 0.975)), **budget)  # fmt: skip
+    return Row(
+        key,
+        measure,
+        condition,
+        float(np.mean(v)),
+        unit,
+        n=len(v),
+        low=float(np.quantile(v, 0.025)),
+        high=float(np.quantile(v, 0.975)),
+        **budget,
+    )
 
 
 def _coverage(condition: str, values: list[bool], seeds: int) -> list[Row]:
@@ -368,12 +431,30 @@ def _coverage(condition: str, values: list[bool], seeds: int) -> list[Row]:
     # Seeds are independent, an answer's cameras hardly: the interval counts seeds.
     half = 1.96 * np.sqrt(max(share * (1 - share), 0.25 / seeds) / seeds)
     return [
-        Row("coverage_95", measure, condition, 100 * share, "%", n=len(values),
-            low=100 * max(share - half, 0.0), high=100 * min(share + half, 1.0),
-            must=88.0, aim=93.0, better="higher"),
-        Row("coverage_95_above", "the same figure against its upper end", condition, 100 * share,
-            "%", n=len(values), must=99.0, aim=97.0),
-    ]  # fmt: skip
+        Row(
+            "coverage_95",
+            measure,
+            condition,
+            100 * share,
+            "%",
+            n=len(values),
+            low=100 * max(share - half, 0.0),
+            high=100 * min(share + half, 1.0),
+            must=88.0,
+            aim=93.0,
+            better="higher",
+        ),
+        Row(
+            "coverage_95_above",
+            "the same figure against its upper end",
+            condition,
+            100 * share,
+            "%",
+            n=len(values),
+            must=99.0,
+            aim=97.0,
+        ),
+    ]
 
 
 def _peers(condition: str, theirs: list[dict[str, float]], ours: list[float]) -> list[Row]:
@@ -382,11 +463,29 @@ def _peers(condition: str, theirs: list[dict[str, float]], ours: list[float]) ->
     best = min(medians, key=lambda n: medians[n])
     mine = float(np.median(ours))
     measure = "our median target error over that of OpenCV's best hand-eye solver, same corners"
-    rows = [Row("peer_ratio", measure, f"{condition}; best of OpenCV: {best}",
-                mine / medians[best], "1", n=len(ours), must=0.5, aim=0.25)]  # fmt: skip
+    rows = [
+        Row(
+            "peer_ratio",
+            measure,
+            f"{condition}; best of OpenCV: {best}",
+            mine / medians[best],
+            "1",
+            n=len(ours),
+            must=0.5,
+            aim=0.25,
+        )
+    ]
     for name, value in (*medians.items(), ("armsight", mine)):
-        rows.append(Row("peer_mm", "median target error", f"{name}, {condition}", 1e3 * value,
-                        "mm", n=len(ours)))  # fmt: skip
+        rows.append(
+            Row(
+                "peer_mm",
+                "median target error",
+                f"{name}, {condition}",
+                1e3 * value,
+                "mm",
+                n=len(ours),
+            )
+        )
     return rows
 
 
@@ -396,10 +495,17 @@ def _gain(chosen: list[Run]) -> Row:
     counts = sorted(chosen[0].chosen)
     means = [float(np.mean([np.mean(r.chosen[c]) for r in chosen])) for c in counts]
     value = float(next((c for c, m in zip(counts, means) if m <= wanted), 2 * counts[-1]))
-    return Row("active_gain", "chosen views, all cameras at once, for the accuracy of 30 that a careful user takes",
-               f"30 user views {1e3 * wanted:.2f} mm; chosen "
-               + ", ".join(f"{c}: {1e3 * m:.2f}" for c, m in zip(counts, means)),
-               value, "views", n=len(chosen), must=20, aim=10)  # fmt: skip
+    return Row(
+        "active_gain",
+        "chosen views, all cameras at once, for the accuracy of 30 that a careful user takes",
+        f"30 user views {1e3 * wanted:.2f} mm; chosen "
+        + ", ".join(f"{c}: {1e3 * m:.2f}" for c, m in zip(counts, means)),
+        value,
+        "views",
+        n=len(chosen),
+        must=20,
+        aim=10,
+    )
 
 
 def plot(done: list[Run]) -> Figure:

@@ -40,25 +40,67 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 def ros_industrial(seed: int) -> tuple[list[Row], list[str]]:
     """ABB arm, ChArUco board on the flange, camera beside it: 15 usable images."""
     answer = solve_set(load(DATA / "ros_industrial_charuco"), seed=seed).calibration
-    assert answer is not None and answer.ladder is not None
+    assert answer is not None
+    assert answer.ladder is not None
     exact, best = answer.ladder.rungs[0], answer.ladder.best
     condition = "ChArUco, ABB arm, 15 images"
     measure = "mean distance on the board's plane between the seen ray and the corner"
     rows = [
-        Row("ros_seen_mm", measure, f"{condition}, their model (lens as given, exact arm)",
-            exact.left_out.mm_all, "mm", n=_views(answer), paper=0.956),
-        Row("ros_left_out_mm", f"{measure}, views left out of the solve",
-            f"{condition}, their model", exact.left_out.mm, "mm", n=_views(answer)),
-        Row("ros_seen_px", "rms distance of corners", f"{condition}, their model",
-            exact.left_out.px_all, "px", n=_views(answer), paper=1.25),
-        Row("ros_seen_mm", measure, f"{condition}, model chosen by left-out views: {best.name}",
-            best.left_out.mm_all, "mm", n=_views(answer), paper=0.956),
-        Row("ros_seen_px", "rms distance of corners", f"{condition}, {best.name}",
-            best.left_out.px_all, "px", n=_views(answer), paper=1.25),
-        Row("ros_left_out_mm", f"{measure}, views left out of the solve",
-            f"{condition}, {best.name}", best.left_out.mm, "mm", n=_views(answer),
-            must=0.75, aim=0.60),
-    ]  # fmt: skip
+        Row(
+            "ros_seen_mm",
+            measure,
+            f"{condition}, their model (lens as given, exact arm)",
+            exact.left_out.mm_all,
+            "mm",
+            n=_views(answer),
+            paper=0.956,
+        ),
+        Row(
+            "ros_left_out_mm",
+            f"{measure}, views left out of the solve",
+            f"{condition}, their model",
+            exact.left_out.mm,
+            "mm",
+            n=_views(answer),
+        ),
+        Row(
+            "ros_seen_px",
+            "rms distance of corners",
+            f"{condition}, their model",
+            exact.left_out.px_all,
+            "px",
+            n=_views(answer),
+            paper=1.25,
+        ),
+        Row(
+            "ros_seen_mm",
+            measure,
+            f"{condition}, model chosen by left-out views: {best.name}",
+            best.left_out.mm_all,
+            "mm",
+            n=_views(answer),
+            paper=0.956,
+        ),
+        Row(
+            "ros_seen_px",
+            "rms distance of corners",
+            f"{condition}, {best.name}",
+            best.left_out.px_all,
+            "px",
+            n=_views(answer),
+            paper=1.25,
+        ),
+        Row(
+            "ros_left_out_mm",
+            f"{measure}, views left out of the solve",
+            f"{condition}, {best.name}",
+            best.left_out.mm,
+            "mm",
+            n=_views(answer),
+            must=0.75,
+            aim=0.60,
+        ),
+    ]
     notes = [_notes("ros_industrial_charuco", answer)]
     notes.append(
         "The model was chosen by the same left-out views that give its figure: it flatters a "
@@ -72,23 +114,61 @@ def visp(seed: int) -> tuple[list[Row], list[str]]:
     recorded = load(DATA / "visp_eye_to_hand", AprilTagGrid(1, 1, 0.048, 0.3, 10))
     result = solve_set(recorded, seed=seed)
     answer = result.calibration
-    assert answer is not None and answer.left_out is not None
+    assert answer is not None
+    assert answer.left_out is not None
     problem = find_start(problem_of(recorded), np.random.default_rng(seed)).problem
     deg, mm = pose_residual(answer, problem_views=len(problem.views))
     warned = any(f.code in ("inconsistent", "uncertain", "arm_noise") for f in result.findings)
     condition = "AprilTag, Franka arm, 8 images"
     rows = [
-        Row("visp_residual_deg", "rms turn between each view's tag on the gripper and their mean",
-            condition, deg, "deg", n=_views(answer), paper=0.512, must=0.52),
-        Row("visp_residual_mm", "rms shift between each view's tag on the gripper and their mean",
-            condition, mm, "mm", n=_views(answer), paper=2.35, must=2.4),
-        Row("visp_left_out_px", "rms distance of corners in views left out of the solve",
-            condition, answer.left_out.px, "px", n=_views(answer)),
-        Row("visp_sigma_mm", "stated error of a point 1.0-1.5 m away", condition,
-            1e3 * answer.target_sigma(0), "mm", n=_views(answer), must=5.0, better="higher"),
-        Row("visp_warned", "a warning says that the data do not agree (1: yes)", condition,
-            float(warned), n=1, must=1.0, better="higher"),
-    ]  # fmt: skip
+        Row(
+            "visp_residual_deg",
+            "rms turn between each view's tag on the gripper and their mean",
+            condition,
+            deg,
+            "deg",
+            n=_views(answer),
+            paper=0.512,
+            must=0.52,
+        ),
+        Row(
+            "visp_residual_mm",
+            "rms shift between each view's tag on the gripper and their mean",
+            condition,
+            mm,
+            "mm",
+            n=_views(answer),
+            paper=2.35,
+            must=2.4,
+        ),
+        Row(
+            "visp_left_out_px",
+            "rms distance of corners in views left out of the solve",
+            condition,
+            answer.left_out.px,
+            "px",
+            n=_views(answer),
+        ),
+        Row(
+            "visp_sigma_mm",
+            "stated error of a point 1.0-1.5 m away",
+            condition,
+            1e3 * answer.target_sigma(0),
+            "mm",
+            n=_views(answer),
+            must=5.0,
+            better="higher",
+        ),
+        Row(
+            "visp_warned",
+            "a warning says that the data do not agree (1: yes)",
+            condition,
+            float(warned),
+            n=1,
+            must=1.0,
+            better="higher",
+        ),
+    ]
     return rows, [_notes("visp_eye_to_hand", answer), *(str(f) for f in result.findings)]
 
 
@@ -131,8 +211,8 @@ def _notes(name: str, answer: Calibration) -> str:
         else ""
     )
     return (
-        f"{name}: camera at x {1e3 * p[0]:.1f} y {1e3 * p[1]:.1f} z {1e3 * p[2]:.1f} mm in the base, "
-        f"sigma {1e3 * sigma[:3].max():.1f} mm and {np.rad2deg(sigma[3:].max()):.2f} deg{left}."
+        f"{name}: camera at x {1e3 * p[0]:.1f} y {1e3 * p[1]:.1f} z {1e3 * p[2]:.1f} mm in the "
+        f"base, sigma {1e3 * sigma[:3].max():.1f} mm and {np.rad2deg(sigma[3:].max()):.2f} deg{left}."
     )
 
 

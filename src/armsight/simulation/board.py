@@ -1,8 +1,8 @@
-"""Pictures of a calibration board on the flange: colour, infrared and depth, to a hundredth of a pixel.
+"""Pictures of a calibration board on the flange: colour, infrared and depth, to 0.03 px.
 
-A board drawn by OpenGL's texture filter moves its corners by tenths of a pixel; calibration asks for
-hundredths. So the cell is rendered as ever, and the board is cast ray by ray through the true lens,
-with many rays a pixel, onto the print as it really is: scaled and bent, lit, glaring, blurred,
+A board drawn by OpenGL's texture filter moves its corners by tenths of a pixel; calibration asks
+for hundredths. So the cell is rendered as ever, and the board is cast ray by ray through the true
+lens, with many rays a pixel, onto the print as it really is: scaled and bent, lit, glaring, blurred,
 noisy. The truth about lenses, offsets, bracket and print is drawn from a seed and known here alone.
 """
 
@@ -220,9 +220,14 @@ class BoardStudio:
         camera = self.cameras[index]
         T_world_board = self.flange() @ self.T_flange_board
         infrared = self._picture(
-            index, False, camera.infrared, camera.T_world_infrared, T_world_board,
-            0.65 + blur_px, 5.0 / np.sqrt(frames),
-        )  # fmt: skip
+            index,
+            False,
+            camera.infrared,
+            camera.T_world_infrared,
+            T_world_board,
+            0.65 + blur_px,
+            5.0 / np.sqrt(frames),
+        )
         image = np.zeros((camera.color.height, camera.color.width), np.uint8)
         if color:
             T = camera.T_world_infrared @ camera.T_infrared_color
@@ -234,9 +239,15 @@ class BoardStudio:
     # ------------------------------------------------------------------ brightness
 
     def _picture(
-        self, index: int, is_color: bool, lens: PinholeCamera, T_world_lens: Pose,
-        T_world_board: Pose, blur: float, noise: float,
-    ) -> Bytes:  # fmt: skip
+        self,
+        index: int,
+        is_color: bool,
+        lens: PinholeCamera,
+        T_world_lens: Pose,
+        T_world_board: Pose,
+        blur: float,
+        noise: float,
+    ) -> Bytes:
         image = self._background(index, is_color, lens, T_world_lens).astype(np.float32)
         T = inverse(T_world_lens) @ T_world_board
         box = self._box(lens, T)
@@ -274,9 +285,13 @@ class BoardStudio:
         return full
 
     def _light(
-        self, T_world_lens: Pose, T_world_board: Pose, lens: PinholeCamera,
-        box: tuple[int, int, int, int], is_color: bool,
-    ) -> tuple[Floats, Floats]:  # fmt: skip
+        self,
+        T_world_lens: Pose,
+        T_world_board: Pose,
+        lens: PinholeCamera,
+        box: tuple[int, int, int, int],
+        is_color: bool,
+    ) -> tuple[Floats, Floats]:
         """Brightness of the paper by the lamp (or the camera's own infrared), and its glare."""
         u0, v0, u1, v1 = box
         normal = -T_world_board[:3, 2]
@@ -299,11 +314,12 @@ class BoardStudio:
         angle = np.arccos(np.clip(half @ normal, -1, 1))
         lobe = np.exp(-((angle / np.deg2rad(6.0)) ** 2)).reshape(u.shape)
         spot = cv2.resize(
-            lobe.astype(np.float32), (u.shape[1] * step, u.shape[0] * step),
+            lobe.astype(np.float32),
+            (u.shape[1] * step, u.shape[0] * step),
             interpolation=cv2.INTER_LINEAR,
-        )[: v1 - v0, : u1 - u0]  # fmt: skip
+        )[: v1 - v0, : u1 - u0]
         strength = 200.0 * self._errors.glare * (1.0 if is_color else 0.6)
-        return np.float64(light), strength * spot
+        return np.full((1, 1), light), np.asarray(strength * spot, np.float64)
 
     # ------------------------------------------------------------------ geometry
 
@@ -355,10 +371,10 @@ class BoardStudio:
         h, w = p.image.shape
         inside = (column >= 0) & (column < w) & (row >= 0) & (row < h)
         value = p.image[np.clip(row, 0, h - 1), np.clip(column, 0, w - 1)]
-        return 20.0 + value * (225.0 / 255.0), inside.astype(float)
+        return np.asarray(20.0 + value * (225.0 / 255.0)), np.asarray(inside, np.float64)
 
     def _meet(self, T: Pose, ray: Floats) -> tuple[Floats, Floats, Floats]:
-        """Board x, y [m] and depth along the optical axis [m] where (h, w, 2) rays meet the print."""
+        """Board x, y and depth along the axis [m] where (h, w, 2) rays meet the print."""
         R_t = T[:3, :3].T
         origin = -R_t @ T[:3, 3]
         d = ray @ R_t[:, :2].T + R_t[:, 2]
