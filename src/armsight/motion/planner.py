@@ -229,8 +229,12 @@ class RrtConnectPlanner:
         def better(path: JointPath, looks: int) -> JointPath:
             last = int(scratch.looks[0]) + looks
             while scratch.looks[0] < last and (end is None or time.perf_counter() < end):
-                part = min(CHUNK, last - int(scratch.looks[0]))
-                path = improve(body, ob, danger, path, _seed(rng), part, scratch)
+                before = int(scratch.looks[0])
+                path = improve(
+                    body, ob, danger, path, _seed(rng), min(CHUNK, last - before), scratch
+                )
+                if scratch.looks[0] == before:
+                    break  # nothing to improve (a path of too many corners, or of no length)
             return path
 
         def cost(path: JointPath) -> float:
