@@ -56,6 +56,8 @@ def test_any_value_anywhere(changes):
         try:
             for step in path[:-1]:
                 node = node[step]
+            if isinstance(node, dict) != isinstance(path[-1], str):
+                continue  # an earlier change put something else here
             node[path[-1]] = value
         except (KeyError, IndexError, TypeError):
             continue

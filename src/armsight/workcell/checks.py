@@ -181,7 +181,7 @@ def check_person(where: str, section: PersonSection, folder: Path | None) -> Ite
     """Clip, units and place of a person."""
     yield from check_metres(f"{where}.position", section.position)
     yield from check_degrees(f"{where}.yaw_deg", (section.yaw_deg,))
-    if section.target is not None and float(np.linalg.norm(section.target)) > 3.0:
+    if section.target is not None and math.hypot(*section.target) > 3.0:
         yield Problem(
             f"{where}.target",
             f"found {shown(section.target)}, expected metres from the person, at most 3",

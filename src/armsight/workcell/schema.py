@@ -6,6 +6,7 @@ errors quote them. Poses are in ``world`` (z up, floor at z = 0) unless a key sa
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Literal
 
@@ -122,11 +123,10 @@ class CameraSection(Section):
                 f"found {' and '.join(given) if given else 'none'} of look_at, rpy_deg and "
                 "quaternion_xyzw, expected exactly one"
             )
-        if self.quaternion_xyzw and abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) > 0.01:
-            raise ValueError(
-                f"quaternion_xyzw has length {np.linalg.norm(self.quaternion_xyzw):.3g}, expected 1"
-            )
-        if self.look_at and np.linalg.norm(np.subtract(self.look_at, self.position)) < 1e-6:
+        if self.quaternion_xyzw and abs(math.hypot(*self.quaternion_xyzw) - 1.0) > 0.01:
+            length = math.hypot(*self.quaternion_xyzw)
+            raise ValueError(f"quaternion_xyzw has length {length:.3g}, expected 1")
+        if self.look_at and math.dist(self.look_at, self.position) < 1e-6:
             raise ValueError("look_at is the camera's own position, expected another point")
         return self
 
