@@ -12,6 +12,24 @@ LONGEST = 2000
 """Places remembered; then every other one is dropped."""
 
 
+def thinned(path: JointPath, tolerance: float = 0.01) -> JointPath:
+    """A (k, n) path without the places that lie on the line between their neighbours.
+
+    Ramer-Douglas-Peucker: what is left out is nowhere farther than ``tolerance`` [rad] from it.
+    """
+    if len(path) < 3:
+        return path
+    a, b = path[0], path[-1]
+    along = b - a
+    square = float(along @ along)
+    share = np.clip((path - a) @ along / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(path))
+    off = np.linalg.norm(path - (a + share[:, None] * along), axis=1)
+    far = int(np.argmax(off))
+    if off[far] <= tolerance:
+        return np.array([a, b])
+    return np.vstack([thinned(path[: far + 1], tolerance)[:-1], thinned(path[far:], tolerance)])
+
+
 class Executed:
     """Places driven through since the goal was set."""
 

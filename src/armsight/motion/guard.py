@@ -20,7 +20,7 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import ArmState, DelayedArm
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
-from armsight.motion.executed import Executed
+from armsight.motion.executed import Executed, thinned
 from armsight.motion.faults import FaultWatch, Severity, Verdict
 from armsight.motion.gate import Gate, Passage, declared_reaction
 from armsight.motion.goals import Goals
@@ -356,7 +356,7 @@ class Guard:
             self._waiting_since = tick.now
         waited = tick.now - self._waiting_since >= self.config.patience
         if off > self.config.off_path or blocked or waited:
-            warm = route.remaining if not blocked else None
+            warm = thinned(route.remaining) if not blocked else None
             self._route = None
             self._waiting_since = math.inf
             self._goals.drop_request()

@@ -11,7 +11,7 @@ import numpy as np
 from armsight.arrays import JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
-from armsight.motion.executed import Executed
+from armsight.motion.executed import Executed, thinned
 from armsight.motion.gate import Gate
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards
@@ -119,7 +119,7 @@ class Reflex:
         snapshot: WorkspaceSnapshot,
     ) -> None:
         """At rest at (n,) [rad]: retrace if that is proven free and leads away, else flee."""
-        back = executed.retrace(q, self._config.retrace_share)
+        back = thinned(executed.retrace(q, self._config.retrace_share))
         if self._leads_away(back, q, gate, hazards) and model.path_valid(back, snapshot, q):
             self.stage = Stage.RETRACE
             self.route = Route(time_parameterise(back, self._limits))
