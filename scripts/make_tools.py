@@ -51,7 +51,7 @@ class Draft:
     license: str = "Apache-2.0"
     license_text: str = ""
     sphere_price: float = 1e-9
-    capsule_price: float = 2e-9
+    capsule_price: float = 5e-10
     meshes: list[tuple[source.Color, trimesh.Trimesh]] = field(default_factory=list)
 
     def add(self, color: source.Color, mesh: trimesh.Trimesh, T: np.ndarray | None = None) -> None:
@@ -108,7 +108,7 @@ def calibration_board() -> Draft:
         0.55,
         (0.0, 0.0, 0.040),
         sphere_price=3e-9,
-        capsule_price=4e-9,
+        capsule_price=1e-9,
     )
     tool.add(ALUMINIUM, rod(0.0315, 0.008))
     tool.add(ALUMINIUM, box((0.050, 0.030, height - 0.013)), at(z=0.008 + 0.5 * (height - 0.013)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,7 +201,20 @@ def fit_body(body: Body, options: FitOptions, what: str) -> tuple[Axes, Floats]:
             break
         points = np.concatenate([points, thin(body.check[out], 2 * options.check_spacing)])
         axes, radius, _ = refine(points, body.around, axes, radius, 0.0)
-    return axes, complete(body.check, axes, radius) + options.margin
+    radius = complete(body.check, axes, radius) + options.margin
+    return without_idle(np.concatenate([body.points, body.check]), axes, radius)
+
+
+def without_idle(points: Points, axes: Axes, radius: Floats) -> tuple[Axes, Floats]:
+    """Without shapes that others make superfluous, the smallest first."""
+    inside = axis_distances(points, axes.start, axes.end) <= radius[:, None]
+    kept = np.ones(len(radius), bool)
+    count = inside.sum(axis=0)
+    for k in np.argsort(radius):
+        if (count[inside[k]] > 1).all():
+            kept[k] = False
+            count -= inside[k]
+    return axes.take(np.flatnonzero(kept)), radius[kept]
 
 
 def complete(points: Points, axes: Axes, radius: Floats) -> Floats:
@@ -348,7 +361,9 @@ def fit_chain(
     for i, body in enumerate(bodies):
         if body is None:
             continue
-        axes, radius = fit_body(body, options, "balls")
+        # The base never moves: it is checked against the arm alone, and may be coarser.
+        ours = replace(options, sphere_price=3 * options.sphere_price) if i == 0 else options
+        axes, radius = fit_body(body, ours, "balls")
         balls += [(i, [*c, r]) for c, r in zip(axes.start.tolist(), radius.tolist())]
         ball_fit.append(measure(body, axes, radius))
         axes, radius = fit_body(body, options, "segments")

@@ -40,9 +40,10 @@ class PairStatistics:
     def worth_checking(self, near: float = 0.02) -> Ints:
         """(k, 2) pairs that can touch: not those that never do, nor those that always do."""
         may = (self.least_gap < near) & (self.meshes_touch < 0.99)
-        # Spheres that overlap often while the meshes never meet would only raise false alarms.
+        # Spheres that overlap while the meshes do not would forbid what the arm can well do.
         seen = (self.meshes_touch > 0.0) | (self.spheres_touch < 0.001)
-        return np.asarray(self.pairs[may & seen])
+        honest = self.false_alarm < 0.3
+        return np.asarray(self.pairs[may & seen & honest])
 
     def worth_checking_with_tool(self, last: int) -> Ints:
         """(k, 2) further pairs of the last link, for a tool that sticks out of it."""
