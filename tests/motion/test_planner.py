@@ -69,18 +69,21 @@ def test_paths_around_a_wall_are_free_at_a_millimetre(seed):
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_every_arm_plans_around_a_pillar(name):
     robot = load_robot(name)
-    start, goal = robot.home.copy(), robot.home.copy()
-    start[0] -= 1.4
-    goal[0] += 1.4
     x, y, z = oracle_centers(robot, robot.home)[-1]
     snapshot = make_snapshot(
         [box((x, y, z), (0.03, 0.03, 0.2))],
         lower=(-1.5, -1.5, -0.4),
         upper=(1.5, 1.5, 1.7),
     )
+    model = CollisionModel(robot)
+    for swing in (1.2, 1.6, 2.0, 2.4):
+        turn = swing * np.eye(robot.n)[0]
+        start, goal = robot.home - turn, robot.home + turn
+        if model.valid(start, snapshot) and model.valid(goal, snapshot):
+            break
     answer = plan(snapshot, ask(start, goal), planner=RrtConnectPlanner(robot))
     assert answer.failure == ""
-    model = CollisionModel(robot)
+    assert answer.escape_s == 0.0
     assert model.path_valid(answer.path, snapshot)
     assert model.trajectory_valid(answer.trajectory, snapshot)
     oracle = CubeOracle(snapshot)

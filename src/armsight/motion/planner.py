@@ -9,7 +9,7 @@ have grown full are planted anew, so attempts need no counting.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from armsight.robots.robot import JointLimits, Robot
 
 CHUNK = 10_000
 """Looks between two glances at the wall clock."""
+ROOM = 0.001
+"""Paths keep this much more clearance than motions must [m]."""
 FINALISTS = 2
 """Paths that are improved beyond the first round."""
 
@@ -91,6 +93,12 @@ class RrtConnectPlanner:
         self.model = model or CollisionModel(robot)
         self.config = config or PlannerConfig()
         self.limits = limits or robot.limits.scaled(self.config.speed, self.config.acceleration)
+        # Paths are proven with a little more room than motions: between the poses looked at, a
+        # proof may use up the floor, and the motion's proof may look just there.
+        given = self.model.config
+        self._roomy = CollisionModel(
+            robot, replace(given, margin=given.margin + ROOM, excuse=given.excuse - ROOM)
+        )
         self._forest: Forest = make_forest(self.config.nodes, robot.n)
 
     def plan(
@@ -110,17 +118,17 @@ class RrtConnectPlanner:
         start = self.model.inside_limits(np.array(request.start, float))
         goal = np.array(request.goal.position, float)
         way_out = np.zeros((0, self.robot.n))
-        reason = refusal(self.model, start, goal, snapshot)
+        reason = refusal(self._roomy, start, goal, snapshot)
         if reason.startswith("start") and start.shape == goal.shape == (self.robot.n,):
-            free = escape(self.model, start, snapshot, rng)
+            free = escape(self._roomy, start, snapshot, rng)
             if free is None:
                 return fail(reason)
             way_out, start = start[None], free
-            reason = refusal(self.model, start, goal, snapshot)
+            reason = refusal(self._roomy, start, goal, snapshot)
         if reason:
             return fail(reason)
         here = way_out[0] if len(way_out) else start
-        ob = self.model.obstacles(snapshot, here)
+        ob = self._roomy.obstacles(snapshot, here)
         danger = danger_of(snapshot, self.config.alpha)
         end = None
         if self.config.wall_limit is not None:
@@ -175,7 +183,7 @@ class RrtConnectPlanner:
         end: float | None,
     ) -> tuple[JointPath | None, int]:
         """First path, and looks spent."""
-        body, scratch = self.model.body, self.model.scratch()
+        body, scratch = self._roomy.body, self._roomy.scratch()
         scratch.looks[0] = 0
         if warm is not None and len(warm):
             bent = joined_to(np.asarray(warm, float).reshape(-1, self.robot.n), start, goal)
@@ -197,7 +205,7 @@ class RrtConnectPlanner:
         end: float | None,
     ) -> JointPath | None:
         """A path by RRT-Connect, or None when the looks are spent."""
-        body, scratch, forest = self.model.body, self.model.scratch(), self._forest
+        body, scratch, forest = self._roomy.body, self._roomy.scratch(), self._forest
         # A turn more than this is never needed: the arm looks the same after it.
         forest.box[0] = np.maximum(body.lower, np.minimum(start, goal) - np.pi)
         forest.box[1] = np.minimum(body.upper, np.maximum(start, goal) + np.pi)
@@ -222,7 +230,7 @@ class RrtConnectPlanner:
         end: float | None,
     ) -> tuple[JointPath, float, int]:
         """The cheapest of several paths, improved; its cost; how many were found."""
-        body, scratch = self.model.body, self.model.scratch()
+        body, scratch = self._roomy.body, self._roomy.scratch()
         budget = int(seconds * self.config.looks_per_second)
         scratch.looks[0] = 0
 
