@@ -7,8 +7,6 @@ spheres and 10^6 poses.
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from common import Report
 from numba import njit
@@ -88,15 +86,12 @@ def main() -> None:
 
     count = int(1e7 * share)
     missed = refused = free = 0
-    seconds = 0.0
     while count > 0:
         part = min(count, 200_000)
         count -= part
         centers, radius = rng.uniform(bottom, top, (part, 3)), rng.uniform(0.01, 0.1, part)
         out = np.empty(part)
-        began = time.perf_counter()
         sphere_clearances(ob, centers, radius, out)
-        seconds += time.perf_counter() - began
         m, r, f = judge_spheres(low, grid.voxel, centers, radius, out, bottom, top)
         missed, refused, free = missed + m, refused + r, free + f
     report.add("missed_spheres", missed, "", must="<= 0", note=f"of {int(1e7 * share):.0e}")
@@ -109,14 +104,6 @@ def main() -> None:
     )
     report.add("missed_collisions", missed, "", must="<= 0", note=f"of {count:.0e} UR5 poses")
     report.add("refused_poses", 100.0 * refused / free, "%", aim="<= 2")
-
-    # Speed: poses alone, and metre-long motions proven.
-    body, scratch = model.body, model.scratch()
-    config_free(body, ob, poses[0], scratch)
-    began = time.perf_counter()
-    for q in poses[:20_000]:
-        config_free(body, ob, q, scratch)
-    report.add("pose_us", (time.perf_counter() - began) / min(20_000, count) * 1e6, "us")
     report.finish()
 
 
