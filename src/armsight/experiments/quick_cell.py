@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import JointVector, Vector3
+from armsight.arrays import JointVector, Points, Vector3
 from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo
 from armsight.geometry.camera import PinholeCamera
 from armsight.mapping.snapshot import FREE, CameraStatus, VoxelGrid, WorkspaceSnapshot
@@ -180,7 +180,7 @@ class QuickCell:
 
     def snapshot_at(self, stamp: float) -> WorkspaceSnapshot:
         """What a perfect map says of the balls at a time [s]."""
-        points = [np.empty((0, 3))]
+        points: list[Points] = [np.empty((0, 3))]
         for ball in self.balls:
             center = np.asarray(ball.center(stamp), float)
             low = np.floor((center - ball.radius - self.grid.origin) / VOXEL).astype(int)
@@ -189,7 +189,8 @@ class QuickCell:
             index = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
             corner = self.grid.origin + index * VOXEL
             gap = np.maximum(np.maximum(corner - center, center - corner - VOXEL), 0.0)
-            points.append(self.grid.center(index[np.linalg.norm(gap, axis=1) <= ball.radius]))
+            inside = index[np.linalg.norm(gap, axis=1) <= ball.radius]
+            points.append(np.asarray(self.grid.center(inside), float))
         hazards = np.concatenate(points).astype(np.float32)
         self._sequence += 1
         return WorkspaceSnapshot(

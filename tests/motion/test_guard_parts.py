@@ -1,0 +1,160 @@
+"""The parts of the guard one by one: routes, speed scale, executed path, keep-out, reflex."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.mapping.snapshot import OCCUPIED
+from armsight.motion.executed import Executed, thinned
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.keep_out import enlarged
+from armsight.motion.reflex import Approach, Reflex, Stage
+from armsight.motion.route import Route, SpeedScale, rate_bounds
+from armsight.motion.trajectory import straight
+from armsight.robots import load_robot
+
+LIMITS = load_robot("ur5").limits.scaled(0.5, 0.6)
+
+
+def test_a_route_begins_moving_and_ends_at_its_end():
+    motion = straight(np.zeros(6), np.full(6, 0.5), LIMITS)
+    route = Route(motion)
+    assert np.abs(route.wanted(np.zeros(6)).velocity).max() > 0.0
+    assert not route.done
+    route.advance(1e9)
+    assert route.done
+    assert route.remaining[0] == pytest.approx(np.full(6, 0.5))
+
+
+def test_a_route_is_picked_up_where_the_arm_was_thrown():
+    motion = straight(np.zeros(6), np.full(6, 1.0), LIMITS)
+    route = Route(motion)
+    route.advance(0.5)
+    route.rejoin(motion.position(0.62))
+    assert route.phase == pytest.approx(0.62, abs=0.011)
+
+
+def test_speed_scale_falls_at_once_and_rises_smoothly():
+    scale = SpeedScale(rise=1.5, jerk=10.0)
+    scale.reset(1.0)
+    assert scale.towards(0.2, 0.008, np.inf) == 0.2
+    values = [scale.towards(1.0, 0.008, np.inf) for _ in range(300)]
+    rates = np.diff(values) / 0.008
+    assert values[-1] == pytest.approx(1.0, abs=1e-3)
+    assert max(values) <= 1.0
+    assert rates.max() <= 1.5 + 1e-9
+    assert np.abs(np.diff(rates)).max() / 0.008 <= 10.0 * 2.5
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_rate_bounds_keep_the_acceleration_limits(seed):
+    rng = np.random.default_rng(seed)
+    limit = np.full(6, 3.0)
+    v, a, s = rng.normal(size=6), rng.uniform(-2.9, 2.9, 6), rng.uniform(0, 1)
+    low, high = rate_bounds(s, v, a, limit)
+    assert low <= 0.0 <= high
+    for rate in (low, high):
+        assert (np.abs(a * s * s + v * rate) <= limit + 1e-9).all()
+    assert (np.abs(a * s * s + v * (high + 0.01)) > limit - 1e-9).any()
+
+
+def test_nothing_moving_has_no_rate_bounds():
+    assert rate_bounds(0.5, np.zeros(6), np.zeros(6), np.ones(6)) == (-np.inf, np.inf)
+
+
+def test_retrace_goes_back_over_the_last_tenth():
+    executed = Executed()
+    for x in np.linspace(0.0, 2.0, 401):
+        executed.add(np.array([x, 0.0]))
+    back = executed.retrace(np.array([2.0, 0.0]), 0.1)
+    assert back[0] == pytest.approx([2.0, 0.0])
+    assert back[-1] == pytest.approx([1.8, 0.0], abs=0.03)
+    assert (np.diff(back[:, 0]) < 0).all()
+    executed.clear()
+    assert len(executed.retrace(np.zeros(2), 0.1)) == 1
+    assert executed.path is None
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 80))
+def test_thinning_leaves_nothing_out_that_matters(seed, count):
+    rng = np.random.default_rng(seed)
+    path = np.cumsum(rng.normal(size=(count, 3)) * 0.05, axis=0)
+    thin = thinned(path, 0.01)
+    assert np.array_equal(thin[[0, -1]], path[[0, -1]])
+    for p in path:
+        a, b = thin[:-1], thin[1:]
+        if len(thin) == 1:
+            continue
+        d = b - a
+        share = np.clip(((p - a) * d).sum(1) / np.maximum((d * d).sum(1), 1e-18), 0, 1)
+        assert np.linalg.norm(a + share[:, None] * d - p, axis=1).min() <= 0.01 + 1e-9
+
+
+def test_approach_is_the_slope_and_noise_does_not_fire_it():
+    approach = Approach()
+    for t in np.arange(0.0, 0.4, 0.033):
+        approach.add(t, 1.0 - 0.8 * t)
+    assert approach.speed == pytest.approx(0.8)
+    flicker = Approach()
+    for k, t in enumerate(np.arange(0.0, 0.4, 0.033)):
+        flicker.add(t, 0.6 + 0.02 * (k % 2))
+    assert abs(flicker.speed) < 0.1
+    flicker.add(1.0, np.inf)
+    assert flicker.speed == 0.0
+
+
+def test_reflex_is_due_close_by_and_for_what_comes_fast():
+    reflex = Reflex(GuardConfig(), LIMITS)
+    assert reflex.due(0.1)
+    assert not reflex.due(0.3)
+    for t in np.arange(0.0, 0.4, 0.033):
+        reflex.approach.add(t, 0.9 - 1.5 * t)
+    assert reflex.due(0.4)
+    leaving = Reflex(GuardConfig(), LIMITS)
+    for t in np.arange(0.0, 0.4, 0.033):
+        leaving.approach.add(t, 0.3 + 1.5 * t)
+    assert not leaving.due(0.4)
+
+
+def test_reflex_retraces_its_way_from_a_slow_hand():
+    """A hand follows the arm's tip from ahead: the way back is free and leads away."""
+    a, b = np.deg2rad([-55, -70, 85, -105, -90, 0]), np.deg2rad([55, -70, 85, -105, -90, 0])
+    stages = set()
+    cell = QuickCell(goals=[b], config=GuardConfig(reflex_distance=0.4))
+    cell.q = a.copy()
+    cell.run(1.8)
+    tip = cell.guard.body.motion(cell.q, cell.v)
+    ahead = tip[0][-1] + 0.35 * tip[1][-1] / np.linalg.norm(tip[1][-1])
+    cell.balls = [Ball(lambda t: ahead, 0.05)]
+    for _ in range(250):
+        cell.tick()
+        stages.add(cell.guard._reflex.stage)
+    assert Stage.RETRACE in stages
+    assert not cell.moving_touches
+
+
+def test_enlarged_hazards_bound_what_they_say():
+    cell = QuickCell([Ball(lambda t: np.array([0.5, 0.1, 0.3]), 0.05)])
+    snapshot = cell.snapshot_at(0.0)
+    large = enlarged(snapshot, 0.3)
+    solid = cell.grid.center(np.argwhere(large.state == OCCUPIED))
+    reach = np.linalg.norm(solid - [0.5, 0.1, 0.3], axis=1)
+    assert 0.25 < reach.max() < 0.3 + 0.05 + 0.12
+    assert (snapshot.state != OCCUPIED).all()
+    rng = np.random.default_rng(0)
+    index = rng.integers(0, np.array(cell.grid.shape), (400, 3))
+    corners = cell.grid.origin + (index[:, None] + rng.random((400, 1, 3))) * cell.grid.voxel
+    for ix, point in zip(index, corners[:, 0]):
+        gap = np.maximum(np.abs(solid - point) - 0.5 * cell.grid.voxel, 0.0)
+        true = np.linalg.norm(gap, axis=1).min()
+        assert large.distance[tuple(ix)] <= true + 1e-6
+
+
+def test_without_hazards_nothing_is_enlarged():
+    cell = QuickCell()
+    snapshot = cell.snapshot_at(0.0)
+    assert enlarged(snapshot, 0.3) is snapshot
