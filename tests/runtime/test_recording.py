@@ -152,7 +152,7 @@ def test_another_reader_finds_standard_types(tmp_path: Path) -> None:
         "/robot_description": ("std_msgs/msg/String", 1),
         "/guard/status": ("diagnostic_msgs/msg/DiagnosticArray", 20),
         "/guard/distance": ("std_msgs/msg/Float64", 20),
-        "/guard/path": ("trajectory_msgs/msg/JointTrajectory", 20),
+        "/guard/path": ("trajectory_msgs/msg/JointTrajectory", 5),  # every fifth of a second
         "/movers": ("visualization_msgs/msg/MarkerArray", 10),  # every tenth of a second
         "/workcell/solids": ("visualization_msgs/msg/MarkerArray", 1),
     }

@@ -29,6 +29,8 @@ from armsight.runtime.view import SessionView
 if TYPE_CHECKING:
     from armsight.workcell import Cell
 
+PATH_PERIOD = 0.2
+"""Between records of the path ahead, which shortens all the time [s]."""
 EXECUTED_PERIOD = 0.5
 """Between records of the driven path, which grows all the time [s]."""
 TIP_POINTS = 100
@@ -140,9 +142,11 @@ class Scribe:
 
     def guard(self, guard: GuardStatus, now: float) -> None:
         """Write a tick of the guard: its words, what is plotted, and its paths when they change."""
-        for topic, path in (("/guard/path", guard.path), ("/guard/executed", guard.executed)):
-            slow = topic == "/guard/executed" and not self._changes.due(topic, now, EXECUTED_PERIOD)
-            if not slow and self._changes.changed(topic, path):
+        for topic, path, period in (
+            ("/guard/path", guard.path, PATH_PERIOD),
+            ("/guard/executed", guard.executed, EXECUTED_PERIOD),
+        ):
+            if self._changes.due(topic, now, period) and self._changes.changed(topic, path):
                 self._path(topic, path, now)
         data = messages.encode_diagnostics([guard_to_status(guard)], guard.stamp)
         self._write("/guard/status", messages.DIAGNOSTICS, data, now, guard.stamp)
