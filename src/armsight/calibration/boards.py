@@ -172,7 +172,7 @@ class Checkerboard:
         a, b = self.inner
         source = np.array([[0, 0], [a - 1, 0], [a - 1, b - 1], [0, b - 1]], np.float32)
         image = grid[[0, 0, -1, -1], [0, -1, -1, 0]].astype(np.float32)
-        H = cv2.getPerspectiveTransform(source, image)
+        H = np.asarray(cv2.getPerspectiveTransform(source, image), np.float64)
         bright = []
         inset = 0.5 - self.rim
         offset: Floats = np.mgrid[-2:3, -2:3].reshape(2, -1).T * (0.3 * inset)
@@ -273,7 +273,7 @@ class CharucoBoard:
             for i in range(self.columns)
             if (i + j) % 2 == dark_first
         ]
-        for tag, corners in zip(self._board.getIds().ravel(), self._board.getObjPoints()):
+        for tag, corners in zip(np.ravel(self._board.getIds()), self._board.getObjPoints()):
             x0, y0 = np.asarray(corners).reshape(-1, 3)[:, :2].min(0)
             out += _marker_tiles(_dictionary(self.dictionary), int(tag), x0, y0, self.marker)
         return out

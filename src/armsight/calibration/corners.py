@@ -169,10 +169,10 @@ def refine(gray: Bytes, pixel: Floats, across: int, reach: float) -> Floats:
 
 def straightness(flat: Floats, pixel: Floats) -> float:
     """Rms distance of corners from the best perspective of a flat board [px]."""
-    H: Floats | None = cv2.findHomography(flat, pixel, 0)[0]
-    if H is None:
+    found: Floats | None = cv2.findHomography(flat, pixel, 0)[0]  # type: ignore[assignment]
+    if found is None:
         return float("inf")
-    p = np.column_stack([flat, np.ones(len(flat))]) @ H.T
+    p = np.column_stack([flat, np.ones(len(flat))]) @ found.T
     d = p[:, :2] / p[:, 2:] - pixel
     return float(np.sqrt(np.mean(np.sum(d * d, axis=1))))
 

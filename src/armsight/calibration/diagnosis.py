@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -293,8 +294,8 @@ def _orders(items: list[Item]) -> list[tuple[Finding, list[Item]]]:
             "shifted",
             f"images and poses are shifted: each image fits the pose {abs(shift)} {direction}",
             cure,
-            lambda v, k=shift: v + k,
-        )  # type: ignore[misc]
+            partial(int.__add__, shift),
+        )
     pair("order", "the poses are in the opposite order of the images", cure, lambda v: last - v)
     by_name = sorted(range(last + 1), key=str)  # 0, 1, 10, 11, 2 ...
     back = list(np.argsort(by_name))

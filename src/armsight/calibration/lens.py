@@ -54,7 +54,7 @@ def zhang(
     for X, p in zip(points, pixels):
         if len(X) < 4:
             continue
-        found = cv2.findHomography(X[:, :2], (p - middle) * scale, 0)[0]
+        found: Floats | None = cv2.findHomography(X[:, :2], (p - middle) * scale, 0)[0]  # type: ignore[assignment]
         if found is None:
             continue
         M: Floats = np.asarray(found / np.linalg.norm(found), np.float64)

@@ -129,6 +129,11 @@ class Solution:
         return float((r2.sum() + prior + d @ P @ d) / dof)
 
 
+def _sums(places: Ints, values: Floats, size: int) -> Floats:
+    """(size,) sums of the values that go to each place."""
+    return np.asarray(np.bincount(places, values.ravel(), size), np.float64)
+
+
 def huber_weights(residual: Floats, threshold: float) -> tuple[Floats, float]:
     """Weights of corners and the robust cost of (F, K, 2) whitened residuals."""
     square = np.sum(residual * residual, axis=-1)
@@ -171,14 +176,14 @@ def normal_equations(model: Model, state: State, huber: float) -> tuple[NormalEq
 
     columns = model.columns
     flat = (columns[:, :, None] * G + columns[:, None, :]).ravel()
-    H = np.bincount(flat, N[:, :P, :P].ravel(), G * G).reshape(G, G) + model.prior_information
+    H = _sums(flat, N[:, :P, :P], G * G).reshape(G, G) + model.prior_information
     by_view = (model.view_of[:, None] * G + columns).ravel()
-    scores: Floats = np.bincount(by_view, g[:, :P].ravel(), V * G).reshape(V, G)
+    scores = _sums(by_view, g[:, :P], V * G).reshape(V, G)
     d = np.where(model.free, model.prior_residual(state), 0.0)
     gradient = scores.sum(0) + model.prior_information @ d
 
     mixed_at = ((model.view_of[:, None, None] * G + columns[:, :, None]) * 6 + np.arange(6)).ravel()
-    mixed: Floats = np.bincount(mixed_at, N[:, :P, P:].ravel(), V * G * 6).reshape(V, G, 6)
+    mixed = _sums(mixed_at, N[:, :P, P:], V * G * 6).reshape(V, G, 6)
     H_view = np.zeros((V, 6, 6))
     np.add.at(H_view, model.view_of, N[:, P:, P:])
     g_view = np.zeros((V, 6))

@@ -230,9 +230,9 @@ def _refine(
         step = np.zeros(n)
         Hf = H[np.ix_(free, free)]
         step[free] = -np.linalg.solve(Hf + 1e-9 * np.diag(np.diag(Hf)), g[free])
-        for c in range(C):
-            T[c] = T[c] @ exp(step[7 * c : 7 * c + 6])
-            offset[c] += step[7 * c + 6]
+        for camera in range(C):
+            T[camera] = T[camera] @ exp(step[7 * camera : 7 * camera + 6])
+            offset[camera] += step[7 * camera + 6]
         if np.abs(step).max() < 1e-10:
             break
     inverse = np.zeros((n, n))

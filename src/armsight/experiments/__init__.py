@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
 NAMES: dict[str, str] = {
     "patrol-smoke": "60 simulated seconds of guarded patrol, a person reaching in",
+    "danger-map": "T2: danger of three circles, decay at any rate, forecast of the next 2 s",
     "calibration-intrinsics": "T1: lenses, nine experiments of fewer and fewer frames",
     "calibration-eye-to-hand": "T1: three cameras in the base, five experiments",
-    "calibration-peers": "calibration against the bound and OpenCV, same corners; honest ellipsoids",
+    "calibration-peers": "calibration beside the bound and OpenCV, same corners; ellipsoids",
     "calibration-real": "real hand-eye sets, beside the figures published with them",
 }
-"""Every experiment and its line of help; a new one adds itself here. The module of ``a-b`` is ``armsight.experiments.a_b``."""
+"""Every experiment and its help; the module of ``a-b`` is ``armsight.experiments.a_b``."""
 
 
 def load_experiment(name: str) -> Experiment:

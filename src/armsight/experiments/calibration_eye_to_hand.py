@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -101,7 +102,7 @@ def from_cold(cell: CalibrationCell, seed: int) -> tuple[LiveResult, dict[str, f
 def _cold_rows(cold: list[dict[str, float]]) -> list[Row]:
     n = len(cold)
 
-    def row(key: str, measure: str, condition: str, name: str, unit: str, **budget: float) -> Row:
+    def row(key: str, measure: str, condition: str, name: str, unit: str, **budget: Any) -> Row:
         v = np.array([c[name] for c in cold])
         return Row(
             key,

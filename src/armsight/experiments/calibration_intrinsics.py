@@ -303,7 +303,7 @@ EXPERIMENT = Experiment(
     runs=3,
     about=(
         "One Kinect v2 of T1's cell, its lenses off from the sheet by a percent in focal length "
-        "and by 0.6 % of the width in their centre, with distortion. Experiments 1 and 2 use 90 frames "
-        "here instead of T1's 234 and 120: more frames of this quality change nothing."
+        "and by 0.6 % of the width in their centre, with distortion. Experiments 1 and 2 use 90 "
+        "frames here instead of T1's 234 and 120: more frames of this quality change nothing."
     ),
 )

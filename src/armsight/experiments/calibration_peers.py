@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -356,8 +357,8 @@ def outcome(done: list[Run]) -> Outcome:
             )
         )
         for r_error, r_bound in (
-            (lambda r: r.random, lambda r: r.bound),
-            (lambda r: r.known, lambda r: r.bound_known),
+            (attrgetter("random"), attrgetter("bound")),
+            (attrgetter("known"), attrgetter("bound_known")),
         )
     )
     measure = "rms true target error over the Cramer-Rao bound of the same views, outliers on"
@@ -409,7 +410,7 @@ TRE = "true 3D error in the base of a point 1.0-1.5 m away, mean over three came
 
 
 def _row(
-    key: str, measure: str, condition: str, values: list[float], unit: str, **budget: float
+    key: str, measure: str, condition: str, values: list[float], unit: str, **budget: Any
 ) -> Row:
     v = np.array(values)
     return Row(

@@ -212,7 +212,8 @@ def _notes(name: str, answer: Calibration) -> str:
     )
     return (
         f"{name}: camera at x {1e3 * p[0]:.1f} y {1e3 * p[1]:.1f} z {1e3 * p[2]:.1f} mm in the "
-        f"base, sigma {1e3 * sigma[:3].max():.1f} mm and {np.rad2deg(sigma[3:].max()):.2f} deg{left}."
+        f"base, sigma {1e3 * sigma[:3].max():.1f} mm and "
+        f"{np.rad2deg(sigma[3:].max()):.2f} deg{left}."
     )
 
 

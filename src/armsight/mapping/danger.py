@@ -75,7 +75,7 @@ def danger_at(
 
 def danger_grid(snapshot: WorkspaceSnapshot, now: float, alpha: float = ALPHA) -> Floats32:
     """(nx, ny, nz) float32 danger of every voxel at a time [s]."""
-    return danger(now - snapshot.last_occupied, alpha).astype(np.float32)
+    return danger(now - snapshot.last_occupied.astype(float), alpha).astype(np.float32)
 
 
 class PaperDecay:

@@ -8,6 +8,8 @@ cap of at most 15 voxels every square fits, and the passes run 32 or 64 voxels a
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -33,9 +35,9 @@ def changed_columns(new: Bytes, old: Bytes, counts_unknown: bool, changed: Bytes
         for y in range(ny):
             a = new[x, y]
             b = old[x, y]
-            differ = np.uint8(0)
+            differ: Any = np.uint8(0)
             for z in range(nz):
-                s = np.uint8((a[z] == 2) | (a[z] == extra))
+                s: Any = np.uint8((a[z] == 2) | (a[z] == extra))
                 differ |= s ^ b[z]
                 b[z] = s
             changed[x, y] = differ
