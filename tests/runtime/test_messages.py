@@ -1,4 +1,4 @@
-"""ROS 2 messages: bit for bit there and back, and readable by bytes written down in the standard."""
+"""ROS 2 messages: bit for bit there and back, and laid out as the standard says."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from armsight.runtime.status_messages import GUARD, guard_from_status, guard_to_
 
 
 class Cdr:
-    """Little-endian CDR read by hand, after OMG's rules: an oracle that shares no code with ours."""
+    """Little-endian CDR read by hand, after OMG's rules: shares no code with what wrote it."""
 
     def __init__(self, data: bytes) -> None:
         assert data[:4] == b"\x00\x01\x00\x00"  # plain CDR, little endian

@@ -113,8 +113,18 @@ class Body:
     segments: Axes
 
 
-def prepare(triangles: Triangles, options: FitOptions, fellows: Fellows) -> Body:
-    """Sample, voxelise, and list candidate axes of one link."""
+def prepare(
+    triangles: Triangles, options: FitOptions, fellows: Fellows, floor: float | None = None
+) -> Body:
+    """Sample, voxelise, and list candidate axes of one link.
+
+    Args:
+        triangles: in the link's frame.
+        options: how to fit.
+        fellows: the neighbours.
+        floor: z [m] in the link's frame below which overshoot is much worse: what the arm stands
+            on is there.
+    """
     solid = voxelise(triangles, options.voxel)
     check = thin(sample_surface(triangles, options.check_spacing), options.check_spacing)
     inside = solid.centers(solid.inside)
@@ -129,6 +139,9 @@ def prepare(triangles: Triangles, options: FitOptions, fellows: Fellows) -> Body
     balls = Axes(centers, centers, np.asarray(tree.query(centers)[0]))
     segments = _segments(balls, solid, tree, options.most_axes)
     around = _surroundings(check, solid, fellows, options.most_around)
+    if floor is not None:
+        below = around.points[:, 2] < floor
+        around = replace(around, weight=np.where(below, 30.0 * around.weight, around.weight))
     return Body(points, check, solid, fellows, around, balls, segments)
 
 
@@ -321,8 +334,17 @@ def prepare_chain(
         if after is not None and (joint := chain.links[i + 1].joint) is not None:
             T = inverse(chain.links[i + 1].T_parent_joint)
             members.append(Fellow(after, T, np.eye(4), joint.axis))
-        bodies.append(prepare(own, options, Fellows(tuple(members))))
+        bodies.append(prepare(own, options, Fellows(tuple(members)), _floor(chain, i)))
     return bodies
+
+
+def _floor(chain: Chain, link: int) -> float | None:
+    """Height of the mounting face in the frame of the link that turns on the base."""
+    joint, T = chain.links[link].joint, chain.links[link].T_parent_joint
+    if link != 1 or joint is None:
+        return None
+    upright = np.allclose(T[:3, :3] @ joint.axis, [0, 0, 1]) and np.allclose(T[:3, 2], [0, 0, 1])
+    return float(-T[2, 3]) if upright else None
 
 
 def fit_chain(

@@ -41,7 +41,8 @@ class PairStatistics:
         """(k, 2) pairs that can touch: not those that never do, nor those that always do."""
         may = (self.least_gap < near) & (self.meshes_touch < 0.99)
         # Spheres that overlap while the meshes do not would forbid what the arm can well do.
-        seen = (self.meshes_touch > 0.0) | (self.spheres_touch < 0.001)
+        # A pair that hardly ever overlaps costs nothing and stays, however few samples spoke.
+        seen = (self.meshes_touch > 0.0) | (self.spheres_touch < 0.02)
         honest = self.false_alarm < 0.3
         return np.asarray(self.pairs[may & seen & honest])
 

@@ -15,7 +15,7 @@ import numpy as np
 from armsight.arrays import Vector3
 from armsight.devices.protocols import Arm, Clock, RgbdCamera
 from armsight.errors import UsageError
-from armsight.motion.data import Task
+from armsight.motion.data import GuardStatus, Task
 from armsight.runtime.channels import Channels
 from armsight.runtime.clocks import WallClock
 from armsight.runtime.component import Component
@@ -124,6 +124,10 @@ class Session:
             return 1.0
         wall = self._loop.wall_seconds
         return self._loop.simulated_seconds / wall if wall > 0 else 0.0
+
+    def status(self) -> GuardStatus | None:
+        """The guard's newest word alone: cheaper than :meth:`view`."""
+        return self._channels.status.read(self.now())
 
     def view(self) -> SessionView:
         """One consistent look at everything that is published; safe from any thread."""
