@@ -3,7 +3,8 @@
 A board drawn by OpenGL's texture filter moves its corners by tenths of a pixel; calibration asks
 for hundredths. So the cell is rendered as ever, and the board is cast ray by ray through the true
 lens, with many rays a pixel, onto the print as it really is: scaled and bent, lit, glaring,
-blurred, noisy. The truth about lenses, offsets, bracket and print is drawn from a seed and known here alone.
+blurred, noisy. The truth about lenses, offsets, bracket and print is drawn from a seed and known
+here alone.
 """
 
 from __future__ import annotations

@@ -93,7 +93,8 @@ def check_opengl() -> str:
         with context.current():
             from OpenGL import GL  # type: ignore[import-untyped]
 
-            return str(GL.glGetString(GL.GL_RENDERER).decode())
+            name = GL.glGetString(GL.GL_RENDERER)
+            return "a renderer without a name" if name is None else str(name.decode())
     finally:
         context.close()
 
