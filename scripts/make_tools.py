@@ -107,8 +107,8 @@ def calibration_board() -> Draft:
         at(z=height),
         0.55,
         (0.0, 0.0, 0.040),
-        sphere_price=3e-9,
-        capsule_price=1e-9,
+        sphere_price=2e-8,
+        capsule_price=1e-8,
     )
     tool.add(ALUMINIUM, rod(0.0315, 0.008))
     tool.add(ALUMINIUM, box((0.050, 0.030, height - 0.013)), at(z=0.008 + 0.5 * (height - 0.013)))

@@ -53,7 +53,7 @@ class FitOptions:
     margin: float = 0.0003
     most_axes: int = 1200
     most_points: int = 4000
-    most_around: int = 6000
+    most_around: int = 8000
     seed: int = 7
 
 
@@ -153,7 +153,7 @@ def _at_most(most: int, spacing: float, make: Callable[[float], Points]) -> Poin
 
 
 def _surroundings(
-    surface: Points, solid: VoxelSolid, fellows: Fellows, most: int, far: float = 0.04
+    surface: Points, solid: VoxelSolid, fellows: Fellows, most: int, far: float = 0.07
 ) -> Surroundings:
     """A lattice of points outside a body, up to ``far`` away, that no neighbour always fills."""
     tree = cKDTree(thin(surface, 0.004))
@@ -187,8 +187,10 @@ def _segments(balls: Axes, solid: VoxelSolid, tree: cKDTree, most: int) -> Axes:
     along, a, b = along[:, inside], a[inside], b[inside]
     gaps = np.asarray(tree.query(along.reshape(-1, 3))[0])
     depth = gaps.reshape(len(steps), -1).min(axis=0)
-    # Long, deep axes are what capsules are for.
-    order = np.argsort(-depth * (0.03 + np.linalg.norm(ends[a] - ends[b], axis=1)))[:most]
+    # Long, deep axes are what capsules are for; the rest, thinned, reaches thin and odd parts.
+    order = np.argsort(-depth * (0.03 + np.linalg.norm(ends[a] - ends[b], axis=1)))
+    rest = order[most // 2 :]
+    order = np.concatenate([order[: most // 2], rest[:: max(1, -(-len(rest) // (most // 2)))]])
     return Axes(ends[a][order], ends[b][order], depth[order])
 
 
