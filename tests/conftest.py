@@ -5,16 +5,30 @@ from pathlib import Path
 import pytest
 
 
-@pytest.fixture(scope="session")
-def gl() -> str:
-    """Name of the OpenGL renderer; skips the test where there is none."""
+_opengl = {"name": "", "problem": "not looked for"}
+
+
+def pytest_sessionstart() -> None:
+    """Look for OpenGL before anything else is loaded.
+
+    Its libraries want thread-local storage that is fixed when they load, and too many other
+    libraries before them leave none: contexts are made then, but do nothing.
+    """
     from armsight.errors import ArmsightError
     from armsight.simulation.gl import check_opengl
 
     try:
-        return check_opengl()
+        _opengl.update(name=check_opengl(), problem="")
     except ArmsightError as error:
-        pytest.skip(f"no OpenGL: {error}")
+        _opengl["problem"] = str(error)
+
+
+@pytest.fixture(scope="session")
+def gl() -> str:
+    """Name of the OpenGL renderer; skips the test where there is none."""
+    if _opengl["problem"]:
+        pytest.skip(f"no OpenGL: {_opengl['problem']}")
+    return _opengl["name"]
 
 
 @pytest.fixture(scope="session")
