@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-
 _opengl = {"name": "", "problem": "not looked for"}
 
 
