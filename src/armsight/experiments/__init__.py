@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 NAMES: dict[str, str] = {
     "patrol-smoke": "60 simulated seconds of guarded patrol, a person reaching in",
+    "danger-map": "T2: danger of three circles, decay at any rate, forecast of the next 2 s",
     "calibration-intrinsics": "T1: lenses, nine experiments of fewer and fewer frames",
     "calibration-eye-to-hand": "T1: three cameras in the base, five experiments",
     "calibration-peers": "calibration beside the bound and OpenCV, same corners; ellipsoids",
