@@ -15,6 +15,7 @@ from armsight.motion.collision import CollisionModel
 from armsight.motion.kernels import (
     body_centers,
     body_motion,
+    config_free,
     make_scratch,
     set_bounds,
     sphere_clearances,
@@ -117,6 +118,29 @@ def test_exact_near_and_bounded_far_on_1e5_spheres():
     assert (found[~near] <= truth[~near] + 1e-6).all()  # never more than there is
     assert (found[~near] >= 0.02 - 1e-9).all()  # and never less than a voxel
     assert ((found < 0) == (truth < 0)).all()  # nothing missed, nothing refused too many
+
+
+def test_whatever_is_a_millimetre_away_is_free_whatever_the_radii():
+    """Each sphere as large as its place allows less 1 to 5 mm, where the field alone says less.
+
+    For some radii the floor was lost to rounding, and an arm in free space stood still.
+    """
+    rng = np.random.default_rng(4)
+    ob = obstacles_of(WALL, MODEL.body, CollisionConfig())
+    alone = MODEL.body._replace(groups=MODEL.body.groups[:0])  # its own links do not count here
+    scratch = make_scratch(alone)
+    centers = np.empty_like(alone.center)
+    looked = 0
+    for q in rng.uniform(ARM.limits.lower, ARM.limits.upper, (400, ARM.n)):
+        body_centers(alone, q, centers)
+        room = np.minimum(ORACLE.distance(centers), ORACLE.walls(centers))
+        if room.min() < 0.01:
+            continue
+        body = alone._replace(radius=room - rng.uniform(0.001, 0.005, len(room)))
+        assert config_free(body, ob, q, scratch)
+        assert not config_free(body._replace(radius=room + 1e-6), ob, q, scratch)
+        looked += len(room)
+    assert looked > 1000
 
 
 def test_the_oracle_notices_a_map_that_lost_one_percent():

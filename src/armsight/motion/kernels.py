@@ -233,7 +233,8 @@ def exact_distance(
                 else:
                     # Cubes whose gap to this one is less than the bound cannot be solid.
                     iz += 1 + int(ob.distance[ix, iy, iz] * scale - 1e-3)
-    return np.sqrt(best) * ob.voxel
+    # To the bit: callers compare with the limit, and rounding must not bring it nearer.
+    return np.sqrt(best) * ob.voxel if best < reach * reach else limit
 
 
 @njit(cache=True, nogil=True)
@@ -352,14 +353,14 @@ def surroundings_span(
         need = min(max(need, floor), voxel)
         if clearance[i] < need:
             r = radius[i]
-            clear = (
-                exact_distance(ob, centers[i, 0], centers[i, 1], centers[i, 2], r + need, r + floor)
-                - r
+            distance = exact_distance(
+                ob, centers[i, 0], centers[i, 1], centers[i, 2], r + need, r + floor
             )
-            if clear < floor:
+            # Not "distance - r < floor": the difference may round below a floor that is kept.
+            if distance < r + floor:
                 return -1.0
-            if clear < need:
-                span = shorter(span, clear, travel[i, 0], v, bend[i, 0])
+            if distance < r + need:
+                span = shorter(span, distance - r, travel[i, 0], v, bend[i, 0])
     return span
 
 
