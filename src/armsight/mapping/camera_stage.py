@@ -8,6 +8,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats32, Ints32, Pose, Shorts
 from armsight.devices.data import RgbdCameraInfo
+from armsight.mapping.backdrop import Backdrop
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.kernels.image import (
     VALID,
@@ -93,6 +94,8 @@ class CameraStage:
         self._layers = (_Layer(static[0], pixels, fine_radius), _Layer(static[1], pixels, 0.0))
         solids = static[0]
         self._solids = (solids.kinds, solids.sizes, solids.T_solid_base)
+        outermost = static[1] if config.far_margin > 0 else static[0]
+        self.backdrop = Backdrop(self.lens, info.range, self.noise, outermost)
         self.mounting = Mounting(info, self.lens, filter_, solids, config)
         self._scaled: Floats32 = np.zeros(self.label.shape, np.float32)
 
@@ -165,16 +168,19 @@ class CameraStage:
         config = self._config
         error_m, error_rad = self.mounting.error
         fine, far = self._layers
+        tolerance = (config.static_margin + error_m, error_rad, config.sigmas)
+        todo = self.backdrop.unexplained(depth, self.label, T, tolerance)
         counts = collect_hits(
             depth,
             self.label,
+            todo,
             self.lens.rays,
             T.astype(np.float32),
             self.noise,
             fine.table,
             far.table,
             self._solids,
-            (config.static_margin + error_m, error_rad, config.sigmas),
+            tolerance,
             config.support,
             fine.count,
             fine.hits,

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from armsight.arrays import Bytes, Floats32, Mask
-from armsight.mapping.kernels.field import changed_columns, pass_xy, pass_z, to_metres, widen
+from armsight.mapping.kernels.field import changed_planes, pass_x, pass_zy
 
 
 class DistanceField:
-    """Keeps the field of a state grid up to date; redoes only the columns that can have changed.
+    """Keeps the field of a state grid up to date; redoes only the planes that can have changed.
 
     Args:
         shape: voxels along x, y, z.
@@ -34,27 +34,22 @@ class DistanceField:
         # float32 may round up; a proven bound may not
         self._table = np.nextafter((np.sqrt(squares) * voxel).astype(np.float32), np.float32(0))
         self._table[0] = 0.0
+        nx, ny, nz = shape
         self._solid = np.zeros(shape, np.uint8)
-        full = self.radius**2
-        self._squares = [np.full(shape, full, np.uint8) for _ in range(3)]
-        self._busy = [np.zeros(shape[:2], np.uint8) for _ in range(3)]
-        self._flags = [np.zeros(shape[:2], np.uint8) for _ in range(3)]
-        self._metres = np.full(shape, self._table[full], np.float32)
-        self._published: Floats32 | None = None
+        self._planes = np.full((nx, ny * (nz + self.radius)), self.radius**2, np.uint8)
+        self._changed = np.zeros(nx, np.uint8)
+        self._published = np.full(shape, self._table[self.radius**2], np.float32)
+        self._published.flags.writeable = False
 
     def update(self, state: Bytes) -> Floats32:
         """(nx, ny, nz) float32 [m], read-only; the same array as before if nothing changed."""
-        a, b, c = self._flags
-        if changed_columns(state, self._solid, self._counts_unknown, a) or self._published is None:
-            widen(a, self.radius, 1, b)
-            widen(b, self.radius, 0, c)
-            g1, g2, g3 = self._squares
-            pass_z(self._solid, a, self.radius, g1, self._busy[0])
-            pass_xy(g1, self._busy[0], b, self.radius, 1, g2, self._busy[1])
-            pass_xy(g2, self._busy[1], c, self.radius, 0, g3, self._busy[2])
-            to_metres(g3, c, self._table, self._metres)
-            self._published = self._metres.copy()
-            self._published.flags.writeable = False
+        changed = self._changed
+        if changed_planes(state, self._solid, self._counts_unknown, changed):
+            pass_zy(self._solid, changed, self.radius, self._planes)
+            out = np.empty(self._solid.shape, np.float32)
+            pass_x(self._planes, changed, self.radius, self._table, self._published, out)
+            out.flags.writeable = False
+            self._published = out
         return self._published
 
 

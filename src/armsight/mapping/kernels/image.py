@@ -129,9 +129,128 @@ def explained(
 
 
 @njit(cache=True, nogil=True)
+def trace_solids(
+    rays: Floats32,
+    T: Floats,
+    noise: Floats,
+    near: float,
+    far: float,
+    lower: Floats,
+    upper: Floats,
+    solids: Any,
+    tolerance: Any,
+    first: Floats32,
+    last: Floats32,
+) -> None:
+    """For each pixel the depths at which its return needs no further look.
+
+    That is, where the first declared solid behind it explains the return, and behind the mapped
+    box. A solid's distance along a ray is convex in depth and the tolerance only grows with depth,
+    so with the tolerance at the near end all depths in between are explained too.
+
+    Of the arguments:
+        near, far: depths looked at [m]; lower, upper: (3,) corners of the mapped box [m].
+        solids, tolerance: as in :func:`collect_hits`.
+        first, last: (h, w) float32 out [m]; first > last where every depth needs a look.
+    """
+    h, w = first.shape
+    count = solids[0].shape[0]
+    margin, angle, sigmas = tolerance
+    clear = np.empty(count)  # no solid is nearer than this to the point on the ray [m]
+    direction = np.empty(3)
+    for v in range(h):
+        for u in range(w):
+            length = 0.0
+            leaves = far  # depth behind which the ray is outside the box for good
+            for d in range(3):
+                step = T[d, 0] * rays[v, u, 0] + T[d, 1] * rays[v, u, 1] + T[d, 2]
+                direction[d] = step
+                length += step * step
+                if step > 1e-9:
+                    leaves = min(leaves, (upper[d] - T[d, 3]) / step)
+                elif step < -1e-9:
+                    leaves = min(leaves, (lower[d] - T[d, 3]) / step)
+                elif not lower[d] <= T[d, 3] <= upper[d]:
+                    leaves = near
+            length = np.sqrt(length)
+            first[v, u], last[v, u] = leaves, np.inf
+            clear[:] = 0.0
+            z = near
+            hit = -1
+            while z < leaves and hit < 0:  # sphere tracing: no solid is nearer than the least
+                least = far
+                for s in range(count):
+                    if clear[s] < least:
+                        clear[s] = _distance_at(s, solids, T, direction, z)
+                        least = min(least, clear[s])
+                        if clear[s] < 0.0005:
+                            hit = s
+                step = max(least, 0.0005) / length
+                z += step
+                clear -= step * length
+            if hit < 0:
+                continue
+            low = max(near, z - 0.5)
+            limit = margin + angle * low + sigmas * (noise[0] + low * (noise[1] + low * noise[2]))
+            if limit < 0.002:  # no more than the tracing's own steps
+                continue
+            start = _last_within(z, low, hit, solids, T, direction, limit)
+            end = _last_within(z, z + 0.5, hit, solids, T, direction, limit)
+            first[v, u] = start
+            if end < leaves:
+                last[v, u] = end
+
+
+@njit(cache=True, nogil=True)
+def _distance_at(s: int, solids: Any, T: Floats, direction: Floats, z: float) -> float:
+    """Distance [m] of the point at depth z of a ray to solid s."""
+    kinds, sizes, T_solid_base = solids
+    return solid_distance(
+        kinds[s],
+        sizes[s],
+        T_solid_base[s],
+        T[0, 3] + z * direction[0],
+        T[1, 3] + z * direction[1],
+        T[2, 3] + z * direction[2],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _last_within(
+    inside: float,
+    outside: float,
+    s: int,
+    solids: Any,
+    T: Floats,
+    direction: Floats,
+    limit: float,
+) -> float:
+    """The depth between two, the first within ``limit`` [m] of solid s, where that still holds."""
+    for _ in range(10):
+        middle = 0.5 * (inside + outside)
+        if _distance_at(s, solids, T, direction, middle) <= limit:
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+@njit(cache=True, nogil=True)
+def unexplained(
+    depth: Floats32, label: Bytes, first: Floats32, last: Floats32, todo: Bytes
+) -> None:
+    """Mark the usable pixels whose depth is not between first and last of :func:`trace_solids`."""
+    d, seen, out = depth.reshape(-1), label.reshape(-1), todo.reshape(-1)
+    a, b = first.reshape(-1), last.reshape(-1)
+    for p in range(d.shape[0]):
+        out[p] = np.uint8((seen[p] == VALID) & ~((d[p] >= a[p]) & (d[p] <= b[p])))
+
+
+@njit(cache=True, nogil=True)
 def collect_hits(
     depth: Floats32,
     label: Bytes,
+    todo: Bytes,
     rays: Floats32,
     T: Floats32,
     noise: Floats,
@@ -148,7 +267,7 @@ def collect_hits(
     """Count, per voxel, the pixels that hit it and that nothing declared explains.
 
     Of the arguments:
-        label: which pixels are usable (``VALID``).
+        label: of pixels; todo: (h, w) uint8, 1 where one is usable and not yet explained.
         T: float32, as are all sums here: a tenth of a micrometre at arm's length.
         grid, far_grid: (origin float32 (3,), voxel, shape, nearest uint8, bound int8) of the fine
             and the coarse layer; see ``StaticGeometry``. A point counts in the fine layer if it
@@ -180,7 +299,7 @@ def collect_hits(
     m = 0
     for v in range(h):
         for u in range(w):
-            if label[v, u] != VALID:
+            if todo[v, u] == 0:
                 continue
             z = depth[v, u]
             rx = rays[v, u, 0]
@@ -407,6 +526,75 @@ def window_most(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
     return int(best)
 
 
+@njit(inline="always")
+def _carve_eight(
+    least: Shorts,
+    units: float,
+    lens: Floats,
+    half: Floats,
+    noise: Floats,
+    free: Bytes,
+    i: int,
+    j: int,
+    k: int,
+    x: float,
+    y: float,
+    z: float,
+    eu: float,
+    ev: float,
+) -> None:
+    """Judge the eight voxels of a cube about (x, y, z) whose windows reach ``eu``, ``ev`` pixels.
+
+    Of the arguments:
+        half: (3, 3) half edges of a voxel along camera x, y, z, one a row.
+        noise: (3,) a b c of the margin behind a voxel.
+    """
+    nx, ny, nz = free.shape
+    h, w = least.shape[1], least.shape[2]
+    reach_z = abs(half[2, 0]) + abs(half[2, 1]) + abs(half[2, 2])
+    # Four windows of s pixels cover every rectangle of s to 2 s pixels a side.
+    level = _level(int(2 * eu) + 1, int(2 * ev) + 1)
+    s = 1 << level
+    four = 2 * max(eu, ev) + 1 < 2 * s
+    pooled = least[level]
+    for a in range(2):
+        if i + a >= nx:
+            break
+        fa = 2 * a - 1
+        for b in range(2):
+            if j + b >= ny:
+                break
+            fb = 2 * b - 1
+            for c in range(2):
+                if k + c >= nz:
+                    break
+                fc = 2 * c - 1
+                deep = z + fa * half[2, 0] + fb * half[2, 1] + fc * half[2, 2]
+                inv = 1.0 / deep
+                pu = lens[0] * inv * (x + fa * half[0, 0] + fb * half[0, 1] + fc * half[0, 2])
+                pv = lens[1] * inv * (y + fa * half[1, 0] + fb * half[1, 1] + fc * half[1, 2])
+                pu += lens[2] + 0.5
+                pv += lens[3] + 0.5
+                if pu - eu < 0 or pv - ev < 0 or pu + eu >= w or pv + ev >= h:
+                    continue
+                far = deep + reach_z
+                need = int((far + noise[0] + far * (noise[1] + noise[2] * far)) * units)
+                # unsigned, so that no index needs a look whether it counts from the end
+                u0: Any = np.uint32(pu - eu)
+                u1: Any = np.uint32(pu + eu)
+                v0: Any = np.uint32(pv - ev)
+                v1: Any = np.uint32(pv + ev)
+                if four:
+                    u1, v1 = np.uint32(u1 - s + 1), np.uint32(v1 - s + 1)
+                    seen = min(
+                        min(pooled[v0, u0], pooled[v0, u1]), min(pooled[v1, u0], pooled[v1, u1])
+                    )
+                else:
+                    seen = window_least(least, u0, u1, v0, v1)
+                if seen > need:
+                    free[i + a, j + b, k + c] = 1
+
+
 @njit(cache=True, nogil=True)
 def carve(
     least: Shorts,
@@ -428,7 +616,8 @@ def carve(
     A voxel is free only if the least depth over all pixels that can see any part of it lies
     behind its far side by ``sigmas`` of noise. Pixels without a return have depth 0: they free
     nothing. A cube of half edges e_i about p projects within X +- sum_i |e_i,x - X e_i,z| /
-    (p_z - sum_i |e_i,z|) of its centre's X = p_x / p_z (exact for the cube's corners).
+    (p_z - sum_i |e_i,z|) of its centre's X = p_x / p_z (exact for the cube's corners). The eight
+    voxels of a cube share their windows' size, the largest that any of them could have.
 
     Of the arguments:
         least, most: (5, h, w) uint16 pooled tables of an image through an ideal lens.
@@ -447,6 +636,8 @@ def carve(
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     n0, n1, n2 = sigmas * noise[0], sigmas * noise[1], sigmas * noise[2]
     fine2 = fine_radius * fine_radius
+    half_edges = np.array([[a0, a1, a2], [b0, b1, b2], [c0, c1, c2]])
+    margin = np.array([n0, n1, n2])
     top = 8
     node = np.empty((64, 4), np.int64)
     place = np.empty((64, 3), np.float64)
@@ -500,12 +691,40 @@ def carve(
                         first = z - ez + 2.0 * reach_z
                         if window_most(most, u0, u1, v0, v1) <= int(first * units):
                             continue
-                        if s == 2 and fine2 > 0.0:
-                            gx = origin[0] + (i + 1) * voxel
-                            gy = origin[1] + (j + 1) * voxel
-                            gz = origin[2] + (k + 1) * voxel
-                            if gx * gx + gy * gy + gz * gz > fine2:
-                                continue
+                        if s == 2:
+                            if fine2 > 0.0:
+                                gx = origin[0] + (i + 1) * voxel
+                                gy = origin[1] + (j + 1) * voxel
+                                gz = origin[2] + (k + 1) * voxel
+                                if gx * gx + gy * gy + gz * gz > fine2:
+                                    continue
+                            # One window's size for all eight: none is nearer or more aslant.
+                            q /= s
+                            eu = (
+                                fx
+                                * q
+                                * (
+                                    abs(a0 - X * c0)
+                                    + abs(a1 - X * c1)
+                                    + abs(a2 - X * c2)
+                                    + eu / fx * reach_z
+                                )
+                            )
+                            ev = (
+                                fy
+                                * q
+                                * (
+                                    abs(b0 - Y * c0)
+                                    + abs(b1 - Y * c1)
+                                    + abs(b2 - Y * c2)
+                                    + ev / fy * reach_z
+                                )
+                            )
+                            _carve_eight(
+                                least, units, lens, half_edges, margin, free,
+                                i, j, k, x, y, z, eu, ev,
+                            )  # fmt: skip
+                            continue
                     elif s == 1:
                         continue
                     s //= 2
