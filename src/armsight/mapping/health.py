@@ -64,8 +64,8 @@ class CameraHealth:
         self._refusal = ""
 
     def alive(self, now: float) -> bool:
-        """Whether the newest frame used is young enough."""
-        return now - self.stamp <= self.allowed_age
+        """Whether the newest frame used is young enough, and not of a time yet to come."""
+        return -self._config.future <= now - self.stamp <= self.allowed_age
 
     def status(self, now: float) -> CameraStatus:
         """For the snapshot."""
@@ -73,7 +73,12 @@ class CameraHealth:
         reason = self._refusal
         if not alive:
             age = now - self.stamp
-            reason = "no frame yet" if not np.isfinite(age) else f"newest frame is {age:.2f} s old"
+            if not np.isfinite(age):
+                reason = "no frame yet"
+            elif age < 0:
+                reason = f"newest frame is of {-age:.2f} s from now: was the clock turned back?"
+            else:
+                reason = f"newest frame is {age:.2f} s old"
             if self._refusal:
                 reason += f"; last one refused: {self._refusal}"
         return CameraStatus(self._info.name, self.stamp, alive, self._frames, self._dropped, reason)

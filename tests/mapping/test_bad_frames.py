@@ -1,0 +1,226 @@
+"""Frames that cannot be used: each has an answer, a reason in words, and frees nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armsight.devices.data import JointState
+from armsight.devices.history import JointHistory
+from armsight.errors import UsageError
+from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
+from armsight.mapping.workspace_map import WorkspaceMap
+
+from . import scenes
+from .test_map_oracle import CONFIG, JOINTS, TABLE, camera
+
+BALL = scenes.sphere("ball", (10.3, 0.0, 0.25), 0.1)
+WALL = scenes.box("wall", (8.6, 0.0, 0.0), (0.1, 6.0, 6.0))
+INFO = camera("a", (11.3, 0.4, 0.9), 128)
+
+
+def picture(*things, info=INFO):
+    return scenes.ray_cast(info.depth, info.T_mount_camera, [WALL, TABLE, *things])
+
+
+@pytest.fixture
+def world():
+    made = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
+    made.update([scenes.frame(INFO, 0.1, picture(BALL), 0)], JOINTS, 0.101)
+    return made
+
+
+def status(snapshot, name="a"):
+    return next(c for c in snapshot.cameras if c.name == name)
+
+
+def spoiled(value):
+    return np.full(picture().shape, value, np.float32)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, -1.0, 1e30, 0.1])
+def test_images_without_a_return_are_refused(world, value):
+    """The frame before stands; nothing becomes free or occupied by it."""
+    before = world.update([], JOINTS, 0.11)
+    snapshot = world.update([scenes.frame(INFO, 0.13, spoiled(value), 1)], JOINTS, 0.131)
+    np.testing.assert_array_equal(snapshot.state, before.state)
+    seen = status(snapshot)
+    assert seen.stamp == 0.1
+    assert seen.dropped == 1
+    assert "0.00% of its pixels" in seen.reason
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, -1.0])
+def test_pixels_without_a_return_free_nothing(world, value):
+    """Half an image without returns: there all is unknown, but what was occupied stays."""
+    depth = picture(BALL)
+    depth[:, :64] = value
+    before = world.update([], JOINTS, 0.11)
+    snapshot = world.update([scenes.frame(INFO, 0.13, depth, 1)], JOINTS, 0.131)
+    lost = (before.state == FREE) & (snapshot.state != FREE)
+    assert lost.sum() > 50
+    assert not ((before.state != FREE) & (snapshot.state == FREE)).any()
+    assert (snapshot.state == OCCUPIED)[before.state == OCCUPIED].all()
+    centers = snapshot.grid.center(np.argwhere(snapshot.state == FREE))
+    local = (centers - INFO.T_mount_camera[:3, 3]) @ INFO.T_mount_camera[:3, :3]
+    assert INFO.depth.project(local)[:, 0].min() > 63.5
+
+
+@pytest.mark.parametrize(
+    ("stamp", "words"),
+    [
+        (0.1, "the same frame again"),
+        (0.05, "out of order by 0.050 s"),
+        (0.3, "s in the future"),
+        (np.nan, "stamp is nan"),
+        (np.inf, "stamp is inf"),
+        (-np.inf, "stamp is -inf"),
+    ],
+)
+def test_stamps_that_cannot_be(world, stamp, words):
+    before = world.update([], JOINTS, 0.12)
+    snapshot = world.update([scenes.frame(INFO, stamp, picture(), 1)], JOINTS, 0.121)
+    np.testing.assert_array_equal(snapshot.state, before.state)
+    np.testing.assert_array_equal(snapshot.hazards, before.hazards)
+    assert words in status(snapshot).reason
+    assert status(snapshot).dropped == 1
+    assert status(snapshot).alive
+
+
+def test_a_stamp_slightly_ahead_of_the_clock_is_one(world):
+    snapshot = world.update([scenes.frame(INFO, 0.13, picture(), 1)], JOINTS, 0.125)
+    assert status(snapshot).frames == 2
+
+
+@pytest.mark.parametrize(
+    ("depth", "words"),
+    [
+        (np.zeros((5, 5), np.float32), r"(5, 5), expected (106, 128)"),
+        (np.zeros((106, 128)), "float64, expected float32"),
+        (np.zeros((106, 128), np.uint16), "uint16, expected float32"),
+        (None, "NoneType, expected"),
+    ],
+)
+def test_images_of_another_kind(world, depth, words):
+    snapshot = world.update([scenes.frame(INFO, 0.13, depth, 1)], JOINTS, 0.131)
+    assert words in status(snapshot).reason
+    assert status(snapshot).dropped == 1
+
+
+def test_a_refused_frame_does_not_hide_the_next_good_one(world):
+    world.update([scenes.frame(INFO, 0.13, spoiled(np.nan), 1)], JOINTS, 0.131)
+    snapshot = world.update([scenes.frame(INFO, 0.16, picture(), 2)], JOINTS, 0.161)
+    assert status(snapshot).frames == 2
+    assert status(snapshot).reason == ""
+
+
+def test_of_two_frames_that_come_together_the_newer_counts(world):
+    """In whatever order they lie."""
+    frames = [
+        scenes.frame(INFO, 0.16, picture(), 2),
+        scenes.frame(INFO, 0.13, picture(BALL), 1),
+    ]
+    snapshot = world.update(frames, JOINTS, 0.161)
+    assert status(snapshot).stamp == 0.16
+    assert status(snapshot).dropped >= 1
+    assert not (~snapshot.hazard_unknown).any()  # the ball has gone
+
+
+def test_frames_of_a_camera_that_is_not_of_the_cell_are_left_out(world):
+    other = camera("stranger", (11.3, 0.4, 0.9), 128)
+    before = world.update([], JOINTS, 0.12)
+    snapshot = world.update([scenes.frame(other, 0.13, picture(), 0)], JOINTS, 0.131)
+    np.testing.assert_array_equal(snapshot.state, before.state)
+    assert [c.name for c in snapshot.cameras] == ["a"]
+
+
+def test_a_lost_frame_is_counted(world):
+    snapshot = world.update([scenes.frame(INFO, 0.2, picture(), 3)], JOINTS, 0.201)
+    assert status(snapshot).dropped == 2
+
+
+@pytest.mark.parametrize("joints", ["none", "old", "nan"])
+def test_without_joints_at_its_exposure_a_frame_is_of_no_use(joints):
+    """The arm could be anywhere in it."""
+    history = JointHistory()
+    if joints == "old":
+        history.add(JointState(0.01, np.zeros(2), np.zeros(2)))
+    if joints == "nan":
+        history.add(JointState(0.1, np.array([0.0, np.nan]), np.zeros(2)))
+    made = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
+    snapshot = made.update([scenes.frame(INFO, 0.1, picture(), 0)], history, 0.101)
+    assert "no joint reading at its exposure" in status(snapshot).reason
+    assert not (snapshot.state == FREE).any()
+
+
+def test_a_camera_that_dies_and_returns(world):
+    """Its free space dies with it, what it saw occupied does not; both come back with it."""
+    alive = world.update([], JOINTS, 0.12)
+    dead = world.update([], JOINTS, 0.5)
+    assert not status(dead).alive
+    assert "newest frame is 0.40 s old" in status(dead).reason
+    assert not (dead.state == FREE).any()
+    np.testing.assert_array_equal(dead.state == OCCUPIED, alive.state == OCCUPIED)
+    assert len(dead.hazards[~dead.hazard_unknown]) == len(alive.hazards[~alive.hazard_unknown])
+    back = world.update([scenes.frame(INFO, 0.6, picture(BALL), 9)], JOINTS, 0.601)
+    assert status(back).alive
+    assert status(back).reason == ""
+    np.testing.assert_array_equal(back.state == FREE, alive.state == FREE)
+
+
+def test_one_of_two_cameras_dies():
+    other = camera("b", (10.9, -0.9, 0.8), 128)
+    made = WorkspaceMap(scenes.two_link_arm(), [INFO, other], [TABLE], CONFIG)
+    both = made.update(
+        [
+            scenes.frame(INFO, 0.1, picture(), 0),
+            scenes.frame(other, 0.1, picture(info=other), 0),
+        ],
+        JOINTS,
+        0.101,
+    )
+    for k in range(1, 8):
+        now = 0.1 + 0.033 * k
+        one = made.update([scenes.frame(INFO, now, picture(), k)], JOINTS, now + 0.001)
+    assert status(one, "a").alive
+    assert not status(one, "b").alive
+    alone = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
+    single = alone.update([scenes.frame(INFO, 0.1, picture(), 0)], JOINTS, 0.101)
+    np.testing.assert_array_equal(one.state == FREE, single.state == FREE)
+    assert (both.state == FREE).sum() > (one.state == FREE).sum()
+
+
+def test_a_clock_that_is_turned_back_leaves_no_camera_alive(world):
+    """Frames from a future that is no longer to come say nothing about now."""
+    snapshot = world.update([], JOINTS, 0.05)
+    assert not status(snapshot).alive
+    assert not (snapshot.state == FREE).any()
+    assert "clock" in status(snapshot).reason
+
+
+def test_published_arrays_do_not_change(world):
+    """A reader of an old snapshot sees the old one, whatever comes after."""
+    first = world.update([], JOINTS, 0.12)
+    names = ("state", "distance", "hazards", "hazard_unknown", "last_occupied", "cloud")
+    kept = {name: getattr(first, name).copy() for name in names}
+    for k in range(1, 4):
+        world.update([scenes.frame(INFO, 0.1 + 0.033 * k, picture(), k)], JOINTS, 0.11 + 0.033 * k)
+    for name in names:
+        np.testing.assert_array_equal(getattr(first, name), kept[name])
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(first, name)[...] = 0
+
+
+def test_cameras_that_cannot_be_told_apart():
+    with pytest.raises(UsageError, match="names of their own"):
+        WorkspaceMap(scenes.two_link_arm(), [INFO, INFO], [], CONFIG)
+    many = [replace(INFO, name=f"c{i}") for i in range(9)]
+    with pytest.raises(UsageError, match="9 depth cameras"):
+        WorkspaceMap(scenes.two_link_arm(), many, [], CONFIG)
+
+
+def test_all_is_unknown_without_cameras():
+    made = WorkspaceMap(scenes.two_link_arm(), [], [TABLE], CONFIG)
+    snapshot = made.update([], JOINTS, 1.0)
+    assert set(np.unique(snapshot.state)) == {UNKNOWN, OCCUPIED}
+    assert snapshot.cameras == ()

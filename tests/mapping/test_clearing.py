@@ -1,0 +1,152 @@
+"""What is seen gone goes within two frames; what is not wholly seen through stays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armsight.mapping.snapshot import FREE, OCCUPIED
+from armsight.mapping.workspace_map import WorkspaceMap
+
+from . import scenes, twins
+from .test_bad_frames import BALL, INFO, TABLE, picture
+from .test_map_oracle import CONFIG, JOINTS, camera
+
+OTHER = camera("b", (10.9, -0.9, 0.8), 128)
+PERIOD = 1 / 30
+
+
+def rays_through(grid, voxel, info):
+    """(h, w) whether each pixel's ray meets a voxel."""
+    low = twins.corners_of(grid, np.array([voxel]))[0, 0]
+    R, origin = info.T_mount_camera[:3, :3], info.T_mount_camera[:3, 3]
+    rays = np.concatenate([info.depth.rays, np.ones((*info.depth.rays.shape[:2], 1))], -1) @ R.T
+    with np.errstate(divide="ignore"):
+        a, b = (low - origin) / rays, (low + grid.voxel - origin) / rays
+    return np.minimum(a, b).max(-1) < np.maximum(a, b).min(-1)
+
+
+def behind(depth, info, value=3.0):
+    """The picture of nothing: everything far away."""
+    return np.full_like(depth, value)
+
+
+@pytest.mark.parametrize(("cameras", "looks"), [([INFO], 2), ([INFO, OTHER], 3)])
+def test_a_departed_obstacle_goes_within_two_frames(cameras, looks):
+    """Whatever any camera wholly sees through is occupied no more.
+
+    One camera needs two looks. Of two that take turns one may see through what the other alone
+    had hit: that stands for ``hold``, 60 ms, so it takes a third look at 30 Hz.
+    """
+    world = WorkspaceMap(scenes.two_link_arm(), cameras, [TABLE], CONFIG)
+    static = world.update([], JOINTS, 0.0).state == OCCUPIED
+    stamp, sequence = 0.1, 0
+    for things in ([BALL], [BALL], *[[]] * looks):
+        for n, info in enumerate(cameras):
+            now = stamp + n * PERIOD / len(cameras)
+            frame = scenes.frame(info, now, picture(*things, info=info), sequence)
+            snapshot = world.update([frame], JOINTS, now + 0.001)
+        if things:
+            was = (snapshot.state == OCCUPIED) & ~static
+        stamp, sequence = stamp + PERIOD, sequence + 1
+    assert was.sum() > 20
+    through = np.zeros(was.shape, bool)
+    for info in cameras:
+        view = twins.View(info, picture(info=info), info.T_mount_camera)
+        must, _ = twins.free_bounds(view, world.grid, twins.all_voxels(world.grid))
+        through |= must.reshape(was.shape)
+    assert (was & through).sum() > 10
+    assert not (snapshot.state == OCCUPIED)[was & through].any()
+    assert not (~snapshot.hazard_unknown).any()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**31), st.sampled_from(["nothing", "nearer", "there"]), st.integers(1, 3))
+def test_an_obstacle_is_not_cleared_while_one_ray_of_its_voxel_is_not_seen_through(
+    seed, last, left
+):
+    """All rays through an occupied voxel but a few reach far beyond; for half a second."""
+    rng = np.random.default_rng(seed)
+    world = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
+    static = world.update([], JOINTS, 0.0).state == OCCUPIED
+    depth = picture(BALL)
+    snapshot = world.update([scenes.frame(INFO, 0.1, depth, 0)], JOINTS, 0.101)
+    cells = np.argwhere((snapshot.state == OCCUPIED) & ~static)
+    cell = tuple(cells[rng.integers(len(cells))])
+    rays = np.argwhere(rays_through(world.grid, cell, INFO))
+    assert len(rays) >= 2
+    kept = rays[rng.choice(len(rays), min(left, len(rays)), replace=False)]
+    image = behind(depth, INFO)
+    z = depth[tuple(kept.T)]
+    image[tuple(kept.T)] = {"nothing": np.nan, "nearer": 0.6, "there": z}[last]
+    if last == "there" and not np.isfinite(z).all():
+        return
+    if last == "there":  # only where the ray did end in this voxel or before it
+        points = INFO.depth.deproject(depth)[tuple(kept.T)]
+        T = INFO.T_mount_camera
+        found = world.grid.index(points @ T[:3, :3].T + T[:3, 3])
+        if not (found == cell).all(axis=1).any():
+            return
+    for k in range(1, 16):
+        now = 0.1 + k * PERIOD
+        snapshot = world.update([scenes.frame(INFO, now, image, k)], JOINTS, now + 0.001)
+        assert snapshot.state[cell] == OCCUPIED
+    for k in (16, 17):
+        now = 0.1 + k * PERIOD
+        gone = scenes.frame(INFO, now, behind(depth, INFO), k)
+        snapshot = world.update([gone], JOINTS, now + 0.001)
+    assert snapshot.state[cell] == FREE
+
+
+def test_what_something_nearer_hides_stays():
+    """A box steps between camera and ball: the ball's voxels stay, though not seen any more."""
+    world = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
+    static = world.update([], JOINTS, 0.0).state == OCCUPIED
+    first = world.update([scenes.frame(INFO, 0.1, picture(BALL), 0)], JOINTS, 0.101)
+    ball = (first.state == OCCUPIED) & ~static
+    toward = INFO.T_mount_camera[:3, 3] - BALL.T_frame_solid[:3, 3]
+    place = BALL.T_frame_solid[:3, 3] + 0.4 * toward
+    screen = scenes.sphere("screen", tuple(place), 0.2)
+    for k in range(1, 20):
+        now = 0.1 + k * PERIOD
+        frame = scenes.frame(INFO, now, picture(screen), k)  # the ball may have gone, unseen
+        snapshot = world.update([frame], JOINTS, now + 0.001)
+    assert (snapshot.state == OCCUPIED)[ball].all()
+
+
+def test_another_camera_does_not_clear_at_once_what_one_has_just_hit():
+    """Two cameras that disagree leave it occupied for the declared time, no longer."""
+    info = camera("b", (11.3, 0.4, 0.9), 128)  # sees the same, but not the ball
+    world = WorkspaceMap(scenes.two_link_arm(), [INFO, info], [TABLE], CONFIG)
+    static = world.update([], JOINTS, 0.0).state == OCCUPIED
+    first = world.update([scenes.frame(INFO, 0.1, picture(BALL), 0)], JOINTS, 0.101)
+    ball = (first.state == OCCUPIED) & ~static
+    empty = np.full_like(picture(), 3.0)
+    for k, stamp in enumerate((0.11, 0.1 + CONFIG.hold - 0.01)):
+        snapshot = world.update([scenes.frame(info, stamp, empty, k)], JOINTS, stamp + 0.001)
+        assert (snapshot.state == OCCUPIED)[ball].all()
+    stamp = 0.1 + CONFIG.hold + 0.01
+    snapshot = world.update([scenes.frame(info, stamp, empty, 2)], JOINTS, stamp + 0.001)
+    assert not (snapshot.state == OCCUPIED)[ball].any()
+
+
+def test_a_weak_sighting_needs_a_second_one_in_time():
+    """Too few pixels in a voxel are no obstacle; twice within the window they are."""
+    config = replace(CONFIG, strong_share=0.9)
+    ball = scenes.sphere("ball", (10.3, 0.0, 0.25), 0.05)
+    image = scenes.ray_cast(INFO.depth, INFO.T_mount_camera, [ball])
+    image[np.isnan(image)] = 3.0
+    for gap in (0.1, 0.4):
+        world = WorkspaceMap(scenes.two_link_arm(), [INFO], [], config)
+        view = twins.View(INFO, image, INFO.T_mount_camera)
+        strong, may_strong, touched = twins.hit_bounds(view, world.grid, [], config)
+        weak = touched & ~may_strong
+        assert weak.sum() >= 5
+        first = world.update([scenes.frame(INFO, 0.1, image, 0)], JOINTS, 0.101)
+        assert not (first.state == OCCUPIED)[weak].any()
+        assert (first.state == OCCUPIED)[strong].all()
+        second = world.update([scenes.frame(INFO, 0.1 + gap, image, 1)], JOINTS, 0.101 + gap)
+        found = (second.state == OCCUPIED)[weak]
+        assert found.sum() >= 5 if gap <= config.weak_window else not found.any()
