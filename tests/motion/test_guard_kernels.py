@@ -98,11 +98,11 @@ def test_blocks_hold_every_hazard_once_and_bound_them(seed, count):
     blocks = sort_into_blocks(points, 0.16)
     assert sorted(blocks.order) == list(range(count))
     assert np.array_equal(blocks.points, points[blocks.order])
-    for k in range(len(blocks.lower)):
+    for k in range(blocks.lower.shape[1]):
         mine = blocks.points[blocks.first[k] : blocks.first[k + 1]]
         assert len(mine)
-        assert np.array_equal(mine.min(axis=0), blocks.lower[k])
-        assert np.array_equal(mine.max(axis=0), blocks.upper[k])
+        assert np.array_equal(mine.min(axis=0), blocks.lower[:, k])
+        assert np.array_equal(mine.max(axis=0), blocks.upper[:, k])
 
 
 def test_drives_against_small_steps():

@@ -22,6 +22,12 @@ class JointHistory:
         while self._states[0].stamp < state.stamp - self._seconds:
             self._states.popleft()
 
+    def copy(self) -> JointHistory:
+        """The readings so far, for somebody who works on while more come in."""
+        twin = JointHistory(self._seconds)
+        twin._states = self._states.copy()
+        return twin
+
     @property
     def latest(self) -> JointState | None:
         """The newest reading, or None."""

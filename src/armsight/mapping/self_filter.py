@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
-from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints, Pose, Poses
+from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints, Ints32, Pose, Poses
 from armsight.errors import ArmsightError
 from armsight.geometry.pose import inverse, transform
 from armsight.geometry.shapes import Solid
@@ -265,8 +265,29 @@ class SelfFilter:
             )
         )
 
-    def mark(self, mask: Bytes, grid: VoxelGrid, body: BodyPose, limit: float, value: int) -> None:
-        """Set ``mask`` to ``value`` where a voxel's centre is within ``limit`` [m] of the body."""
+    def mark(
+        self,
+        grid: VoxelGrid,
+        body: BodyPose,
+        limits: tuple[float, float],
+        near: Bytes,
+        deep: Bytes,
+        listed: Ints32,
+    ) -> int:
+        """Mark the voxels whose centre is close to the body, or deep in it.
+
+        Args:
+            grid: the grid.
+            body: where the body is.
+            limits: how far from the surface a voxel counts as near and as deep [m]; the second is
+                the smaller one, negative inside the body.
+            near: (nx, ny, nz) uint8, set to 1 where a voxel is near.
+            deep: the same, where it is deep.
+            listed: (nx ny nz,) int32 out: flat indices of the voxels newly near.
+
+        Returns:
+            How many are listed.
+        """
         corners = np.einsum("mij,mcj->mci", body.T_base_grid[:, :3, :3], self._corners)
         corners += body.T_base_grid[:, None, :3, 3]
         low = np.floor((corners.min(axis=1) - grid.origin) / grid.voxel).astype(np.int64)
@@ -274,15 +295,18 @@ class SelfFilter:
         top = np.asarray(grid.shape) - 1
         box = np.stack([np.maximum(low, 0), np.minimum(high, top)], axis=2).reshape(-1, 6)
         T_grid_base = np.stack([self._to_cells @ inverse(T) for T in body.T_base_grid])
-        mark_body(
-            T_grid_base,
-            box,
-            self.fields.values,
-            self.fields.offset,
-            self.fields.shape,
-            np.asarray(grid.origin, float),
-            grid.voxel,
-            limit,
-            value,
-            mask,
+        return int(
+            mark_body(
+                T_grid_base,
+                box,
+                self.fields.values,
+                self.fields.offset,
+                self.fields.shape,
+                np.asarray(grid.origin, float),
+                grid.voxel,
+                *limits,
+                near,
+                deep,
+                listed,
+            )
         )

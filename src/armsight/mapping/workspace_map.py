@@ -114,7 +114,8 @@ class WorkspaceMap:
         self._body_deep = np.zeros(self.grid.shape, np.uint8)
         self._no_body = np.zeros(int(np.prod(self._far.grid.shape)), np.uint8)
         self._points: Floats32 = np.zeros((int(np.prod(self._far.grid.shape)), 3), np.float32)
-        self._body: BodyPose | None = None
+        self._body_voxels = np.zeros(self._body_near.size, np.int32)
+        self._body_count = 0
         self._now = -np.inf
         self._alive = np.zeros(len(names), np.uint8)
         self._snapshot: WorkspaceSnapshot | None = None
@@ -260,11 +261,11 @@ class WorkspaceMap:
         newest = max(jobs, key=lambda job: job.frame.stamp).body
         near = self.grid.voxel + self.config.self_margin
         deep = -0.5 * np.sqrt(3.0) * self.grid.voxel - self.config.self_margin
-        for value, body in ((0, self._body), (1, newest)):
-            if body is not None:
-                self._filter.mark(self._body_near, self.grid, body, near, value)
-                self._filter.mark(self._body_deep, self.grid, body, deep, value)
-        self._body = newest
+        for mask in (self._body_near, self._body_deep):
+            mask.reshape(-1)[self._body_voxels[: self._body_count]] = 0
+        self._body_count = self._filter.mark(
+            self.grid, newest, (near, deep), self._body_near, self._body_deep, self._body_voxels
+        )
 
     def _field_and_hazards(
         self, state: Bytes, alive: Bytes, now: float

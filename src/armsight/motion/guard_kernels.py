@@ -6,12 +6,15 @@ that provably hold nothing that matters. Plain-numpy twins are in the tests.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from armsight.arrays import Floats, Floats32, Ints, JointVector, Points, Poses
+
+ROUNDING = 1e-5
+"""More than what distances of blocks lose by being float32 [m]."""
 
 
 class Blocks(NamedTuple):
@@ -21,7 +24,7 @@ class Blocks(NamedTuple):
         points: (h, 3) float32 centres in ``base`` [m], block after block.
         order: (h,) index of each in the snapshot's ``hazards``.
         first: (b + 1,) points ``first[k]:first[k + 1]`` are block k's.
-        lower, upper: (b, 3) float32 bounds of each block's points [m].
+        lower, upper: (3, b) float32 bounds of each block's points [m], one row an axis.
     """
 
     points: Floats32
@@ -68,8 +71,8 @@ def sort_into_blocks(hazards: Floats32, size: float) -> Blocks:
             np.empty((0, 3), np.float32),
             np.empty(0, np.int64),
             np.zeros(1, np.int64),
-            np.empty((0, 3), np.float32),
-            np.empty((0, 3), np.float32),
+            np.empty((3, 0), np.float32),
+            np.empty((3, 0), np.float32),
         )
     ny = int((hi[1] - lo[1]) / size) + 1
     nz = int((hi[2] - lo[2]) / size) + 1
@@ -103,16 +106,16 @@ def sort_into_blocks(hazards: Floats32, size: float) -> Blocks:
         points[at, 0] = hazards[i, 0]
         points[at, 1] = hazards[i, 1]
         points[at, 2] = hazards[i, 2]
-    lower = np.empty((blocks, 3), np.float32)
-    upper = np.empty((blocks, 3), np.float32)
+    lower = np.empty((3, blocks), np.float32)
+    upper = np.empty((3, blocks), np.float32)
     for k in range(blocks):
         for c in range(3):
             low, high = points[first[k], c], points[first[k], c]
             for i in range(first[k] + 1, first[k + 1]):
                 low = min(low, points[i, c])
                 high = max(high, points[i, c])
-            lower[k, c] = low
-            upper[k, c] = high
+            lower[c, k] = low
+            upper[c, k] = high
     return Blocks(points, order, first, lower, upper)
 
 
@@ -157,6 +160,18 @@ def protective(distance: float, closing: float, stopping: float, law: Law) -> fl
 
 
 @njit(cache=True, nogil=True)
+def _square_gaps(lower: Floats32, upper: Floats32, x: Any, out: Floats32) -> None:
+    """Add the squared gap between a coordinate and each interval [m^2]."""
+    zero = np.float32(0.0)
+    for k in range(out.shape[0]):
+        below = lower[k] - x
+        above = x - upper[k]
+        gap = below if below > above else above
+        gap = gap if gap > zero else zero
+        out[k] += gap * gap
+
+
+@njit(cache=True, nogil=True)
 def scan(
     blocks: Blocks,
     center: Points,
@@ -190,8 +205,8 @@ def scan(
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         fastest = max(fastest, vx * vx + vy * vy + vz * vz)
     fastest = np.sqrt(fastest)
-    count = blocks.lower.shape[0]
-    bound = np.empty(count)
+    count = blocks.lower.shape[1]
+    bound = np.empty(count, np.float32)
     for i in range(center.shape[0]):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -210,23 +225,20 @@ def scan(
             cut = min(need + law.reaching * time, law.close)
         if speed <= 0.0:
             cut = -np.inf
-        first = -1
-        for k in range(count):
-            dx = max(blocks.lower[k, 0] - x, x - blocks.upper[k, 0], 0.0)
-            dy = max(blocks.lower[k, 1] - y, y - blocks.upper[k, 1], 0.0)
-            dz = max(blocks.lower[k, 2] - z, z - blocks.upper[k, 2], 0.0)
-            bound[k] = dx * dx + dy * dy + dz * dz
-            if first < 0 or bound[k] < bound[first]:
-                first = k
+        bound[:] = np.float32(0.0)
+        for axis in range(3):
+            at = np.float32(center[i, axis])
+            _square_gaps(blocks.lower[axis], blocks.upper[axis], at, bound)
+        first = int(np.argmin(bound)) if count else -1
         # The nearest block comes first: what it holds rules out most of the others.
         for turn in range(-1, count):
             k = first if turn < 0 else turn
             if turn == first or k < 0:
                 continue
-            reach = max(cut, best) + skin
+            reach = max(cut, best) + skin + ROUNDING
             if bound[k] > reach * reach:
                 continue
-            near = np.sqrt(bound[k]) - skin
+            near = np.sqrt(bound[k]) - skin - ROUNDING
             if near >= best and (
                 near >= cut or allowed_share(near, speed, fastest, stopping[i], law) >= least
             ):

@@ -28,6 +28,11 @@ class SharedJointHistory(JointHistory):
         with self._lock:
             super().add(state)
 
+    def copy(self) -> JointHistory:
+        """The readings so far."""
+        with self._lock:
+            return super().copy()
+
     @property
     def latest(self) -> JointState | None:
         """The newest reading, or None."""

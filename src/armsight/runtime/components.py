@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -84,6 +84,16 @@ class SensorTap(Protocol):
         ...
 
 
+class Beside(Protocol):
+    """Computes something beside the loop; see :meth:`SimulatedLoop.beside`."""
+
+    def __call__(
+        self, name: str, at: float, job: Callable[[], Any], then: Callable[[Any], None]
+    ) -> None:
+        """Begin ``job`` now; call ``then`` with its result when the clock says ``at`` [s]."""
+        ...
+
+
 def _nothing(_at: float) -> None:
     """Default of the hooks that the session wires."""
 
@@ -140,7 +150,11 @@ class SensingComponent:
 
 
 class MappingComponent:
-    """Updates the map on every frame, and without frames often enough to notice their absence."""
+    """Updates the map on every frame, and without frames often enough to notice their absence.
+
+    Attributes:
+        beside: computes beside the loop, where the compute time is declared; None in its turn.
+    """
 
     name = "mapping"
 
@@ -154,6 +168,7 @@ class MappingComponent:
         self.period = period
         self.charge = 0.0
         self.on_snapshot: Callable[[float], None] = _nothing
+        self.beside: Beside | None = None
         self._channels = channels
         self._workspace = workspace
         self._latency = latency
@@ -165,20 +180,38 @@ class MappingComponent:
         self.charge = 0.0
         if not frames and now < self._updated + self.period:
             return
+        self._updated = now
+        if frames and self.beside is not None:
+            history = self._channels.history.copy()
+            self.charge = self._latency.declared
+            visible_at = now + self.charge
+            self.beside(
+                self.name,
+                visible_at,
+                lambda: self._workspace.update(frames, history, now),
+                lambda snapshot: self._publish(snapshot, visible_at),
+            )
+            return
         began = time.perf_counter()
         snapshot = self._workspace.update(frames, self._channels.history, now)
         seconds = time.perf_counter() - began
-        self._updated = now
-        # A round without frames only ages the cameras' health: next to nothing to compute.
-        self.charge = self._latency.of(seconds) if frames else 0.0
-        visible_at = now + self.charge
-        self._channels.snapshot.publish(snapshot, visible_at)
         if frames:
-            self.on_snapshot(visible_at)
+            self.charge = self._latency.of(seconds)
+            self._publish(snapshot, now + self.charge)
+        else:  # it only ages the cameras' health: next to nothing to compute
+            self._channels.snapshot.publish(snapshot, now)
+
+    def _publish(self, snapshot: WorkspaceSnapshot, visible_at: float) -> None:
+        self._channels.snapshot.publish(snapshot, visible_at)
+        self.on_snapshot(visible_at)
 
 
 class PlanningComponent:
-    """Answers the newest request with a plan, on the newest snapshot."""
+    """Answers the newest request with a plan, on the newest snapshot.
+
+    Attributes:
+        beside: as in :class:`MappingComponent`.
+    """
 
     name = "planning"
 
@@ -194,6 +227,7 @@ class PlanningComponent:
         self.period = period
         self.charge = 0.0
         self.on_plan: Callable[[float], None] = _nothing
+        self.beside: Beside | None = None
         self._channels = channels
         self._planner = planner
         self._latency = latency
@@ -208,13 +242,26 @@ class PlanningComponent:
         snapshot = self._channels.snapshot.read(now)
         if request is None or snapshot is None or request.sequence <= self._answered:
             return
+        self._answered = request.sequence
         rng = np.random.default_rng((self._seed, request.sequence))
+        if self.beside is not None:
+            self.charge = self._latency.declared
+            at = now + self.charge
+            self.beside(
+                self.name,
+                at,
+                lambda: self._planner.plan(request, snapshot, self._time_limit, rng),
+                lambda plan: self._publish(plan, at),
+            )
+            return
         began = time.perf_counter()
         plan = self._planner.plan(request, snapshot, self._time_limit, rng)
         self.charge = self._latency.of(time.perf_counter() - began)
-        self._answered = request.sequence
-        self._channels.plan.publish(plan, now + self.charge)
-        self.on_plan(now + self.charge)
+        self._publish(plan, now + self.charge)
+
+    def _publish(self, plan: Plan, visible_at: float) -> None:
+        self._channels.plan.publish(plan, visible_at)
+        self.on_plan(visible_at)
 
 
 class GuardComponent:

@@ -33,6 +33,11 @@ class HealthMeter:
             self._last = now
             self._seconds.append(seconds)
 
+    def more(self, seconds: float) -> None:
+        """The last round computed this much longer, beside the loop [s]."""
+        with self._lock:
+            self._seconds[-1] += seconds
+
     def missed(self, count: int = 1) -> None:
         """Deadlines passed without a round."""
         with self._lock:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 from armsight.errors import ArmsightError, LoopError
 from armsight.runtime.component import Component
 from armsight.runtime.health import HealthMeter
+
+SWITCH_INTERVAL = 0.0005
+"""Python's default of 5 ms is a whole budget (design guard 3.8) [s]."""
 
 
 class Loop(Protocol):
@@ -89,17 +93,28 @@ def do_round(component: Component, meter: HealthMeter, now: float) -> float:
         LoopError: the component raised; the cause is kept.
     """
     began = time.perf_counter()
-    try:
+    with failing_as(component.name, meter, now):
         component.update(now)
-    except ArmsightError as error:
-        meter.problem(str(error))
-        raise LoopError(f"{component.name}: {error}") from error
-    except Exception as error:
-        meter.problem(f"{type(error).__name__}: {error}")
-        raise LoopError(
-            f"{component.name} failed at {now:.3f} s ({type(error).__name__}: {error}); "
-            "the arm was stopped; run again with --debug for the trace"
-        ) from error
     seconds = time.perf_counter() - began
     meter.round(now, seconds)
     return seconds
+
+
+@contextlib.contextmanager
+def failing_as(name: str, meter: HealthMeter, now: float) -> Iterator[None]:
+    """Whatever is raised inside is a component's failure at ``now`` [s].
+
+    Raises:
+        LoopError: something was raised; the cause is kept.
+    """
+    try:
+        yield
+    except ArmsightError as error:
+        meter.problem(str(error))
+        raise LoopError(f"{name}: {error}") from error
+    except Exception as error:
+        meter.problem(f"{type(error).__name__}: {error}")
+        raise LoopError(
+            f"{name} failed at {now:.3f} s ({type(error).__name__}: {error}); "
+            "the arm was stopped; run again with --debug for the trace"
+        ) from error

@@ -353,6 +353,8 @@ class Session:
         planning.on_plan = lambda at: loop.wake("guard", at)
         if not self._wall:
             self._guard.call_at = loop.call_at
+        if isinstance(loop, SimulatedLoop) and charge == "declared":
+            mapping.beside = planning.beside = loop.beside
         self._guard.held = self._held and self._advance is None
         if self._held and self._advance is not None:
             self._loop.pause(True)

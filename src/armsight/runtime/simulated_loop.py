@@ -1,16 +1,26 @@
-"""The loop under a simulated clock: one thread, events in order, the same for the same seed."""
+"""The loop under a simulated clock: events in order, the same for the same seed.
+
+Rounds run in one thread. A component whose compute time is declared may have its computing done
+beside the loop (:meth:`SimulatedLoop.beside`): what it works on is fixed when it begins, and what
+it found comes in at its declared time, so the results do not depend on how fast the threads are.
+"""
 
 from __future__ import annotations
 
 import heapq
 import itertools
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 from armsight.runtime.component import Component
-from armsight.runtime.loop import Inbox, do_round, make_meters
+from armsight.runtime.loop import SWITCH_INTERVAL, Inbox, do_round, failing_as, make_meters
+
+Result = TypeVar("Result")
 
 FALLEN_BEHIND = 0.25
 """Seconds behind the wanted speed after which catching up is given up."""
@@ -56,6 +66,7 @@ class SimulatedLoop:
         self._stop = threading.Event()
         self._paused = threading.Event()
         self._inbox = Inbox()
+        self._pool = ThreadPoolExecutor(len(components) or 1, "beside")
         self._speed = speed
         self._anchor = (0.0, 0.0)
         self.wall_seconds = 0.0
@@ -100,12 +111,41 @@ class SimulatedLoop:
         """Do something once at a time [s]."""
         self._push(at, -1, action)
 
+    def beside(
+        self, name: str, at: float, job: Callable[[], Result], then: Callable[[Result], None]
+    ) -> None:
+        """Begin a component's computing now, beside the loop, and hand over its result at ``at``.
+
+        Args:
+            name: of the component; what the job raises is its failure.
+            at: when the clock says this, the loop waits for the result [s].
+            job: must not look at anything that the loop goes on changing.
+            then: called by the loop with the result.
+        """
+        meter = self.meters[name]
+
+        def timed() -> tuple[Result, float]:
+            began = time.perf_counter()
+            return job(), time.perf_counter() - began
+
+        future = self._pool.submit(timed)
+
+        def finish() -> None:
+            with failing_as(name, meter, at):
+                result, seconds = future.result()
+                meter.more(seconds)
+                then(result)
+
+        self.call_at(at, finish)
+
     def run(self, until: float | None) -> None:
         """Run until the clock says ``until`` [s], or until stopped."""
         end = math.inf if until is None else until
         self._stop.clear()
         self._rebase()
         began, clock_began = time.perf_counter(), self._now()
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL)
         try:
             while not self._stop.is_set():
                 self._inbox.run_all()
@@ -124,6 +164,7 @@ class SimulatedLoop:
                     self._advance(at)
                 action()
         finally:
+            sys.setswitchinterval(interval)
             self.wall_seconds += time.perf_counter() - began
             self.simulated_seconds += max(0.0, self._now() - clock_began)
 

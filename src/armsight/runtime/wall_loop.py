@@ -13,10 +13,8 @@ from armsight.devices.protocols import Clock
 from armsight.errors import LoopError
 from armsight.runtime.clocks import WallClock
 from armsight.runtime.component import Component
-from armsight.runtime.loop import Inbox, do_round, make_meters
+from armsight.runtime.loop import SWITCH_INTERVAL, Inbox, do_round, make_meters
 
-SWITCH_INTERVAL = 0.0005
-"""Python's default of 5 ms is a whole budget (design guard 3.8) [s]."""
 NAP = 0.004
 """Longest sleep of the supervising thread [s]."""
 JOIN_SECONDS = 2.0

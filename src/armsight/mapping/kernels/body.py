@@ -320,16 +320,24 @@ def mark_body(
     shape: Ints,
     origin: Vector3,
     voxel: float,
-    limit: float,
-    value: int,
-    mask: Bytes,
-) -> None:
-    """Set ``mask`` to ``value`` where a voxel's centre is within ``limit`` [m] of a link.
+    near_limit: float,
+    deep_limit: float,
+    near: Bytes,
+    deep: Bytes,
+    listed: Ints32,
+) -> int:
+    """Mark the voxels whose centre is within ``near_limit`` or ``deep_limit`` [m] of a link.
 
     Of the arguments:
+        near, deep: (nx, ny, nz) uint8, set to 1; a deep voxel is near as well.
+        listed: (nx ny nz,) out: flat indices of the voxels that were not near before.
         T_field_base: (m, 4, 4) base in each field's grid frame, lengths in cells.
         box: (m, 6) int64 voxel ranges i0 i1 j0 j1 k0 k1 (inclusive, inside the grid).
+
+    Returns:
+        How many are listed.
     """
+    count = 0
     for f in range(offset.shape[0]):
         T = T_field_base[f]
         nx, ny, nz = shape[f, 0], shape[f, 1], shape[f, 2]
@@ -346,5 +354,13 @@ def mark_body(
                         continue
                     if gx > nx - 1 or gy > ny - 1 or gz > nz - 1:
                         continue
-                    if interpolate(values, offset[f], nx, ny, nz, gx, gy, gz) <= limit:
-                        mask[i, j, k] = value
+                    d = interpolate(values, offset[f], nx, ny, nz, gx, gy, gz)
+                    if d > near_limit:
+                        continue
+                    if d <= deep_limit:
+                        deep[i, j, k] = 1
+                    if near[i, j, k] == 0:
+                        near[i, j, k] = 1
+                        listed[count] = (i * near.shape[1] + j) * near.shape[2] + k
+                        count += 1
+    return count
