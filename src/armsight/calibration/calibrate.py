@@ -98,6 +98,14 @@ class Calibration:
         """Index of a rig's first lens."""
         return next(i for i, lens in enumerate(self.problem.lenses) if lens.rig == rig)
 
+    def corner_sigma(self) -> dict[int, float]:
+        """Usual standard deviation of a corner's coordinate through each lens [px]."""
+        model = self.solution.model
+        return {
+            int(lens): float(np.median(model.sigma[model.lens_of == lens]))
+            for lens in np.unique(model.lens_of)
+        }
+
     def target_sigma(self, lens: int) -> float:
         """Expected 3D error of a point seen 1.0-1.5 m away anywhere in the image [m]."""
         return self.covariance.target_sigma(lens, *target_points(self.problem.lenses[lens].camera))
@@ -202,8 +210,9 @@ def reject_misseen(
         What is left, and what went with the reason.
     """
     rejected: list[tuple[Sighting, str]] = []
-    # No pose errors: free ones would bend to swallow a slipped board.
-    stiff = replace(freedom, white=None, robot=False)
+    # No pose errors: free ones would bend to swallow a slipped board. The arm's kinematic errors
+    # stay: they are held by their priors, and without them good boards far out look mis-seen.
+    stiff = replace(freedom, white=None)
     state = None
     for _ in range(rounds):
         model = Model(problem, stiff, options.priors)

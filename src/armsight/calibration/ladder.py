@@ -98,31 +98,61 @@ def pose_noise(
     return out[0], out[1]
 
 
-def corner_noise(solution: Solution) -> dict[int, float]:
-    """Standard deviation of a corner's coordinate through each lens [px], outliers apart.
+def corner_noise(solution: Solution, trust: float = 12.0, floor: float = 0.02) -> Floats:
+    """(F,) standard deviation of a corner's coordinate in each sighting [px], outliers apart.
 
-    From the median residual, so that a few mis-seen corners do not matter, and corrected for the
-    unknowns that were fitted.
+    Each lens has a noise, corrected for the unknowns that were fitted. A small, slanted or glaring
+    board scatters more than others through the same lens: what is left within its image when the
+    board may go where it likes tells by how much, drawn towards the usual for few corners. Medians
+    are used, so that a few corners on other things do not matter.
+
+    Args:
+        solution: of a model with any noise.
+        trust: corners that the usual counts for beside the sighting's own.
+        floor: no smaller than this [px].
     """
     model = solution.model
     spent = len(solution.normal.free) + 6 * len(solution.normal.views)
     total = 2 * int(model.seen.sum())
     left = np.sqrt(total / max(total - spent, 0.25 * total, 1.0))
     raw = np.sum((solution.residual * model.sigma[:, None, None]) ** 2, axis=-1)
-    out = {}
+    own = _scatter_within(solution)
+    count = np.maximum(model.seen.sum(1) - 3, 0)  # a pose takes three corners
+    out = np.empty(model.count)
     for lens in np.unique(model.lens_of):
-        mine = raw[(model.lens_of == lens)[:, None] & model.seen]
-        out[int(lens)] = float(left * np.sqrt(np.median(mine) / 1.386))  # chi2(2) median
+        mine = np.flatnonzero(model.lens_of == lens)
+        usual = float(np.sqrt(np.median(raw[mine][model.seen[mine]]) / (2 * np.log(2.0))))
+        ratio = own[mine] / max(float(np.median(own[mine])), 1e-12)
+        share = (trust + count[mine] * ratio) / (trust + count[mine])
+        out[mine] = left * usual * np.sqrt(share)
+    return np.maximum(out, floor)
+
+
+def _scatter_within(solution: Solution) -> Floats:
+    """(F,) median squared residual of each sighting with its own pose free [px^2]."""
+    model = solution.model
+    pose = model.linearise(solution.state).jacobian[..., -6:]
+    F, K = model.seen.shape
+    out = np.empty(F)
+    for f in range(F):
+        weight = np.repeat(np.sqrt(solution.normal.weight[f]), 2)[:, None]
+        A = pose[f].reshape(2 * K, 6)
+        r = solution.residual[f].reshape(2 * K)
+        x = np.linalg.lstsq(A * weight, r * weight[:, 0], rcond=1e-9)[0]
+        square = np.sum((r - A @ x).reshape(K, 2) ** 2, axis=1)[model.seen[f]]
+        out[f] = float(np.median(square)) * model.sigma[f] ** 2
     return out
 
 
-def with_corner_noise(problem: Problem, noise: dict[int, float]) -> Problem:
-    """The same sightings with other standard deviations (never below 0.02 px)."""
+CUT = 6.0
+"""Corners farther off than so many sigma lie on another thing, and do not count [1]."""
+
+
+def with_corner_noise(problem: Problem, noise: Floats) -> Problem:
+    """The same sightings with other standard deviations, (F,) [px]."""
     return replace(
         problem,
-        sightings=tuple(
-            replace(s, sigma=max(noise.get(s.lens, s.sigma), 0.02)) for s in problem.sightings
-        ),
+        sightings=tuple(replace(s, sigma=float(x)) for s, x in zip(problem.sightings, noise)),
     )
 
 
@@ -140,10 +170,11 @@ def solve_with_noise(
         size of the pose errors.
     """
     solution = solve(Model(problem, freedom, priors), None, options)
-    for _ in range(rounds):
-        old_noise = {s.lens: s.sigma for s in problem.sightings}
+    options = with_cut(options)
+    for turn in range(rounds):
         noise = corner_noise(solution)
-        settled = all(abs(noise[k] / old_noise[k] - 1) < 0.05 for k in noise)
+        change = np.abs(np.log(noise / solution.model.sigma))
+        settled = turn > 0 and float(np.median(change)) < 0.05
         white = freedom.white
         if white is not None:
             t, r = pose_noise(solution)
@@ -154,6 +185,11 @@ def solve_with_noise(
         problem = with_corner_noise(problem, noise)
         solution = solve(Model(problem, freedom, priors), solution.state, options)
     return solution, freedom
+
+
+def with_cut(options: SolverOptions | None) -> SolverOptions:
+    """Options for a solve that starts near its answer."""
+    return replace(options or SolverOptions(), cut=CUT)
 
 
 def left_out_errors(
@@ -180,8 +216,7 @@ def left_out_errors(
     for group in groups:
         rest = [v for v in problem.used_views if v not in group]
         model = Model(problem.only_views(rest), freedom, priors)
-        start = whole.state
-        solution = solve(model, start, options)
+        solution = solve(model, whole.state, with_cut(options))
         a, b = prediction_errors(problem.only_views(group), solution)
         px.append(a)
         mm.append(b)

@@ -656,7 +656,13 @@ def _learn(
         if not len(offers):
             return "no further view can be reached"
         looks = information(
-            answer.problem, solution.state, answer.freedom, setup.robot, offers, margin=margin
+            answer.problem,
+            solution.state,
+            answer.freedom,
+            setup.robot,
+            offers,
+            margin=margin,
+            sigma=answer.corner_sigma(),
         )
         here = log.at if log.at is not None else setup.robot.home
         fixed = options.rest + options.frames * setup.frame_seconds

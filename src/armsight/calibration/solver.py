@@ -23,11 +23,13 @@ class SolverOptions:
 
     Attributes:
         huber: corners farther off than this many sigma count less [1]; inf for plain squares.
+        cut: corners farther off than this do not count at all [1]; only for a start that is near.
         iterations: at most.
         tolerance: stop when a step lowers the cost by less than this share.
     """
 
     huber: float = 3.0
+    cut: float = float("inf")
     iterations: int = 60
     tolerance: float = 1e-10
 
@@ -89,9 +91,9 @@ class Solution:
         return np.asarray(raw[self.model.seen])
 
     def rms_px(self, lens: int | None = None) -> float:
-        """Root mean square distance of corners [px], through one lens or all; robust weights on."""
+        """Root mean square distance of the corners that count [px], through one lens or all."""
         raw = self.residual * self.model.sigma[:, None, None]
-        mask = self.model.seen & (self.normal.weight > 0.999)
+        mask = self.model.seen & (self.normal.weight > 0)
         if lens is not None:
             mask = mask & (self.model.lens_of == lens)[:, None]
         d = raw[mask]
@@ -99,8 +101,8 @@ class Solution:
 
     @property
     def dropped(self) -> int:
-        """Corners that count less than fully."""
-        return int(np.sum(self.model.seen & (self.normal.weight < 0.999)))
+        """Corners that do not count: they lie on another thing."""
+        return int(np.sum(self.model.seen & (self.normal.weight == 0)))
 
     def freedom_left(self) -> int:
         """Residuals minus unknowns that no prior holds."""
@@ -109,7 +111,8 @@ class Solution:
         boards_free = np.sum(
             np.trace(model.view_information[self.normal.views], axis1=1, axis2=2) == 0
         )
-        return int(2 * model.seen.sum() - loose.sum() - 6 * boards_free)
+        counted = int(np.sum(model.seen & (self.normal.weight > 0)))
+        return int(2 * counted - loose.sum() - 6 * boards_free)
 
     @property
     def chi2_share(self) -> float:
@@ -134,21 +137,28 @@ def _sums(places: Ints, values: Floats, size: int) -> Floats:
     return np.asarray(np.bincount(places, values.ravel(), size), np.float64)
 
 
-def huber_weights(residual: Floats, threshold: float) -> tuple[Floats, float]:
-    """Weights of corners and the robust cost of (F, K, 2) whitened residuals."""
+def robust_weights(
+    residual: Floats, threshold: float, cut: float = float("inf")
+) -> tuple[Floats, float]:
+    """Weights of corners and the robust cost of (F, K, 2) whitened residuals.
+
+    Huber's cost up to ``cut`` sigma, constant from there on (a corner on another thing).
+    """
     square = np.sum(residual * residual, axis=-1)
     if not np.isfinite(threshold):
         return np.ones_like(square), 0.5 * float(square.sum())
-    length = np.sqrt(square)
+    length = np.minimum(np.sqrt(square), cut)
     far = length > threshold
     weight = np.where(far, threshold / np.maximum(length, 1e-300), 1.0)
     cost = np.where(far, threshold * length - 0.5 * threshold**2, 0.5 * square)
-    return weight, float(cost.sum())
+    return np.where(length < cut, weight, 0.0), float(cost.sum())
 
 
-def cost_of(model: Model, state: State, residual: Floats, huber: float) -> float:
+def cost_of(
+    model: Model, state: State, residual: Floats, huber: float, cut: float = float("inf")
+) -> float:
     """Half the robust sum of squares, priors included."""
-    _, cost = huber_weights(residual, huber)
+    _, cost = robust_weights(residual, huber, cut)
     d = model.prior_residual(state)
     d = np.where(model.free, d, 0.0)
     cost += 0.5 * float(d @ model.prior_information @ d)
@@ -161,10 +171,12 @@ def cost_of(model: Model, state: State, residual: Floats, huber: float) -> float
     return cost
 
 
-def normal_equations(model: Model, state: State, huber: float) -> tuple[NormalEquations, Floats]:
+def normal_equations(
+    model: Model, state: State, huber: float, cut: float = float("inf")
+) -> tuple[NormalEquations, Floats]:
     """The normal equations about a state, and its residuals."""
     lin = model.linearise(state)
-    weight, _ = huber_weights(lin.residual, huber)
+    weight, _ = robust_weights(lin.residual, huber, cut)
     F, K = weight.shape
     root = np.sqrt(weight)[..., None]
     J = (lin.jacobian * root[..., None]).reshape(F, 2 * K, -1)
@@ -209,7 +221,7 @@ def normal_equations(model: Model, state: State, huber: float) -> tuple[NormalEq
         g_view,
         mixed[np.ix_(views, free)] if len(views) else np.zeros((0, len(free), 6)),
         scores[:, free],
-        cost_of(model, state, lin.residual, huber),
+        cost_of(model, state, lin.residual, huber, cut),
         weight,
     )
     return normal, lin.residual
@@ -227,7 +239,8 @@ def solve(
     if model.count == 0:
         raise ValueError("no sighting of a board: nothing to solve")
     state = state or model.start()
-    normal, residual = normal_equations(model, state, options.huber)
+    robust = (options.huber, options.cut)
+    normal, residual = normal_equations(model, state, *robust)
     damping, converged, rounds = 1e-4, False, 0
     while rounds < options.iterations:
         rounds += 1
@@ -235,7 +248,7 @@ def solve(
         trial = model.retract(
             state, _spread(model, normal, step), _spread_views(model, normal, view_step)
         )
-        cost = cost_of(model, trial, model.linearise(trial, False).residual, options.huber)
+        cost = cost_of(model, trial, model.linearise(trial, False).residual, *robust)
         if not np.isfinite(cost) or cost > normal.cost * (1 + 1e-14):
             if damping > 1e12:
                 converged = True  # no direction lowers the cost: this is the bottom
@@ -244,7 +257,7 @@ def solve(
             continue
         gain = (normal.cost - cost) / max(normal.cost, 1e-300)
         state = trial
-        normal, residual = normal_equations(model, state, options.huber)
+        normal, residual = normal_equations(model, state, *robust)
         damping = max(damping / 10.0, 1e-12)
         if gain < options.tolerance or normal.cost < 1e-24:
             converged = True

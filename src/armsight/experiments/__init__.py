@@ -20,6 +20,7 @@ NAMES: dict[str, str] = {
     "calibration-intrinsics": "T1: lenses, nine experiments of fewer and fewer frames",
     "calibration-eye-to-hand": "T1: three cameras in the base, five experiments",
     "calibration-peers": "calibration beside the bound and OpenCV, same corners; ellipsoids",
+    "calibration-drift": "drift watch: moved cameras named, cells that stand still left alone",
     "calibration-real": "real hand-eye sets, beside the figures published with them",
 }
 """Every experiment and its help; the module of ``a-b`` is ``armsight.experiments.a_b``."""
