@@ -32,8 +32,8 @@ class SessionConfig:
     mapping_period: float = 0.02
     guard_period: float = 0.008
     planning_period: float = 0.01
-    mapping_latency: float = 0.012
-    planning_latency: float = 0.05
+    mapping_latency: float = 0.02
+    planning_latency: float = 0.1
     guard_latency: float = 0.002
     charge: Literal["declared", "measured"] = "declared"
     planning_time: float = 0.05
