@@ -39,6 +39,7 @@ from armsight.calibration.problem import (
     Sighting,
 )
 from armsight.calibration.robot_errors import RobotErrors
+from armsight.calibration.solver import SolverOptions
 from armsight.calibration.views import (
     FreeCheck,
     board_in_view,
@@ -606,7 +607,9 @@ def _tilt(log: _Log) -> Generator[Request, object, None]:
 
 
 def _solve(log: _Log, rng: np.random.Generator) -> Calibration:
-    options = CalibrationOptions(left_out=False)
+    # Good enough to choose the next view; the last solve of all is exact.
+    quick = SolverOptions(iterations=20, tolerance=1e-5)
+    options = CalibrationOptions(left_out=False, solver=quick)
     return calibrate(
         problem_of(log.setup, log.views), np.random.default_rng(rng.integers(1 << 31)), options
     )
