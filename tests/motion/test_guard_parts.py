@@ -1,5 +1,7 @@
 """The parts of the guard one by one: routes, speed scale, executed path, keep-out, reflex."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,9 +9,12 @@ from hypothesis import strategies as st
 
 from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.mapping.snapshot import OCCUPIED
+from armsight.motion.data import JointGoal, PlanRequest
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.keep_out import enlarged
+from armsight.motion.keep_out import KeepOutConfig, SeparationPlanner, enlarged, with_remembered
+from armsight.motion.nearest import Hazards
+from armsight.motion.planner import RrtConnectPlanner
 from armsight.motion.reflex import Approach, Reflex, Stage
 from armsight.motion.route import Route, SpeedScale, rate_bounds
 from armsight.motion.trajectory import straight
@@ -158,3 +163,47 @@ def test_without_hazards_nothing_is_enlarged():
     cell = QuickCell()
     snapshot = cell.snapshot_at(0.0)
     assert enlarged(snapshot, 0.3) is snapshot
+
+
+def was_occupied(snapshot, lower, upper, age):
+    last = snapshot.last_occupied.copy()
+    index = np.argwhere(snapshot.state >= 0)
+    places = snapshot.grid.center(index)
+    inside = ((places > lower) & (places < upper)).all(axis=1)
+    last[tuple(index[inside].T)] = snapshot.stamp - age
+    return replace(snapshot, last_occupied=last), places[inside]
+
+
+def test_remembered_places_are_hazards_until_they_are_forgotten():
+    snapshot = QuickCell([Ball(lambda t: np.array([0.5, 0.1, 0.3]), 0.05)]).snapshot_at(100.0)
+    before, places = was_occupied(snapshot, (0.6, -0.2, 0.1), (0.7, 0.2, 0.3), age=5.0)
+    remembered = with_remembered(before, 20.0)
+    np.testing.assert_allclose(remembered.hazards[: len(snapshot.hazards)], snapshot.hazards)
+    found = remembered.hazards[len(snapshot.hazards) :]
+    np.testing.assert_allclose(np.sort(found, axis=0), np.sort(places, axis=0), atol=1e-5)
+    assert len(remembered.hazard_unknown) == len(remembered.hazards)
+    assert with_remembered(before, 4.0) is before
+    assert with_remembered(snapshot, 20.0) is snapshot
+
+
+def test_a_way_around_a_remembered_place_is_taken_if_it_costs_little():
+    cell = QuickCell()
+    start, goal = np.deg2rad([[-60, -70, 85, -105, -90, 0], [60, -70, 85, -105, -90, 0]])
+    request = PlanRequest(0, start, JointGoal("B", goal))
+    snapshot = cell.snapshot_at(100.0)
+    before, places = was_occupied(snapshot, (0.85, -0.1, 0.2), (1.05, 0.1, 0.4), age=5.0)
+    hazards = Hazards.at(places, snapshot.hazard_radius)
+
+    def time_there(snapshot, returns):
+        planner = SeparationPlanner(
+            RrtConnectPlanner(cell.robot),
+            cell.robot,
+            [cell.info],
+            cell.config,
+            KeepOutConfig(returns=returns),
+        )
+        plan = planner.plan(request, snapshot, 0.05, np.random.default_rng(3))
+        assert plan.good
+        return planner.predicted_time(plan.trajectory, hazards)
+
+    assert time_there(before, 0.5) < 0.8 * time_there(before, 0.0)

@@ -9,8 +9,10 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.kernels import body_centers, self_clearance, sphere_clearances
 
-DEPTH = 0.02
-"""Deepest contact [m] that is left without help: a voxel. Deeper ones need a person."""
+DEPTH = 0.05
+"""Deepest contact [m] that is left without help: a voxel, and what link spheres overshoot. What
+touched the arm and went away again stays in the map there, hidden by the arm itself, until the arm
+has moved. Deeper contacts need a person."""
 SPREADS = (0.03, 0.06, 0.12, 0.25, 0.4)
 """How far away [rad] free places are sought, one after the other."""
 TRIES = 80

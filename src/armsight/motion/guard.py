@@ -40,6 +40,8 @@ LEAD = 0.75
 """The command is the motion's velocity this far into the coming tick: the drives ramp up to it."""
 STOP_ROOM = 0.04
 """Phase time that is kept free before a blocked place, besides the way to stop [s]."""
+CRAWL = 0.1
+"""An arm that separation lets go on at less than this share of the planned speed is waiting."""
 BLOCKED_FOR = 0.1
 """A path must be blocked for this long before another is asked for [s]: noise flickers."""
 
@@ -250,7 +252,8 @@ class Guard:
         if self._route is None:
             self._wait_for_plan(tick)
             return
-        self._follow(tick, self._route, self._goal_speed())
+        limit = 0.0 if self._waited(tick.now) else self._goal_speed()
+        self._follow(tick, self._route, limit)
         self._reconsider(tick)
 
     def _goal_speed(self) -> float:
@@ -345,22 +348,29 @@ class Guard:
     def _reconsider(self, tick: _Tick) -> None:
         """Leave a path that is blocked or that the arm has left, and ask for another."""
         route = self._route
-        if route is None or not tick.at_rest or tick.brake:
+        if route is None or tick.brake:
             self._waiting_since = math.inf
+            return
+        if not self._waited(tick.now):
+            if tick.passage.share >= CRAWL * self._goal_speed():
+                self._waiting_since = math.inf
+            elif math.isinf(self._waiting_since):
+                self._waiting_since = tick.now
+        if not tick.at_rest:
             return
         off = float(np.abs(route.wanted(tick.ahead.position).correction).max())
         blocked = tick.now - self._blocked_since >= BLOCKED_FOR
-        if tick.mode != GuardMode.STOPPED:
-            self._waiting_since = math.inf
-        elif math.isinf(self._waiting_since):
-            self._waiting_since = tick.now
-        waited = tick.now - self._waiting_since >= self.config.patience
+        waited = self._waited(tick.now)
         if off > self.config.off_path or blocked or waited:
             warm = thinned(route.remaining) if not blocked else None
             self._route = None
             self._waiting_since = math.inf
             self._goals.drop_request()
             tick.request = self._goals.ask(tick.now, tick.ahead.position, warm)
+
+    def _waited(self, now: float) -> bool:
+        """Whether the arm has waited for separation so long that another way should be sought."""
+        return now - self._waiting_since >= self.config.patience
 
     # -- reflex ---------------------------------------------------------------------------------
 

@@ -2,8 +2,11 @@
 
 The planner proves that a path touches nothing; separation then decides how fast it may be driven.
 Close to somebody that is not at all. So several paths are planned: through the surroundings as they
-are, and through surroundings in which everything that may be a person is larger. The one that the
-law would let the arm drive in the least time, with everybody where they are now, is chosen.
+are, and through surroundings in which everything that may be a person is larger, now and where
+somebody was not long ago: whoever left may come back, and a path that passes there would be stopped
+halfway (T2: the risk of an area is taken into account before the arm moves). The one that the law
+would let the arm drive in the least time is chosen: the mean of the times with everybody where they
+are now, and with the remembered places taken as well.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from scipy.ndimage import distance_transform_edt
 
 from armsight.arrays import JointVector
 from armsight.devices.data import RgbdCameraInfo
-from armsight.mapping.snapshot import OCCUPIED, WorkspaceSnapshot
+from armsight.mapping.snapshot import FREE, OCCUPIED, WorkspaceSnapshot
 from armsight.motion.data import PlanRequest
 from armsight.motion.gate import Gate, declared_reaction
 from armsight.motion.guard_config import GuardConfig
@@ -45,12 +48,18 @@ class KeepOutConfig:
         least: enlarging by less than this is not worth a plan [m].
         good: a path predicted to take no more than this multiple of its undisturbed time is taken
             without looking for a better one.
+        memory: places that were occupied within this time are remembered [s]; 20 s is danger 0.8.
+        returns: weight of the time with the remembered places taken, 0..1.
+        stay: whoever comes back is not expected to hold the arm up for longer than this [s].
     """
 
     distances: tuple[float, ...] = (0.5, 0.35)
     slack: float = 0.06
     least: float = 0.1
     good: float = 1.2
+    memory: float = 20.0
+    returns: float = 0.5
+    stay: float = 3.0
 
 
 class SeparationPlanner:
@@ -82,27 +91,52 @@ class SeparationPlanner:
         self._gate.set_reaction(self._reaction, hazards.radius)
         config = self._config
         best = self._planner.plan(request, snapshot, time_limit, rng)
-        if best.trajectory is None or len(snapshot.hazards) == 0:
+        before = with_remembered(snapshot, config.memory)
+        if best.trajectory is None or len(before.hazards) == 0:
             return best
-        best_time = self.predicted_time(best.trajectory, hazards)
+        worse = hazards if before is snapshot else Hazards.of(before)
+
+        def expected(trajectory: Trajectory) -> float:
+            now = self.predicted_time(trajectory, hazards)
+            if worse is hazards:
+                return now
+            again = min(self.predicted_time(trajectory, worse), now + config.stay)
+            return (1.0 - config.returns) * now + config.returns * again
+
+        best_time = expected(best.trajectory)
         spent = best.optimisation_s
-        ends = min(self._distance(q, hazards) for q in (request.start, request.goal.position))
-        tried: set[float] = set()
-        for wanted in config.distances:
+        tried: set[tuple[bool, float]] = set()
+        for crowd, those, wanted in self._candidates(before, worse, snapshot, hazards):
             if best_time <= config.good * best.trajectory.duration:
                 break
+            ends = min(self._distance(q, those) for q in (request.start, request.goal.position))
             distance = round(min(wanted, ends - config.slack), 3)
-            if distance < config.least or distance in tried:
+            key = (crowd is snapshot, distance)
+            if distance < config.least or key in tried:
                 continue
-            tried.add(distance)
-            other = self._planner.plan(request, enlarged(snapshot, distance), time_limit, rng)
+            tried.add(key)
+            other = self._planner.plan(request, enlarged(crowd, distance), time_limit, rng)
             spent += other.planning_s + other.optimisation_s
             if other.trajectory is None:
                 continue
-            other_time = self.predicted_time(other.trajectory, hazards)
+            other_time = expected(other.trajectory)
             if other_time < best_time:
                 best, best_time = other, other_time
         return replace(best, optimisation_s=spent)
+
+    def _candidates(
+        self,
+        before: WorkspaceSnapshot,
+        worse: Hazards,
+        snapshot: WorkspaceSnapshot,
+        hazards: Hazards,
+    ) -> list[tuple[WorkspaceSnapshot, Hazards, float]]:
+        """What to keep away from and how far: remembered places first."""
+        distances = self._config.distances
+        found = [(before, worse, d) for d in distances]
+        if before is not snapshot:
+            found += [(snapshot, hazards, d) for d in distances]
+        return found
 
     def predicted_time(self, trajectory: Trajectory, hazards: Hazards) -> float:
         """Seconds that a motion takes under the law, if everybody stays where they are."""
@@ -120,6 +154,24 @@ class SeparationPlanner:
     def _distance(self, q: JointVector, hazards: Hazards) -> float:
         still = np.zeros(len(q))
         return self._gate.body.view(np.asarray(q, float), still, hazards, self._gate.law).least
+
+
+def with_remembered(snapshot: WorkspaceSnapshot, memory: float) -> WorkspaceSnapshot:
+    """The same surroundings, where places that were occupied within a time [s] are hazards too.
+
+    The snapshot itself if there is none.
+    """
+    recent = snapshot.last_occupied > snapshot.stamp - memory
+    recent &= snapshot.state == FREE
+    index = np.argwhere(recent)
+    if len(index) == 0:
+        return snapshot
+    places = np.asarray(snapshot.grid.center(index), np.float32)
+    return replace(
+        snapshot,
+        hazards=np.concatenate([snapshot.hazards, places]),
+        hazard_unknown=np.concatenate([snapshot.hazard_unknown, np.zeros(len(places), bool)]),
+    )
 
 
 def enlarged(snapshot: WorkspaceSnapshot, distance: float) -> WorkspaceSnapshot:

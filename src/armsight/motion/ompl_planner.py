@@ -19,9 +19,10 @@ from typing import Any, Literal
 import numpy as np
 
 from armsight.arrays import JointPath, JointVector
+from armsight.mapping.danger import ALPHA
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
-from armsight.motion.cost import ALPHA, danger_of
+from armsight.motion.cost import danger_of
 from armsight.motion.cost_kernels import edge_cost, path_cost_kernel
 from armsight.motion.data import PlanRequest
 from armsight.motion.kernels import config_free, edge_free, make_scratch

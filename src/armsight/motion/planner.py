@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armsight.arrays import JointPath, JointVector
+from armsight.mapping.danger import ALPHA
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
-from armsight.motion.cost import ALPHA, danger_of
+from armsight.motion.cost import danger_of
 from armsight.motion.cost_kernels import Danger, path_cost_kernel
 from armsight.motion.data import PlanRequest
 from armsight.motion.escape import escape
@@ -65,7 +66,7 @@ class PlannerConfig:
     nodes: int = 20_000
     solutions: int = 6
     improvement: float = 0.02
-    looks_per_second: float = 1.0e6
+    looks_per_second: float = 1.0e5
     wall_limit: float | None = None
     alpha: float = ALPHA
     speed: float = 0.5
