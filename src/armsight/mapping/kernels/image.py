@@ -23,6 +23,9 @@ NOTHING, VALID, ROBOT = 0, 1, 2
 LEVELS = 5
 """Pooling windows of 1, 2, 4, 8, 16 pixels."""
 
+BLOCK = 4
+"""Edge of the blocks whose voxels are judged all together, in voxels."""
+
 
 @njit(cache=True, nogil=True)
 def label_valid(depth: Floats32, near: float, far: float, label: Bytes) -> int:
@@ -526,73 +529,59 @@ def window_most(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
     return int(best)
 
 
-@njit(inline="always")
-def _carve_eight(
-    least: Shorts,
-    units: float,
-    lens: Floats,
-    half: Floats,
-    noise: Floats,
+@njit(cache=True, nogil=True)
+def _carve_block(
+    pooled: Shorts,
+    side: int,
+    units: Any,
+    lens: Floats32,
+    noise: Floats32,
+    offset: Floats32,
+    behind: Any,
+    center: Floats32,
+    reach: Floats32,
+    window: Ints32,
+    place: Ints,
+    first: int,
     free: Bytes,
-    i: int,
-    j: int,
-    k: int,
-    x: float,
-    y: float,
-    z: float,
-    eu: float,
-    ev: float,
 ) -> None:
-    """Judge the eight voxels of a cube about (x, y, z) whose windows reach ``eu``, ``ev`` pixels.
+    """Judge the voxels of a block whose windows all have the same size.
 
     Of the arguments:
-        half: (3, 3) half edges of a voxel along camera x, y, z, one a row.
-        noise: (3,) a b c of the margin behind a voxel.
+        pooled: (h, w) least depth of windows of ``side`` pixels: four of them cover a voxel's.
+        lens: (4,) fx fy cx + 1/2 cy + 1/2; noise: (3,) a b c of the margin behind a voxel.
+        offset: (3, m) of each voxel's centre from the block's, along camera x, y, z [m].
+        behind: from a voxel's centre to its far side along camera z [m].
+        center: (3,) of the block in the camera frame [m]; reach: (2,) half the window [px].
+        window: (5, m) scratch.
+        place: (m,) flat index of each voxel from the block's first, which has index ``first``.
+        free: flat.
     """
-    nx, ny, nz = free.shape
-    h, w = least.shape[1], least.shape[2]
-    reach_z = abs(half[2, 0]) + abs(half[2, 1]) + abs(half[2, 2])
-    # Four windows of s pixels cover every rectangle of s to 2 s pixels a side.
-    level = _level(int(2 * eu) + 1, int(2 * ev) + 1)
-    s = 1 << level
-    four = 2 * max(eu, ev) + 1 < 2 * s
-    pooled = least[level]
-    for a in range(2):
-        if i + a >= nx:
-            break
-        fa = 2 * a - 1
-        for b in range(2):
-            if j + b >= ny:
-                break
-            fb = 2 * b - 1
-            for c in range(2):
-                if k + c >= nz:
-                    break
-                fc = 2 * c - 1
-                deep = z + fa * half[2, 0] + fb * half[2, 1] + fc * half[2, 2]
-                inv = 1.0 / deep
-                pu = lens[0] * inv * (x + fa * half[0, 0] + fb * half[0, 1] + fc * half[0, 2])
-                pv = lens[1] * inv * (y + fa * half[1, 0] + fb * half[1, 1] + fc * half[1, 2])
-                pu += lens[2] + 0.5
-                pv += lens[3] + 0.5
-                if pu - eu < 0 or pv - ev < 0 or pu + eu >= w or pv + ev >= h:
-                    continue
-                far = deep + reach_z
-                need = int((far + noise[0] + far * (noise[1] + noise[2] * far)) * units)
-                # unsigned, so that no index needs a look whether it counts from the end
-                u0: Any = np.uint32(pu - eu)
-                u1: Any = np.uint32(pu + eu)
-                v0: Any = np.uint32(pv - ev)
-                v1: Any = np.uint32(pv + ev)
-                if four:
-                    u1, v1 = np.uint32(u1 - s + 1), np.uint32(v1 - s + 1)
-                    seen = min(
-                        min(pooled[v0, u0], pooled[v0, u1]), min(pooled[v1, u0], pooled[v1, u1])
-                    )
-                else:
-                    seen = window_least(least, u0, u1, v0, v1)
-                if seen > need:
-                    free[i + a, j + b, k + c] = 1
+    x, y, z = center[0], center[1], center[2]
+    eu, ev = reach[0], reach[1]
+    ox, oy, oz = offset[0], offset[1], offset[2]
+    left, right, top, bottom, need = window[0], window[1], window[2], window[3], window[4]
+    last = np.int32(side - 1)
+    for m in range(ox.shape[0]):
+        deep = z + oz[m]
+        inv = np.float32(1.0) / deep
+        pu = lens[2] + lens[0] * inv * (x + ox[m])
+        pv = lens[3] + lens[1] * inv * (y + oy[m])
+        far = deep + behind
+        need[m] = np.int32((far + noise[0] + far * (noise[1] + noise[2] * far)) * units)
+        left[m] = np.int32(pu - eu)
+        right[m] = np.int32(pu + eu) - last
+        top[m] = np.int32(pv - ev)
+        bottom[m] = np.int32(pv + ev) - last
+    for m in range(ox.shape[0]):
+        # unsigned, so that no index needs a look whether it counts from the end
+        u0: Any = np.uint32(left[m])
+        u1: Any = np.uint32(right[m])
+        v0: Any = np.uint32(top[m])
+        v1: Any = np.uint32(bottom[m])
+        seen = min(min(pooled[v0, u0], pooled[v0, u1]), min(pooled[v1, u0], pooled[v1, u1]))
+        if seen > need[m] + 1:  # sums of float32 may lose one depth unit
+            free[first + place[m]] = 1
 
 
 @njit(cache=True, nogil=True)
@@ -616,8 +605,8 @@ def carve(
     A voxel is free only if the least depth over all pixels that can see any part of it lies
     behind its far side by ``sigmas`` of noise. Pixels without a return have depth 0: they free
     nothing. A cube of half edges e_i about p projects within X +- sum_i |e_i,x - X e_i,z| /
-    (p_z - sum_i |e_i,z|) of its centre's X = p_x / p_z (exact for the cube's corners). The eight
-    voxels of a cube share their windows' size, the largest that any of them could have.
+    (p_z - sum_i |e_i,z|) of its centre's X = p_x / p_z (exact for the cube's corners). Small
+    blocks are not divided: their voxels share a window's size, the largest that any could have.
 
     Of the arguments:
         least, most: (5, h, w) uint16 pooled tables of an image through an ideal lens.
@@ -636,8 +625,21 @@ def carve(
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     n0, n1, n2 = sigmas * noise[0], sigmas * noise[1], sigmas * noise[2]
     fine2 = fine_radius * fine_radius
-    half_edges = np.array([[a0, a1, a2], [b0, b1, b2], [c0, c1, c2]])
-    margin = np.array([n0, n1, n2])
+    units32, behind = np.float32(units), np.float32(reach_z)
+    lens32 = np.array([fx, fy, cx + 0.5, cy + 0.5], np.float32)
+    noise32 = np.array([n0, n1, n2], np.float32)
+    offset = np.empty((3, BLOCK**3), np.float32)
+    place_in = np.empty(BLOCK**3, np.int64)
+    for m in range(BLOCK**3):
+        i, j, k = m // BLOCK**2, m // BLOCK % BLOCK, m % BLOCK
+        fa, fb, fc = 2 * i + 1 - BLOCK, 2 * j + 1 - BLOCK, 2 * k + 1 - BLOCK
+        offset[0, m] = fa * a0 + fb * a1 + fc * a2
+        offset[1, m] = fa * b0 + fb * b1 + fc * b2
+        offset[2, m] = fa * c0 + fb * c1 + fc * c2
+        place_in[m] = (i * ny + j) * nz + k
+    window = np.empty((5, BLOCK**3), np.int32)
+    center, reach = np.empty(3, np.float32), np.empty(2, np.float32)
+    flat = free.reshape(-1)
     top = 8
     node = np.empty((64, 4), np.int64)
     place = np.empty((64, 3), np.float64)
@@ -676,7 +678,8 @@ def carve(
                         u1 = min(int(pu + eu), w - 1)
                         v0 = int(max(pv - ev, 0.0))
                         v1 = min(int(pv + ev), h - 1)
-                        if pu - eu >= 0 and pv - ev >= 0 and pu + eu < w and pv + ev < h:
+                        whole = pu - eu >= 0 and pv - ev >= 0 and pu + eu < w and pv + ev < h
+                        if whole:
                             far = z + ez
                             need = int((far + n0 + far * (n1 + n2 * far)) * units)
                             if window_least(least, u0, u1, v0, v1) > need:
@@ -691,40 +694,33 @@ def carve(
                         first = z - ez + 2.0 * reach_z
                         if window_most(most, u0, u1, v0, v1) <= int(first * units):
                             continue
-                        if s == 2:
-                            if fine2 > 0.0:
-                                gx = origin[0] + (i + 1) * voxel
-                                gy = origin[1] + (j + 1) * voxel
-                                gz = origin[2] + (k + 1) * voxel
-                                if gx * gx + gy * gy + gz * gz > fine2:
-                                    continue
-                            # One window's size for all eight: none is nearer or more aslant.
+                        if s == 2 and fine2 > 0.0:
+                            gx = origin[0] + (i + 1) * voxel
+                            gy = origin[1] + (j + 1) * voxel
+                            gz = origin[2] + (k + 1) * voxel
+                            if gx * gx + gy * gy + gz * gz > fine2:
+                                continue
+                        if s == BLOCK and whole and i + s <= nx and j + s <= ny and k + s <= nz:
+                            # One window's size for all: none is nearer or more aslant.
                             q /= s
-                            eu = (
-                                fx
-                                * q
-                                * (
-                                    abs(a0 - X * c0)
-                                    + abs(a1 - X * c1)
-                                    + abs(a2 - X * c2)
-                                    + eu / fx * reach_z
-                                )
-                            )
-                            ev = (
-                                fy
-                                * q
-                                * (
-                                    abs(b0 - Y * c0)
-                                    + abs(b1 - Y * c1)
-                                    + abs(b2 - Y * c2)
-                                    + ev / fy * reach_z
-                                )
-                            )
-                            _carve_eight(
-                                least, units, lens, half_edges, margin, free,
-                                i, j, k, x, y, z, eu, ev,
-                            )  # fmt: skip
-                            continue
+                            tilt_u = abs(a0 - X * c0) + abs(a1 - X * c1) + abs(a2 - X * c2)
+                            tilt_v = abs(b0 - Y * c0) + abs(b1 - Y * c1) + abs(b2 - Y * c2)
+                            eu = fx * q * (tilt_u + eu / fx * reach_z) + 0.01
+                            ev = fy * q * (tilt_v + ev / fy * reach_z) + 0.01
+                            level = _level(int(2 * eu) + 1, int(2 * ev) + 1)
+                            gx = max(abs(origin[0] + i * voxel), abs(origin[0] + (i + s) * voxel))
+                            gy = max(abs(origin[1] + j * voxel), abs(origin[1] + (j + s) * voxel))
+                            gz = max(abs(origin[2] + k * voxel), abs(origin[2] + (k + s) * voxel))
+                            fine = fine2 <= 0.0 or gx * gx + gy * gy + gz * gz <= fine2
+                            if fine and 2 * max(eu, ev) + 1 < 2 * (1 << level):
+                                center[0], center[1], center[2] = x, y, z
+                                reach[0], reach[1] = eu, ev
+                                _carve_block(
+                                    least[level], 1 << level, units32, lens32, noise32, offset,
+                                    behind, center, reach, window, place_in, (i * ny + j) * nz + k,
+                                    flat,
+                                )  # fmt: skip
+                                continue
                     elif s == 1:
                         continue
                     s //= 2
