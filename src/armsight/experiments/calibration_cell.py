@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector
+from armsight.arrays import Floats, JointVector, Pose
 from armsight.calibration.boards import Board, Checkerboard, raster
 from armsight.calibration.calibrate import Calibration, target_points
 from armsight.calibration.procedure import CameraSetup, LiveResult, Picture, Setup
@@ -162,23 +162,29 @@ def way_free(
     )
 
 
+def true_lens(cell: CalibrationCell, rig: int, name: str) -> tuple[PinholeCamera, Pose]:
+    """The true lens of a camera by its name in the answer, and ``T_base_lens``."""
+    truth = cell.studio.cameras[rig]
+    T = inverse(cell.T_world_base) @ truth.T_world_infrared
+    if name.endswith("color"):
+        return truth.color, T @ truth.T_infrared_color
+    return truth.infrared, T
+
+
+def ray_points(camera: PinholeCamera, T: Pose, pixels: Floats, z: Floats) -> Floats:
+    """(t, 3) points by (t, 2) pixels and (t,) depths, in the frame that T maps to [m]."""
+    ray = np.column_stack([camera.normalise(pixels), np.ones(len(z))]) * z[:, None]
+    return np.asarray(ray @ T[:3, :3].T + T[:3, 3])
+
+
 def true_target_errors(cell: CalibrationCell, answer: Calibration) -> dict[str, float]:
     """True target error of each lens [m]: pixel and true depth into the base."""
     out = {}
     for index, lens in enumerate(answer.problem.lenses):
-        truth = cell.studio.cameras[lens.rig]
-        is_color = lens.name.endswith("color")
-        true_lens = truth.color if is_color else truth.infrared
-        T_true = inverse(cell.T_world_base) @ truth.T_world_infrared
-        if is_color:
-            T_true = T_true @ truth.T_infrared_color
         T = answer.camera_pose(lens.rig) @ answer.lens_pose(index)
         pixels, z = target_points(lens.camera)
-        found = []
-        for camera, pose in ((answer.lens(index), T), (true_lens, T_true)):
-            ray = np.column_stack([camera.normalise(pixels), np.ones(len(z))]) * z[:, None]
-            found.append(ray @ pose[:3, :3].T + pose[:3, 3])
-        d = found[0] - found[1]
+        d = ray_points(answer.lens(index), T, pixels, z)
+        d = d - ray_points(*true_lens(cell, lens.rig, lens.name), pixels, z)
         out[lens.name] = float(np.sqrt(np.mean(np.sum(d * d, axis=1))))
     return out
 

@@ -32,6 +32,7 @@ from armsight.calibration.solver import Solution, solve
 from armsight.calibration.start import find_start
 from armsight.calibration.views import travel_seconds
 from armsight.commands.cells import find
+from armsight.experiments.cache import RunCache
 from armsight.experiments.calibration_cell import CalibrationCell, open_calibration_cell
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
@@ -55,13 +56,19 @@ PAPER = (
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """The nine experiments, ``runs`` cells each; and ours: 20 and 30 tilted frames."""
     workcell = load_workcell(find("ur5_calibration"))
+    cache = RunCache("calibration-intrinsics", seed, {"version": 2})
     found: dict[str, list[dict[str, float]]] = {}
-    for r in range(runs):
+
+    def compute(r: int) -> dict[str, dict[str, float]]:
         cell = open_calibration_cell(workcell, seed=seed + r)
         try:
-            _one(cell, np.random.default_rng((seed + r, 3)), found, progress, r, runs)
+            return _one(cell, np.random.default_rng((seed + r, 3)), progress, r, runs)
         finally:
             cell.close()
+
+    for r in range(runs):
+        for name, figures in cache.get(r, lambda r=r: compute(r)).items():  # type: ignore[misc]
+            found.setdefault(name, []).append(figures)
     rows: list[Row] = []
     for k, (color, infrared, both, overlap, tilt, seconds) in enumerate(PAPER, 1):
         name = f"experiment {k}"
@@ -155,21 +162,22 @@ def _rows(
 def _one(
     cell: CalibrationCell,
     rng: np.random.Generator,
-    found: dict[str, list[dict[str, float]]],
     progress: Progress,
     r: int,
     runs: int,
-) -> None:
+) -> dict[str, dict[str, float]]:
     """All experiments on one cell; pools of photographs are shared between them."""
+    found = {}
     tilted = _pool(cell, rng, 130, True, (0.7, 1.15), lambda s: progress(s, r / runs))
     plain = _pool(cell, rng, 18, False, (0.8, 1.0), lambda s: progress(s, (r + 0.7) / runs))
     unseen, tilted = tilted[:40], tilted[40:]
     for k, (color, _, _, _, tilt, _) in enumerate(PAPER, 1):
         pool = tilted if tilt else plain
         frames = pool[: min(color, len(pool))]
-        found.setdefault(f"experiment {k}", []).append(_solve(cell, frames, unseen))
+        found[f"experiment {k}"] = _solve(cell, frames, unseen)
     for count in (20, 30):
-        found.setdefault(f"ours {count}", []).append(_solve(cell, tilted[:count], unseen))
+        found[f"ours {count}"] = _solve(cell, tilted[:count], unseen)
+    return found
 
 
 Frame = tuple[Floats, dict[int, Detection]]
