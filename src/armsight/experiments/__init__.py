@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 NAMES: dict[str, str] = {
     "patrol-smoke": "60 simulated seconds of guarded patrol, a person reaching in",
     "danger-map": "T2: danger of three circles, decay at any rate, forecast of the next 2 s",
+    "patrol": "T2: A-B-A, reactive beside ours, the same obstacle for all",
+    "approach": "people reach in at up to 2 m/s; a search tries to force a contact",
+    "false-stops": "stops with nobody near, under sensor, stamp and calibration errors",
     "calibration-intrinsics": "T1: lenses, nine experiments of fewer and fewer frames",
     "calibration-eye-to-hand": "T1: three cameras in the base, five experiments",
     "calibration-peers": "calibration beside the bound and OpenCV, same corners; ellipsoids",

@@ -1,0 +1,141 @@
+"""Many seeded runs of a rendered cell in worker processes, resumable, told as plain numbers."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from armsight.experiments.cache import RunCache
+from armsight.experiments.frame import Progress
+from armsight.motion.data import GuardMode, GuardStatus
+
+if TYPE_CHECKING:
+    from armsight.runtime.session import Session
+    from armsight.workcell import Cell, Workcell
+
+CELL = "ur5_four_cameras"
+"""The packaged cell of these experiments."""
+WORKERS = int(os.environ.get("ARMSIGHT_WORKERS", "2"))
+"""Processes that run episodes at the same time."""
+
+Episode = Callable[[int, int], dict[str, Any]]
+"""``episode(seed, run)`` does one run and returns JSON values; a module-level function."""
+
+
+def run_episodes(
+    name: str,
+    episode: Episode,
+    runs: Sequence[int],
+    seed: int,
+    settings: Mapping[str, Any],
+    progress: Progress,
+) -> list[dict[str, Any]]:
+    """Results of the runs, in order; those finished earlier are remembered.
+
+    Args:
+        name: of the experiment's part, for the cache.
+        episode: what one run does.
+        runs: their numbers.
+        seed: of the experiment.
+        settings: all that changes a result, besides seed and run.
+        progress: told after each run.
+    """
+    cache = RunCache(name, seed, settings)
+    results: dict[int, dict[str, Any]] = {}
+    for run in runs:
+        with contextlib.suppress(LookupError):
+            results[run] = cache.get(run, _not_yet)
+    missing = [run for run in runs if run not in results]
+    progress(f"{name}: {len(results)} of {len(runs)}", len(results) / max(1, len(runs)))
+    if missing:
+        context = multiprocessing.get_context("spawn")
+        workers = min(WORKERS, len(missing))
+        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+            waiting = {pool.submit(episode, seed, run): run for run in missing}
+            try:
+                for future in as_completed(waiting):
+                    run, result = waiting[future], future.result()
+                    results[run] = cache.get(run, lambda result=result: result)  # type: ignore[misc]
+                    progress(f"{name}: {len(results)} of {len(runs)}", len(results) / len(runs))
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    return [results[run] for run in runs]
+
+
+def _not_yet() -> dict[str, Any]:
+    raise LookupError
+
+
+def packaged_cell() -> Workcell:
+    """The cell of these experiments as its file has it."""
+    from armsight.commands.cells import packaged
+    from armsight.workcell import load_workcell
+
+    return load_workcell(packaged()[CELL])
+
+
+def with_simulation(workcell: Workcell, **changes: Any) -> Workcell:
+    """The same cell with other people, objects or sensor errors."""
+    simulation = workcell.simulation.model_copy(update=changes)
+    return workcell.model_copy(update={"simulation": simulation})
+
+
+class Watch:
+    """An observer that keeps what the guard said, 50 times a second.
+
+    Attributes:
+        log: the statuses; times: when they were looked at [s].
+    """
+
+    name = "watch"
+    period = 0.02
+
+    def __init__(self) -> None:
+        self._session: Session | None = None
+        self.log: list[GuardStatus] = []
+
+    def attach(self, session: Session) -> None:
+        """Called by the session that is watched."""
+        self._session = session
+
+    def update(self, now: float) -> None:
+        """Keep the newest status, without its paths."""
+        assert self._session is not None
+        status = self._session.status()
+        if status is not None:
+            self.log.append(replace(status, path=None, executed=None))
+
+    def share(self, *modes: GuardMode) -> float:
+        """Share of the looks in these modes."""
+        return sum(s.mode in modes for s in self.log) / max(1, len(self.log))
+
+
+def least_moving_distance(cell: Cell) -> float:
+    """Least true distance to a person while the arm moved faster than 0.05 m/s [m]; 3 if none."""
+    from armsight.simulation.truth import MOVING
+
+    assert cell.world is not None
+    found = [
+        s.distance
+        for s in cell.world.truth.separations
+        if max(s.arm_speed, s.tip_speed) > MOVING and np.isfinite(s.distance)
+    ]
+    return float(min(found, default=3.0))
+
+
+def find_clips() -> list[Path]:
+    """The recorded motion clips beside the repository, in the order of their names; maybe none."""
+    for parent in Path(__file__).resolve().parents:
+        folder = parent.parent / "shared" / "data" / "motion" / "human_motion"
+        if folder.is_dir():
+            return sorted(folder.glob("*/*.csv.gz"))
+    return []
