@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from armsight.simulation.truth import Truth
     from armsight.workcell import Cell
     from armsight.workcell.schema import PersonSection
 
@@ -38,6 +39,8 @@ SEARCH_SHARE = 20
 """One search for so many episodes."""
 SCRIPTS = ("reach_in", "walk_in", "wave", "walk_by")
 VISITOR = "visitor"
+TRACED = 16
+"""Episodes of which the course is kept, for the plot."""
 LOOK = 0.02
 """A led hand is aimed anew this often [s]."""
 
@@ -143,7 +146,22 @@ def episode(seed: int, run: int) -> dict[str, Any]:
             "reflexes": watch.log[-1].reflexes if watch.log else 0,
             "moved": watch.share(GuardMode.PREDICTIVE, GuardMode.SLOWED),
             "stopped": watch.share(GuardMode.STOPPED, GuardMode.REFLEX),
+            "trace": _trace(watch, truth) if run < TRACED else {},
         }
+
+
+def _trace(watch: Watch, truth: Truth) -> dict[str, Any]:
+    """What the guard saw, demanded and allowed over time, and the truth beside it."""
+    seen = [s for s in watch.log if np.isfinite(s.distance)]
+    return {
+        "time": [round(s.stamp, 3) for s in seen],
+        "distance": [round(s.distance, 3) for s in seen],
+        "protective": [round(s.protective_distance, 3) for s in seen],
+        "scale": [round(s.speed_scale, 3) for s in seen],
+        "true_time": [round(s.time, 3) for s in truth.separations],
+        "true_distance": [round(min(s.distance, 3.0), 3) for s in truth.separations],
+        "tip_speed": [round(s.tip_speed, 3) for s in truth.separations],
+    }
 
 
 def _worst(contacts: Sequence[Any]) -> list[Any]:
@@ -213,6 +231,11 @@ def _hands_reach(clip: Path, played: float) -> float:
     return float(np.linalg.norm(hands, axis=2).min())
 
 
+def settings() -> dict[str, Any]:
+    """All that changes an episode, besides its seed."""
+    return {"seconds": SECONDS, "caps": list(CAPS), "clips": len(find_clips()), "version": 1}
+
+
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` episodes, and a twentieth as many searches."""
     searches = max(2, runs // SEARCH_SHARE)
@@ -223,8 +246,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     def second(stage: str, done: float) -> None:
         progress(stage, 0.9 + 0.1 * done)
 
-    settings = {"seconds": SECONDS, "caps": list(CAPS), "clips": len(find_clips())}
-    episodes = run_episodes("approach", episode, range(runs), seed, settings, first)
+    episodes = run_episodes("approach", episode, range(runs), seed, settings(), first)
     hunts = run_episodes("approach-search", search, range(searches), seed, {}, second)
     notes = [
         f"Contact in episode {k} (cap {e['cap']} m/s, {e['how']}): "
@@ -236,7 +258,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         notes.append("The recorded clips were not there: all episodes play scripts.")
     return Outcome(
         tuple(_rows(episodes, hunts)),
-        {"distances": lambda: _plot(episodes)},
+        {"distances": lambda: _plot(episodes), "course": lambda: _plot_course(episodes)},
         tuple(notes),
     )
 
@@ -375,6 +397,28 @@ def _plot(episodes: list[dict[str, Any]]) -> Figure:
         axes.hist(np.minimum([e[key] for e in episodes], 1.5), bins, alpha=0.6, label=label)
     axes.set(xlabel="least true distance of an episode [m]", ylabel="episodes")
     axes.legend()
+    return figure
+
+
+def _plot_course(episodes: list[dict[str, Any]]) -> Figure:
+    """Distance, protective distance and speed over one episode: the liveliest with a led hand."""
+    from matplotlib.figure import Figure
+
+    traced = [e for e in episodes if e["trace"]]
+    shown = max(traced, key=lambda e: (e["led"] and e["least"] < 0.2, e["moved"]))
+    t = shown["trace"]
+    figure = Figure(figsize=(8, 5))
+    above, below = figure.subplots(2, 1, sharex=True)
+    above.plot(t["time"], t["distance"], label="distance to whoever may be nearest, as seen")
+    above.plot(t["time"], t["protective"], "--", label="protective distance at the present speed")
+    above.plot(t["true_time"], t["true_distance"], color="tab:green", label="true distance to skin")
+    above.set(ylabel="[m]", ylim=(0.0, 1.4))
+    above.legend(loc="upper right", fontsize=8)
+    below.plot(t["true_time"], t["tip_speed"], color="tab:red", label="true speed of the tip [m/s]")
+    below.plot(t["time"], t["scale"], color="tab:gray", lw=1, label="speed scale")
+    below.set(xlabel="time [s]", ylim=(0.0, None))
+    below.legend(loc="upper right", fontsize=8)
+    figure.align_ylabels()
     return figure
 
 

@@ -1,0 +1,211 @@
+"""Patrol, approach and false-stops: what they make up, how they count, what they say."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from armsight.experiments import approach, episodes, false_stops, hand_search, patrol
+from armsight.experiments.cache import RunCache
+from armsight.motion.data import GuardMode, GuardStatus
+from armsight.motion.guard_config import GuardConfig
+
+
+def status(stamp, mode, reached=False, reason=""):
+    return GuardStatus(
+        stamp,
+        mode,
+        reason,
+        "A",
+        reached,
+        np.zeros(6),
+        0.0,
+        1.0,
+        0.5,
+        None,
+        None,
+        None,
+        None,
+        0,
+        0.0,
+    )
+
+
+# -- runs that go on where they stopped -------------------------------------------------------
+
+
+def never(seed, run):
+    raise AssertionError("computed although it was remembered")
+
+
+def test_remembered_runs_are_not_done_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("ARMSIGHT_CACHE", str(tmp_path))
+    for run in range(3):
+        RunCache("toy", 5, {"a": 1}).get(run, lambda run=run: {"run": run})
+    told = []
+    found = episodes.run_episodes(
+        "toy", never, range(3), 5, {"a": 1}, lambda stage, done: told.append(done)
+    )
+    assert [f["run"] for f in found] == [0, 1, 2]
+    assert told == [1.0]
+
+
+# -- false stops ------------------------------------------------------------------------------
+
+
+def test_a_stop_counts_once_and_only_with_a_goal_to_reach():
+    P, S, R = GuardMode.PREDICTIVE, GuardMode.STOPPED, GuardMode.REFLEX
+    log = [status(k, mode) for k, mode in enumerate([P, S, S, P, R, S, P, P])]
+    assert false_stops.stops(log) == 2
+    assert false_stops.stops([status(0, S), *log]) == 3
+    assert false_stops.stops([status(0, P), status(1, S, reached=True)]) == 0
+    assert false_stops.stops([]) == 0
+
+
+def test_reasons_count_together_whatever_their_figures():
+    a = "unseen space 0.43 m from wrist_3_link, at (1.07, 0.29, -0.15)"
+    b = "unseen space 0.51 m from wrist_3_link, at (1.11, 0.01, -0.15)"
+    assert false_stops.kind(a) == false_stops.kind(b.replace("wrist_3", "wrist_2")) != ""
+
+
+# -- patrol -----------------------------------------------------------------------------------
+
+
+def test_the_obstacle_is_the_same_for_every_method_and_never_too_fast():
+    made = [patrol.Obstacle("moving", np.random.default_rng((3, 1))) for _ in range(2)]
+    times = np.arange(0.0, 60.0, 0.02)
+    first, second = (np.array([o.target(t) for t in times]) for o in made)
+    np.testing.assert_array_equal(first, second)
+    speeds = np.linalg.norm(np.diff(first, axis=0), axis=1) / 0.02
+    assert speeds.max() <= patrol.SPEED * 1.001
+    away = np.linalg.norm(first - patrol.AWAY, axis=1)
+    assert away.min() == 0.0
+    inside = (np.abs(first - patrol.IN) <= patrol.SPREAD + 1e-9).all(axis=1)
+    assert 0.05 < inside.mean() < 0.6
+
+
+def test_the_static_obstacle_stays_where_the_first_visit_goes():
+    obstacle = patrol.Obstacle("static", np.random.default_rng(0))
+    np.testing.assert_array_equal(obstacle.target(0.0), obstacle.target(55.5))
+    assert (np.abs(obstacle.target(0.0) - patrol.IN) <= patrol.SPREAD).all()
+
+
+class Reached:
+    def __init__(self, times):
+        self.times = times
+
+
+def test_a_round_that_was_broken_off_counts_as_the_limit():
+    whole = patrol.Rounds(Reached([2.0 + 3.0 * k for k in range(2 * patrol.ROUNDS + 1)]))
+    assert whole.executions() == [6.0] * patrol.ROUNDS
+    assert patrol.Rounds(Reached([2.0, 5.0, 8.0, 11.0])).executions() == [6.0, patrol.LIMIT]
+    assert patrol.Rounds(Reached([])).executions() == [patrol.LIMIT]
+
+
+def test_the_baseline_needs_only_room_to_stop():
+    baseline = patrol.reactive(GuardConfig())
+    assert baseline.separation.protective_distance(0.0, 0.0, 0.2, 5.0) == pytest.approx(0.02)
+    assert baseline.separation.person_speed(0.1) == 0.0
+    assert not baseline.risk.reflexive(10.0, 0.01)
+
+
+def rounds(condition, executions, contacts=0):
+    return {
+        "condition": condition,
+        "executions": executions,
+        "planned": [2.0, 2.0, 2.0],
+        "planning": [0.01],
+        "optimisation": [0.02],
+        "contacts": contacts,
+        "reflexes": 1,
+        "replans": 3,
+    }
+
+
+def test_ratio_is_of_means_and_budgets_are_ours_alone():
+    by = {name: [rounds(name, [6.0, 6.0]), rounds(name, [6.0, 6.0])] for name in patrol.CONDITIONS}
+    by["3 ours, moving"] = [rounds("", [6.0, 12.0]), rounds("", [9.0, 9.0], contacts=1)]
+    rows = patrol._rows(by, np.random.default_rng(0))
+    assert len({(r.key, r.condition) for r in rows}) == len(rows)
+    ratio = {r.condition: r for r in rows if r.key == "patrol_ratio"}
+    assert ratio["3 ours, moving"].value == pytest.approx(1.5)
+    assert ratio["3 ours, moving"].met
+    assert ratio["1 reactive, static"].met is None
+    contacts = {r.condition: r for r in rows if r.key == "contacts"}
+    assert contacts["3 ours, moving"].value == 1
+    assert contacts["3 ours, moving"].met is False
+
+
+# -- approach ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("run", range(12))
+def test_visitors_come_from_the_seed_and_stand_clear_of_the_base(run):
+    cap = approach.CAPS[run % 2]
+    first = approach._visitor(np.random.default_rng((0, run)), run, cap)
+    assert first == approach._visitor(np.random.default_rng((0, run)), run, cap)
+    assert first.max_hand_speed == cap
+    assert first.start_s < approach.SECONDS
+    if first.motion == "script":
+        assert np.hypot(*first.position[:2]) > 0.9
+    else:
+        assert episodes.find_clips()
+
+
+def seen(contacts=0, cap=1.6):
+    return {
+        "cap": cap,
+        "how": "wave",
+        "led": False,
+        "contacts": contacts,
+        "other_contacts": 0,
+        "standing_contacts": 2,
+        "worst": [],
+        "least": 0.1,
+        "least_moving": 0.3,
+        "goals": 2,
+        "reflexes": 0,
+        "moved": 0.5,
+        "stopped": 0.2,
+        "trace": {},
+    }
+
+
+def test_contacts_are_counted_by_cap_and_a_single_one_misses():
+    hunts = [
+        {"cap": c, "margin": 0.1, "genes": [], "contacts": 0, "trials": 60} for c in (1.6, 2.0)
+    ]
+    rows = approach._rows([seen(), seen(cap=2.0), seen(contacts=1, cap=2.0)], hunts)
+    assert len({(r.key, r.condition) for r in rows}) == len(rows)
+    found = {(r.key, r.condition): r for r in rows}
+    assert found["contacts", "all episodes"].met is False
+    assert found["contacts", "hands up to 1.6 m/s"].met
+    share = found["contact_share", "all episodes"]
+    assert share.value == pytest.approx(1 / 3)
+    assert share.low < 1 / 3 < share.high
+    assert found["search_contacts", "hand at 2.0 m/s"].met
+
+
+def test_a_hunting_hand_keeps_to_its_speed():
+    genes = np.array([0.2, 0.4, 1.0, 0.7, 0.9, 0.1])
+    hunter = hand_search.Hunter(genes, 2.0)
+    cell = hand_search.QuickCell(
+        [hand_search.Ball(hunter.center, hand_search.RADIUS)], hand_search.GOALS, rate=15.0
+    )
+    hunter.cell = cell
+    cell.run(1.6)
+    path = np.array([hunter.center(t) for t in np.arange(0.0, 1.6, hand_search.DT)])
+    speeds = np.array([np.linalg.norm(b - a) for a, b in pairwise(path)]) / hand_search.DT
+    assert speeds[: round(0.65 / hand_search.DT)].max() == 0.0
+    assert 1.9 < speeds.max() <= 2.0 + 1e-9
+    assert min(m.distance for m in cell.margins) < 0.3
+    assert not cell.moving_touches
+
+
+@pytest.mark.slow
+def test_an_episode_of_each_kind_touches_nobody(gl):
+    for run in (3, 5):
+        found = approach.episode(1000, run)
+        assert found["contacts"] == 0
+        assert found["moved"] > 0.2
+    assert found["led"]
