@@ -17,6 +17,10 @@ ROUNDING = 1e-5
 """More than what distances of blocks lose by being float32 [m]."""
 
 
+AMPLE = 2.0
+"""A hazard that allows this many times the motion need not be found."""
+
+
 class Blocks(NamedTuple):
     """Hazards sorted by block.
 
@@ -197,7 +201,7 @@ def scan(
         horizon: farther hazards are of no interest unless they limit the motion [m].
         distance: (m,) out: to the nearest hazard [m], inf beyond the horizon.
         nearest: (m,) out: index into ``blocks.points``, -1 for none.
-        share: (m,) out: allowed share of the motion, inf if unlimited.
+        share: (m,) out: allowed share of the motion; inf, or at least ``AMPLE``, if unlimited.
         limiting: (m,) out: index of the hazard that limits it, -1 for none.
     """
     fastest = 0.0
@@ -238,11 +242,21 @@ def scan(
             reach = max(cut, best) + skin + ROUNDING
             if bound[k] > reach * reach:
                 continue
-            near = np.sqrt(bound[k]) - skin - ROUNDING
-            if near >= best and (
-                near >= cut or allowed_share(near, speed, fastest, stopping[i], law) >= least
-            ):
-                continue
+            gap = np.sqrt(bound[k])
+            near = gap - skin - ROUNDING
+            if near >= best:
+                if near >= cut:
+                    continue
+                # No point of the block is closed in on faster than this.
+                towards = max((blocks.lower[0, k] - x) * vx, (blocks.upper[0, k] - x) * vx)
+                towards += max((blocks.lower[1, k] - y) * vy, (blocks.upper[1, k] - y) * vy)
+                towards += max((blocks.lower[2, k] - z) * vz, (blocks.upper[2, k] - z) * vz)
+                closing = speed
+                if gap > 10.0 * ROUNDING:
+                    closing = min(max(towards, 0.0) / (gap - ROUNDING), speed)
+                share_k = allowed_share(near, closing, fastest, stopping[i], law)
+                if share_k >= min(least, AMPLE):
+                    continue
             for p in range(blocks.first[k], blocks.first[k + 1]):
                 ex = blocks.points[p, 0] - x
                 ey = blocks.points[p, 1] - y

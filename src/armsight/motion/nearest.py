@@ -58,7 +58,7 @@ class View:
         stopping: (m,) time until the sphere's link stands [s].
         distance: (m,) to the nearest hazard's surface [m]; inf if none.
         nearest: (m,) index into ``hazards.blocks.points``; -1 if none.
-        share: (m,) share of the motion that is allowed; inf if unlimited.
+        share: (m,) share of the motion that is allowed; inf, or more than 2, if unlimited.
         limiting: (m,) index of the hazard that limits it.
     """
 
