@@ -29,6 +29,7 @@ from armsight.calibration.depth import (
     plane_depth,
     read_squares,
 )
+from armsight.calibration.findings import Finding
 from armsight.calibration.lens_prior import sheet_prior
 from armsight.calibration.problem import (
     ArmView,
@@ -195,12 +196,14 @@ class Progress:
     Attributes:
         stage: in words; views: taken; seen: (L,) boards seen by each lens.
         expected: (L,) expected target error [m], NaN before the first solve.
+        answer: the present estimate, once there is one.
     """
 
     stage: str
     views: int
     seen: tuple[int, ...]
     expected: tuple[float, ...]
+    answer: Calibration | None = None
 
 
 class Watcher(Protocol):
@@ -232,14 +235,15 @@ class LiveResult:
     Attributes:
         calibration: lenses, cameras, board, arm.
         depth: of each camera, or None.
-        views: all that were taken; problem: cameras without enough views, and why.
+        views: all that were taken.
+        findings: cameras without enough views and why, cameras that hang upside down.
         stopped: why it ended.
     """
 
     calibration: Calibration
     depth: tuple[DepthModel | None, ...]
     views: tuple[SeenView, ...]
-    problems: tuple[str, ...]
+    findings: tuple[Finding, ...]
     stopped: str
 
 
@@ -254,6 +258,7 @@ class _Log:
     watcher: Watcher
     clock: Callable[[], float]
     views: list[SeenView] = field(default_factory=list)
+    reasons: set[str] = field(default_factory=set)
     at: JointVector | None = None
 
 
@@ -322,10 +327,14 @@ def procedure(
     """
     log = _Log(setup, options, watcher or Silent(), clock, list(done))
     began = clock()
-    if not log.views:
-        yield from _find(log)
+    # A stage that was cut short is begun anew; what it saw before is kept.
+    stages = {view.stage for view in log.views}
+    if not stages & {"learn", "cover"}:
+        if "tilt" not in stages:
+            yield from _find(log)
         yield from _tilt(log)
     answer = _solve(log, rng)
+    _report(log, "first estimate", answer)
     stopped = ""
     if options.paper:
         yield from _cover(log, answer)
@@ -340,22 +349,48 @@ def finish(
 ) -> LiveResult:
     """Solve all views with the left-out test, then the depth models."""
     problem = problem_of(setup, views)
-    problems = []
-    for index, camera in enumerate(setup.cameras):
-        count = len({s.view for s in problem.sightings if problem.lenses[s.lens].rig == index})
-        if count == 0:
-            problems.append(
-                f"camera {camera.name} never saw the board: turn it towards the arm, or check its "
-                "picture and the board's kind"
-            )
-        elif count < 3:
-            problems.append(
-                f"camera {camera.name} saw the board in {count} views only; three are the least"
-            )
     answer = calibrate(problem, rng, CalibrationOptions())
+    findings = (*_unseen(setup, problem, views), *_upside_down(answer))
     return LiveResult(
-        answer, depth_models(setup, answer, views), tuple(views), tuple(problems), stopped
+        answer, depth_models(setup, answer, views), tuple(views), tuple(findings), stopped
     )
+
+
+def _unseen(setup: Setup, problem: Problem, views: Sequence[SeenView]) -> list[Finding]:
+    """Cameras that saw the board never, or too seldom, and why."""
+    out = []
+    for index, camera in enumerate(setup.cameras):
+        lenses = {k for k, lens in enumerate(problem.lenses) if lens.rig == index}
+        count = len({s.view for s in problem.sightings if s.lens in lenses})
+        if count >= 3:
+            continue
+        reasons = [reason for v in views for k, reason in v.missed if k in lenses]
+        why = f" (mostly: {max(set(reasons), key=reasons.count)})" if reasons else ""
+        times = "never saw the board" if count == 0 else f"saw the board in {count} views only"
+        out.append(
+            Finding(
+                "camera_unseen",
+                "warning",
+                f"camera {camera.name} {times}{why}; three views are the least",
+                "turn it towards the arm, or check its picture, the light and the board's kind",
+            )
+        )
+    return out
+
+
+def _upside_down(answer: Calibration) -> list[Finding]:
+    """Cameras whose picture stands on its head: fine for the solve, worth knowing for people."""
+    seen = {answer.problem.lenses[s.lens].rig for s in answer.problem.sightings}
+    return [
+        Finding(
+            "upside_down",
+            "note",
+            f"camera {rig.name} hangs upside down",
+            "nothing to do: its pose says so; turn its picture where people look at it",
+        )
+        for index, rig in enumerate(answer.problem.rigs)
+        if index in seen and rig.mount == "base" and answer.camera_pose(index)[2, 1] > 0.5
+    ]
 
 
 def depth_models(
@@ -412,6 +447,7 @@ def _look(
     )
     assert isinstance(looked, Looked)
     view = read_pictures(log.setup, looked.joints, stage, log.clock(), looked.pictures)
+    log.reasons.update(reason for _, reason in view.missed if reason)
     if view.found:
         log.views.append(view)
         log.watcher.view(view)
@@ -472,7 +508,7 @@ def _report(log: _Log, stage: str, answer: Calibration | None = None) -> None:
         answer.target_sigma(k) if answer is not None and seen[k] >= 3 else nan
         for k in range(len(lenses))
     )
-    log.watcher.stage(Progress(stage, len(log.views), seen, expected))
+    log.watcher.stage(Progress(stage, len(log.views), seen, expected, answer))
 
 
 # ---------------------------------------------------------------------- stages
@@ -539,7 +575,7 @@ def _find(log: _Log) -> Generator[Request, object, None]:
             behind = 0 if len(log.views) > before else behind + 1
             _report(log, f"looking for the board, base at {np.rad2deg(a):.0f} deg")
     if not any(v.found for v in log.views):
-        reasons = sorted({r for v in log.views for _, r in v.missed})
+        reasons = sorted(log.reasons)
         raise CalibrationError(
             "no camera saw the board while the base turned: check the board's kind and size"
             + (f" ({', '.join(reasons[:3])})" if reasons else "")
@@ -685,14 +721,19 @@ def _learn(
             continue
         taken = int(left[choice.index])
         before = len(log.views)
-        yield from _look(log, "learn")
+        view = yield from _look(log, "learn")
         if len(log.views) == before:
             failures += 1
             if failures > 8:
-                return "the board is not seen where it should be"
+                return f"the board is not seen where it should be ({_main_reason(view)})"
             continue
         S = S + looks.information[taken]
         since += 1
+
+
+def _main_reason(view: SeenView) -> str:
+    reasons = [reason for _, reason in view.missed]
+    return max(set(reasons), key=reasons.count) if reasons else "no camera"
 
 
 def _margin(answer: Calibration) -> float:

@@ -1,4 +1,7 @@
-"""Views of a calibration in progress, a JSON line each: a stopped one goes on from them."""
+"""Views of a calibration in progress, a JSON line each: a stopped one goes on from them.
+
+The first line says whose views they are, so that those of another cell or board are not mixed in.
+"""
 
 from __future__ import annotations
 
@@ -12,34 +15,59 @@ from armsight.calibration.procedure import SeenView
 from armsight.errors import CalibrationError
 
 
+def begin(file: Path, about: dict[str, Any]) -> None:
+    """Start a file of views, unless it is there.
+
+    Args:
+        file: JSON lines.
+        about: what the views are of, as JSON values; :func:`read` compares it.
+
+    Raises:
+        CalibrationError: the file cannot be written.
+    """
+    if not file.is_file():
+        _write(file, {"about": about})
+
+
 def append(file: Path, view: SeenView) -> None:
     """Add a view; each line is whole or not there.
 
     Raises:
         CalibrationError: the file cannot be written.
     """
+    _write(file, _to_json(view))
+
+
+def _write(file: Path, row: dict[str, Any]) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(_to_json(view), allow_nan=False) + "\n")
+            stream.write(json.dumps(row, allow_nan=False) + "\n")
             stream.flush()
     except OSError as error:
         raise CalibrationError(f"{file}: cannot be written: {error.strerror or error}") from None
 
 
-def read(file: Path) -> list[SeenView]:
+def read(file: Path, about: dict[str, Any] | None = None) -> list[SeenView]:
     """All whole views of a file; a last line cut short by a stop is dropped.
 
     Raises:
-        CalibrationError: a line in the middle is broken.
+        CalibrationError: a line in the middle is broken, or the views are of something else.
     """
     if not file.is_file():
         return []
     out = []
-    rows = file.read_text(encoding="utf-8").splitlines()
+    try:
+        rows = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"{file}: cannot be read: {error}") from None
     for number, row in enumerate(rows, 1):
         try:
-            out.append(_from_json(json.loads(row)))
+            document = json.loads(row)
+            if number == 1 and "about" in document:
+                _same(file, document["about"], about)
+                continue
+            out.append(_from_json(document))
         except (ValueError, KeyError, TypeError):
             if number == len(rows):
                 break
@@ -47,6 +75,16 @@ def read(file: Path) -> list[SeenView]:
                 f"{file}, line {number}: is not a view; delete the file to start anew"
             ) from None
     return out
+
+
+def _same(file: Path, found: Any, about: dict[str, Any] | None) -> None:
+    for key, value in (about or {}).items():
+        other = found.get(key) if isinstance(found, dict) else None
+        if other != value:
+            raise CalibrationError(
+                f"{file}: its views are of {key} {other}, not {value}; use --fresh to start anew, "
+                "or another --out"
+            )
 
 
 def _to_json(view: SeenView) -> dict[str, Any]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from armsight.commands.serving import Page
+
 if TYPE_CHECKING:
     from armsight.calibration.boards import Board
-    from armsight.calibration.procedure import Progress, SeenView
+    from armsight.calibration.procedure import Progress, SeenView, Watcher
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ class Calibrate:
         fresh: forget the views of an earlier run.
         force: overwrite a better calibration.
         seed: of everything random.
+        headless: no live page.
+        page: where the live page of a live calibration is served; it ends with the calibration.
     """
 
     workcell: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")] = None
@@ -52,6 +57,8 @@ class Calibrate:
     fresh: bool = False
     force: bool = False
     seed: int = 0
+    headless: bool = False
+    page: Page = field(default_factory=Page)
 
     def run(self) -> int:
         """Calibrate; prints the report, writes the results."""
@@ -112,7 +119,6 @@ class Calibrate:
 
         from armsight.calibration import report, views_file
         from armsight.calibration.export import update_workcell, write_results, write_text
-        from armsight.calibration.findings import Finding
         from armsight.calibration.procedure import ProcedureOptions, drive, procedure
         from armsight.commands.cells import find
         from armsight.errors import CalibrationError
@@ -132,29 +138,42 @@ class Calibrate:
         if not workcell.camera:
             raise CalibrationError(f"{self.workcell}: has no [[camera]] to calibrate")
         log = self.out / "views.jsonl"
+        board = self._board()
+        about = {
+            "cell": workcell.name,
+            "cameras": [c.name for c in workcell.camera],
+            "board": self.board or "checkerboard:7x5:30",
+        }
         if self.fresh:
             log.unlink(missing_ok=True)
-        done = views_file.read(log)
+        done = views_file.read(log, about)
+        views_file.begin(log, about)
         if done:
             print(f"going on from {len(done)} views in {log}; --fresh starts anew")
-        cell = open_calibration_cell(workcell, self._board(), self.seed, redraw=0.3)
+        cell = open_calibration_cell(workcell, board, self.seed, redraw=0.3)
         options = ProcedureOptions(
             goal=1e-3 * self.goal_mm, most_views=self.views, paper=self.paper
         )
-        watcher = _Terminal(log)
-        try:
+        with ExitStack() as stack:
+            stack.callback(cell.close)
+            watchers: list[Watcher] = [_Terminal(log)]
+            if not self.headless:
+                from armsight.commands.calibrate_page import CalibrationPage
+
+                page = CalibrationPage(cell.setup, workcell.name, self.page)
+                stack.callback(page.close)
+                print(f"live page: {page.url}", file=sys.stderr)
+                for view in done:
+                    page.view(view)
+                watchers.append(page)
+            watcher = _All(watchers)
             steps = procedure(
                 cell.setup, options, np.random.default_rng(self.seed), watcher, cell.now, done
             )
             result = drive(steps, cell, cell)
             seconds = cell.now()
-        finally:
-            cell.close()
         _say("")
-        findings = tuple(
-            Finding("camera_unseen", "warning", words, "see docs/calibration.md")
-            for words in result.problems
-        )
+        findings = result.findings
         print(f"{len(result.views)} views in {seconds:.0f} s of robot time: {result.stopped}")
         for line in report.lines(result.calibration, result.depth, findings):
             print(line)
@@ -164,15 +183,31 @@ class Calibrate:
             self.out / "report.html", report.page(result.calibration, result.depth, findings, title)
         )
         if self.write:
-            if result.problems:
+            bad = [f for f in findings if f.severity != "note"]
+            if bad:
                 raise CalibrationError(
-                    f"{file}: not changed: {result.problems[0]}; the results are in {self.out}"
+                    f"{file}: not changed: {bad[0].message}; the results are in {self.out}"
                 )
             text = update_workcell(file, result.calibration, workcell.robot.T_world_base)
             write_text(file, text)
             print(f"{file}: cameras moved to where they were found")
         print(f"written to {self.out}; open {self.out / 'report.html'}")
         return 0
+
+
+class _All:
+    """Tells several watchers."""
+
+    def __init__(self, watchers: list[Watcher]) -> None:
+        self._watchers = watchers
+
+    def stage(self, progress: Progress) -> None:
+        for watcher in self._watchers:
+            watcher.stage(progress)
+
+    def view(self, view: SeenView) -> None:
+        for watcher in self._watchers:
+            watcher.view(view)
 
 
 class _Terminal:

@@ -1,0 +1,140 @@
+"""The live procedure on an arm that jumps and cameras without pictures: goals, stops, bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_cell import FakeCell, upside_down
+
+from armsight.calibration import report, views_file
+from armsight.calibration.calibrate import Calibration
+from armsight.calibration.procedure import (
+    ProcedureOptions,
+    drive,
+    procedure,
+)
+from armsight.calibration.synthetic import ErrorLevels, t1_cameras, target_error
+from armsight.errors import CalibrationError
+
+LEVELS = replace(ErrorLevels(), wrong_boards=0.0, kinematics=0.5)
+SHORT = ProcedureOptions(goal=0.004, least_views=12, most_views=18, candidates=24)
+
+
+def calibrated(cell, options=SHORT, done=(), watcher=None):
+    steps = procedure(cell.setup, options, np.random.default_rng(1), watcher, cell.now, done)
+    return drive(steps, cell, cell)
+
+
+class Log:
+    """Keeps what it is told; stops after so many views."""
+
+    def __init__(self, most=10**6):
+        self.views, self.stages, self.most = [], [], most
+
+    def view(self, view):
+        self.views.append(view)
+        if len(self.views) >= self.most:
+            raise KeyboardInterrupt
+
+    def stage(self, progress):
+        self.stages.append(progress)
+
+
+@pytest.fixture(scope="module")
+def whole(arm5):
+    cell, log = FakeCell(arm5, 3, LEVELS), Log()
+    return cell, calibrated(cell, watcher=log), log
+
+
+def test_from_cold_to_an_answer_within_its_stated_error(whole):
+    cell, result, _ = whole
+    answer = result.calibration
+    for lens in range(6):
+        assert target_error(cell.truth, answer.solution.state, lens) < 3 * answer.target_sigma(lens)
+    assert result.findings == ()
+    assert 12 <= len(result.views) <= 18
+    assert "mm" in result.stopped or "enough" in result.stopped
+
+
+def test_the_watcher_sees_doubt_shrink(whole):
+    _, result, log = whole
+    assert [v.joints.tolist() for v in log.views] == [v.joints.tolist() for v in result.views]
+    worst = [max(p.expected) for p in log.stages if np.isfinite(p.expected).all()]
+    assert worst[-1] < 0.7 * worst[0]
+    assert isinstance(log.stages[-1].answer, Calibration)
+    assert {v.stage for v in log.views} == {"find", "tilt", "learn"}
+
+
+@pytest.mark.parametrize("after", [3, 9, 14])
+def test_a_stopped_run_goes_on(arm5, tmp_path, after):
+    """In the middle of finding, of tilting, of learning; through the file, as the command does."""
+    file = tmp_path / "views.jsonl"
+    cell, log = FakeCell(arm5, 3, LEVELS), Log(after)
+    with pytest.raises(KeyboardInterrupt):
+        calibrated(cell, watcher=log)
+    for view in log.views:
+        views_file.append(file, view)
+    again = FakeCell(arm5, 3, LEVELS)
+    result = calibrated(again, done=views_file.read(file))
+    first = [v.joints.tolist() for v in result.views[:after]]
+    assert first == [v.joints.tolist() for v in log.views]
+    assert result.calibration.target_sigma(0) < 0.01
+
+
+def test_no_board_in_any_camera(arm5):
+    cell = FakeCell(arm5, 0, LEVELS, blind={"left": "over-exposed", "right": "black", "front": ""})
+    with pytest.raises(CalibrationError, match=r"no camera saw the board.*black.*over-exposed"):
+        calibrated(cell)
+
+
+def test_board_in_one_camera_only(arm5):
+    cell = FakeCell(arm5, 3, LEVELS, blind={"right": "over-exposed", "front": "blurred"})
+    result = calibrated(cell)
+    messages = [f.message for f in result.findings if f.code == "camera_unseen"]
+    assert len(messages) == 2
+    assert "camera right never saw the board (mostly: over-exposed)" in messages[0]
+    assert "camera front never saw the board (mostly: blurred)" in messages[1]
+    answer = result.calibration
+    assert target_error(cell.truth, answer.solution.state, 0) < 3 * answer.target_sigma(0)
+    assert "warning: camera right" in "\n".join(report.lines(answer, (), result.findings))
+
+
+def test_a_camera_upside_down_is_calibrated_and_named(arm5):
+    cell = FakeCell(arm5, 3, LEVELS, upside_down(t1_cameras(), "front"))
+    result = calibrated(cell)
+    assert [(f.code, f.severity) for f in result.findings] == [("upside_down", "note")]
+    assert "front" in result.findings[0].message
+    answer = result.calibration
+    assert target_error(cell.truth, answer.solution.state, 4) < 3 * answer.target_sigma(4)
+
+
+def test_an_arm_that_may_stand_nowhere(arm5):
+    cell = FakeCell(arm5, 0, LEVELS, free=lambda q: False)
+    with pytest.raises(CalibrationError, match="cannot hold the board in front of itself"):
+        calibrated(cell)
+
+
+def test_views_that_cannot_be_reached_end_the_run(arm5):
+    """The arm refuses everything from a moment on: what was seen is solved, the end is named."""
+    cell = FakeCell(arm5, 3, LEVELS)
+    log = Log()
+    cell._refuses = lambda q: any(v.stage == "tilt" for v in log.views) and len(log.views) > 11
+    result = calibrated(cell, watcher=log)
+    assert result.stopped == "no further view can be reached"
+    assert len(result.views) == 12
+
+
+def test_places_that_are_not_free_are_never_asked_for(arm5):
+    asked = []
+    cell = FakeCell(arm5, 3, LEVELS, free=lambda q: bool(q[0] < 1.2), move=asked.append)
+    calibrated(cell)
+    assert len(asked) > 12
+    assert all(q[0] < 1.2 for q in asked)
+
+
+def test_views_of_another_cell_are_refused(tmp_path):
+    file = tmp_path / "views.jsonl"
+    views_file.begin(file, {"cell": "a", "board": "checkerboard:7x5:30"})
+    assert views_file.read(file, {"cell": "a"}) == []
+    with pytest.raises(CalibrationError, match="views are of cell a, not b; use --fresh"):
+        views_file.read(file, {"cell": "b"})
