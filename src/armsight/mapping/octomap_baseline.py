@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import octomap
 
 from armsight.arrays import Bytes, Points, Pose, Vector3
-from armsight.geometry.cloud import voxel_centroids, within_sphere
+from armsight.geometry.cloud import within_sphere
 from armsight.geometry.pose import transform
+from armsight.mapping.cleaning import CloudMerger
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
 
 
@@ -19,17 +21,16 @@ class OctomapBaseline:
     Args:
         voxel: edge of a voxel [m]; T2 takes 5 cm.
         crop: points farther than this from the base are dropped [m]; T2 takes 1.5 m.
-        thin: clouds are thinned to one centroid in this first [m]; 0 for none.
     """
 
-    def __init__(self, voxel: float = 0.05, crop: float = 1.5, thin: float = 0.0) -> None:
+    def __init__(self, voxel: float = 0.05, crop: float = 1.5) -> None:
         self.voxel = voxel
         self._crop = crop
-        self._thin = thin
         self._tree = octomap.OcTree(voxel)
+        self._merger: CloudMerger | None = None
 
     def insert(self, points_camera: Points, T_base_camera: Pose) -> None:
-        """Take in one camera's cloud.
+        """Take in one camera's cloud as it is, but for the crop.
 
         Args:
             points_camera: (n, 3) in the camera frame [m]; those not finite are left out.
@@ -37,12 +38,29 @@ class OctomapBaseline:
         """
         p = np.asarray(points_camera, float).reshape(-1, 3)
         p = transform(T_base_camera, p[np.isfinite(p).all(axis=1)])
-        p = p[within_sphere(p, np.zeros(3), self._crop)]
-        if self._thin > 0:
-            p = voxel_centroids(p, self._thin)
-        self._tree.insertPointCloud(
-            np.ascontiguousarray(p, np.float64), np.asarray(T_base_camera[:3, 3], np.float64)
-        )
+        self._cast(p[within_sphere(p, np.zeros(3), self._crop)], T_base_camera)
+
+    def insert_merged(self, clouds: Sequence[Points], T_base_camera: Sequence[Pose]) -> None:
+        """Take in the clouds of all cameras as T2 does: cleaned, merged and finely aligned.
+
+        Args:
+            clouds: (n, 3) in each camera's frame [m], always of the same cameras.
+            T_base_camera: the cameras in ``base`` by their calibration.
+        """
+        if self._merger is None:
+            self._merger = CloudMerger(len(clouds), self._crop, self.voxel)
+        for cloud, T, correction in zip(
+            self._merger.merge(clouds, T_base_camera), T_base_camera, self._merger.corrections
+        ):
+            self._cast(cloud, correction @ T)
+
+    def _cast(self, points: Points, T_base_camera: Pose) -> None:
+        """Rays from a camera to points in ``base``."""
+        if len(points):
+            self._tree.insertPointCloud(
+                np.ascontiguousarray(points, np.float64),
+                np.ascontiguousarray(T_base_camera[:3, 3], np.float64),
+            )
 
     def state(self, points: Points) -> Bytes:
         """(n,) UNKNOWN, FREE or OCCUPIED of the voxel that holds each of (n, 3) points [m]."""
