@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from armsight.calibration.calibrate import CalibrationOptions, calibrate
 from armsight.calibration.closed_form import park, shah
+from armsight.calibration.ladder import solve_with_noise
 from armsight.calibration.model import Model
-from armsight.calibration.problem import Freedom
+from armsight.calibration.problem import ArmView, BoardPlacement, Freedom, Lens, Rig, Sighting
 from armsight.calibration.solver import solve
 from armsight.calibration.start import find_start
 from armsight.calibration.synthetic import (
@@ -16,6 +18,7 @@ from armsight.calibration.synthetic import (
     observe,
     random_views,
     target_error,
+    true_flanges,
 )
 from armsight.geometry.pose import exp, inverse
 
@@ -133,3 +136,115 @@ def test_mis_seen_boards_and_corners_hardly_matter(arm5):
     problem = observe(cell, random_views(cell, 20, rng), rng)
     solution = answer(problem)
     assert max(target_error(cell, solution.state, k) for k in range(6)) < 1.5e-3
+
+
+def test_poses_alone_can_be_solved(exact):
+    """Lenses known, boards free in space: nothing is shared, each board finds its own pose."""
+    _, problem = exact
+    lenses = tuple(replace(lens, keep=True) for lens in problem.lenses[:1])
+    boards = tuple(ArmView(np.eye(4), free=True) for _ in problem.views)
+    seen = tuple(s for s in problem.sightings if s.lens == 0)
+    frames = replace(problem, lenses=lenses, rigs=problem.rigs[:1], views=boards, sightings=seen)
+    frames = replace(frames, robot=None)
+    solution = answer(frames)
+    assert solution.model.free.sum() == 0
+    assert solution.rms_px() < 1e-6
+
+
+def test_corners_on_other_things_do_not_count(arm5):
+    """One corner of each board lies 40 px off: cut, it moves the answer no more than if unseen."""
+    rng = np.random.default_rng(12)
+    cell = make_cell(arm5, rng, ErrorLevels.ideal(0.1))
+    problem = observe(cell, random_views(cell, 15, rng), rng)
+
+    def shifted(s):
+        pixel = s.pixel.copy()
+        pixel[s.view % 24] += 40.0
+        return replace(s, pixel=pixel)
+
+    def without(s):
+        keep = s.corner != s.view % 24
+        return replace(s, corner=s.corner[keep], pixel=s.pixel[keep])
+
+    free = replace(EXACT, shape=True)
+    found = [
+        solve_with_noise(
+            find_start(
+                replace(problem, sightings=tuple(change(s) for s in problem.sightings)),
+                np.random.default_rng(0),
+            ).problem,
+            free,
+        )[0]
+        for change in (shifted, without)
+    ]
+    assert found[0].dropped == len(problem.sightings)
+    np.testing.assert_allclose(found[0].state.T_mount_rig, found[1].state.T_mount_rig, atol=2e-5)
+
+
+def test_noise_is_told_lens_by_lens_and_board_by_board(arm5):
+    rng = np.random.default_rng(13)
+    cell = make_cell(arm5, rng, replace(ErrorLevels.ideal(), corner_color=0.1, corner_infrared=0.3))
+    problem = observe(cell, random_views(cell, 21, rng), rng)
+    noisy = tuple(
+        replace(s, pixel=s.pixel + rng.normal(0, 0.8, s.pixel.shape)) if s.view == 4 else s
+        for s in problem.sightings
+    )
+    start = find_start(replace(problem, sightings=noisy), np.random.default_rng(0))
+    solution, _ = solve_with_noise(start.problem, replace(EXACT, shape=True))
+    sigma, lens = solution.model.sigma, solution.model.lens_of
+    usual = solution.model.view_of != 4
+    assert 0.24 < np.median(sigma[usual & (lens == 0)]) < 0.36
+    assert 0.08 < np.median(sigma[usual & (lens == 1)]) < 0.12
+    assert np.all(sigma[~usual] > 0.5)
+
+
+def test_good_boards_far_out_are_kept_and_slipped_ones_named(arm5):
+    """An arm with absolute errors and lenses off from their sheets: only mis-seen boards go."""
+    rng = np.random.default_rng(14)
+    cell = make_cell(arm5, rng, replace(ErrorLevels(), wrong_boards=0.0))
+    problem = observe(cell, random_views(cell, 24, rng), rng)
+    slipped = {(s.view, s.lens) for s in problem.sightings[5::40]}
+    seen = tuple(
+        replace(s, pixel=s.pixel + s.pixel[1] - s.pixel[0]) if (s.view, s.lens) in slipped else s
+        for s in problem.sightings
+    )
+    options = CalibrationOptions(left_out=False)
+    result = calibrate(replace(problem, sightings=seen), np.random.default_rng(0), options)
+    assert {(s.view, s.lens) for s, _ in result.rejected} == slipped
+
+
+def test_one_calibration_for_cameras_beside_and_on_the_arm(arm5):
+    """Eye to hand and eye in hand at once: one board on the flange, another one on the table."""
+    rng = np.random.default_rng(15)
+    cell = make_cell(arm5, rng, ErrorLevels.ideal(0.1))
+    joints = random_views(cell, 24, rng)
+    seen = observe(cell, joints, rng)
+    flanges = true_flanges(cell, joints, None)
+    # A wrist camera looks along the flange; its board lies where it is seen in the first views.
+    lens = cell.sheet.lenses[1].camera
+    T_flange_wrist = exp([0.05, 0.0, 0.03, 0.05, -0.04, 0.6])
+    points = cell.points
+    T_base_table = flanges[0] @ T_flange_wrist @ exp([-0.08, -0.05, 0.7, 0.3, -0.2, 0.1])
+    wrist = []
+    for v, T in enumerate(flanges):
+        p = inverse(T @ T_flange_wrist) @ T_base_table
+        p = points @ p[:3, :3].T + p[:3, 3]
+        if p[:, 2].min() < 0.2:
+            continue
+        pixel = lens.project(p)
+        if pixel.min() < 0 or np.any(pixel.max(0) > [lens.width, lens.height]):
+            continue
+        noise = rng.normal(0, 0.1, pixel.shape)
+        wrist.append(Sighting(v, len(seen.lenses), 1, np.arange(len(p)), pixel + noise, 0.1))
+    assert len(wrist) >= 4
+    both = replace(
+        seen,
+        rigs=(*seen.rigs, Rig("wrist", "flange")),
+        lenses=(*seen.lenses, Lens("wrist", 3, lens, keep=True)),
+        boards=(*seen.boards, BoardPlacement("table", points, "base")),
+        sightings=(*seen.sightings, *wrist),
+    )
+    solution = answer(both)
+    np.testing.assert_allclose(solution.state.T_mount_rig[3], T_flange_wrist, atol=2e-3)
+    np.testing.assert_allclose(solution.state.T_mount_board[1], T_base_table, atol=3e-3)
+    np.testing.assert_allclose(solution.state.T_mount_rig[:3], cell.state.T_mount_rig, atol=2e-3)

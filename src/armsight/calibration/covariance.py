@@ -104,7 +104,8 @@ def invert(S: Floats) -> Floats:
     """
     if not len(S):
         return S
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(S), 1e-300))
+    # A sigma of a million metres, radians or pixels is none; smaller figures only overflow.
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(S), 1e-12))
     values, vectors = np.linalg.eigh(0.5 * (S + S.T) * scale[:, None] * scale)
     inverse = (vectors / np.maximum(values, 1e-13)) @ vectors.T
     return np.asarray(inverse * scale[:, None] * scale)

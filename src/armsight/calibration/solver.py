@@ -293,6 +293,8 @@ def _solve_views(H_view: Floats, mixed: Floats) -> Floats:
 def _product(mixed: Floats, Y: Floats) -> Floats:
     """(g, g) sum over views of mixed Y, as one product."""
     g = mixed.shape[1]
+    if not g:  # only poses are sought
+        return np.zeros((0, 0))
     return np.swapaxes(mixed, 0, 1).reshape(g, -1) @ Y.reshape(-1, g)
 
 

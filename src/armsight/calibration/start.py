@@ -16,7 +16,7 @@ import numpy as np
 from armsight.arrays import Floats, Points, Pose, Poses
 from armsight.calibration import se3
 from armsight.calibration.closed_form import mean_pose, park, shah
-from armsight.calibration.problem import Problem, Sighting
+from armsight.calibration.problem import Lens, Problem, Sighting
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
 
@@ -408,6 +408,7 @@ def _drop_misfits(
             continue
         mine = [i for i, t in enumerate(problem.sightings) if t.lens == s.lens]
         limit = max(0.03 * lens.camera.fx, 4 * float(np.median(e[mine])))
+        limit += _bend(lens, s.pixel)
         if e[k] <= limit:
             kept.append(s)
         else:
@@ -415,3 +416,13 @@ def _drop_misfits(
                 (s, f"{e[k]:.0f} px from where the other views put it (limit {limit:.0f} px)")
             )
     return replace(problem, sightings=tuple(kept)), rejected
+
+
+def _bend(lens: Lens, pixel: Floats) -> float:
+    """How far off a board may be because the lens's distortion is not known yet [px]: 3 sigma."""
+    if lens.prior is None or lens.keep:
+        return 0.0
+    r = float(np.linalg.norm(lens.camera.normalise(pixel), axis=1).mean())
+    sigma = 1 / np.sqrt(np.maximum(np.diagonal(lens.prior)[[4, 5, 8]], 1e-12))
+    bend = float(np.linalg.norm(sigma * np.array([r**3, r**5, r**7])))
+    return float(lens.camera.fx * min(3.0 * bend, 0.15))

@@ -16,6 +16,7 @@ from armsight.geometry.shapes import Solid
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 from armsight.simulation.board import BoardStudio, Print, StudioErrors
+from armsight.simulation.spec import ArmSpec
 from armsight.simulation.studio_mover import StudioMover
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell.build import world_spec
@@ -88,7 +89,7 @@ def open_calibration_cell(
     """
     board = board or Checkerboard()
     spec = world_spec(workcell)
-    world = SimulatedWorld(replace(spec, cameras=()), seed)
+    world = SimulatedWorld(replace(spec, cameras=(), arm=_without_plate(spec.arm)), seed)
     image, x0, y0 = raster(board, PER_METER, 0.02)
     points = board.points
     middle = 0.5 * (points.max(0) + points.min(0))
@@ -125,6 +126,17 @@ def open_calibration_cell(
         1.0 / min(c.info.rate for c in spec.cameras),
     )
     return CalibrationCell(setup, world, studio, StudioMover(world, studio), T_world_base)
+
+
+def _without_plate(arm: ArmSpec) -> ArmSpec:
+    """The arm without the looks of its tool: the studio draws the board where it really hangs.
+
+    The designed plate, drawn as well, would hide the true one wherever the bracket is off.
+    """
+    robot = arm.robot
+    if robot.tool is None:
+        return arm
+    return replace(arm, robot=replace(robot, tool=replace(robot.tool, meshes=())))
 
 
 def truth_sheet(declared: PinholeCamera, infrared: PinholeCamera) -> PinholeCamera:
