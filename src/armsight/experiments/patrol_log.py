@@ -51,17 +51,17 @@ class PatrolLog:
     def update(self, now: float) -> None:
         """Look at the newest status and snapshot."""
         assert self._session is not None
-        view = self._session.view()
-        if view.guard is not None:
-            self._modes[view.guard.mode] += 1
-            self._distance = min(self._distance, view.guard.distance)
-            self.trace.append((now, min(view.guard.distance, 3.0), view.guard.speed_scale))
-            self._replans, self._reflexes = view.guard.replans, view.guard.reflexes
-            if view.guard.reason:
-                self.reasons[_kind(view.guard.reason)] += 1
-        if view.snapshot is not None and view.snapshot.sequence != self._snapshot:
-            self._snapshot = view.snapshot.sequence
-            self.map_seconds.append(sum(seconds for _, seconds in view.snapshot.timings))
+        guard, snapshot = self._session.status(), self._session.snapshot()
+        if guard is not None:
+            self._modes[guard.mode] += 1
+            self._distance = min(self._distance, guard.distance)
+            self.trace.append((now, min(guard.distance, 3.0), guard.speed_scale))
+            self._replans, self._reflexes = guard.replans, guard.reflexes
+            if guard.reason:
+                self.reasons[_kind(guard.reason)] += 1
+        if snapshot is not None and snapshot.sequence != self._snapshot:
+            self._snapshot = snapshot.sequence
+            self.map_seconds.append(sum(seconds for _, seconds in snapshot.timings))
 
     @property
     def goals_reached(self) -> int:

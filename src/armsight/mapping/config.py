@@ -57,7 +57,7 @@ class MappingConfig:
     voxel: float = 0.02
     far_margin: float = 1.2
     far_parts: int = 3
-    fine_margin: float = 0.3
+    fine_margin: float = 0.15
     distance_cap: float = 0.3
     unknown_is_solid: bool = False
     crop: float = 1.5

@@ -146,7 +146,6 @@ class WorkspaceMap:
             return self._again(now)
         evidence = self._judge(jobs)
         lap("images")
-        self._move_body(jobs)
         for job, seen in sorted(zip(jobs, evidence), key=lambda pair: pair[0].frame.stamp):
             self._take(job, seen)
         alive = np.array([h.alive(now) for h in self._health], np.uint8)
@@ -229,6 +228,8 @@ class WorkspaceMap:
         return info.T_mount_camera
 
     def _judge(self, jobs: list[_Job]) -> list[Evidence]:
+        """What the frames say, and the arm's newest place."""
+
         def work(job: _Job) -> Evidence:
             free = (
                 self._fine.occupancy.free[job.camera],
@@ -239,8 +240,11 @@ class WorkspaceMap:
             )
 
         if self._pool is None or len(jobs) < 2:
+            self._move_body(jobs)
             return [work(job) for job in jobs]
-        return list(self._pool.map(work, jobs))
+        seen = [self._pool.submit(work, job) for job in jobs]
+        self._move_body(jobs)
+        return [future.result() for future in seen]
 
     def _take(self, job: _Job, seen: Evidence) -> None:
         health = self._health[job.camera]

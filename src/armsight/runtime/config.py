@@ -32,7 +32,7 @@ class SessionConfig:
     mapping_period: float = 0.02
     guard_period: float = 0.008
     planning_period: float = 0.01
-    mapping_latency: float = 0.02
+    mapping_latency: float = 0.025
     planning_latency: float = 0.1
     guard_latency: float = 0.002
     charge: Literal["declared", "measured"] = "declared"

@@ -15,6 +15,7 @@ import numpy as np
 from armsight.arrays import Vector3
 from armsight.devices.protocols import Arm, Clock, RgbdCamera
 from armsight.errors import UsageError
+from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, Task
 from armsight.runtime.channels import Channels
 from armsight.runtime.clocks import WallClock
@@ -128,6 +129,10 @@ class Session:
     def status(self) -> GuardStatus | None:
         """The guard's newest word alone: cheaper than :meth:`view`."""
         return self._channels.status.read(self.now())
+
+    def snapshot(self) -> WorkspaceSnapshot | None:
+        """The newest map alone."""
+        return self._channels.snapshot.read(self.now())
 
     def view(self) -> SessionView:
         """One consistent look at everything that is published; safe from any thread."""

@@ -15,6 +15,10 @@ from typing import Any
 from armsight.errors import ArmsightError
 
 os.environ.setdefault("MUJOCO_GL", "egl")
+# Mesa's software renderer: pictures of small triangles are drawn soonest in narrow vectors, and
+# in the thread that asks, since the cores have other work. Graphics cards do not read these.
+os.environ.setdefault("LP_NATIVE_VECTOR_WIDTH", "128")
+os.environ.setdefault("LP_NUM_THREADS", "0")
 
 import mujoco
 
