@@ -596,7 +596,9 @@ def _gain(chosen: list[Run]) -> list[Row]:
         ("of T1's raster", _rms([r.raster for r in chosen])),
         ("that a careful user takes at random", _rms([r.user for r in chosen])),
     ):
-        value = float(next((c for c, m in zip(counts, means) if m <= other), 2 * counts[-1]))
+        # From that count on, not by luck at one of them.
+        enough = [c for k, c in enumerate(counts) if max(means[k:]) <= other]
+        value = float(enough[0]) if enough else float("nan")
         rows.append(
             Row(
                 "active_gain",
