@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import DepthImage, Floats, Pose
+from armsight.arrays import DepthImage, Pose
 from armsight.devices.data import RgbdCameraInfo
+from armsight.geometry.pose import inverse, transform
 from armsight.mapping.alignment import Alignment, View, align_camera, mismatch
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.lens import Lens
@@ -55,6 +56,10 @@ class Mounting:
         self.error = (config.calibration_m, config.calibration_rad)
         self.alignment: Alignment | None = None
         self.problem = ""
+        ends = filter_.reach * np.array(
+            [[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]], float
+        )
+        self._reached = np.clip(ends, config.lower, config.upper)
         self._attempts = ATTEMPTS if config.align else 0
         self._next_check = np.inf
         self._moved = 0
@@ -97,7 +102,7 @@ class Mounting:
         self.T_old_new = self.T_old_new @ found.T_old_new
         self.gain = found.gain
         self.alignment = found
-        self.error = self._error_left(found.sigma)
+        self.error = self._error_left(found, inverse(start @ found.T_old_new))
         limit = self._config
         shift, turn = _size(self.T_old_new)
         if shift > limit.greatest_shift or turn > limit.greatest_turn:
@@ -108,11 +113,15 @@ class Mounting:
         else:
             self.problem = ""
 
-    def _error_left(self, sigma: Floats) -> tuple[float, float]:
+    def _error_left(self, found: Alignment, T_camera_base: Pose) -> tuple[float, float]:
+        """Twice the standard deviation where the arm can be, unless calibration claims less."""
         c = self._config
-        meters = c.aligned_m + 2.0 * float(np.linalg.norm(sigma[:3]))
-        radians = c.aligned_rad + 2.0 * float(np.linalg.norm(sigma[3:6]))
-        return min(meters, c.calibration_m), min(radians, c.calibration_rad)
+        around = transform(T_camera_base, self._reached)
+        far = float(np.linalg.norm(around, axis=1).max())
+        meters = c.aligned_m + 2.0 * float(found.error_at(around).max())
+        if meters + c.aligned_rad * far < c.calibration_m + c.calibration_rad * far:
+            return meters, c.aligned_rad
+        return c.calibration_m, c.calibration_rad
 
     def _view(self, depth: DepthImage, body: BodyPose, points: int) -> View:
         """About as many points, evenly over the image; the arm only if it is (nearly) at rest."""

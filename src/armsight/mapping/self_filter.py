@@ -195,10 +195,16 @@ class BodyPose:
 
 
 class SelfFilter:
-    """Tells which pixels of a depth image, and which voxels, are the arm itself."""
+    """Tells which pixels of a depth image, and which voxels, are the arm itself.
+
+    Attributes:
+        fields: of the arm, its tool and what it holds.
+        reach: of the arm [m].
+    """
 
     def __init__(self, robot: Robot, held: Iterable[Solid] = ()) -> None:
         self._robot = robot
+        self.reach = robot.reach
         self.fields = body_fields(robot, held)
         corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
         self._corners = corners[None] * (self.fields.shape[:, None, :] - 1) * CELL  # (m, 8, 3)

@@ -1,0 +1,85 @@
+"""Fine alignment of one camera against the arm and declared solids, on synthetic truth."""
+
+import numpy as np
+import pytest
+
+from armsight.geometry.pose import exp, inverse, transform
+from armsight.mapping import alignment as a
+from armsight.mapping.config import MappingConfig
+from armsight.mapping.layers import fine_grid
+from armsight.mapping.self_filter import SelfFilter
+from armsight.mapping.static_geometry import rasterise
+from armsight.mapping.workspace_map import WorkspaceMap
+
+from . import scenes
+
+THINGS = [
+    scenes.box("table", (0.3, 0, -0.05), (2.0, 2.0, 0.1)),
+    scenes.box("post", (0.0, 0.6, 0.3), (0.2, 0.2, 0.6)),
+]
+Q = np.array([0.5, -0.3])
+INFO = scenes.camera_info("cam", (1.2, -0.6, 1.3), noise=scenes.DepthNoise(0.001, 0.0, 0.001))
+CONFIG = MappingConfig(lower=(-0.8, -0.8, -0.1), upper=(0.9, 0.8, 0.9))
+
+
+@pytest.fixture(scope="module")
+def cell():
+    robot = scenes.two_link_arm()
+    solids = [*THINGS, *scenes.arm_solids(robot, Q)]
+    depth = scenes.ray_cast(INFO.depth, INFO.T_mount_camera, solids)
+    depth = scenes.add_noise(depth, INFO.noise, np.random.default_rng(0))
+    return robot, depth
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_displaced_camera_is_found_within_the_error_it_states(cell, seed):
+    robot, depth = cell
+    body = SelfFilter(robot)
+    pose = body.pose(Q, np.zeros(2))
+    rng = np.random.default_rng(seed)
+    twist = np.concatenate([rng.uniform(-0.02, 0.02, 3), rng.uniform(-0.012, 0.012, 3)])
+    believed = INFO.T_mount_camera @ exp(twist)
+    points = INFO.depth.deproject(depth).reshape(-1, 3)[::3].astype(float)
+    view = a.View(points[np.isfinite(points).all(axis=1)], pose.T_base_grid)
+    solids = rasterise(THINGS, fine_grid(CONFIG), 0.1)
+    found = a.align_camera([view], [believed], body.fields, solids)
+    assert found.good
+    at = np.array([[0.0, 0, 0.3], [0.5, 0.3, 0.1], [-0.4, -0.4, 0.5]])
+    true = transform(inverse(INFO.T_mount_camera), at)
+    seen = transform(inverse(believed @ found.T_old_new), at) / found.gain
+    stated = 3.0 * found.error_at(true)
+    assert (np.linalg.norm(seen - true, axis=1) <= stated).all()
+    wrong = np.linalg.norm(transform(inverse(believed), at) - true, axis=1)
+    assert (np.linalg.norm(seen - true, axis=1) < 0.5 * wrong).all()
+
+
+def test_error_at_a_point_is_the_spread_of_where_it_is_seen():
+    """Against sampled poses and scales."""
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((7, 7)) * 1e-3
+    covariance = root @ root.T
+    found = a.Alignment(np.eye(4), 1.0, 0, 0.0, 0.0, covariance, True)
+    points = rng.uniform([-1, -1, 1], [1, 1, 3], (3, 3))
+    drawn = rng.multivariate_normal(np.zeros(7), covariance, 20_000)
+    for point, sigma in zip(points, found.error_at(points)):
+        moved = drawn[:, :3] + np.cross(drawn[:, 3:6], point) + drawn[:, 6:] * point
+        greatest = np.sqrt(np.linalg.eigvalsh(np.cov(moved.T))[-1])
+        assert sigma == pytest.approx(greatest, rel=0.03)
+
+
+def test_the_map_uses_the_camera_where_it_is(cell):
+    """A camera 3 cm off makes obstacles of the arm; aligned it does not."""
+    robot, depth = cell
+    moved = INFO.T_mount_camera @ exp(np.array([0.02, -0.015, 0.015, 0.005, -0.005, 0.0]))
+    wrong = scenes.camera_info("cam", T_mount_camera=moved, noise=INFO.noise)
+    found = {}
+    for align in (False, True):
+        config = MappingConfig(lower=CONFIG.lower, upper=CONFIG.upper, align=align)
+        world = WorkspaceMap(robot, [wrong], THINGS, config)
+        joints = scenes.resting(Q, until=1.0)
+        for k in range(3):
+            now = 0.1 + 0.03 * k
+            snapshot = world.update([scenes.frame(wrong, now, depth, k)], joints, now + 0.001)
+        found[align] = int((~snapshot.hazard_unknown).sum())
+        world.close()
+    assert found[True] < 0.2 * max(found[False], 5)
