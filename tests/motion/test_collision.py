@@ -17,6 +17,7 @@ from armsight.motion.kernels import (
     body_motion,
     config_free,
     make_scratch,
+    self_clearance,
     set_bounds,
     sphere_clearances,
 )
@@ -331,3 +332,27 @@ def test_a_margin_keeps_farther_away():
     snapshot = make_snapshot([box((x, y + 0.12, z), (0.04, 0.02, 0.04))])
     assert MODEL.valid(ARM.home, snapshot)
     assert not CollisionModel(ARM, CollisionConfig(margin=0.05)).valid(ARM.home, snapshot)
+
+
+def test_a_path_proven_not_to_touch_itself_is_only_asked_about_the_rest():
+    """Left out is exactly the body against itself: what lies around is found all the same."""
+    rng = np.random.default_rng(8)
+    model = CollisionModel(load_robot("ur5"))
+    low, high = np.maximum(model.body.lower, -np.pi), np.minimum(model.body.upper, np.pi)
+    touching_itself = touching_wall = 0
+    for _ in range(200):
+        path = rng.uniform(low, high, (2, 6))
+        path[1] = path[0] + 0.1 * (path[1] - path[0])
+        whole = model.first_blocked(path, WALL)
+        rest = model.first_blocked(path, WALL, own=False)
+        assert rest is None or whole is not None
+        touching_wall += rest is not None
+        if rest is None and whole is not None:
+            touching_itself += 1
+            gaps = []
+            for q in np.linspace(*path, 30):
+                centers = np.empty_like(model.body.center)
+                body_centers(model.body, q, centers)
+                gaps.append(self_clearance(model.body, centers))
+            assert min(gaps) < 0.01  # the body is as close to itself as the whole check says
+    assert touching_itself > 5 and touching_wall > 5

@@ -16,6 +16,7 @@ from armsight.motion.kernels import (
     config_free,
     edge_free,
     make_scratch,
+    path_clear,
     path_free,
     self_clearance,
     sphere_clearances,
@@ -123,15 +124,28 @@ class CollisionModel:
         return bool(edge_free(self.body, ob, q0, _vector(q1), self.scratch()))
 
     def first_blocked(
-        self, path: JointPath, snapshot: WorkspaceSnapshot, at: JointVector | None = None
+        self,
+        path: JointPath,
+        snapshot: WorkspaceSnapshot,
+        at: JointVector | None = None,
+        own: bool = True,
     ) -> int | None:
-        """Index of the first segment of a (k, n) path that is not proven free, or None."""
+        """Index of the first segment of a (k, n) path that is not proven free, or None.
+
+        Args:
+            path: joint positions [rad].
+            snapshot: the surroundings.
+            at: where the body is now; at the path's beginning if left out.
+            own: whether the body may touch itself on the way; not to be asked again for a path
+                that was proven before, as that does not depend on the surroundings.
+        """
         path = np.ascontiguousarray(path, np.float64).reshape(-1, self.robot.n)
-        for i, q in enumerate(path):
-            if not self.within_limits(q):
-                return max(i - 1, 0)
+        inside = (path >= self.body.lower) & (path <= self.body.upper)
+        if not inside.all():  # what is not a number is not inside
+            return max(int(np.argmin(inside.all(axis=1))) - 1, 0)
         ob = self.obstacles(snapshot, path[0] if at is None else at)
-        index = int(path_free(self.body, ob, path, self.scratch()))
+        prove = path_free if own or len(path) < 2 else path_clear
+        index = int(prove(self.body, ob, path, self.scratch()))
         return None if index < 0 else index
 
     def path_valid(

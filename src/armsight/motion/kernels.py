@@ -451,15 +451,20 @@ def edge_free(
     body: Body, ob: Obstacles, q0: JointVector, q1: JointVector, scratch: Scratch
 ) -> bool:
     """Whether the straight motion from q0 to q1 is proven free, ends included."""
+    _set_edge_bounds(body, q0, q1, scratch)
+    # Two proofs: the body seldom comes near itself, so that one needs a few looks only.
+    return _edge_proven(body, ob, q0, q1, scratch, False) and _edge_proven(
+        body, ob, q0, q1, scratch, True
+    )
+
+
+@njit(cache=True, nogil=True)
+def _set_edge_bounds(body: Body, q0: JointVector, q1: JointVector, scratch: Scratch) -> None:
     speed, zero = scratch.q, scratch.zero
     for j in range(q0.shape[0]):
         scratch.dq[j] = q1[j] - q0[j]
         speed[j] = abs(scratch.dq[j])
     set_bounds(body, speed, zero, scratch)
-    # Two proofs: the body seldom comes near itself, so that one needs a few looks only.
-    return _edge_proven(body, ob, q0, q1, scratch, False) and _edge_proven(
-        body, ob, q0, q1, scratch, True
-    )
 
 
 @njit(cache=True, nogil=True)
@@ -600,6 +605,16 @@ def path_free(body: Body, ob: Obstacles, path: JointPath, scratch: Scratch) -> i
         return -1 if config_free(body, ob, path[0], scratch) else 0
     for i in range(path.shape[0] - 1):
         if not edge_free(body, ob, path[i], path[i + 1], scratch):
+            return i
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def path_clear(body: Body, ob: Obstacles, path: JointPath, scratch: Scratch) -> int:
+    """As :func:`path_free`, against the surroundings alone; for a path of two places or more."""
+    for i in range(path.shape[0] - 1):
+        _set_edge_bounds(body, path[i], path[i + 1], scratch)
+        if not _edge_proven(body, ob, path[i], path[i + 1], scratch, False):
             return i
     return -1
 

@@ -50,6 +50,7 @@ class Route:
         self.blocked_at = math.inf
         self._times = _sample_times(trajectory)
         self._samples = trajectory.sample(self._times)
+        self._apart = False  # whether the body is proven not to touch itself on the way
 
     @property
     def done(self) -> bool:
@@ -88,7 +89,8 @@ class Route:
         if len(ahead) < 2:
             self.blocked_at = math.inf
             return
-        index = model.first_blocked(ahead, snapshot, at)
+        index = model.first_blocked(ahead, snapshot, at, own=not self._apart)
+        self._apart = self._apart or index is None
         self.blocked_at = math.inf if index is None else float(self._times[first + index])
 
 
