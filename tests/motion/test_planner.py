@@ -181,6 +181,15 @@ def test_impossible_questions_are_answered_in_words(start, goal, words):
     assert words in answer.failure
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_goal_in_a_tight_place_is_reached(seed):
+    """Long edges alone do not get out of there: the trees must take short ones as well."""
+    tip = oracle_centers(ARM, B)[-1]
+    walls = [box((tip[0], tip[1], tip[2] + side * 0.13), (0.4, 0.4, 0.04)) for side in (-1.0, 1.0)]
+    answer = plan(make_snapshot(walls), seed=seed, limit=0.5)
+    assert answer.good, answer.failure
+
+
 def test_no_way_is_said_after_the_time_limit():
     answer = plan(WALL, limit=1e-5)
     assert "no path found within 1e-05 s" in answer.failure

@@ -16,6 +16,8 @@ from armsight.motion.body import Body
 from armsight.motion.kernels import Obstacles, Scratch, edge_free
 
 SOLVED, UNSOLVED, FULL = 1, 0, 2
+SHORTEST = 0.02
+"""Edges are tried no shorter than this [rad], unless the target is nearer."""
 
 
 class Forest(NamedTuple):
@@ -23,7 +25,7 @@ class Forest(NamedTuple):
 
     Attributes:
         q: (2, room, n); parent: (2, room); size: (2,) nodes so far.
-        reach: (2, room) sampling radius of a node that lately failed to grow, inf before.
+        reach: (2, room) longest edge that a node tries next, see :func:`grow`.
         rng: (1,) uint64 state of the random numbers.
         box: (2, n) where samples are drawn.
         joint: (2,) nodes at which the trees meet.
@@ -105,26 +107,33 @@ def grow(
     side: int,
     near: int,
     target: JointVector,
-    reach: float,
+    step: float,
     scratch: Scratch,
     new: JointVector,
 ) -> int:
-    """Step from a node towards a target; index of the new node, or -1 when blocked."""
+    """Step from a node towards a target; index of the new node, or -1 when blocked.
+
+    Every node has a step of its own, shorter each time it was blocked, so that trees get out of
+    tight places, and doubled from node to node when it was not. It is tried in turn with ``step``,
+    at random: long edges make short paths.
+    """
     n = target.shape[0]
     d = 0.0
     for j in range(n):
         d += (target[j] - forest.q[side, near, j]) ** 2
     d = np.sqrt(d)
-    share = min(1.0, reach / d) if d > 0.0 else 1.0
+    own = step if uniform(forest.rng) < 0.75 else min(forest.reach[side, near], step)
+    share = min(1.0, own / d) if d > 0.0 else 1.0
     for j in range(n):
         a = forest.q[side, near, j]
         new[j] = target[j] if share == 1.0 else a + share * (target[j] - a)
     if not edge_free(body, ob, forest.q[side, near], new, scratch):
+        forest.reach[side, near] = max(0.7 * min(forest.reach[side, near], step), SHORTEST)
         return -1
     k = forest.size[side]
     forest.q[side, k] = new
     forest.parent[side, k] = near
-    forest.reach[side, k] = np.inf
+    forest.reach[side, k] = np.inf if own == step else 2.0 * own
     forest.size[side] = k + 1
     return k
 
@@ -150,24 +159,9 @@ def rrt_connect(
                 forest.box[1, j] - forest.box[0, j]
             )
         near = nearest(forest, side, target)
-        # Nodes that failed before are only grown towards samples close to them (dynamic domain).
-        limit = forest.reach[side, near]
-        if limit < np.inf:
-            d = 0.0
-            for j in range(n):
-                d += (target[j] - forest.q[side, near, j]) ** 2
-            if d > limit * limit:
-                scratch.looks[0] += 1
-                continue
         a = grow(body, ob, forest, side, near, target, step, scratch, new)
         if a < 0:
-            if limit == np.inf:
-                forest.reach[side, near] = 4.0 * step
-            else:
-                forest.reach[side, near] = max(0.9 * limit, 0.5 * step)
             continue
-        if limit < np.inf:
-            forest.reach[side, near] = limit * 1.1
         other = 1 - side
         target[:] = forest.q[side, a]
         near = nearest(forest, other, target)
