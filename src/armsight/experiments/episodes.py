@@ -25,6 +25,8 @@ CELL = "ur5_four_cameras"
 """The packaged cell of these experiments."""
 WORKERS = int(os.environ.get("ARMSIGHT_WORKERS", "2"))
 """Processes that run episodes at the same time."""
+FRESH = 20
+"""A worker is replaced after so many episodes: the renderer's libraries do not give all back."""
 
 Episode = Callable[[int, int], dict[str, Any]]
 """``episode(seed, run)`` does one run and returns JSON values; a module-level function."""
@@ -58,7 +60,7 @@ def run_episodes(
     if missing:
         context = multiprocessing.get_context("spawn")
         workers = min(WORKERS, len(missing))
-        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        with ProcessPoolExecutor(workers, context, max_tasks_per_child=FRESH) as pool:
             waiting = {pool.submit(episode, seed, run): run for run in missing}
             try:
                 for future in as_completed(waiting):
