@@ -135,8 +135,8 @@ def octomap(report: Report, cell, frames, ours_ms: float, rounds: int) -> None:
 def clearing(report: Report, cases: int) -> None:
     """Time from the last instant at which a thing was there to the frame that shows it cleared.
 
-    A ball stands in free space, seen by the cameras in turn (two pairs, half a frame apart, at
-    30 Hz), and vanishes at a random time. Latency of sensor and computer come on top.
+    A ball stands at least 15 cm from the arm, seen by the cameras in turn (two pairs, half a frame
+    apart, at 30 Hz), and vanishes at a random time. Latency of sensor and computer come on top.
     """
     stills = Stills("ur5_four_cameras", SEED)
     rng = np.random.default_rng(SEED)
@@ -144,7 +144,7 @@ def clearing(report: Report, cases: int) -> None:
     world = WorkspaceMap(stills.robot, stills.infos, stills.static, stills.config)
     took, now = [], 0.1
     for _ in range(cases):
-        ball = rng.uniform([0.45, -0.45, 1.1], [0.75, 0.45, 1.5])
+        ball = place(stills, home, rng)
         leaves = now + rng.uniform(0.25, 0.3)
         gone = False
         where = None
@@ -175,6 +175,15 @@ def clearing(report: Report, cases: int) -> None:
         aim="<= 67",
         note=f"worst of {cases}, median {np.nanmedian(took):.0f}; exposure to exposure",
     )
+
+
+def place(stills: Stills, home: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Somewhere in front of the arm; voxels that the arm itself fills are not seen free."""
+    while True:
+        ball = rng.uniform([0.45, -0.45, 1.1], [0.75, 0.45, 1.5])
+        stills.put(home, ball)
+        if stills.gap() > 0.15:
+            return ball
 
 
 def where_ball(stills: Stills, ball: np.ndarray, snapshot) -> np.ndarray:
