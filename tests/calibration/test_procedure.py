@@ -65,6 +65,29 @@ def test_the_watcher_sees_doubt_shrink(whole):
     assert {v.stage for v in log.views} == {"find", "tilt", "learn"}
 
 
+def test_the_page_follows(whole):
+    """Views, coverage, doubt and cameras are on the page, and it ends quietly."""
+    from armsight.commands.calibrate_page import CalibrationPage
+    from armsight.commands.serving import Page
+
+    cell, result, log = whole
+    page = CalibrationPage(cell.setup, "a <cell>", Page(port=0))
+    try:
+        assert page.url.startswith("http://127.0.0.1:")
+        empty = page._coverage.image.copy()
+        for view in result.views:
+            page.view(view)
+        for progress in log.stages:
+            page.stage(progress)
+        assert np.count_nonzero(page._coverage.image != empty) > 1000
+        assert set(page._cameras) == {0, 1, 2}
+        assert page._plot.data[1][-1] < page._plot.data[1][0]
+        assert "learning" in page._words.content
+        assert "front color" in page._table.content
+    finally:
+        page.close()
+
+
 @pytest.mark.parametrize("after", [3, 9, 14])
 def test_a_stopped_run_goes_on(arm5, tmp_path, after):
     """In the middle of finding, of tilting, of learning; through the file, as the command does."""

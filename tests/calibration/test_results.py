@@ -180,6 +180,33 @@ def test_drift_watch_names_the_camera_and_keeps_still_otherwise(solved):
     assert "calibrate again" in alarm.message
 
 
+def test_a_slipped_board_is_no_moved_camera(solved):
+    cell, answer = solved
+    quiet = replace(cell, levels=replace(cell.levels, wrong_boards=0.0))
+    boards = cell.state.T_mount_board @ exp([0.006, 0.003, 0, 0, 0, 0.01])
+    slipped = replace(quiet, state=replace(cell.state, T_mount_board=boards))
+    alarm, _ = watch(quiet, answer, slipped, 3)
+    assert alarm is not None
+    assert alarm.cause == "board, base or robot"
+    assert "tighten" in alarm.message
+
+
+def test_one_board_seen_wrongly_blames_nobody(solved):
+    cell, answer = solved
+    quiet = replace(cell, levels=replace(cell.levels, wrong_boards=0.0))
+    rng = np.random.default_rng(7)
+    later = observe(quiet, random_views(quiet, 9, rng), rng)
+    guard = DriftWatch(answer)
+    for v in range(9):
+        seen = [s for s in later.sightings if s.view == v]
+        if v in (3, 7):  # slipped by one column, in every lens of one camera
+            seen = [
+                replace(s, pixel=s.pixel + s.pixel[1] - s.pixel[0]) if s.lens < 2 else s
+                for s in seen
+            ]
+        assert guard.add(later.views[v], seen) is None
+
+
 def test_files_are_read_by_others(tmp_path):
     ros = yaml.safe_load(camera_info_yaml("left", LENS))
     assert ros["distortion_model"] == "plumb_bob"

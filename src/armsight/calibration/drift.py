@@ -167,6 +167,8 @@ class DriftWatch:
             step: Floats = np.asarray(-np.linalg.solve(H, Q.T @ lin.residual.reshape(-1)))[None]
             total = se3.logs(np.asarray(se3.exps(total) @ se3.exps(step)))
             state = _displaced(start, rig, board, total)
+            if turn > 0 and length.max() < 3.0 and float((step @ H @ step.T)[0, 0]) < 1e-4:
+                break  # nothing moved, no outlier: the usual case
         # An error d of the calibration shifts the estimate by -inv(H) Q^T J d.
         known = np.zeros((6, len(self._unknown)))
         rows = 2 * lin.jacobian.shape[1]

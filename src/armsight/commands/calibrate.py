@@ -128,6 +128,11 @@ class Calibrate:
 
         assert self.workcell is not None
         file = find(self.workcell)
+        if self.write and not Path(self.workcell).is_file():
+            raise CalibrationError(
+                f"--write needs a workcell file of your own, and {self.workcell} names a packaged "
+                "cell: copy its file, and give the copy"
+            )
         workcell = load_workcell(file)
         real = {workcell.robot.driver, *(c.driver for c in workcell.camera)} - {SIMULATED}
         if real:

@@ -80,8 +80,8 @@ class CalibrationPage:
         self._plot = self._add_plot(gui)
         self._coverage = gui.add_image(self._picture(), label="where boards were seen")
         reach = setup.robot.reach
-        self._server.initial_camera.position = (2.6 * reach, -2.2 * reach, 1.8 * reach)
-        self._server.initial_camera.look_at = (0.5 * reach, 0.0, 0.3 * reach)
+        self._server.initial_camera.position = (1.9 * reach, -2.1 * reach, 1.3 * reach)
+        self._server.initial_camera.look_at = (0.6 * reach, 0.0, 0.4 * reach)
 
     @property
     def url(self) -> str:
