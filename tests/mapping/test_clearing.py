@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armsight.mapping.snapshot import FREE, OCCUPIED
+from armsight.mapping.occupancy import FORGET, Occupancy, Sight
+from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from armsight.mapping.workspace_map import WorkspaceMap
 
 from . import scenes, twins
@@ -67,7 +68,11 @@ def test_a_departed_obstacle_goes_within_two_frames(cameras, looks):
 def test_an_obstacle_is_not_cleared_while_one_ray_of_its_voxel_is_not_seen_through(
     seed, last, left
 ):
-    """All rays through an occupied voxel but a few reach far beyond; for half a second."""
+    """All rays through an occupied voxel but a few reach far beyond; for half a second.
+
+    While the few hit it, it stays occupied. Where they tell nothing, it may be unknown once it was
+    looked at for long enough, never free.
+    """
     rng = np.random.default_rng(seed)
     world = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
     static = world.update([], JOINTS, 0.0).state == OCCUPIED
@@ -92,12 +97,40 @@ def test_an_obstacle_is_not_cleared_while_one_ray_of_its_voxel_is_not_seen_throu
     for k in range(1, 16):
         now = 0.1 + k * PERIOD
         snapshot = world.update([scenes.frame(INFO, now, image, k)], JOINTS, now + 0.001)
-        assert snapshot.state[cell] == OCCUPIED
+        if last == "there" or k * PERIOD < FORGET:
+            assert snapshot.state[cell] == OCCUPIED
+        assert snapshot.state[cell] != FREE
     for k in (16, 17):
         now = 0.1 + k * PERIOD
         gone = scenes.frame(INFO, now, behind(depth, INFO), k)
         snapshot = world.update([gone], JOINTS, now + 0.001)
     assert snapshot.state[cell] == FREE
+
+
+@pytest.mark.parametrize(
+    ("depth", "stays"), [(1.005, False), (0.985, True), (0.0, True)], ids=["past", "before", "none"]
+)
+def test_a_sighting_that_nobody_confirms_is_withdrawn(depth, stays):
+    """Right before a wall nothing is ever seen through; a stray hit there must not stay for ever.
+
+    It does stay where the looks do not reach the voxel's middle: something may hide it.
+    """
+    grid = VoxelGrid(np.array([-0.1, -0.1, 0.9]), 0.02, (10, 10, 10))
+    occupancy = Occupancy(grid, 1, np.zeros(grid.shape, np.uint8), 0.06, 0.15)
+    image = np.full((60, 80), int(depth * 10_000), np.uint16)
+    sight = Sight(image, 10_000.0, np.array([100.0, 100.0, 39.5, 29.5]), np.eye(4), 0.3)
+    nobody = np.zeros(1000, np.uint8)
+    none = (np.empty(0, np.int32), np.empty(0, np.uint8))
+    voxel = np.array([(5 * 10 + 5) * 10 + 4], np.int32)  # its middle is 0.99 m away
+    occupancy.take(0, 0.0, voxel, np.ones(1, np.uint8), nobody, sight)
+    for k in range(1, 15):
+        occupancy.take(0, k / 30, *none, nobody, sight)
+        assert len(occupancy.dynamic) == 1  # not for half a second
+    for k in range(15, 20):
+        occupancy.take(0, k / 30, *none, nobody, sight)
+    assert len(occupancy.dynamic) == stays
+    state = occupancy.state(np.ones(1, np.uint8)).reshape(-1)[voxel[0]]
+    assert state == (OCCUPIED if stays else UNKNOWN)
 
 
 def test_what_something_nearer_hides_stays():

@@ -19,6 +19,7 @@ from armsight.mapping.kernels.image import (
 )
 from armsight.mapping.lens import Lens
 from armsight.mapping.mounting import Mounting
+from armsight.mapping.occupancy import Sight
 from armsight.mapping.self_filter import BodyPose, SelfFilter
 from armsight.mapping.static_geometry import StaticGeometry
 
@@ -43,11 +44,13 @@ class Evidence:
         hits: one entry a layer: something undeclared that is not the arm.
         returns: share of pixels with a usable return.
         body: number of pixels that are the arm.
+        sight: the image, until the camera's next one; None when it was refused.
     """
 
     hits: tuple[Hits, ...]
     returns: float
     body: int
+    sight: Sight | None = None
 
 
 class _Layer:
@@ -162,7 +165,8 @@ class CameraStage:
                 layer.fine_radius,
                 out.reshape(layer.static.grid.shape),
             )
-        return Evidence(hits, returns, found)
+        sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
+        return Evidence(hits, returns, found, sight)
 
     def _hits(self, depth: Floats32, T: Pose) -> tuple[Hits, ...]:
         config = self._config

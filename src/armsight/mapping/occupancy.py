@@ -2,23 +2,50 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Ints32
+from armsight.arrays import Bytes, Floats, Floats32, Ints32, Pose, Shorts
 from armsight.mapping.kernels.evidence import (
     add_hits,
+    add_looks,
     clear_seen_through,
     compose_state,
     keep_clusters,
 )
 from armsight.mapping.snapshot import VoxelGrid
 
+LOOKS = 8
+"""Looks at an occupied voxel that must find nothing ..."""
+FORGET = 0.5
+"""... and for how long [s], before an unconfirmed sighting is withdrawn."""
+
+
+class Sight(NamedTuple):
+    """A depth image through an ideal lens, for looking up single places.
+
+    Attributes:
+        image: (h, w) uint16, ``units`` a metre; 0 where there is no return.
+        units: depth units a metre.
+        lens: (4,) fx fy cx cy.
+        T: camera in ``base``.
+        near: the camera's least depth [m].
+    """
+
+    image: Shorts
+    units: float
+    lens: Floats
+    T: Pose
+    near: float
+
 
 class Occupancy:
     """What is free, occupied and unknown, and by whose word.
 
     * Free: the newest frame of a living camera saw through the whole voxel.
-    * Occupied: a frame hit it with enough pixels, or two frames with few; until seen through.
+    * Occupied: a frame hit it with enough pixels, or two frames with few; until seen through, or
+      until it was looked at for a while and nothing hit it again.
     * Unknown: neither. A camera that dies takes its free voxels with it; never its occupied ones.
     """
 
@@ -37,10 +64,19 @@ class Occupancy:
         self._seen_by = np.zeros(size, np.uint8)
         self._last = np.full(size, -np.inf)
         self._weak = np.full(size, -np.inf)
+        self._looks = np.zeros(size, np.uint8)
         self._listed = np.empty(size, np.int32)
         self._count = 0
 
-    def take(self, camera: int, stamp: float, hits: Ints32, strong: Bytes, body: Bytes) -> None:
+    def take(
+        self,
+        camera: int,
+        stamp: float,
+        hits: Ints32,
+        strong: Bytes,
+        body: Bytes,
+        sight: Sight | None = None,
+    ) -> None:
         """Take in one frame's evidence; its free voxels already lie in ``free[camera]``.
 
         Args:
@@ -49,6 +85,7 @@ class Occupancy:
             hits: (m,) int32 flat indices of the voxels hit.
             strong: (m,) uint8, 1 where the sighting is strong.
             body: flat uint8, 1 where the arm's own body fills the voxel.
+            sight: the frame, to see which occupied voxels it looked at in vain.
         """
         bit = 1 << camera
         self._count = add_hits(
@@ -62,9 +99,22 @@ class Occupancy:
             self._seen_by,
             self._last,
             self._weak,
+            self._looks,
             self._listed,
             self._count,
         )
+        if sight is not None:
+            add_looks(
+                *sight,
+                np.asarray(self.grid.origin, float),
+                self.grid.voxel,
+                np.asarray(self.grid.shape, np.int64),
+                stamp,
+                self._last,
+                self._looks,
+                self._listed,
+                self._count,
+            )
         self._count = clear_seen_through(
             self.free[camera],
             body,
@@ -74,6 +124,9 @@ class Occupancy:
             self.occupied,
             self._seen_by,
             self._last,
+            self._looks,
+            LOOKS,
+            FORGET,
             self._listed,
             self._count,
         )

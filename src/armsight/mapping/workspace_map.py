@@ -256,7 +256,9 @@ class WorkspaceMap:
         for layer, hits, body in zip(
             (self._fine, self._far), seen.hits, (self._body_deep.reshape(-1), self._no_body)
         ):
-            layer.occupancy.take(job.camera, job.frame.stamp, hits.index, hits.strong, body)
+            layer.occupancy.take(
+                job.camera, job.frame.stamp, hits.index, hits.strong, body, seen.sight
+            )
 
     def _move_body(self, jobs: list[_Job]) -> None:
         """Mark the arm's newest place: near it nobody hides unseen; deep in it nothing else is."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Bytes, Floats, Ints, Ints32
+from armsight.arrays import Bytes, Floats, Ints, Ints32, Pose, Shorts
 from armsight.mapping.snapshot import OCCUPIED, UNKNOWN
 
 
@@ -23,6 +23,7 @@ def add_hits(
     seen_by: Bytes,
     last: Floats,
     weak: Floats,
+    looks: Bytes,
     listed: Ints32,
     count: int,
 ) -> int:
@@ -34,6 +35,7 @@ def add_hits(
         window: a weak sighting counts when another came no longer ago than this [s].
         occupied, seen_by: uint8 per voxel, in and out; last, weak: float64 per voxel, times of the
             last sighting that counts and of the last weak one [s], in and out.
+        looks: uint8 per voxel, in and out: looks since that found nothing, see :func:`add_looks`.
         listed: (capacity,) int32 list of occupied voxels; count: its length.
 
     Returns:
@@ -51,7 +53,53 @@ def add_hits(
             count += 1
         seen_by[v] |= bit
         last[v] = stamp
+        looks[v] = 0
     return count
+
+
+@njit(cache=True, nogil=True)
+def add_looks(
+    image: Shorts,
+    units: float,
+    lens: Floats,
+    T: Pose,
+    near: float,
+    origin: Floats,
+    voxel: float,
+    shape: Ints,
+    stamp: float,
+    last: Floats,
+    looks: Bytes,
+    listed: Ints32,
+    count: int,
+) -> None:
+    """Count the looks that reached the middle of an occupied voxel and did not hit it.
+
+    Of the arguments:
+        image: (h, w) uint16 depth through an ideal lens, ``units`` a metre, 0 for no return.
+        lens: (4,) fx fy cx cy of it; T: camera in base; near: its least depth [m].
+        origin, voxel, shape: of the grid.
+        stamp: exposure of the frame [s]; last: of each voxel's last sighting [s].
+        looks: uint8 per voxel, in and out.
+    """
+    h, w = image.shape
+    ny, nz = shape[1], shape[2]
+    for a in range(count):
+        v = listed[a]
+        if last[v] >= stamp:
+            continue
+        x = origin[0] + (v // (nz * ny) + 0.5) * voxel - T[0, 3]
+        y = origin[1] + ((v // nz) % ny + 0.5) * voxel - T[1, 3]
+        z = origin[2] + (v % nz + 0.5) * voxel - T[2, 3]
+        depth = T[0, 2] * x + T[1, 2] * y + T[2, 2] * z
+        if depth <= near:
+            continue
+        column = lens[0] * (T[0, 0] * x + T[1, 0] * y + T[2, 0] * z) / depth + lens[2] + 0.5
+        row = lens[1] * (T[0, 1] * x + T[1, 1] * y + T[2, 1] * z) / depth + lens[3] + 0.5
+        if not (0.0 <= column < w and 0.0 <= row < h):
+            continue
+        if image[int(row), int(column)] > depth * units and looks[v] < 255:
+            looks[v] += 1
 
 
 @njit(cache=True, nogil=True)
@@ -64,14 +112,21 @@ def clear_seen_through(
     occupied: Bytes,
     seen_by: Bytes,
     last: Floats,
+    looks: Bytes,
+    enough: int,
+    forget: float,
     listed: Ints32,
     count: int,
 ) -> int:
-    """Free the occupied voxels that one frame saw through.
+    """Free the occupied voxels that one frame saw through, and withdraw what was not confirmed.
 
     The camera that hit a voxel clears its own word at once; another camera's word stands for
     ``hold`` [s] after its last sighting, so that two cameras that disagree about a voxel at an
     edge leave it occupied.
+
+    Some voxels can never be seen through: those that a declared solid's surface crosses the view
+    of, say. A stray sighting there would stand for ever. It is withdrawn when, for ``forget`` [s],
+    nobody hit the voxel though ``enough`` looks reached its middle; the voxel is then unknown.
 
     Of the arguments:
         free: uint8 per voxel, 1 where this frame saw through the whole voxel.
@@ -90,6 +145,10 @@ def clear_seen_through(
                 occupied[v] = 0
                 seen_by[v] = 0
                 continue
+        elif looks[v] >= enough and stamp - last[v] >= forget:
+            occupied[v] = 0
+            seen_by[v] = 0
+            continue
         listed[kept] = v
         kept += 1
     return kept
