@@ -70,8 +70,8 @@ def test_an_obstacle_is_not_cleared_while_one_ray_of_its_voxel_is_not_seen_throu
 ):
     """All rays through an occupied voxel but a few reach far beyond; for half a second.
 
-    While the few hit it, it stays occupied. Where they tell nothing, it may be unknown once it was
-    looked at for long enough, never free.
+    A few rays are too few to hit it anew, so once it was looked at for long enough it may be
+    unknown; never free.
     """
     rng = np.random.default_rng(seed)
     world = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
@@ -97,7 +97,7 @@ def test_an_obstacle_is_not_cleared_while_one_ray_of_its_voxel_is_not_seen_throu
     for k in range(1, 16):
         now = 0.1 + k * PERIOD
         snapshot = world.update([scenes.frame(INFO, now, image, k)], JOINTS, now + 0.001)
-        if last == "there" or k * PERIOD < FORGET:
+        if k * PERIOD < FORGET:
             assert snapshot.state[cell] == OCCUPIED
         assert snapshot.state[cell] != FREE
     for k in (16, 17):
