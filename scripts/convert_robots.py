@@ -397,7 +397,7 @@ def fit_robot(source: Source, folder: Path) -> None:
         chain,
         np.array([joint.lower for joint in joints]),
         np.array([joint.upper for joint in joints]),
-        FitOptions(restarts=2),
+        FitOptions(),
         [join_triangles(parts[link.name]) for link in chain.links],
         say=lambda line: print(f"  {line}", flush=True),
     )

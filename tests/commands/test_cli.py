@@ -124,7 +124,7 @@ def test_check_tells_of_every_file(tmp_path, capsys):
 def test_robots_lists_what_there_is(capsys):
     assert run(["robots"]) == 0
     out = capsys.readouterr().out
-    for word in ("ur3", "panda", "1300 mm", "kinect_v2", "512x424", "simulated"):
+    for word in ("ur3", "panda", "gripper", "BSD-3", "kinect_v2", "512x424", "simulated"):
         assert word in out
 
 

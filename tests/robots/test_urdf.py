@@ -136,6 +136,16 @@ def test_fingers_are_held(tmp_path):
         load_urdf(path, flange="tool0", held={"thumb": 0.1})
 
 
+def test_two_arms_must_be_told_apart(tmp_path):
+    second = f"""<joint name="c" type="revolute"><parent link="base"/><child link="other"/>
+      <axis xyz="0 0 1"/>{LIMIT}</joint><link name="other">{SPHERE}</link></robot>"""
+    path = write(tmp_path, TWO_JOINTS.replace("</robot>", second))
+    with pytest.raises(RobotError, match=r'joint "c" is not on the way to "hand"; .*flange='):
+        load_urdf(path)
+    assert load_urdf(path, flange="tool0").joint_names == ("a", "b")
+    assert load_urdf(path, flange="other").joint_names == ("c",)
+
+
 def test_quarter_turns_in_few_digits_are_made_exact(tmp_path):
     path = write(tmp_path, TWO_JOINTS.replace('rpy="0.3 0 0"', 'rpy="1.5707963268 0 0"'))
     T = fold_chain(read_urdf(path), base="base").links[1].T_parent_joint
@@ -241,6 +251,21 @@ def test_unknown_links_are_listed(tmp_path):
         load_urdf(path, base="base", acceleration=np.ones(3))
     with pytest.raises(RobotError, match="jerk: every value must be above 0"):
         load_urdf(path, base="base", jerk=0.0)
+
+
+def test_arm_without_spheres_is_fitted(tmp_path):
+    """Boxes and cylinders, no meshes: everything is covered, neighbours are not paired."""
+    box = '<visual><geometry><box size="0.06 0.05 0.08"/></geometry></visual>'
+    rod = '<collision><geometry><cylinder radius="0.03" length="0.1"/></geometry></collision>'
+    text = TWO_JOINTS.replace(SPHERE, box, 2).replace(SPHERE, rod)
+    robot = load_urdf(write(tmp_path, text), base="base")
+    assert set(robot.spheres.link) == set(robot.capsules.link) == {0, 1, 2}
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    mine = robot.spheres.link == 0
+    gaps = np.linalg.norm(
+        (corners * [0.03, 0.025, 0.04])[:, None] - robot.spheres.center[mine], axis=2
+    )
+    assert (gaps - robot.spheres.radius[mine]).min(axis=1).max() <= 0.0005
 
 
 def test_motion_bench_makers_ur5_keeps_its_spheres(shared_data):

@@ -20,22 +20,10 @@ class Robots:
 
         from armsight.commands.cells import packaged
         from armsight.devices.camera_models import CAMERA_MODELS
-        from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot
+        from armsight.robots.report import robots_table, tools_table
         from armsight.workcell.drivers import driver_names
 
         out = Console()
-        robots = Table(
-            "robot", "joints", "reach", "joint speed", title="Robots", title_justify="left"
-        )
-        for name in ROBOT_NAMES:
-            robot = load_robot(name)
-            speed = np.rad2deg(robot.limits.velocity)
-            robots.add_row(
-                name,
-                str(robot.n),
-                f"{robot.reach * 1000:.0f} mm",
-                f"{speed.min():.0f}-{speed.max():.0f} deg/s",
-            )
         cameras = Table(
             "camera",
             "depth",
@@ -55,9 +43,9 @@ class Robots:
                 f"{model.range[0]:g}-{model.range[1]:g} m",
                 f"{model.rate:g} Hz",
             )
-        out.print(robots)
+        out.print(robots_table())
+        out.print(tools_table())
         out.print(cameras)
-        out.print(f"Tools:   {', '.join(('none', *TOOL_NAMES))}")
         out.print(f"Drivers: {', '.join(driver_names())}")
         out.print(f"Cells:   {', '.join(packaged())}")
         return 0

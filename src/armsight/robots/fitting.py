@@ -10,15 +10,19 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from armsight.arrays import Floats, JointVector, Points, Pose
+from armsight.arrays import Floats, JointPath, JointVector, Points, Pose, Poses
 from armsight.errors import RobotError
 from armsight.geometry.pose import inverse, transform
 from armsight.robots.chain import Chain, ChainLink
 from armsight.robots.covering import Axes, Surroundings, axis_distances, cover, refine
+from armsight.robots.crowding import ROOM, DistanceField, crowding, distance_field
 from armsight.robots.meshes import Triangles, geometry_triangles, join_triangles
 from armsight.robots.pairs import PairStatistics, pair_statistics
 from armsight.robots.shapes import BodyShapes, FitReport, make_capsules, make_spheres
 from armsight.robots.solids import VoxelSolid, outer_surface, sample_surface, thin, voxelise
+
+GAP = 0.03
+"""[m] around a link within which it is asked whether other links pass."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +39,16 @@ class FitOptions:
         spacing: of the points that a fit must cover [m].
         check_spacing: of the points that the finished fit is checked and completed with [m].
         margin: added to every radius, for what lies between two checked points [m].
-        most_axes, most_points, most_around: candidates, points to cover and points to spare, of a
-            link.
+        crowd: how many times worse overshoot is where other links always pass, see
+            :mod:`armsight.robots.crowding`; configurations: tried to see where that is.
+        most_axes, most_points, most_around, most_crowded: candidates, points to cover, points to
+            spare, and those of them where others pass, of a link.
         seed: of the search.
     """
 
     sphere_price: float = 2.5e-9
     capsule_price: float = 1e-8
-    sphere_excess: tuple[float, ...] = (0.004, 0.008, 0.012, 0.018, 0.026, 0.038)
+    sphere_excess: tuple[float, ...] = (0.002, 0.004, 0.007, 0.011, 0.018, 0.026)
     capsule_excess: tuple[float, ...] = (0.006, 0.012, 0.02, 0.03, 0.04, 0.055)
     restarts: int = 1
     rounds: int = 12
@@ -51,9 +57,12 @@ class FitOptions:
     spacing: float = 0.006
     check_spacing: float = 0.0015
     margin: float = 0.0003
+    crowd: float = 100.0
+    configurations: int = 100
     most_axes: int = 1200
     most_points: int = 4000
     most_around: int = 8000
+    most_crowded: int = 4000
     seed: int = 7
 
 
@@ -102,6 +111,8 @@ class Body:
         fellows: its neighbours.
         around: what overshoot should spare.
         balls, segments: candidate axes.
+        mount: z of the mounting face of a base [m]; overshoot below it lies in what the arm is
+            bolted to.
     """
 
     points: Points
@@ -111,10 +122,15 @@ class Body:
     around: Surroundings
     balls: Axes
     segments: Axes
+    mount: float | None = None
 
 
 def prepare(
-    triangles: Triangles, options: FitOptions, fellows: Fellows, floor: float | None = None
+    triangles: Triangles,
+    options: FitOptions,
+    fellows: Fellows,
+    floor: float | None = None,
+    base: bool = False,
 ) -> Body:
     """Sample, voxelise, and list candidate axes of one link.
 
@@ -122,8 +138,10 @@ def prepare(
         triangles: in the link's frame.
         options: how to fit.
         fellows: the neighbours.
-        floor: z [m] in the link's frame below which overshoot is much worse: what the arm stands
-            on is there.
+        floor: z [m] in the link's frame of what the arm stands on, where it is near; below it
+            overshoot is much worse for a link that turns, and matters little for the base, which
+            stands on it.
+        base: whether this is the base.
     """
     solid = voxelise(triangles, options.voxel)
     check = thin(sample_surface(triangles, options.check_spacing), options.check_spacing)
@@ -141,8 +159,10 @@ def prepare(
     around = _surroundings(check, solid, fellows, options.most_around)
     if floor is not None:
         below = around.points[:, 2] < floor
-        around = replace(around, weight=np.where(below, 30.0 * around.weight, around.weight))
-    return Body(points, check, solid, fellows, around, balls, segments)
+        worse = 0.02 if base else 30.0
+        around = replace(around, weight=np.where(below, worse * around.weight, around.weight))
+    mount = floor if base else None
+    return Body(points, check, solid, fellows, around, balls, segments, mount)
 
 
 def _at_most(most: int, spacing: float, make: Callable[[float], Points]) -> Points:
@@ -253,10 +273,12 @@ def measure(
     Returns:
         (n,) signed distance of each checked point to the union, positive outside [m];
         (k,) distance of points spread on the union's surface to the body [m]; 0 inside it or
-        where a neighbour is at every joint angle.
+        where a neighbour is at every joint angle. What lies in the mount of a base is left out.
     """
     miss = (axis_distances(body.check, axes.start, axes.end) - radius[:, None]).min(axis=0)
     shell = union_surface(axes, radius, spacing)
+    if body.mount is not None:
+        shell = shell[shell[:, 2] >= body.mount]
     over = np.asarray(cKDTree(body.check).query(shell)[0])
     over[body.solid.contains(shell)] = 0.0
     over[body.fellows.always(shell)] = 0.0
@@ -318,9 +340,14 @@ def link_triangles(link: ChainLink) -> Triangles:
 
 
 def prepare_chain(
-    chain: Chain, triangles: list[Triangles], options: FitOptions
+    chain: Chain,
+    triangles: list[Triangles],
+    lower: JointVector,
+    upper: JointVector,
+    options: FitOptions,
 ) -> list[Body | None]:
     """Every link of an arm made ready for fitting; None for links without triangles."""
+    n = len(chain.links) - 1
     solids = [voxelise(t, options.voxel) if len(t[1]) else None for t in triangles]
     bodies: list[Body | None] = []
     for i, own in enumerate(triangles):
@@ -336,17 +363,77 @@ def prepare_chain(
         if after is not None and (joint := chain.links[i + 1].joint) is not None:
             T = inverse(chain.links[i + 1].T_parent_joint)
             members.append(Fellow(after, T, np.eye(4), joint.axis))
-        bodies.append(prepare(own, options, Fellows(tuple(members)), _floor(chain, i)))
-    return bodies
+        floor = _floor(chain, i, own)
+        bodies.append(prepare(own, options, Fellows(tuple(members)), floor, i == 0))
+    path = np.random.default_rng(options.seed).uniform(lower, upper, (options.configurations, n))
+    fields = [None if solid is None else distance_field(solid, GAP + ROOM) for solid in solids]
+    return [
+        None if body is None else _spare_others(body, i, fields, path, chain, options)
+        for i, body in enumerate(bodies)
+    ]
 
 
-def _floor(chain: Chain, link: int) -> float | None:
-    """Height of the mounting face in the frame of the link that turns on the base."""
-    joint, T = chain.links[link].joint, chain.links[link].T_parent_joint
-    if link != 1 or joint is None:
+def _spare_others(
+    body: Body,
+    link: int,
+    fields: list[DistanceField | None],
+    path: JointPath,
+    chain: Chain,
+    options: FitOptions,
+) -> Body:
+    """A link's body with the places where other links pass among those that overshoot spares."""
+    cell = 0.004
+    axes = [
+        np.arange(a, b, cell)
+        for a, b in zip(body.check.min(axis=0) - GAP, body.check.max(axis=0) + GAP)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = points[~body.solid.contains(points)]
+    own = np.asarray(cKDTree(thin(body.check, cell)).query(points, distance_upper_bound=GAP)[0])
+    near = own < GAP
+    if body.mount is not None:
+        near &= points[:, 2] >= body.mount
+    points, own = points[near], own[near]
+    share = crowding(
+        points, own, thin(body.check, 0.008), link, fields, path, *_chain_arrays(chain)
+    )
+    # Inside a neighbour too: there the shapes of its two neighbours would meet unpunished.
+    crowded = np.flatnonzero(share > 0.02)
+    if not len(crowded):
+        return body
+    # Close to the body more are drawn than their weights say: there the shapes will end.
+    likely = share[crowded] * own[crowded]
+    likely /= likely.sum()
+    rng = np.random.default_rng(options.seed)
+    drawn, times = np.unique(
+        rng.choice(len(crowded), options.most_crowded, p=likely), return_counts=True
+    )
+    weight = options.crowd * share[crowded] * own[crowded] ** 2 * cell**3
+    weight = times * weight[drawn] / (options.most_crowded * likely[drawn])
+    around = Surroundings(
+        np.concatenate([body.around.points, points[crowded[drawn]]]),
+        np.concatenate([body.around.weight, weight]),
+    )
+    return replace(body, around=around)
+
+
+def _chain_arrays(chain: Chain) -> tuple[Poses, Points]:
+    """(n, 4, 4) joint frames in the links before them and (n, 3) axes."""
+    moving = chain.links[1:]
+    return (
+        np.stack([link.T_parent_joint for link in moving]),
+        np.stack([link.joint.axis for link in moving if link.joint]),
+    )
+
+
+def _floor(chain: Chain, link: int, triangles: Triangles) -> float | None:
+    """Height of the mounting face in the frame of the base or of the link that turns on it."""
+    if link > 1 or len(chain.links) < 2 or (joint := chain.links[1].joint) is None:
         return None
-    upright = np.allclose(T[:3, :3] @ joint.axis, [0, 0, 1]) and np.allclose(T[:3, 2], [0, 0, 1])
-    return float(-T[2, 3]) if upright else None
+    T = chain.links[1].T_parent_joint
+    if not (np.allclose(T[:3, :3] @ joint.axis, [0, 0, 1]) and np.allclose(T[:3, 2], [0, 0, 1])):
+        return None
+    return float(triangles[0][:, 2].min()) if link == 0 else float(-T[2, 3])
 
 
 def fit_chain(
@@ -377,7 +464,7 @@ def fit_chain(
     triangles = triangles or [link_triangles(link) for link in chain.links]
     if not any(len(faces) for _, faces in triangles):
         raise RobotError("the robot has no geometry to fit spheres to; give it visuals or shapes")
-    bodies = prepare_chain(chain, triangles, options)
+    bodies = prepare_chain(chain, triangles, lower, upper, options)
     balls: list[tuple[int, list[float]]] = []
     rods: list[tuple[int, list[float]]] = []
     ball_fit: list[tuple[Floats, Floats]] = []
@@ -385,8 +472,8 @@ def fit_chain(
     for i, body in enumerate(bodies):
         if body is None:
             continue
-        # The base never moves: it is checked against the arm alone, and may be coarser.
-        ours = replace(options, sphere_price=3 * options.sphere_price) if i == 0 else options
+        # The base never moves: its spheres meet the arm alone, so many cost little.
+        ours = replace(options, sphere_price=0.3 * options.sphere_price) if i == 0 else options
         axes, radius = fit_body(body, ours, "balls")
         balls += [(i, [*c, r]) for c, r in zip(axes.start.tolist(), radius.tolist())]
         ball_fit.append(measure(body, axes, radius))
@@ -396,10 +483,9 @@ def fit_chain(
         rod_fit.append(measure(body, axes, radius))
         one, many = report(ball_fit[-1:]), sum(link == i for link, _ in balls)
         say(f"{chain.links[i].name}: {many} spheres, overshoot p95 {one.overshoot_p95:.4f} m")
-    spheres, moving = make_spheres(balls), chain.links[1:]
+    spheres = make_spheres(balls)
     statistics = pair_statistics(
-        np.stack([link.T_parent_joint for link in moving]),
-        np.stack([link.joint.axis for link in moving if link.joint]),
+        *_chain_arrays(chain),
         lower,
         upper,
         spheres,
@@ -412,7 +498,7 @@ def fit_chain(
         spheres,
         make_capsules(rods),
         statistics.worth_checking(),
-        statistics.worth_checking_with_tool(len(moving)),
+        statistics.worth_checking_with_tool(len(chain.links) - 1),
         report(ball_fit),
         report(rod_fit),
     )
@@ -439,11 +525,9 @@ def _given_shapes(
             for c, r in zip(found[0].start.tolist(), found[1].tolist()):
                 balls.append((i, [*c, r]))
                 rods.append((i, [*c, *c, r]))
-    moving = chain.links[1:]
     spheres = make_spheres(balls)
     statistics = pair_statistics(
-        np.stack([link.T_parent_joint for link in moving]),
-        np.stack([link.joint.axis for link in moving if link.joint]),
+        *_chain_arrays(chain),
         lower,
         upper,
         spheres,
@@ -454,7 +538,7 @@ def _given_shapes(
         spheres,
         make_capsules(rods),
         statistics.worth_checking(),
-        statistics.worth_checking_with_tool(len(moving)),
+        statistics.worth_checking_with_tool(len(chain.links) - 1),
         None,
         None,
     )

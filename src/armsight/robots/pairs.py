@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from armsight.arrays import Floats, Ints, JointPath, JointVector, Points, Poses
+from armsight.robots.crowding import ROOM
 from armsight.robots.kernels import chain_poses_into
 from armsight.robots.robot import Spheres
 from armsight.robots.solids import VoxelSolid
@@ -25,10 +26,11 @@ class PairStatistics:
 
     Attributes:
         pairs: (p, 2) links that are not neighbours, the nearer to the base first.
-        spheres_touch: (p,) share of configurations in which their spheres overlap.
+        spheres_touch: (p,) share of configurations in which their spheres leave less room than
+            planners keep (:data:`~armsight.robots.crowding.ROOM`).
         least_gap: (p,) least gap between their spheres [m].
         meshes_touch: (p,) share in which their meshes come within a few millimetres.
-        false_alarm: (p,) share in which spheres overlap although meshes do not.
+        false_alarm: (p,) share in which they do although the meshes do not meet.
     """
 
     pairs: Ints
@@ -40,10 +42,12 @@ class PairStatistics:
     def worth_checking(self, near: float = 0.02) -> Ints:
         """(k, 2) pairs that can touch: not those that never do, nor those that always do."""
         may = (self.least_gap < near) & (self.meshes_touch < 0.99)
-        # Spheres that overlap while the meshes do not would forbid what the arm can well do.
-        # A pair that hardly ever overlaps costs nothing and stays, however few samples spoke.
-        seen = (self.meshes_touch > 0.0) | (self.spheres_touch < 0.02)
-        honest = self.false_alarm < 0.3
+        # Between links two apart there are two joints: the samples leave no gap in what they can
+        # do. Of others a pair that hardly ever overlaps stays, however few samples spoke.
+        apart = self.pairs[:, 1] - self.pairs[:, 0]
+        seen = (self.meshes_touch > 0.0) | ((apart > 2) & (self.spheres_touch < 0.02))
+        # Spheres that meet while the meshes do not would forbid what the arm can well do.
+        honest = self.false_alarm < 0.15
         return np.asarray(self.pairs[may & seen & honest])
 
     def worth_checking_with_tool(self, last: int) -> Ints:
@@ -86,7 +90,7 @@ def pair_statistics(
     gap = _sphere_gaps(
         path, T_link_joint, axis, spheres.link, spheres.center, spheres.radius, pairs
     )
-    touching = gap < 0.0
+    touching = gap < ROOM
     met = touching[:mesh_samples].copy()
     if bodies is not None:
         met[:] = False

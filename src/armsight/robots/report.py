@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from rich.table import Table
 
@@ -68,10 +70,11 @@ def tools_table() -> Table:
 
 
 def _fit(count: int, fit: FitReport | None) -> str:
-    if fit is None:
-        return str(count)
+    if fit is None or fit.samples == 0:
+        return f"{count}: not measured"
     over = f"{1e3 * fit.overshoot_median:.1f}/{1e3 * fit.overshoot_p95:.1f}"
-    return f"{count}: {100 * fit.coverage:.0f} %, {over}"
+    covered = math.floor(1000 * fit.coverage) / 10  # 100 % means all
+    return f"{count}: {covered:g} %, {over}"
 
 
 def _span(values: JointVector) -> str:
