@@ -88,7 +88,8 @@ def one(seed: int, five: bool) -> dict[str, Any]:
 NOTES = (
     "T1's experiments 3 to 5 are measured on every fourth cell. Their frames are parallel to the "
     "images, so they cannot tell where the board hangs: both methods take it, and the lenses, from "
-    "an earlier stage, as T1 did (ours the arm's errors as well).",
+    "an earlier stage, as T1 did (ours the arm's errors as well), and neither can be better than "
+    "that stage. Lenses known before, `tre_known_lenses_mm`, are in calibration-peers.",
     "`tre_mm` is the true 3D error in the base of points given by pixel and true depth through the "
     "named lenses, over the whole image at 1.0-1.5 m, mean over three cameras.",
     "Robot time is the simulated clock: moves at 50 % speed, rests and exposures. Computing is not "
@@ -302,18 +303,17 @@ def _five_rows(table: dict[int, list[dict[str, float]]]) -> list[Row]:
             v = np.array([x[key] for x in values])
             rows.append(
                 Row(
-                    "tre_known_lenses_mm",
-                    "true 3D error of a point 1.0-1.5 m away, lenses "
-                    "solved before, infrared lenses",
-                    f"{words}; {label}",
+                    "tre_mm",
+                    "true 3D error of a point 1.0-1.5 m away",
+                    f"{words}, lenses of the solve from cold; {label}",
                     float(v.mean()),
                     "mm",
                     n=n,
                     low=float(v.min()),
                     high=float(v.max()),
                     paper=10.0,
-                    must=1.2 if key == "ours" else None,
-                    aim=0.5 if key == "ours" else None,
+                    must=2.5 if key == "ours" else None,
+                    aim=1.2 if key == "ours" else None,
                 )
             )
         rows.append(
