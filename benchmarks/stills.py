@@ -237,7 +237,6 @@ def reference(stills: Stills, world: WorkspaceMap, shots: list[list[Still]], q: 
         align=False,
         calibration_m=config.aligned_m,
         calibration_rad=config.aligned_rad,
-        fine_margin=100.0,
     )
     away = make_pose(None, AWAY)
     static = [replace(s, T_frame_solid=away @ s.T_frame_solid) for s in stills.static]

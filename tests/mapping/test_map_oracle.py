@@ -25,7 +25,6 @@ CONFIG = MappingConfig(
     distance_cap=0.2,
     far_margin=0.0,
     align=False,
-    fine_margin=20.0,
     threads=1,
 )
 TABLE = scenes.box("table", (10.3, 0.0, 0.02), (0.3, 0.3, 0.06))

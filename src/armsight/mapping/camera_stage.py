@@ -56,13 +56,12 @@ class Evidence:
 class _Layer:
     """A camera's buffers for one layer of voxels."""
 
-    def __init__(self, static: StaticGeometry, pixels: int, fine_radius: float) -> None:
+    def __init__(self, static: StaticGeometry, pixels: int) -> None:
         grid = static.grid
         size = int(np.prod(grid.shape))
         self.static = static
         self.origin = np.asarray(grid.origin, float)
         self.voxel = float(grid.voxel)
-        self.fine_radius = fine_radius
         self.shape = np.asarray(grid.shape, np.int64)
         self.count: Shorts = np.zeros(size, np.uint16)
         self.hits: Ints32 = np.zeros(min(size, pixels), np.int32)
@@ -85,7 +84,6 @@ class CameraStage:
         static: tuple[StaticGeometry, StaticGeometry],
         filter_: SelfFilter,
         config: MappingConfig,
-        fine_radius: float,
     ) -> None:
         self.info = info
         self.lens = Lens(info.depth, 1.1 * info.range[1])
@@ -94,7 +92,7 @@ class CameraStage:
         self._filter = filter_
         self._config = config
         pixels = self.label.size
-        self._layers = (_Layer(static[0], pixels, fine_radius), _Layer(static[1], pixels, 0.0))
+        self._layers = (_Layer(static[0], pixels), _Layer(static[1], pixels))
         solids = static[0]
         self._solids = (solids.kinds, solids.sizes, solids.T_solid_base)
         outermost = static[1] if config.far_margin > 0 else static[0]
@@ -162,7 +160,6 @@ class CameraStage:
                 near,
                 self.noise,
                 1.0,
-                layer.fine_radius,
                 out.reshape(layer.static.grid.shape),
             )
         sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)

@@ -18,8 +18,6 @@ class MappingConfig:
         far_margin: how far the coarse layer goes beyond the fine map sideways [m]; people are
             seen coming there. 0 switches it off.
         far_parts: edge of a coarse voxel in fine ones (T2: coarser out of reach).
-        fine_margin: farther than this beyond the arm's reach, free space is told in cubes of two
-            voxels [m].
         distance_cap: where the distance field saturates [m]; at most 15 voxels.
         unknown_is_solid: the distance field keeps away from unseen space as well.
         crop: radius about the base beyond which points are left out of the cloud [m] (T2).
@@ -47,8 +45,6 @@ class MappingConfig:
         hand: edge of the smallest cube that counts as room for a person [m].
         static_margin: points this close to a declared solid are that solid [m], besides noise and
             calibration.
-        cloud_period: seconds between renewals of the page's cloud [s]; 0 renews always.
-        cloud_voxel: edge of the cloud's centroid voxels [m] (T2's voxel grid).
         threads: cameras worked on at the same time.
     """
 
@@ -57,7 +53,6 @@ class MappingConfig:
     voxel: float = 0.02
     far_margin: float = 1.2
     far_parts: int = 3
-    fine_margin: float = 0.15
     distance_cap: float = 0.3
     unknown_is_solid: bool = False
     crop: float = 1.5
@@ -83,8 +78,6 @@ class MappingConfig:
     person_speed: float = 2.0
     hand: float = 0.08
     static_margin: float = 0.01
-    cloud_period: float = 0.1
-    cloud_voxel: float = 0.02
     threads: int = 2
 
     def __post_init__(self) -> None:

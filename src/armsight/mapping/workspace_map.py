@@ -102,10 +102,7 @@ class WorkspaceMap:
         self._filter = SelfFilter(robot)
         self._index = {name: i for i, name in enumerate(names)}
         self._infos = tuple(cameras)
-        fine_radius = robot.reach + config.fine_margin
-        self._stages = [
-            CameraStage(c, (solids, far_solids), self._filter, config, fine_radius) for c in cameras
-        ]
+        self._stages = [CameraStage(c, (solids, far_solids), self._filter, config) for c in cameras]
         self._health = [CameraHealth(c, config) for c in cameras]
         self._field = DistanceField(
             self.grid.shape, self.grid.voxel, config.distance_cap, config.unknown_is_solid

@@ -529,7 +529,7 @@ def window_most(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
     return int(best)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")  # a check of divisors would stop the vectoriser
 def _carve_block(
     pooled: Shorts,
     side: int,
@@ -559,16 +559,19 @@ def _carve_block(
     """
     x, y, z = center[0], center[1], center[2]
     eu, ev = reach[0], reach[1]
+    # read once: the compiler cannot know that the loop's writes leave these alone
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    n0, n1, n2 = noise[0], noise[1], noise[2]
     ox, oy, oz = offset[0], offset[1], offset[2]
     left, right, top, bottom, need = window[0], window[1], window[2], window[3], window[4]
     last = np.int32(side - 1)
     for m in range(ox.shape[0]):
         deep = z + oz[m]
         inv = np.float32(1.0) / deep
-        pu = lens[2] + lens[0] * inv * (x + ox[m])
-        pv = lens[3] + lens[1] * inv * (y + oy[m])
+        pu = cx + fx * inv * (x + ox[m])
+        pv = cy + fy * inv * (y + oy[m])
         far = deep + behind
-        need[m] = np.int32((far + noise[0] + far * (noise[1] + noise[2] * far)) * units)
+        need[m] = np.int32((far + n0 + far * (n1 + n2 * far)) * units)
         left[m] = np.int32(pu - eu)
         right[m] = np.int32(pu + eu) - last
         top[m] = np.int32(pv - ev)
@@ -584,7 +587,7 @@ def _carve_block(
             free[first + place[m]] = 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def carve(
     least: Shorts,
     most: Shorts,
@@ -597,7 +600,6 @@ def carve(
     near: float,
     noise: Floats,
     sigmas: float,
-    fine_radius: float,
     free: Bytes,
 ) -> None:
     """Mark every voxel that the image saw through wholly: an octree descent of projections.
@@ -612,7 +614,6 @@ def carve(
         least, most: (5, h, w) uint16 pooled tables of an image through an ideal lens.
         lens: (4,) fx fy cx cy of that lens.
         near: the camera's least distance [m]: nothing nearer is judged.
-        fine_radius: farther than this from the base, cubes of two voxels are judged as one [m].
         free: (nx, ny, nz) uint8, zero on entry; set to 1.
     """
     nx, ny, nz = shape[0], shape[1], shape[2]
@@ -624,7 +625,6 @@ def carve(
     reach_z = abs(c0) + abs(c1) + abs(c2)
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     n0, n1, n2 = sigmas * noise[0], sigmas * noise[1], sigmas * noise[2]
-    fine2 = fine_radius * fine_radius
     units32, behind = np.float32(units), np.float32(reach_z)
     lens32 = np.array([fx, fy, cx + 0.5, cy + 0.5], np.float32)
     noise32 = np.array([n0, n1, n2], np.float32)
@@ -694,12 +694,6 @@ def carve(
                         first = z - ez + 2.0 * reach_z
                         if window_most(most, u0, u1, v0, v1) <= int(first * units):
                             continue
-                        if s == 2 and fine2 > 0.0:
-                            gx = origin[0] + (i + 1) * voxel
-                            gy = origin[1] + (j + 1) * voxel
-                            gz = origin[2] + (k + 1) * voxel
-                            if gx * gx + gy * gy + gz * gz > fine2:
-                                continue
                         if s == BLOCK and whole and i + s <= nx and j + s <= ny and k + s <= nz:
                             # One window's size for all: none is nearer or more aslant.
                             q /= s
@@ -708,11 +702,7 @@ def carve(
                             eu = fx * q * (tilt_u + eu / fx * reach_z) + 0.01
                             ev = fy * q * (tilt_v + ev / fy * reach_z) + 0.01
                             level = _level(int(2 * eu) + 1, int(2 * ev) + 1)
-                            gx = max(abs(origin[0] + i * voxel), abs(origin[0] + (i + s) * voxel))
-                            gy = max(abs(origin[1] + j * voxel), abs(origin[1] + (j + s) * voxel))
-                            gz = max(abs(origin[2] + k * voxel), abs(origin[2] + (k + s) * voxel))
-                            fine = fine2 <= 0.0 or gx * gx + gy * gy + gz * gz <= fine2
-                            if fine and 2 * max(eu, ev) + 1 < 2 * (1 << level):
+                            if 2 * max(eu, ev) + 1 < 2 * (1 << level):
                                 center[0], center[1], center[2] = x, y, z
                                 reach[0], reach[1] = eu, ev
                                 _carve_block(
