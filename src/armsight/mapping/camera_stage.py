@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,6 +108,7 @@ class CameraStage:
         body: BodyPose,
         free: tuple[Bytes, ...],
         stamp: float,
+        beside: Executor | None = None,
     ) -> Evidence:
         """Judge one depth image.
 
@@ -117,6 +119,7 @@ class CameraStage:
             free: one (voxels,) uint8 array a layer, overwritten: 1 where the image saw through
                 the whole voxel.
             stamp: the exposure [s].
+            beside: takes a part of the work, if there is nothing else for it to do.
         """
         config = self._config
         depth = np.ascontiguousarray(depth)
@@ -144,26 +147,36 @@ class CameraStage:
             self.noise,
             config.sigmas,
         )
-        hits = self._hits(depth, T)
         self.lens.tabulate(depth, self.label)
-        for layer, out in zip(self._layers, free):
-            out[:] = 0
-            carve(
-                self.lens.least,
-                self.lens.most,
-                self.lens.units,
-                self.lens.ideal,
-                T,
-                layer.origin,
-                layer.voxel,
-                layer.shape,
-                near,
-                self.noise,
-                1.0,
-                out.reshape(layer.static.grid.shape),
-            )
+        fine, far_layer = self._layers
+        if beside is None:
+            self._carve(fine, T, free[0])
+            hits = self._hits(depth, T)
+            self._carve(far_layer, T, free[1])
+        else:
+            carved = beside.submit(self._carve, fine, T, free[0])
+            hits = self._hits(depth, T)
+            self._carve(far_layer, T, free[1])
+            carved.result()
         sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
         return Evidence(hits, returns, found, sight)
+
+    def _carve(self, layer: _Layer, T: Pose, free: Bytes) -> None:
+        free[:] = 0
+        carve(
+            self.lens.least,
+            self.lens.most,
+            self.lens.units,
+            self.lens.ideal,
+            T,
+            layer.origin,
+            layer.voxel,
+            layer.shape,
+            self.info.range[0],
+            self.noise,
+            1.0,
+            free.reshape(layer.static.grid.shape),
+        )
 
     def _hits(self, depth: Floats32, T: Pose) -> tuple[Hits, ...]:
         config = self._config

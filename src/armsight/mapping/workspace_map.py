@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -227,18 +227,18 @@ class WorkspaceMap:
     def _judge(self, jobs: list[_Job]) -> list[Evidence]:
         """What the frames say, and the arm's newest place."""
 
-        def work(job: _Job) -> Evidence:
+        def work(job: _Job, beside: Executor | None = None) -> Evidence:
             free = (
                 self._fine.occupancy.free[job.camera],
                 self._far.occupancy.free[job.camera],
             )
             return self._stages[job.camera].process(
-                job.frame.depth, job.T_base_camera, job.body, free, job.frame.stamp
+                job.frame.depth, job.T_base_camera, job.body, free, job.frame.stamp, beside
             )
 
         if self._pool is None or len(jobs) < 2:
             self._move_body(jobs)
-            return [work(job) for job in jobs]
+            return [work(job, self._pool) for job in jobs]
         seen = [self._pool.submit(work, job) for job in jobs]
         self._move_body(jobs)
         return [future.result() for future in seen]
