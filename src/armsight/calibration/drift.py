@@ -33,14 +33,14 @@ class DriftOptions:
 
     Attributes:
         window: sightings of a camera that are judged together, at most.
-        agree: sightings that must agree before anybody is blamed, at least 3.
+        agree: sightings that must agree before anybody is blamed, at least 2.
         false_alarm: probability that one judgement blames a camera that stands still.
         pose_noise: the arm's repeatability where the calibration has not found one
             (translation [m], rotation [rad]).
     """
 
     window: int = 6
-    agree: int = 3
+    agree: int = 2
     false_alarm: float = 1e-7
     pose_noise: tuple[float, float] = (0.0001, 0.0002)
 
