@@ -66,7 +66,7 @@ class PlannerConfig:
     nodes: int = 20_000
     solutions: int = 6
     improvement: float = 0.02
-    looks_per_second: float = 1.0e5
+    looks_per_second: float = 4.0e5
     wall_limit: float | None = None
     alpha: float = ALPHA
     speed: float = 0.5
