@@ -13,7 +13,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -129,6 +129,7 @@ def _whole_chunks(data: bytes) -> int:
 
 @settings(deadline=None, max_examples=40)
 @given(at=st.integers(8, 5000), flip=st.integers(1, 255))
+@example(at=150, flip=1)  # an attachment that claims a terabyte
 def test_damage_is_an_error_or_harmless_never_a_crash(
     at: int, flip: int, whole: bytes, tmp_path_factory
 ) -> None:

@@ -8,6 +8,7 @@ index that it lacks. Where the disk fills, the writer cuts the torn end off, sea
 from __future__ import annotations
 
 import heapq
+import io
 import os
 import struct
 from collections.abc import Iterator, Mapping, Sequence
@@ -254,11 +255,10 @@ def scan(file: BinaryIO) -> Contents:
 
 
 def _take(file: BinaryIO, opcode: int, length: int, offset: int, contents: Contents) -> None:
-    stream = ReadDataStream(file)
     if opcode == Opcode.CHUNK:
         head = file.read(32)
         start, end, raw, _crc, name = struct.unpack("<QQQII", head)
-        compression = file.read(name).decode()
+        compression = file.read(min(name, length)).decode()
         (packed,) = struct.unpack("<Q", file.read(8))
         place = ChunkPlace(offset, 9 + length, start, end, compression, packed, raw)
         place.index_end = offset + 9 + length
@@ -272,7 +272,17 @@ def _take(file: BinaryIO, opcode: int, length: int, offset: int, contents: Conte
         place.index_end = offset + 9 + length
         if channel not in contents.channels:
             learn_channels(file, place, contents)
-    elif opcode == Opcode.HEADER:
+    else:
+        _take_whole(_bounded(file, length), opcode, length, contents)
+
+
+def _bounded(file: BinaryIO, length: int) -> ReadDataStream:
+    """The next bytes alone: a damaged length inside them cannot ask for more memory than those."""
+    return ReadDataStream(io.BytesIO(file.read(length)))
+
+
+def _take_whole(stream: ReadDataStream, opcode: int, length: int, contents: Contents) -> None:
+    if opcode == Opcode.HEADER:
         contents.profile = Header.read(stream).profile
     elif opcode == Opcode.SCHEMA:
         schema = Schema.read(stream)
@@ -298,7 +308,7 @@ def read_chunk(file: BinaryIO, place: ChunkPlace, check: bool = True) -> list[An
     """
     file.seek(place.offset + 9)
     try:
-        return breakup_chunk(Chunk.read(ReadDataStream(file)), validate_crc=check)
+        return breakup_chunk(Chunk.read(_bounded(file, place.length - 9)), validate_crc=check)
     except Exception as error:  # zstandard, struct, mcap: all mean the same here
         raise RecordingError(f"the chunk at byte {place.offset} is damaged ({error})") from error
 
