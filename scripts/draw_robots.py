@@ -1,7 +1,7 @@
 """Draw the arms of the catalogue for the docs, and their shapes for checking by eye.
 
 python scripts/draw_robots.py docs/images/robots.png
-python scripts/draw_robots.py --shapes spheres --tool gripper /tmp/spheres.png ur5 panda
+python scripts/draw_robots.py --shapes spheres --tool gripper spheres.png ur5 panda
 """
 
 from __future__ import annotations

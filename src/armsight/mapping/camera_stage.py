@@ -149,14 +149,12 @@ class CameraStage:
         )
         self.lens.tabulate(depth, self.label)
         fine, far_layer = self._layers
-        if beside is None:
+        carved = None if beside is None else beside.submit(self._carve, fine, T, free[0])
+        hits = self._hits(depth, T)
+        self._carve(far_layer, T, free[1])
+        if carved is None:
             self._carve(fine, T, free[0])
-            hits = self._hits(depth, T)
-            self._carve(far_layer, T, free[1])
         else:
-            carved = beside.submit(self._carve, fine, T, free[0])
-            hits = self._hits(depth, T)
-            self._carve(far_layer, T, free[1])
             carved.result()
         sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
         return Evidence(hits, returns, found, sight)

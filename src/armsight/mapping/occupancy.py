@@ -58,6 +58,8 @@ class Occupancy:
         self._hold = hold
         self._window = weak_window
         size = int(np.prod(grid.shape))
+        self._origin = np.asarray(grid.origin, float)
+        self._shape = np.asarray(grid.shape, np.int64)
         self._static = np.ascontiguousarray(static).reshape(-1)
         self.free = np.zeros((max(cameras, 1), size), np.uint8)
         self.occupied = np.zeros(size, np.uint8)
@@ -106,9 +108,9 @@ class Occupancy:
         if sight is not None:
             add_looks(
                 *sight,
-                np.asarray(self.grid.origin, float),
+                self._origin,
                 self.grid.voxel,
-                np.asarray(self.grid.shape, np.int64),
+                self._shape,
                 stamp,
                 self._last,
                 self._looks,
@@ -142,8 +144,9 @@ class Occupancy:
         A single voxel is a stray measurement far more often than a part of a person.
         """
         kept = np.empty(self._count, np.int32)
-        shape = np.asarray(self.grid.shape, np.int64)
-        found = keep_clusters(self._listed, self._count, self.occupied, shape, neighbors, kept)
+        found = keep_clusters(
+            self._listed, self._count, self.occupied, self._shape, neighbors, kept
+        )
         return kept[:found]
 
     def state(self, alive: Bytes) -> Bytes:

@@ -126,6 +126,7 @@ class Guard:
         self._leaving = False
         self._hazards = Hazards.at(np.empty((0, 3)), 0.0)
         self._snapshot: WorkspaceSnapshot | None = None
+        self._proof: tuple[WorkspaceSnapshot | None, JointVector] | None = None
         self._now = -math.inf
         self._blocked_since = math.inf
         self._waiting_since = math.inf
@@ -339,11 +340,9 @@ class Guard:
 
     def _proof_pose(self, tick: _Tick) -> JointVector:
         """Where the body stood when the snapshot was first seen: one set of obstacles for all."""
-        known = getattr(self, "_proof", None)
-        if known is None or known[0] is not tick.snapshot:
-            known = (tick.snapshot, tick.here.position.copy())
-            self._proof = known
-        return known[1]
+        if self._proof is None or self._proof[0] is not tick.snapshot:
+            self._proof = (tick.snapshot, tick.here.position.copy())
+        return self._proof[1]
 
     def _reconsider(self, tick: _Tick) -> None:
         """Leave a path that is blocked or that the arm has left, and ask for another."""

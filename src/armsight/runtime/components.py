@@ -94,6 +94,25 @@ class Beside(Protocol):
         ...
 
 
+def _compute(
+    component: MappingComponent | PlanningComponent,
+    now: float,
+    latency: Latency,
+    job: Callable[[], Any],
+    publish: Callable[[Any, float], None],
+) -> float:
+    """Do a round's computing, beside the loop or at once; returns what it is charged [s]."""
+    if component.beside is not None:
+        at = now + latency.declared
+        component.beside(component.name, at, job, lambda result: publish(result, at))
+        return latency.declared
+    began = time.perf_counter()
+    result = job()
+    charge = latency.of(time.perf_counter() - began)
+    publish(result, now + charge)
+    return charge
+
+
 def _nothing(_at: float) -> None:
     """Default of the hooks that the session wires."""
 
@@ -181,25 +200,19 @@ class MappingComponent:
         if not frames and now < self._updated + self.period:
             return
         self._updated = now
-        if frames and self.beside is not None:
-            history = self._channels.history.copy()
-            self.charge = self._latency.declared
-            visible_at = now + self.charge
-            self.beside(
-                self.name,
-                visible_at,
-                lambda: self._workspace.update(frames, history, now),
-                lambda snapshot: self._publish(snapshot, visible_at),
-            )
+        history: JointHistory = self._channels.history
+        if not frames:  # it only ages the cameras' health: next to nothing to compute
+            self._channels.snapshot.publish(self._workspace.update(frames, history, now), now)
             return
-        began = time.perf_counter()
-        snapshot = self._workspace.update(frames, self._channels.history, now)
-        seconds = time.perf_counter() - began
-        if frames:
-            self.charge = self._latency.of(seconds)
-            self._publish(snapshot, now + self.charge)
-        else:  # it only ages the cameras' health: next to nothing to compute
-            self._channels.snapshot.publish(snapshot, now)
+        if self.beside is not None:  # the loop goes on reading joints meanwhile
+            history = history.copy()
+        self.charge = _compute(
+            self,
+            now,
+            self._latency,
+            lambda: self._workspace.update(frames, history, now),
+            self._publish,
+        )
 
     def _publish(self, snapshot: WorkspaceSnapshot, visible_at: float) -> None:
         self._channels.snapshot.publish(snapshot, visible_at)
@@ -244,20 +257,13 @@ class PlanningComponent:
             return
         self._answered = request.sequence
         rng = np.random.default_rng((self._seed, request.sequence))
-        if self.beside is not None:
-            self.charge = self._latency.declared
-            at = now + self.charge
-            self.beside(
-                self.name,
-                at,
-                lambda: self._planner.plan(request, snapshot, self._time_limit, rng),
-                lambda plan: self._publish(plan, at),
-            )
-            return
-        began = time.perf_counter()
-        plan = self._planner.plan(request, snapshot, self._time_limit, rng)
-        self.charge = self._latency.of(time.perf_counter() - began)
-        self._publish(plan, now + self.charge)
+        self.charge = _compute(
+            self,
+            now,
+            self._latency,
+            lambda: self._planner.plan(request, snapshot, self._time_limit, rng),
+            self._publish,
+        )
 
     def _publish(self, plan: Plan, visible_at: float) -> None:
         self._channels.plan.publish(plan, visible_at)
