@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Floats, Ints
-from armsight.calibration import se3
 from armsight.calibration.model import project
 from armsight.calibration.problem import lens_from_vector
 from armsight.calibration.solver import Solution
+from armsight.geometry.pose import skews
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _moves(points: Floats) -> Floats:
     """(t, 3, 6) motion of points under ``exp(d)``."""
     out = np.zeros((len(points), 3, 6))
     out[:, :, :3] = np.eye(3)
-    out[:, :, 3:] = -se3.skews(points)
+    out[:, :, 3:] = -skews(points)
     return out
 
 

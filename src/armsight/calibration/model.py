@@ -17,6 +17,7 @@ import numpy as np
 from armsight.arrays import Floats, Ints, Mask, Poses
 from armsight.calibration import se3
 from armsight.calibration.problem import Freedom, Priors, Problem, lens_vector
+from armsight.geometry.pose import skews
 
 SHAPE = 3  # print scale, bending along x, bending along y
 
@@ -471,7 +472,7 @@ def _moves(points: Floats) -> Floats:
     """(f, k, 3, 6) motion of points under ``exp(d)``: v + w x p."""
     out = np.zeros((*points.shape, 6))
     out[..., :, :3] = np.eye(3)
-    out[..., :, 3:] = -se3.skews(points)
+    out[..., :, 3:] = -skews(points)
     return out
 
 

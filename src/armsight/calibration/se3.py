@@ -6,15 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Poses
-
-
-def skews(v: Floats) -> Floats:
-    """(..., 3, 3) cross-product matrices of (..., 3) vectors."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
-    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
-    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
-    return out
+from armsight.geometry.pose import skews
 
 
 def inverses(T: Poses) -> Poses:

@@ -106,6 +106,15 @@ def skew(v: Vector3) -> Rotation3:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
+def skews(v: Floats) -> Floats:
+    """(..., 3, 3) cross-product matrices of (..., 3) vectors."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
 def interpolate(T_a: Pose, T_b: Pose, fraction: float) -> Pose:
     """Pose on the screw motion from ``T_a`` (fraction 0) to ``T_b`` (fraction 1)."""
     return T_a @ exp(fraction * log(inverse(T_a) @ T_b))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Floats, Points, Pose, Poses
-from armsight.geometry.pose import exp, inverse, log, make_pose
+from armsight.geometry.pose import exp, inverse, log, make_pose, skews
 from armsight.mapping.kernels.align import normal_equations
 from armsight.mapping.self_filter import CELL, BodyFields
 from armsight.mapping.static_geometry import StaticGeometry
@@ -88,18 +88,9 @@ class Alignment:
         other where the known surfaces are, so this is less than the sum of their sizes.
         """
         p = np.asarray(points, float)
-        J = np.concatenate(
-            [np.tile(np.eye(3), (len(p), 1, 1)), -skew_all(p), p[:, :, None]], axis=2
-        )
+        J = np.concatenate([np.tile(np.eye(3), (len(p), 1, 1)), -skews(p), p[:, :, None]], axis=2)
         spread = np.einsum("nia,ab,njb->nij", J, self.covariance, J)
         return np.asarray(np.sqrt(np.linalg.eigvalsh(spread)[:, -1]))
-
-
-def skew_all(points: Points) -> Floats:
-    """(n, 3, 3) matrices that take the cross product with each of (n, 3) vectors."""
-    x, y, z = np.asarray(points, float).T
-    o = np.zeros_like(x)
-    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
 
 
 def align_camera(
