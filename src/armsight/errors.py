@@ -35,6 +35,10 @@ class RecordingError(ArmsightError):
     """A recording cannot be read or written."""
 
 
+class DatasetError(ArmsightError):
+    """A set of labelled pictures cannot be read, written or made; names the folder or file."""
+
+
 class CalibrationError(ArmsightError):
     """A calibration cannot be made from what was seen; says what is missing or contradictory."""
 

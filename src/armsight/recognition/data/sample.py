@@ -1,0 +1,67 @@
+"""One labelled picture of a robot arm, and the names of what can be in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armsight.arrays import Bytes, ColorImage, Floats, JointVector, Mask, Points, Pose, Vector3
+from armsight.robots.catalogue import ROBOT_NAMES
+
+NO_ROBOT = "none"
+"""``Sample.robot`` of a picture without an arm."""
+UNKNOWN_ROBOT = "unknown"
+"""``Sample.robot`` of a picture of an arm that is none of the catalogue's."""
+ROBOT_TYPES: tuple[str, ...] = (*ROBOT_NAMES, NO_ROBOT, UNKNOWN_ROBOT)
+"""What ``Sample.robot`` can be."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A colour picture and what is known of the arm in it.
+
+    Lengths in [m], angles in [rad]; ``camera`` is the optical frame (z forward, x right, y down);
+    pixel centres are at whole numbers counted from 0. Of ``none`` there is no pose (NaN), no joint
+    and no key point.
+
+    Attributes:
+        index: place in its set, from 0.
+        seed: of the set.
+        scene: number of the room that it was taken in, unique within the set.
+        robot: one of :data:`ROBOT_TYPES`.
+        image: (h, w, 3) RGB.
+        mask: (h, w) where the robot is seen. A tool, a cable and a stand are no robot.
+        link_ids: (h, w) 0 where no robot is seen, i + 1 where link i is (link 0 is the base).
+        K: (3, 3) camera matrix [px].
+        distortion: (5,) k1, k2, p1, p2, k3 of what the lens still bends; small, often zero.
+        T_camera_base: (4, 4) the robot's base in the camera's frame; its last column is the base
+            position that T4 to T7 regress.
+        q: (n,) joint positions in the URDF's order [rad].
+        joints_camera: (n, 3) origins of the joints in the URDF's order, in the camera's frame [m].
+        keypoints_camera: (p, 3) the robot's key points in the camera's frame [m]; their order is
+            that of ``robot_keypoints(robot)``, the same for every sample of a robot.
+        keypoints_px: (p, 2) where they lie in the picture [px], lens included; NaN behind it.
+        keypoints_visible: (p,) whether the link that carries each is seen where it lies.
+    """
+
+    index: int
+    seed: int
+    scene: int
+    robot: str
+    image: ColorImage
+    mask: Mask
+    link_ids: Bytes
+    K: Floats
+    distortion: Floats
+    T_camera_base: Pose
+    q: JointVector
+    joints_camera: Points
+    keypoints_camera: Points
+    keypoints_px: Floats
+    keypoints_visible: Mask
+
+    @property
+    def base_camera(self) -> Vector3:
+        """(3,) origin of the robot's base in the camera's frame [m]."""
+        return np.asarray(self.T_camera_base[:3, 3])
