@@ -57,3 +57,7 @@ class CellBusyError(ArmsightError):
 
 class ViewerError(ArmsightError):
     """The page cannot be shown: its port is in use, or its address is none of this machine's."""
+
+
+class RecognitionError(ArmsightError):
+    """A network, its weights, its training or a picture given to it is not as it has to be."""
