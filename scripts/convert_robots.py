@@ -39,7 +39,7 @@ from armsight.robots.urdf import read_urdf
 
 DATA = Path(__file__).resolve().parents[1] / "src" / "armsight" / "robots" / "data"
 TRIANGLES = 30_000  # of a robot after decimation, at most
-SPHERE_PRICE = {"iiwa": 4.5e-9}  # [m^5] where the default spends too many spheres
+SPHERE_PRICE = {"iiwa": 4.5e-9, "panda": 3.5e-9}  # [m^5] where the default spends too many spheres
 TOLERANCES = (0.0001, 0.00015, 0.0002, 0.0003, 0.0004, 0.0006)  # [m] tried until that is kept
 
 Color = tuple[float, float, float]

@@ -22,7 +22,7 @@ from armsight.robots.shapes import read_shapes, shapes_json
 from armsight.robots.solids import sample_surface, thin, voxelise
 from armsight.robots.urdf import read_urdf
 
-FITTED = ("ur3", "ur5", "ur10", "iiwa")
+FITTED = ("ur3", "ur5", "ur10", "iiwa", "panda")
 """The Panda carries coarse spheres, grown until they cover: too fat for any figure but coverage."""
 COARSE_CAPSULES = ("ur3", "iiwa")
 """One a link still, grown until they cover."""
