@@ -104,8 +104,8 @@ def test_a_round_that_was_broken_off_counts_as_the_limit():
 
 def test_the_baseline_needs_only_room_to_stop():
     baseline = patrol.reactive(GuardConfig())
-    assert baseline.separation.protective_distance(0.0, 0.0, 0.2, 5.0) == pytest.approx(0.02)
-    assert baseline.separation.person_speed(0.1) == 0.0
+    assert baseline.separation.protective_distance(0.0, 0.2, 5.0) == pytest.approx(0.02)
+    assert baseline.separation.person_speed == 0.0
     assert not baseline.risk.reflexive(10.0, 0.01)
 
 

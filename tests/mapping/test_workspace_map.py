@@ -1,5 +1,7 @@
 """The whole chain on a synthetic cell with known truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,17 @@ def test_states_agree_with_truth(cell, cameras):
     assert (snapshot.state == FREE).mean() > 0.5
     below = snapshot.grid.center(np.argwhere(snapshot.state == OCCUPIED))[:, 2] < 0
     assert below.any()
+
+
+def test_the_cloud_ends_at_crop_and_the_hazards_do_not(cell, cameras):
+    robot, solids, _world, joints = cell
+    distance = np.linalg.norm(BALL.T_frame_solid[:3, 3])
+    world = WorkspaceMap(robot, cameras, [TABLE], replace(CONFIG, crop=distance))
+    snapshot = world.update(frames_of(cameras, [*solids, BALL], 0.1), joints, 0.11)
+    shown = np.linalg.norm(snapshot.cloud, axis=1)
+    seen = np.linalg.norm(snapshot.hazards[~snapshot.hazard_unknown], axis=1)
+    assert 0 < len(shown) < len(seen)
+    assert shown.max() <= distance < seen.max()
 
 
 def test_departed_ball_is_cleared_by_next_frames(cell, cameras):

@@ -19,29 +19,40 @@ decelerations = st.floats(0.5, 10.0)
 
 @pytest.mark.parametrize(
     ("T_r", "row"),
-    # Design page "guard", 5.8: v_max at D = 0.2, 0.3, 0.5 and 1 m for a = 5 m/s^2, K = 5 cm.
+    # Design page "guard", 5.8: v_max at D = 0.2, 0.3, 0.5 and 1 m for a = 5 m/s^2, K = 5 cm, and
+    # 1.6 m/s from half a metre on.
     [(0.15, (0, 0, 0.41, 1.20)), (0.1, (0, 0.10, 0.60, 1.41)), (0.045, (0.13, 0.33, 0.84, 1.66))],
 )
 def test_the_design_pages_table(T_r, row):
     for distance, expected in zip((0.2, 0.3, 0.5, 1.0), row):
-        assert K5.allowed_speed(distance, T_r, 5.0) == pytest.approx(expected, abs=0.006)
+        v_h = 2.0 if distance < 0.5 else 1.6
+        law = Separation(person_speed=v_h)
+        assert law.allowed_speed(distance, T_r, 5.0) == pytest.approx(expected, abs=0.006)
 
 
-def test_a_hand_is_faster_than_a_walk_when_close():
-    assert K5.person_speed(0.49) == 2.0
-    assert K5.person_speed(0.5) == 1.6
-    assert K5.allowed_speed(0.45, 0.1, 5.0) < Separation(reaching=1.6).allowed_speed(0.45, 0.1, 5.0)
+@pytest.mark.parametrize("distance", [0.3, 0.6, 0.9, 1.5])
+def test_a_hand_that_starts_anywhere_meets_a_standing_arm(distance):
+    """Integrated in small steps: an arm at v_max, a hand at 2 m/s from the exposure on."""
+    T_r, T_a, a, dt = 0.2, 0.016, 3.0, 1e-4
+    arm = K5.allowed_speed(distance, T_r, a, T_a)
+    gap, v = distance, arm
+    for k in range(round((T_r + arm / a) / dt)):
+        t = (k + 0.5) * dt
+        v = arm if t < T_r else max(arm - a * (t - T_r), 0.0)
+        gap -= (2.0 + (v if t > T_r - T_a else 0.0)) * dt
+    assert gap >= K5.K - 1e-3 if arm > 0.0 else distance <= K5.K + 2.0 * T_r
+    slower = Separation(person_speed=1.6)  # what counted a hand as a walk from half a metre on
+    assert slower.allowed_speed(distance, T_r, a, T_a) > arm or distance < 0.37
 
 
 @settings(deadline=None)
 @given(lengths, times, decelerations)
 def test_the_closed_form_keeps_exactly_the_protective_distance(distance, T_r, a):
     v = K5.allowed_speed(distance, T_r, a)
-    v_h = K5.person_speed(distance)
     if v == 0.0:
-        assert K5.protective_distance(0.0, v_h, T_r, a) >= distance - 1e-9
+        assert K5.protective_distance(0.0, T_r, a) >= distance - 1e-9
     else:
-        assert K5.protective_distance(v, v_h, T_r, a) == pytest.approx(distance, abs=1e-9)
+        assert K5.protective_distance(v, T_r, a) == pytest.approx(distance, abs=1e-9)
 
 
 @settings(deadline=None)
@@ -59,7 +70,7 @@ def test_no_distance_is_no_speed(T_r, a):
 
 
 def law(T_person=0.15, T_arm=0.15, retreat=0.0):
-    return Law(1.6, 2.0, 0.5, 0.05, T_person, T_arm, 0.0, retreat)
+    return Law(2.0, 0.05, T_person, T_arm, 0.0, retreat)
 
 
 @settings(deadline=None)
@@ -76,7 +87,7 @@ def test_the_share_keeps_the_protective_distance(distance, closing, stopping, T_
     numbers = law(T_r, T_r)
     share = allowed_share(distance, closing, abs(closing) + 0.1, stopping, numbers)
     if 0.0 < share < 1e6:
-        kept = protective(distance, share * closing, share * stopping, numbers)
+        kept = protective(share * closing, share * stopping, numbers)
         # One pair of (closing, stopping) at the share: S_s scales with its square.
         assert kept <= distance + 1e-9
 

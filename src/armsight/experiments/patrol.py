@@ -197,9 +197,7 @@ def reactive(config: GuardConfig) -> GuardConfig:
     """T2's baseline: 2 cm and room to stop, no person assumed anywhere, no reflex."""
     return replace(
         config,
-        separation=Separation(
-            walking=0.0, reaching=0.0, intrusion=0.0, person_error=0.01, arm_error=0.01
-        ),
+        separation=Separation(person_speed=0.0, intrusion=0.0, person_error=0.01, arm_error=0.01),
         reflex_distance=0.0,
         risk=PaperRisk(threshold=math.inf),
     )

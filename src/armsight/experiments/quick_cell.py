@@ -33,8 +33,8 @@ VOXEL = 0.02
 """Edge of a voxel [m]."""
 HALF = 1.2
 """Half edge of the mapped box [m]."""
-MAP_LATENCY, PLAN_LATENCY = 0.012, 0.05
-"""Compute times that are charged [s]."""
+MAP_LATENCY, PLAN_LATENCY = 0.025, 0.1
+"""Compute times that are charged [s]; those of a session."""
 LOOK = 5
 """Contacts are looked for every so many steps."""
 KEEP: Any = object()

@@ -20,7 +20,8 @@ class MappingConfig:
         far_parts: edge of a coarse voxel in fine ones (T2: coarser out of reach).
         distance_cap: where the distance field saturates [m]; at most 15 voxels.
         unknown_is_solid: the distance field keeps away from unseen space as well.
-        crop: radius about the base beyond which points are left out of the cloud [m] (T2).
+        crop: radius about the base beyond which points are left out of the snapshot's cloud [m]
+            (T2). They are hazards all the same.
         stale_after: a camera is not alive once its newest frame is older than this [s], or than
             its declared latency and one and a half of its periods, whichever is more.
         future: a stamp may be this far ahead of the clock [s] (clocks are never exact).

@@ -153,7 +153,8 @@ class WorkspaceMap:
         self._fine.unseen.mark_enclosed(state)
         lap("field and hazards")
         last = self._fine.occupancy.last_occupied()
-        cloud = self.grid.center(self._triples(self._fine.occupancy.dynamic)).astype(np.float32)
+        cloud = self._centers(self._fine.occupancy.dynamic)
+        cloud = cloud[np.linalg.norm(cloud, axis=1) <= self.config.crop]
         for array in (state, hazards, unknown, last, cloud):
             array.flags.writeable = False
         lap("publish")

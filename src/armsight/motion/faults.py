@@ -36,7 +36,8 @@ class Verdict:
         severity: how to answer; reason: in words, empty when all is well.
         joints: the reading that may be used, or None.
         snapshot: the snapshot that may be used, or None.
-        age: of the stalest camera in it [s]; inf without a snapshot.
+        age: of the stalest picture in it that counts, a living camera's [s]; inf without one. What
+            only a dead camera saw is unseen space in the snapshot.
         jumped: time made a jump: forget what was measured before.
     """
 
@@ -81,7 +82,7 @@ class FaultWatch:
             self._joints, self._snapshot = None, None
         good_joints, joint_fault = self._judge_joints(now, joints)
         good_snapshot, snapshot_fault = self._judge_snapshot(now, snapshot)
-        age = math.inf if good_snapshot is None else now - good_snapshot.oldest
+        age = math.inf if good_snapshot is None else now - _oldest(good_snapshot)
         severity, reason = max(
             (joint_fault, time_fault, snapshot_fault, self._cameras(now, good_snapshot)),
             key=lambda fault: fault[0],
@@ -191,3 +192,8 @@ class FaultWatch:
             if not status.alive:
                 return slow, f"camera {name} is not trusted ({status.reason or 'no reason given'})"
         return Severity.NONE, ""
+
+
+def _oldest(snapshot: WorkspaceSnapshot) -> float:
+    """Exposure of the stalest picture of a living camera [s]; -inf without one."""
+    return min((c.stamp for c in snapshot.cameras if c.alive), default=-math.inf)

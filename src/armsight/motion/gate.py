@@ -3,48 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import JointVector
+from armsight.arrays import JointVector, Mask, Points
 from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
 from armsight.motion.guard_config import ContactZone, GuardConfig
-from armsight.motion.guard_kernels import Law, project, protective
+from armsight.motion.guard_kernels import Law, least_room, project, protective, stop_path
 from armsight.motion.nearest import Hazards, MovingBody, View
 from armsight.robots.kernels import chain_poses, jacobian
 from armsight.robots.robot import Robot
 
 ROWS = 12
 """Most constraints that a motion is projected on."""
-
-
-@dataclass(frozen=True)
-class Passage:
-    """What the gate says of one motion.
-
-    Attributes:
-        share: of the motion that may be commanded, 0 or more (may exceed 1).
-        now: the view at the present pose; ahead: at the pose where the command begins to act.
-    """
-
-    share: float
-    now: View
-    ahead: View
-
-    @property
-    def distance(self) -> float:
-        """Least distance of any part to any hazard, at the present pose [m]."""
-        return self.now.least
+TICKS = 2
+"""Between two commands the arm does what it was told: a tick late is not unusual."""
+PIECES = 4
+"""Looks at a stop in its course."""
 
 
 class Gate:
-    """Applies separation to motions of one robot.
+    """Applies separation to motions of one robot, in two ways.
 
-    Every motion is judged twice: at the present pose with the whole of T_r, as the standard says,
-    and at the pose where the command begins to act, so that motion already under way is counted
-    exactly and not by the new command's speed. The stricter answer holds.
+    :meth:`judge` says how much of a motion is allowed, by the closed form and with the longest
+    reaction time: what is commanded keeps to it. :meth:`stops_in_time` has the last word: whether
+    the hard stop after a command ends before anybody could be there, looked at in its course and
+    with the present age of the pictures. Where it does not, the arm brakes at once, as hard as it
+    can: :mod:`armsight.motion.guard` says why that is in time.
     """
 
     def __init__(self, robot: Robot, config: GuardConfig, brake: JointVector) -> None:
@@ -52,33 +38,58 @@ class Gate:
         self._robot = robot
         self._config = config
         self._tool = self.body.link == robot.n
-        self._law = self._make_law(0.2, 0.2, 0.0)
-        self._law_ahead = self._law
+        self._law = self._make_law(0.2, 0.0)
 
     def set_reaction(self, T_r: float, hazard_radius: float) -> None:
         """Use a reaction time [s] from now on."""
-        # Between two commands the arm does what it was told: a tick late is not unusual.
-        between = 2.0 * self._config.period
-        self._law = self._make_law(T_r, T_r, hazard_radius)
-        self._law_ahead = self._make_law(T_r, between, hazard_radius)
+        self._law = self._make_law(T_r, hazard_radius)
 
     @property
     def law(self) -> Law:
-        """Numbers of the law at the present pose."""
+        """Numbers of the law in use."""
         return self._law
 
-    def judge(
-        self, now: JointVector, ahead: ArmState, motion: JointVector, hazards: Hazards
-    ) -> Passage:
-        """Share of a motion (n,) [rad/s] that is allowed."""
-        first = self._view(now, motion, hazards, self._law)
-        second = self._view(ahead.position, motion, hazards, self._law_ahead)
-        return Passage(min(first.allowed, second.allowed), first, second)
+    def judge(self, q: JointVector, motion: JointVector, hazards: Hazards) -> View:
+        """What is allowed of a motion (n,) [rad/s] that begins to act at (n,) [rad]."""
+        return self._view(q, motion, hazards, self._law)
 
-    def at_rest(self, q: JointVector, hazards: Hazards) -> Passage:
+    def at_rest(self, q: JointVector, hazards: Hazards) -> View:
         """How far hazards are from the body at (n,) [rad]; nothing moves, so nothing is limited."""
-        view = self.body.view(q, np.zeros(len(q)), hazards, self._law)
-        return Passage(np.inf, view, view)
+        return self.body.view(q, np.zeros(len(q)), hazards, self._law)
+
+    def stops_in_time(self, state: ArmState, T_r: float, hazards: Hazards) -> bool:
+        """Whether an arm that brakes from a state on stands before anybody could be there.
+
+        Args:
+            state: where it would be, and how fast, when the brakes take hold.
+            T_r: from the exposure of the oldest picture until then [s].
+            hazards: as pictured.
+        """
+        center, velocity = self.body.motion(state.position, state.velocity)
+        speed = np.linalg.norm(velocity, axis=1)
+        if float(speed.max()) <= self._config.retreat_speed:
+            return True  # it counts as standing
+        brake = self.body.brake
+        stop = stop_path(state.position, np.ascontiguousarray(state.velocity), brake, PIECES)
+        still = np.zeros(len(brake))
+        places = np.stack([center, *(self.body.motion(q, still)[0] for q in stop[1:])])
+        until = self.body.stopping(state.velocity)
+        times = np.linspace(0.0, float((np.abs(state.velocity) / brake).max()), PIECES + 1)
+        law = self._law._replace(T_person=T_r)
+
+        def free(parts: Mask, those: Hazards) -> bool:
+            moving = np.where(parts, until, 0.0)
+            return bool(
+                least_room(those.blocks, places, self.body.radius, times, moving, law)[0] >= 0.0
+            )
+
+        rest = np.ones(len(until), bool)
+        for zone in self._config.zones:
+            inside = self._inside(zone, center)
+            if inside.any() and not free(inside, _outside(hazards, zone)):
+                return False
+            rest &= ~inside
+        return free(rest, hazards)
 
     def protective_distance(self, view: View, state: ArmState, hazards: Hazards) -> float:
         """S_p of the part nearest to a hazard at the arm's present velocity [m]; 0 without one."""
@@ -90,13 +101,10 @@ class Gate:
             velocity = np.zeros(3)
         towards = hazards.blocks.points[view.nearest[sphere]] - view.center[sphere]
         closing = float(velocity @ towards) / max(float(np.linalg.norm(towards)), 1e-9)
-        moving = int(self.body.link[sphere])
-        stopping = np.abs(state.velocity[:moving]) / self.body.brake[:moving]
-        return float(
-            protective(
-                float(view.distance[sphere]), closing, float(stopping.max(initial=0.0)), self._law
-            )
-        )
+        stopping = float(self.body.stopping(state.velocity)[sphere])
+        # The distance is the present one: the way until a command acts comes on top.
+        law = self._law._replace(T_arm=self._law.T_arm + self._config.start_delay)
+        return float(protective(closing, stopping, law))
 
     def conform(self, wanted: JointVector, q: JointVector, hazards: Hazards) -> JointVector:
         """The motion nearest to a wanted one that closes in on no limiting hazard too fast.
@@ -125,9 +133,8 @@ class Gate:
             return wanted
         return np.asarray(project(np.asarray(wanted, float), np.array(rows), np.array(bounds), 50))
 
-    def away(self, passage: Passage, q: JointVector, hazards: Hazards, speed: float) -> JointVector:
+    def away(self, view: View, q: JointVector, hazards: Hazards, speed: float) -> JointVector:
         """(n,) joint velocity that moves the nearest part away from its hazard at a speed [m/s]."""
-        view = passage.now
         sphere = view.closest
         hazard = hazards.blocks.points[view.nearest[sphere]].astype(float)
         inverted = view.center[sphere] - hazard
@@ -149,11 +156,7 @@ class Gate:
     ) -> View:
         """Tool inside a declared zone: hazards inside it do not count, the zone's speed does."""
         view = self.body.view(q, motion, hazards, law)
-        inside = {
-            zone: self._tool
-            & (np.linalg.norm(view.center - np.asarray(zone.center), axis=1) <= zone.radius)
-            for zone in self._config.zones
-        }
+        inside = {zone: self._inside(zone, view.center) for zone in self._config.zones}
         share, distance = view.share.copy(), view.distance.copy()
         limiting, nearest = view.limiting.copy(), view.nearest.copy()
         for zone, parts in inside.items():
@@ -167,18 +170,26 @@ class Gate:
             limiting[parts], nearest[parts] = -1, -1
         return View(view.center, view.velocity, view.stopping, distance, nearest, share, limiting)
 
-    def _make_law(self, T_person: float, T_arm: float, hazard_radius: float) -> Law:
-        s = self._config.separation
-        return Law(
-            s.walking, s.reaching, s.close, s.K, T_person, T_arm, hazard_radius,
-            self._config.retreat_speed,
-        )  # fmt: skip
+    def _inside(self, zone: ContactZone, center: Points) -> Mask:
+        """(m,) bool: parts of the tool that are inside a zone."""
+        away = np.linalg.norm(center - np.asarray(zone.center), axis=1)
+        return np.asarray(self._tool & (away <= zone.radius))
+
+    def _make_law(self, T_r: float, hazard_radius: float) -> Law:
+        s, config = self._config.separation, self._config
+        between = TICKS * config.period
+        return Law(s.person_speed, s.K, T_r, between, hazard_radius, config.retreat_speed)
 
 
 def declared_reaction(cameras: Sequence[RgbdCameraInfo], config: GuardConfig) -> float:
-    """T_r as declared [s]: picture, wait for the next, computing, one tick, the drives' delay."""
+    """T_r as declared [s]: picture, wait for the next, computing, ticks, the drives' delay."""
     image = max((c.latency + 1.0 / c.rate for c in cameras), default=0.0)
-    return image + config.compute_latency + config.period + config.start_delay
+    return image + config.compute_latency + after_decision(config)
+
+
+def after_decision(config: GuardConfig) -> float:
+    """From a decision until the next one, which may come a tick late, has the arm brake [s]."""
+    return TICKS * config.period + config.start_delay
 
 
 def _outside(hazards: Hazards, zone: ContactZone) -> Hazards:

@@ -2,6 +2,24 @@
 
 Each tick (design page "guard" 5.10): judge the input, follow the planned path or react, let
 separation scale the motion, keep a verified stop in hand, and say what is done and why.
+
+Why nobody is touched by an arm that moves. Before a command is sent, the stop after it is looked at
+(:meth:`~armsight.motion.gate.Gate.stops_in_time`): the arm does what it is told for two ticks more,
+then every joint brakes as hard as it can; meanwhile every hazard comes straight at it with v_h,
+beginning at the exposure of the oldest living camera's picture. If anybody could be within K of a
+part before that part stands, the command is not sent; the arm brakes now. That is in time: the
+command before was sent because braking *after* it would be, and nothing that a picture shows later
+can be nearer than what was counted with. So, tick by tick, there is always a stop that ends in
+time, and it is being executed or still possible. It holds as long as
+
+* nothing of a person is faster than v_h (2.0 m/s), and what is not in the map is at most C deep in
+  seen space; hazards are where the map has them within Z_d, the arm's parts within Z_r of where
+  their joints say (its stop is looked at in five places: the way between them bends by 4 mm);
+* the drives answer within ``start_delay`` and brake by the joints' acceleration times ``brake``;
+* a tick is late by no more than a period. A later one is a fault, answered by slowing down.
+
+The law of :mod:`armsight.motion.separation` is stricter (it counts with the longest age a picture
+may have, and with what closes in only), so the arm slows smoothly long before it must brake.
 """
 
 from __future__ import annotations
@@ -22,10 +40,10 @@ from armsight.motion.collision import CollisionModel
 from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.faults import FaultWatch, Severity, Verdict
-from armsight.motion.gate import Gate, Passage, declared_reaction
+from armsight.motion.gate import TICKS, Gate, after_decision, declared_reaction
 from armsight.motion.goals import Goals
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.nearest import Hazards, MovingBody
+from armsight.motion.nearest import Hazards, MovingBody, View
 from armsight.motion.plan import Plan
 from armsight.motion.reflex import FLEE, Reflex, Stage
 from armsight.motion.route import Route, SpeedScale, rate_bounds
@@ -65,7 +83,11 @@ class GuardDecision:
 
 @dataclass
 class _Tick:
-    """What one tick finds and decides."""
+    """What one tick finds and decides.
+
+    ``near`` is how far hazards are from the body as it is; ``view`` what separation says of the
+    motion (the same while there is none), and ``pace`` the share of the motion under way.
+    """
 
     now: float
     elapsed: float
@@ -75,7 +97,9 @@ class _Tick:
     ahead: ArmState
     at_rest: bool
     command: JointVector
-    passage: Passage
+    near: View
+    view: View
+    pace: float = 0.0
     mode: GuardMode = GuardMode.IDLE
     reason: str = ""
     brake: bool = False
@@ -116,7 +140,7 @@ class Guard:
         self._gate = Gate(robot, config, brake)
         self._model = model or CollisionModel(robot)
         self._watch = FaultWatch(robot, cameras, config)
-        self._after_decision = config.period + config.start_delay
+        self._after_decision = after_decision(config)
         self._reaction = ReactionTime(declared_reaction(cameras, config), config.reaction_window)
         self._goals = Goals(robot, config)
         self._scale = SpeedScale(config.rise, config.rise_jerk)
@@ -175,9 +199,11 @@ class Guard:
         self._executed.add(tick.here.position)
         if fresh:
             self._prove(tick)
-            self._reflex.approach.add(now, tick.passage.distance)
+            self._reflex.approach.add(now, tick.near.least)
         self._take_plan(tick, plan)
         self._decide(tick)
+        tick.command = self._within_limits(tick)
+        self._keep_apart(tick)
         return self._decision(tick, began)
 
     # -- seeing ---------------------------------------------------------------------------------
@@ -188,7 +214,7 @@ class Guard:
         ahead = self._arm.ahead(joints, now + self.config.start_delay)
         still = np.zeros(self.robot.n)
         speed = max(np.abs(here.velocity).max(), np.abs(ahead.velocity).max())
-        passage = self._gate.at_rest(here.position, self._hazards)
+        near = self._gate.at_rest(here.position, self._hazards)
         return _Tick(
             now,
             elapsed,
@@ -198,7 +224,8 @@ class Guard:
             ahead,
             bool(speed < STANDING),
             still,
-            passage,
+            near,
+            near,
         )
 
     def _prove(self, tick: _Tick) -> None:
@@ -239,8 +266,8 @@ class Guard:
         if reflex.active:
             self._react(tick)
             return
-        if goals.active and reflex.due(tick.passage.distance):
-            reflex.begin(tick.passage.distance)
+        if goals.active and reflex.due(tick.near.least):
+            reflex.begin(tick.near.least)
             self._react(tick)
             return
         if self._leaving or not goals.active:
@@ -284,19 +311,19 @@ class Guard:
         route.advance(self._scale.value * tick.elapsed)
         wanted = route.wanted(tick.ahead.position, LEAD * self._scale.value * config.period)
         motion = wanted.velocity + config.gain * wanted.correction
-        tick.passage = self._gate.judge(tick.here.position, tick.ahead, motion, self._hazards)
+        tick.view = self._gate.judge(tick.ahead.position, motion, self._hazards)
         slowest, fastest = rate_bounds(
             self._scale.value, wanted.velocity, wanted.acceleration, m.acceleration
         )
         limit = min(limit, self._room_scale(route, wanted.velocity))
-        share = tick.passage.share
+        share = tick.view.allowed
         ramp = self._scale.value + min(slowest, 0.0) * tick.elapsed
         target = share if share < max(limit, ramp) else max(limit, ramp)
         square = float(motion @ motion)
         actual = float(tick.ahead.velocity @ motion) / square if square > 1e-9 else 0.0
+        tick.pace = max(min(actual, share, 1.0), 0.0)  # where it goes on after braking, if it may
         if actual > share + LAG and not tick.at_rest and square > 1e-6:
-            self._brake(tick, route)
-            self._scale.reset(max(min(actual, share, 1.0), 0.0))  # where it goes on, if it may
+            self._brake(tick)
         else:
             scale = self._scale.towards(target, tick.elapsed, fastest)
             tick.command = scale * motion
@@ -322,13 +349,26 @@ class Guard:
         slowing = 0.7 / max(float(fastest.max()), 1e-3)
         return math.sqrt(2.0 * slowing * room)
 
-    def _brake(self, tick: _Tick, route: Route | None) -> None:
+    def _brake(self, tick: _Tick) -> None:
         """Stop as hard as the drives can; pick the route up where that leads."""
         tick.brake = True
         tick.command = np.zeros(self.robot.n)
+        route = self._reflex.route or self._route
         if route is not None:
             route.rejoin(tick.ahead.position)
-        self._scale.reset()
+        self._scale.reset(tick.pace)
+
+    def _keep_apart(self, tick: _Tick) -> None:
+        """The last word on a command: brake now if braking after it could be too late."""
+        if tick.brake:
+            return
+        held = TICKS * self.config.period
+        after = self._arm.after(tick.ahead, tick.command, held)
+        T_r = tick.verdict.age + held + self.config.start_delay
+        if not self._gate.stops_in_time(after, T_r, self._hazards):
+            self._brake(tick)
+            if tick.mode == GuardMode.PREDICTIVE:
+                tick.mode, tick.reason = GuardMode.SLOWED, self._who(tick)
 
     def _stop_is_free(self, tick: _Tick) -> bool:
         """Whether the hard stop after this command is proven free: the stop kept in hand."""
@@ -351,7 +391,7 @@ class Guard:
             self._waiting_since = math.inf
             return
         if not self._waited(tick.now):
-            if tick.passage.share >= CRAWL * self._goal_speed():
+            if tick.view.allowed >= CRAWL * self._goal_speed():
                 self._waiting_since = math.inf
             elif math.isinf(self._waiting_since):
                 self._waiting_since = tick.now
@@ -376,7 +416,7 @@ class Guard:
     def _react(self, tick: _Tick) -> None:
         """T2's reflex: come to rest, retrace or leave, hold until the danger is over."""
         reflex = self._reflex
-        distance = tick.passage.distance
+        distance = tick.near.least
         if reflex.stage == Stage.STOPPING:
             if not tick.at_rest:
                 self._come_to_rest(tick, GuardMode.REFLEX, "")
@@ -406,13 +446,13 @@ class Guard:
 
     def _flee(self, tick: _Tick) -> None:
         """Along the inverted vector from the nearest part, within all that separation demands."""
-        view = tick.passage.now
-        if view.nearest[view.closest] < 0 or self._reflex.over(tick.now, view.least):
+        near = tick.near
+        if near.nearest[near.closest] < 0 or self._reflex.over(tick.now, near.least):
             return
-        wanted = self._gate.away(tick.passage, tick.ahead.position, self._hazards, FLEE)
+        wanted = self._gate.away(near, tick.ahead.position, self._hazards, FLEE)
         wanted = self._gate.conform(wanted, tick.ahead.position, self._hazards)
-        passage = self._gate.judge(tick.here.position, tick.ahead, wanted, self._hazards)
-        scale = self._scale.towards(min(passage.share, 1.0), tick.elapsed, math.inf)
+        tick.view = self._gate.judge(tick.ahead.position, wanted, self._hazards)
+        scale = self._scale.towards(min(tick.view.allowed, 1.0), tick.elapsed, math.inf)
         tick.command = scale * wanted
         tick.scale = scale
         if not self._stop_is_free(tick):
@@ -425,7 +465,7 @@ class Guard:
 
     def _who(self, tick: _Tick) -> str:
         """What limits the motion, in words."""
-        view = tick.passage.now
+        view = tick.view
         sphere = int(np.argmin(view.share)) if np.isfinite(view.share).any() else view.closest
         index = int(view.limiting[sphere])
         if index < 0:
@@ -444,14 +484,14 @@ class Guard:
         return f"{kind} {max(away, 0.0):.2f} m from {link}, at ({x:.2f}, {y:.2f}, {z:.2f})"
 
     def _decision(self, tick: _Tick, began: float) -> GuardDecision:
-        """Last look at the command, then the status."""
-        command = self._within_limits(tick)
+        """Send it, and say what is done."""
+        command = tick.command
         if not np.isfinite(command).all():
             command, tick.brake = np.zeros(self.robot.n), True
             tick.mode, tick.reason = GuardMode.STOPPED, "the command was not finite; report this"
         self._arm.sent(tick.now, command, tick.brake)
         goal = self._goals.goal
-        view = tick.passage.now
+        view = tick.near
         pair = self._gate.body.pair(view, self._hazards, view.closest)
         route = self._reflex.route or self._route
         status = GuardStatus(

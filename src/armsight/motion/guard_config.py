@@ -69,7 +69,7 @@ class GuardConfig:
 
     period: float = 0.008
     start_delay: float = 0.06
-    compute_latency: float = 0.015
+    compute_latency: float = 0.027
     speed: float = 0.5
     acceleration: float = 0.6
     task_speed: float = 1.0

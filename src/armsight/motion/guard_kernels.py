@@ -42,17 +42,15 @@ class Law(NamedTuple):
     """Numbers of the separation law; see :mod:`armsight.motion.separation`.
 
     Attributes:
-        walking, reaching, close: of the person [m/s], [m/s], [m].
+        person: v_h [m/s].
         K: C + Z_d + Z_r [m].
-        T_person: time for which the person comes nearer before the arm brakes [s].
-        T_arm: time for which the arm goes on, as commanded, before it brakes [s].
+        T_person: T_r: time for which the person comes nearer before the arm brakes [s].
+        T_arm: T_a: time for which the arm goes on, as commanded, before it brakes [s].
         hazard_radius: half diagonal of a hazard's cube [m].
         retreat: speed of the fastest part at which the arm may always move away [m/s].
     """
 
-    walking: float
-    reaching: float
-    close: float
+    person: float
     K: float
     T_person: float
     T_arm: float
@@ -130,7 +128,7 @@ def allowed_share(
     """Share of a motion that separation allows to one moving part in view of one hazard.
 
     The motion at share s closes in at ``s closing`` and needs ``s stopping`` to stop; the share is
-    the root of ``D = v_h (T_r + s T_s) + s v_r T_r + s^2 v_r T_s / 2 + K``.
+    the root of ``D = v_h (T_r + s T_s) + s v_r T_a + s^2 v_r T_s / 2 + K``.
 
     A part that does not close in is held to the same with v_r = 0, so that it stands before
     anybody reaches it; but it may always leave at the speed at which an arm counts as standing.
@@ -142,12 +140,11 @@ def allowed_share(
         stopping: time to stop from the whole motion [s].
         law: numbers of the law.
     """
-    v_h = law.reaching if distance < law.close else law.walking
-    spare = distance - law.K - v_h * law.T_person
+    spare = distance - law.K - law.person * law.T_person
     share = 0.0
     towards = max(closing, 0.0)
     if spare > 0.0:
-        b = v_h * stopping + towards * law.T_arm
+        b = law.person * stopping + towards * law.T_arm
         root = b + np.sqrt(b * b + 2.0 * towards * stopping * spare)
         share = 2.0 * spare / root if root > 0.0 else np.inf
     if closing <= 0.0:
@@ -156,11 +153,11 @@ def allowed_share(
 
 
 @njit(cache=True, nogil=True)
-def protective(distance: float, closing: float, stopping: float, law: Law) -> float:
+def protective(closing: float, stopping: float, law: Law) -> float:
     """S_p [m] of one part in view of one hazard, for the motion as it is."""
-    v_h = law.reaching if distance < law.close else law.walking
     towards = max(closing, 0.0)
-    return v_h * (law.T_person + stopping) + towards * law.T_arm + 0.5 * towards * stopping + law.K
+    time = law.T_person + stopping
+    return law.person * time + towards * (law.T_arm + 0.5 * stopping) + law.K
 
 
 @njit(cache=True, nogil=True)
@@ -220,13 +217,9 @@ def scan(
         best_index = -1
         least = np.inf
         least_index = -1
-        # Farther than this the whole motion is allowed, whatever its direction. (Nearer than
-        # ``close`` the person counts as faster, so that range is never skipped wrongly.)
-        need = law.K + speed * (law.T_arm + 0.5 * stopping[i])
-        time = law.T_person + stopping[i]
-        cut = need + law.walking * time
-        if cut < law.close:
-            cut = min(need + law.reaching * time, law.close)
+        # Farther than this the whole motion is allowed, whatever its direction.
+        cut = law.K + speed * (law.T_arm + 0.5 * stopping[i])
+        cut += law.person * (law.T_person + stopping[i])
         if speed <= 0.0:
             cut = -np.inf
         bound[:] = np.float32(0.0)
@@ -279,6 +272,60 @@ def scan(
         nearest[i] = best_index
         share[i] = least
         limiting[i] = least_index
+
+
+@njit(cache=True, nogil=True)
+def least_room(
+    blocks: Blocks,
+    places: Floats,
+    radius: Floats,
+    times: Floats,
+    until: Floats,
+    law: Law,
+) -> tuple[float, int, int]:
+    """How much room a stop leaves to whoever comes for the arm meanwhile.
+
+    For each sphere i, look k and hazard h: the distance between them, less what the person comes
+    nearer until then, ``|h - x_ik| - r_i - v_h (T_r + t_k) - K``; while the sphere moves.
+
+    Args:
+        blocks: the hazards.
+        places: (k, m, 3) where the spheres are in the course of the stop [m].
+        radius: (m,) [m].
+        times: (k,) of the looks, from the beginning of the stop [s].
+        until: (m,) when each sphere stands [s]; one that does not move is not looked at.
+        law: numbers of the law.
+
+    Returns:
+        The least room [m] (negative: somebody could reach the arm before it stands) up to the
+        first hazard that leaves none, the sphere and the hazard, or -1.
+    """
+    least, sphere, hazard = np.inf, -1, -1
+    looks, count = places.shape[0], blocks.lower.shape[1]
+    for i in range(places.shape[1]):
+        if until[i] <= 0.0:
+            continue
+        skin = radius[i] + law.hazard_radius + law.K
+        for k in range(looks):
+            need = skin + law.person * (law.T_person + min(times[k], until[i]))
+            x, y, z = places[k, i, 0], places[k, i, 1], places[k, i, 2]
+            for b in range(count):
+                gx = max(blocks.lower[0, b] - x, x - blocks.upper[0, b], 0.0)
+                gy = max(blocks.lower[1, b] - y, y - blocks.upper[1, b], 0.0)
+                gz = max(blocks.lower[2, b] - z, z - blocks.upper[2, b], 0.0)
+                reach = min(need + least, need + 1.0) + ROUNDING
+                if reach <= 0.0 or gx * gx + gy * gy + gz * gz > reach * reach:
+                    continue
+                for p in range(blocks.first[b], blocks.first[b + 1]):
+                    ex = blocks.points[p, 0] - x
+                    ey = blocks.points[p, 1] - y
+                    ez = blocks.points[p, 2] - z
+                    room = np.sqrt(ex * ex + ey * ey + ez * ez) - need
+                    if room < least:
+                        least, sphere, hazard = room, i, p
+                        if least < 0.0:
+                            return least, sphere, hazard
+    return least, sphere, hazard
 
 
 @njit(cache=True, nogil=True)

@@ -116,6 +116,12 @@ class MovingBody:
         sphere_motion(poses, robot.axis, self.link, self.local, rates, center, velocity)
         return center, velocity
 
+    def stopping(self, q_dot: JointVector) -> Floats:
+        """(m,) time until each sphere stands when all joints brake [s]."""
+        out = np.empty(len(self.radius))
+        stopping_times(np.ascontiguousarray(q_dot, float), self.brake, self.link, out)
+        return out
+
     def view(
         self,
         q: JointVector,
@@ -135,8 +141,7 @@ class MovingBody:
         """
         center, velocity = self.motion(q, q_dot)
         m = len(self.radius)
-        stopping = np.empty(m)
-        stopping_times(np.ascontiguousarray(q_dot, float), self.brake, self.link, stopping)
+        stopping = self.stopping(q_dot)
         distance, share = np.full(m, np.inf), np.full(m, np.inf)
         nearest, limiting = np.full(m, -1), np.full(m, -1)
         if parts is None:

@@ -39,8 +39,7 @@ def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> Gua
         task_speed=section.speed,
         brake=section.brake,
         separation=Separation(
-            walking=section.walking_speed,
-            reaching=section.reaching_speed,
+            person_speed=section.reaching_speed,
             intrusion=section.intrusion_mm / 1e3,
         ),
         reflex_distance=section.reflex_distance_mm / 1e3,
@@ -73,6 +72,7 @@ def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> Mapp
         calibration_rad=float(np.deg2rad(section.calibration_deg)),
         align=section.align,
         crop=section.crop,
+        person_speed=workcell.guard.reaching_speed,
         # The planner keeps out of unseen space; a field that counts it spares it a second one.
         unknown_is_solid=True,
     )

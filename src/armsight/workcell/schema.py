@@ -312,10 +312,12 @@ class GuardSection(Section):
         1.0, "Share of the robot's allowed speed (`robot.speed`) that tasks may use."
     )
     brake: Share = key(1.0, "Share of the joints' acceleration limits with which the arm stops.")
-    walking_speed: Positive = key(
-        1.6, "How fast a person comes nearer from afar (ISO 13855).", "m/s", le=10.0
+    reaching_speed: Positive = key(
+        2.0,
+        "Nothing of a person comes nearer faster than this (ISO 13855: a hand).",
+        "m/s",
+        le=20.0,
     )
-    reaching_speed: Positive = key(2.0, "How fast a hand comes nearer, close by.", "m/s", le=20.0)
     intrusion_mm: NotNegative = key(
         20.0, "How far a limb can be inside before a camera sees it.", "mm", le=1000.0
     )
