@@ -21,9 +21,12 @@ from armsight.commands.doctor import Doctor
 from armsight.commands.experiment import Experiment
 from armsight.commands.new import New
 from armsight.commands.patrol import Patrol
+from armsight.commands.recognise import Recognise
 from armsight.commands.record import Record
 from armsight.commands.replay import Replay
 from armsight.commands.robots import Robots
+from armsight.commands.train import Train
+from armsight.commands.transfer import Transfer
 from armsight.commands.view import View
 
 COMMANDS = (
@@ -38,6 +41,9 @@ COMMANDS = (
     Replay,
     Robots,
     View,
+    Recognise,
+    Train,
+    Transfer,
     Experiment,
 )
 
@@ -49,6 +55,7 @@ DESCRIPTION = """armsight: a robot arm that knows its surroundings.
   armsight check my_cell.toml
   armsight patrol my_cell.toml --seconds 120 --headless --json result.json
   armsight calibrate ur5_calibration             find cameras and lenses by the board on the arm
+  armsight recognise photo.jpg                   type, mask, base and joints of a robot in it
   armsight experiment patrol-smoke               a table beside the papers' figures
 
 armsight COMMAND --help explains a command; --version tells the version; --debug shows the trace of

@@ -1,0 +1,157 @@
+"""``armsight recognise``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from armsight.arrays import ColorImage
+    from armsight.geometry.camera import PinholeCamera
+    from armsight.recognition.inference.pictures import Picture
+    from armsight.recognition.inference.recogniser import Recogniser, Recognition
+
+DEFAULT_NETWORK = "multi-objective"
+
+
+@dataclass(frozen=True)
+class Recognise:
+    """Find the robot in a picture, a folder of pictures or a video: type, mask, base and joints.
+
+    Examples: armsight recognise photo.jpg; armsight recognise photos --out found
+    --camera ros_camera_info.yaml; armsight recognise film.mp4 --network runs/t7/network.onnx
+
+    One JSON line a picture goes to standard output; drawings, masks and recognised.jsonl into
+    --out. Exit code 1 if a picture could not be read.
+
+    Attributes:
+        what: picture, folder of pictures, or video.
+        network: a network that comes with armsight, or an .onnx file of a training.
+        out: folder for drawings, masks and JSON; nothing is written if left out.
+        camera: the pictures' camera, YAML in ROS's camera_info layout.
+        intrinsics: instead of a file: fx,fy,cx,cy in pixels.
+        every: of a video, one frame in so many.
+        threads: of the CPU; 0 for all.
+    """
+
+    what: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="IMAGE|FOLDER|VIDEO")]
+    network: str = DEFAULT_NETWORK
+    out: Path | None = None
+    camera: Path | None = None
+    intrinsics: str | None = None
+    every: int = 1
+    threads: int = 0
+
+    def run(self) -> int:
+        """Recognise; 1 if any picture could not be read."""
+        from armsight.errors import RecognitionError, UsageError
+        from armsight.recognition.inference.model import Model, network_file
+        from armsight.recognition.inference.pictures import VIDEOS, pictures_in
+        from armsight.recognition.inference.recogniser import Recogniser
+
+        if self.camera is not None and self.intrinsics is not None:
+            raise UsageError("recognise: give one of --camera and --intrinsics")
+        if self.every < 1:
+            raise UsageError(f"--every is {self.every}, expected at least 1")
+        paths = pictures_in(self.what)
+        recogniser = Recogniser(Model(network_file(self.network), self.threads))
+        if self.what.suffix.lower() in VIDEOS:
+            return self._video(recogniser)
+        answers: list[Recognition] = []
+        failed = 0
+        for path in paths:
+            try:
+                answers.append(self._picture(recogniser, path))
+            except RecognitionError as error:
+                if len(paths) == 1:
+                    raise
+                failed += 1
+                print(error, file=sys.stderr)
+        self._finish(answers)
+        return 1 if failed else 0
+
+    def _picture(self, recogniser: Recogniser, path: Path) -> Recognition:
+        from armsight.recognition.inference.pictures import read_picture
+
+        picture = read_picture(path)
+        found = recogniser.recognise(picture, self._camera_of(picture))
+        self._show(found)
+        if self.out is not None:
+            from armsight.recognition.inference.overlay import draw
+
+            self._write(f"{path.stem}.recognised.png", draw(picture.image, found))
+            self._write(f"{path.stem}.mask.png", _grey(found))
+        return found
+
+    def _video(self, recogniser: Recogniser) -> int:
+        from armsight.recognition.inference.pictures import video_frames
+        from armsight.recognition.inference.video import write_video
+
+        answers: list[Recognition] = []
+
+        def drawn() -> Iterator[ColorImage]:
+            from armsight.recognition.inference.overlay import draw
+
+            for picture in video_frames(self.what, self.every):
+                answers.append(recogniser.recognise(picture, self._camera_of(picture)))
+                self._show(answers[-1])
+                yield draw(picture.image, answers[-1])
+
+        if self.out is None:
+            for _ in drawn():
+                pass
+        else:
+            write_video(self.out / f"{self.what.stem}.recognised.mp4", drawn())
+        self._finish(answers)
+        return 0
+
+    def _camera_of(self, picture: Picture) -> PinholeCamera | None:
+        from armsight.recognition.inference.intrinsics import (
+            camera_for,
+            parse_intrinsics,
+            read_camera,
+        )
+
+        height, width = picture.image.shape[:2]
+        if self.intrinsics is not None:
+            return parse_intrinsics(self.intrinsics, width, height)
+        if self.camera is not None:
+            return camera_for(read_camera(self.camera), width, height, str(self.camera))
+        return None
+
+    def _show(self, found: Recognition) -> None:
+        from armsight.recognition.inference.recogniser import as_line
+
+        print(as_line(found), flush=True)
+
+    def _write(self, name: str, image: ColorImage) -> None:
+        import io
+
+        from PIL import Image
+
+        from armsight.experiments.frame import write_atomically
+
+        assert self.out is not None
+        buffer = io.BytesIO()
+        Image.fromarray(image).save(buffer, "PNG")
+        write_atomically(self.out / name, buffer.getvalue())
+
+    def _finish(self, answers: list[Recognition]) -> None:
+        from armsight.experiments.frame import write_atomically
+        from armsight.recognition.inference.recogniser import as_line
+
+        if self.out is not None:
+            text = "".join(f"{as_line(a)}\n" for a in answers)
+            write_atomically(self.out / "recognised.jsonl", text.encode())
+            print(f"written to {self.out}", file=sys.stderr)
+
+
+def _grey(found: Recognition) -> ColorImage:
+    import numpy as np
+
+    return np.asarray(np.round(255.0 * found.mask), np.uint8)

@@ -1,0 +1,66 @@
+"""``armsight train``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train one of the papers' networks on a labelled set; the same command goes on where it was.
+
+    Examples: armsight train --network multi-objective --config t5-small --data sets/paper
+    --out runs/t5; armsight train --config t5 --data sets/paper --pack packed --out runs/t5
+
+    Attributes:
+        config: a configuration file, or the name of a packaged one (docs/recognition.md).
+        data: folder of a labelled set, or of a packed one.
+        out: folder for checkpoint, curves, weights, card and ONNX file.
+        network: checked against the configuration's, where it is given.
+        minutes: stop after so long; a checkpoint is left to go on from.
+        device: where to compute; auto takes a GPU if there is one.
+        seed: instead of the configuration's.
+        samples: at most so many training samples of each robot.
+        threads: of the CPU; 0 for torch's own choice.
+        half: keep the dense layers' weights in half precision in the ONNX file.
+        pack: only pack the labelled set at the network's size into this folder (for a bare
+            machine), and stop.
+    """
+
+    config: str
+    data: Path
+    out: Path = Path("training")
+    network: Literal["cascaded", "multi-objective"] | None = None
+    minutes: float | None = None
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    seed: int | None = None
+    samples: int | None = None
+    threads: int = 0
+    half: bool = False
+    pack: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
+
+    def run(self) -> int:
+        """Train to the end, or until the time is up."""
+        from armsight.errors import UsageError
+        from armsight.recognition.training import entry
+
+        config = entry.read(self.config, self.seed, self.samples)
+        a = config.architecture
+        if self.network is not None and a.kind != self.network:
+            raise UsageError(f"--network is {self.network}, the configuration's is {a.kind}")
+        if self.pack is not None:
+            entry.pack_into(self.data, self.pack, a.width, a.height)
+            return 0
+        entry.need_torch()
+        from armsight.recognition.training.run import Wanted, train
+
+        minutes = math.inf if self.minutes is None else self.minutes
+        wanted = Wanted(self.out, minutes, self.device, self.half, self.threads)
+        train(config, entry.packed(self.data, config), wanted, entry.say)
+        print(f"\nwritten to {self.out}: weights.safetensors, network.onnx, CARD.md, curve.png")
+        return 0

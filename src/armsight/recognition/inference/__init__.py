@@ -1,0 +1,1 @@
+"""Recognising the robot in a picture, with onnxruntime and no torch."""

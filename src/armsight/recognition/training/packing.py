@@ -1,0 +1,103 @@
+"""Makes a packed set from a labelled set; needs the whole of armsight, unlike what reads it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from armsight.errors import RecognitionError
+from armsight.recognition.data.labelled_set import LabelledSet
+from armsight.recognition.data.sample import Sample
+from armsight.recognition.inference.resample import fit, fit_K
+from armsight.recognition.networks.architecture import JOINTS
+from armsight.recognition.training.packed_set import COLUMNS, FORMAT, MOST_JOINTS, PARTS
+from armsight.recognition.training.tensors_file import Array, write_tensors
+
+PIECE_BYTES = 60_000_000
+"""A piece stays below 64 MB, what a bare machine may take at once."""
+
+
+def pack(
+    source: LabelledSet,
+    folder: Path,
+    width: int,
+    height: int,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, whole: None,
+) -> int:
+    """Write a labelled set at a network's size and return how many samples it has.
+
+    Pictures without a robot, or with one that is not in the catalogue, are left out: the papers'
+    networks have no answer for them.
+
+    Args:
+        source: labelled set.
+        folder: where the pieces go; it must not hold a packed set yet.
+        width: of the network's input [px].
+        height: likewise; pictures of another shape lose their longer sides, about their centre.
+        seed: of the split into training, validation and test.
+        progress: told how many of how many are done.
+
+    Raises:
+        RecognitionError: the folder holds a packed set already, or cannot be written.
+        DatasetError: a picture is missing or damaged.
+    """
+    if any(folder.glob("pack-*.safetensors")):
+        raise RecognitionError(f"{folder}: holds a packed set already; delete it, or name another")
+    robots = [r for r in JOINTS if any(row.robot == r for row in source.rows)]
+    samples = [i for i, row in enumerate(source.rows) if row.robot in JOINTS]
+    if not samples:
+        raise RecognitionError(f"{source.folder}: shows no robot of the catalogue")
+    parts = {by: _parts(source, by, seed) for by in ("frame", "scene")}
+    words = {
+        "format": FORMAT,
+        "count": str(len(samples)),
+        "robots": json.dumps(robots),
+        "kind": source.manifest.kind,
+        "renderer": source.manifest.renderer,
+        "seed": str(source.manifest.seed),
+    }
+    most = max(1, PIECE_BYTES // (width * height * 4))
+    for piece, first in enumerate(range(0, len(samples), most)):
+        rows: list[list[Array]] = []
+        for i in samples[first : first + most]:
+            where = [np.array(parts[by][i]) for by in ("frame", "scene")]
+            rows.append([*_columns(source[i], robots, width, height), *where])
+            progress(first + len(rows), len(samples))
+        columns = {
+            name: np.stack([row[k] for row in rows]).astype(COLUMNS[name][0])
+            for k, name in enumerate(COLUMNS)
+        }
+        write_tensors(folder / f"pack-{piece:05d}.safetensors", columns, words)
+    return len(samples)
+
+
+def _columns(sample: Sample, robots: Sequence[str], width: int, height: int) -> list[Array]:
+    """A sample's entries, in the order of ``COLUMNS``, without the parts."""
+    image = fit(sample.image, width, height)
+    mask = fit(sample.mask.astype(np.uint8) * 255, width, height) >= 128
+    joints = np.full((MOST_JOINTS, 3), np.nan, np.float32)
+    joints[: len(sample.joints_camera)] = sample.joints_camera
+    rows, columns = sample.image.shape[:2]
+    return [
+        image,
+        np.packbits(mask.reshape(-1)),
+        joints,
+        np.asarray(sample.base_camera, np.float32),
+        np.asarray(fit_K(sample.K, columns, rows, width, height), np.float32),
+        np.array(robots.index(sample.robot)),
+        np.array(sample.index),
+        np.array(sample.scene),
+    ]
+
+
+def _parts(source: LabelledSet, by: str, seed: int) -> dict[int, int]:
+    """Place in ``PARTS`` of every sample."""
+    found: dict[int, int] = {}
+    for k, part in enumerate(PARTS):
+        for i in source.split(part, by, seed):  # type: ignore[arg-type]
+            found[int(i)] = k
+    return found
