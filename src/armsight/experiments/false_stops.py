@@ -11,6 +11,7 @@ import numpy as np
 
 from armsight.experiments.episodes import Watch, packaged_cell, run_episodes, with_simulation
 from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.patrol_log import kind
 from armsight.experiments.rows import Row, poisson_bounds
 from armsight.motion.data import GuardMode, GuardStatus
 
@@ -75,11 +76,6 @@ def stops(log: list[GuardStatus]) -> int:
         after.mode in HALTED and before.mode not in HALTED and not after.reached
         for before, after in pairwise(log)
     )
-
-
-def kind(reason: str) -> str:
-    """A reason without its figures, so that equal ones count together."""
-    return " ".join(w for w in reason.split() if not any(c.isdigit() for c in w))[:60]
 
 
 def settings() -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +59,7 @@ class PatrolLog:
             self.trace.append((now, min(guard.distance, 3.0), guard.speed_scale))
             self._replans, self._reflexes = guard.replans, guard.reflexes
             if guard.reason:
-                self.reasons[_kind(guard.reason)] += 1
+                self.reasons[kind(guard.reason)] += 1
         if snapshot is not None and snapshot.sequence != self._snapshot:
             self._snapshot = snapshot.sequence
             self.map_seconds.append(sum(seconds for _, seconds in snapshot.timings))
@@ -123,6 +124,10 @@ class PatrolLog:
             f"slowed, stopped   {100 * slowed:.0f} %, {100 * stopped:.0f} % of the time; "
             f"{figures['reflexes']} reflexes",
         ]
+        if self.reasons:
+            lines.append(
+                "mostly because     " + ", ".join(k for k, _ in self.reasons.most_common(3))
+            )
         if figures["contacts"] is not None:
             nearest = figures["min_distance_m"]
             lines.append(
@@ -150,10 +155,9 @@ class PatrolLog:
         return len(truth.moving_contacts), float(truth.min_distance)
 
 
-def _kind(reason: str) -> str:
-    """A reason without its figures, so that equal ones count together."""
-    words = (word for word in reason.split() if not any(c.isdigit() for c in word))
-    return " ".join(words)[:80]
+def kind(reason: str) -> str:
+    """What a reason begins with, up to its figures, so that equal ones count together."""
+    return re.split(r"\s+[(\d]", reason, maxsplit=1)[0][:80]
 
 
 def _finite(value: float) -> float | None:
