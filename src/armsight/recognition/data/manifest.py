@@ -42,7 +42,7 @@ class Manifest:
         counts: samples of each robot, in the order of their indices.
         scenes: rooms of each robot; 0 where every sample has its own.
         shard_size: samples in a shard; the last may have fewer.
-        meshes: SHA-256 of each robot's drawn surface.
+        meshes: SHA-256 of each robot's drawn surface and of the spheres that keep it free.
         settings: what else the generator was told.
         format, generator: versions.
     """

@@ -1,0 +1,136 @@
+"""What of a set each sample is: its robot and its room, from its index alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armsight.arrays import Ints
+from armsight.errors import UsageError
+from armsight.recognition.data.arms import mesh_hash
+from armsight.recognition.data.manifest import Manifest
+from armsight.recognition.data.recipe import PAPER_COUNTS, Recipe, find_recipe
+from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES, UNKNOWN_ROBOT
+from armsight.robots.catalogue import ROBOT_NAMES
+from armsight.simulation.gl import mujoco
+
+SHARD_SIZE = 1000
+
+
+@dataclass(frozen=True)
+class Order:
+    """A set to be made. Small, and the same in every worker.
+
+    Attributes:
+        manifest: of the set.
+    """
+
+    manifest: Manifest
+
+    @property
+    def recipe(self) -> Recipe:
+        """Ranges of the set."""
+        return find_recipe(self.manifest.kind)
+
+    @cached_property
+    def _places(self) -> tuple[Ints, Ints]:
+        """(n,) number of each sample's robot in ``counts``, and the sample's within the robot.
+
+        Robots take turns, each as often as its count asks for: any beginning of a set is a set of
+        the same mixture.
+        """
+        counts = list(self.manifest.counts.values())
+        when = np.concatenate([(np.arange(c) + 0.5) / c for c in counts])
+        robot = np.concatenate([np.full(c, k) for k, c in enumerate(counts)])
+        within = np.concatenate([np.arange(c) for c in counts])
+        turn = np.lexsort((robot, when))
+        return robot[turn], within[turn]
+
+    def robot(self, index: int) -> str:
+        """Robot of a sample."""
+        return list(self.manifest.counts)[int(self._places[0][index])]
+
+    def scene(self, index: int) -> int:
+        """Room of a sample, counted within its robot; 0 where every sample has its own."""
+        scenes = self.manifest.scenes
+        return int(self._places[1][index]) % scenes if scenes > 0 else 0
+
+
+def make_order(
+    kind: str,
+    counts: dict[str, int],
+    seed: int,
+    size: tuple[int, int],
+    shard_size: int = SHARD_SIZE,
+) -> Order:
+    """A set to be made.
+
+    Args:
+        kind: ``paper-like`` or ``wild``.
+        counts: samples of each robot.
+        seed: everything follows from it.
+        size: width, height [px].
+        shard_size: samples in a shard.
+
+    Raises:
+        UsageError: no such kind or robot, a count below 1, or an absurd size.
+    """
+    recipe = find_recipe(kind)
+    unknown = [name for name in counts if name not in ROBOT_TYPES]
+    if unknown:
+        raise UsageError(f'unknown robot "{unknown[0]}"; choose from {", ".join(ROBOT_TYPES)}')
+    if not counts or any(count < 1 for count in counts.values()):
+        raise UsageError("a set needs at least one robot and one sample of each")
+    if not (32 <= size[0] <= 4096 and 32 <= size[1] <= 4096):
+        raise UsageError(
+            f"size {size[0]}x{size[1]} is out of range; 32x32 to 4096x4096 are possible"
+        )
+    if not 0 <= seed < 2**63:
+        raise UsageError(f"seed {seed} is out of range; 0 to 2^63 - 1 are possible")
+    if not 1 <= shard_size <= 1_000_000:
+        raise UsageError(f"{shard_size} samples a shard is out of range; 1 to 1000000 are possible")
+    manifest = Manifest(
+        kind=recipe.name,
+        renderer=f"mujoco {mujoco.__version__}",
+        seed=seed,
+        width=size[0],
+        height=size[1],
+        counts=dict(counts),
+        scenes=recipe.scenes,
+        shard_size=shard_size,
+        meshes={name: mesh_hash(name) for name in counts if name in ROBOT_NAMES},
+    )
+    return Order(manifest)
+
+
+def counts_of(robots: list[str], count: str, kind: str) -> dict[str, int]:
+    """Samples of each robot from what the command line says.
+
+    Args:
+        robots: types; empty for all of the catalogue, and in the wild set also pictures without a
+            robot and with an unknown one, a tenth of the set each.
+        count: samples of each robot, or ``papers``.
+        kind: of the set.
+
+    Raises:
+        UsageError: the count is neither a number above 0 nor ``papers``.
+    """
+    names = robots or list(ROBOT_NAMES)
+    if count == "papers":
+        lacking = [name for name in names if name not in PAPER_COUNTS]
+        if lacking:
+            raise UsageError(f'the papers have no count for "{lacking[0]}"; give one with --count')
+        return {name: PAPER_COUNTS[name] for name in names}
+    try:
+        each = int(count)
+    except ValueError:
+        raise UsageError(f'--count "{count}": expected a number or "papers"') from None
+    if each < 1:
+        raise UsageError(f"--count {each}: expected at least 1")
+    counts = dict.fromkeys(names, each)
+    if not robots and kind == "wild":
+        tenth = max(round(len(names) * each / 8), 1)
+        counts |= {NO_ROBOT: tenth, UNKNOWN_ROBOT: tenth}
+    return counts

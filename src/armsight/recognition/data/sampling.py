@@ -1,0 +1,215 @@
+"""One labelled picture from the set's seed and the sample's index, and from nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from armsight.arrays import Bytes, ColorImage, Floats, Mask, Points
+from armsight.errors import DatasetError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse
+from armsight.recognition.data.keypoints import KeyPoints, placed_keypoints, robot_keypoints
+from armsight.recognition.data.painter import Painter
+from armsight.recognition.data.recipe import Recipe
+from armsight.recognition.data.rows import Row
+from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES
+from armsight.recognition.data.sensor import (
+    OVERSAMPLING,
+    brightness,
+    develop,
+    distort,
+    draw_sensor,
+    expose,
+    to_jpeg,
+)
+from armsight.recognition.data.staging import Stage, Streams, set_up
+
+ATTEMPTS = 60
+LEAST_SHARE = 0.004
+"""Of the picture that a robot fills."""
+LEAST_SEEN = 0.7
+"""Share of the arm that things before it leave free; occluders that hide more are taken away."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A sample ready for the disk: labels, the JPEG, the PNG of link ids."""
+
+    row: Row
+    image: bytes
+    links: bytes
+
+
+def draw_sample(
+    painter: Painter,
+    recipe: Recipe,
+    robot: str,
+    size: tuple[int, int],
+    seed: int,
+    index: int,
+    scene: int,
+) -> Drawn:
+    """Draw sample ``index`` of a set.
+
+    Args:
+        painter: the renderer.
+        recipe: of the set.
+        robot: type of the sample.
+        size: width, height [px].
+        seed: of the set.
+        index: of the sample.
+        scene: room of the sample, counted within its robot; used if the recipe shares rooms.
+
+    Raises:
+        DatasetError: no scene could be set up, which the recipes of armsight do not cause.
+    """
+    number = ROBOT_TYPES.index(robot)
+    for attempt in range(ATTEMPTS):
+        streams = Streams(seed, number, scene, index, attempt, recipe.scenes > 0)
+        stage = set_up(recipe, robot, size, streams)
+        if stage is None:
+            continue
+        links, seen = _look(painter, stage, robot)
+        if robot != NO_ROBOT and ((links > 0).mean() < LEAST_SHARE or seen < 0.5):
+            continue
+        stage.words["seen"] = seen
+        return _finish(painter, recipe, robot, stage, links, streams)
+    raise DatasetError(
+        f"sample {index} ({robot}): no scene after {ATTEMPTS} attempts; take another seed"
+    )
+
+
+def _look(painter: Painter, stage: Stage, robot: str) -> tuple[Bytes, float]:
+    """Link ids, and the share of the arm that nothing hides; takes occluders away if need be."""
+    if robot == NO_ROBOT:
+        return np.zeros((stage.view.lens.height, stage.view.lens.width), np.uint8), 1.0
+    alone = int((see_links(painter, stage, robot_only=True) > 0).sum())
+    links = see_links(painter, stage)
+    seen = float((links > 0).sum() / max(alone, 1))
+    if seen < LEAST_SEEN and stage.occluders:
+        hidden = {id(thing) for thing in stage.occluders}
+        stage.scene.things[:] = [t for t in stage.scene.things if id(t) not in hidden]
+        stage.words["occluders"] = 0.0
+        links = see_links(painter, stage)
+        seen = float((links > 0).sum() / max(alone, 1))
+    return links, seen
+
+
+def see_links(painter: Painter, stage: Stage, robot_only: bool = False) -> Bytes:
+    """(h, w) link + 1 that each pixel's centre sees, 0 where it sees something else."""
+    lens = stage.view.lens
+    wide = _ideal(lens, 1)
+    things = stage.robot_things if robot_only else stage.scene.things
+    ids = painter.labels(things, stage.view.T_world_camera, wide)
+    return ids if lens.is_ideal else distort(ids, wide, lens, nearest=True)
+
+
+def see_color(painter: Painter, stage: Stage) -> ColorImage:
+    """(2h, 2w, 3) what the lens lets through."""
+    lens = stage.view.lens.scaled(OVERSAMPLING)
+    wide = _ideal(stage.view.lens, OVERSAMPLING)
+    picture = painter.color(stage.scene, stage.view.T_world_camera, wide)
+    return picture if lens.is_ideal else distort(picture, wide, lens, nearest=False)
+
+
+def _ideal(lens: PinholeCamera, factor: int) -> PinholeCamera:
+    """A lens that bends nothing and sees all that the given one sees, at a multiple of its size."""
+    margin = 0 if lens.is_ideal else _margin(lens)
+    wide = PinholeCamera(
+        lens.width + 2 * margin,
+        lens.height + 2 * margin,
+        lens.fx,
+        lens.fy,
+        lens.cx + margin,
+        lens.cy + margin,
+    )
+    return wide.scaled(factor)
+
+
+def _margin(lens: PinholeCamera) -> int:
+    """Pixels that a bent lens may see beyond the picture of a straight one."""
+    corners = np.array(
+        [[0, 0], [lens.width - 1, 0], [0, lens.height - 1], [lens.width - 1, lens.height - 1]],
+        float,
+    )
+    rays = lens.normalise(corners)
+    straight = rays * [lens.fx, lens.fy] + [lens.cx, lens.cy]
+    return int(np.ceil(np.abs(straight - corners).max())) + 1
+
+
+def _finish(
+    painter: Painter,
+    recipe: Recipe,
+    robot: str,
+    stage: Stage,
+    links: Bytes,
+    streams: Streams,
+) -> Drawn:
+    lens = stage.view.lens
+    sensor = draw_sensor(recipe, streams.of_sample("sensor"))
+    mosaic = expose(sensor, see_color(painter, stage), streams.of_sample("noise"))
+    picture = develop(sensor, mosaic, (lens.width, lens.height))
+    mean, burnt = brightness(picture)
+    words = stage.words
+    words["brightness"] = round(float(mean.mean()), 4)
+    words["burnt"] = round(burnt, 4)
+    words["exposure"] = sensor.exposure
+    words["seen"] = round(float(words["seen"]), 4)
+    ok, png = cv2.imencode(".png", links, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    if not ok:
+        raise ValueError("link ids cannot be written as PNG")
+    row = _row(recipe, robot, stage, links, streams)
+    return Drawn(row, to_jpeg(sensor, picture), bytes(png.tobytes()))
+
+
+def _row(recipe: Recipe, robot: str, stage: Stage, links: Bytes, streams: Streams) -> Row:
+    lens = stage.view.lens
+    T_camera_world = inverse(stage.view.T_world_camera)
+    keypoints = robot_keypoints(robot)
+    points: Points
+    if stage.arm is None:
+        q, joints, T_camera_base = np.empty(0), np.empty((0, 3)), np.full((4, 4), np.nan)
+        points = np.empty((0, 3))
+    else:
+        q, T_camera_base = stage.q, T_camera_world @ stage.T_world_base
+        T_camera_link = T_camera_world @ stage.T_world_link
+        joints = T_camera_link[1:, :3, 3]
+        points = placed_keypoints(keypoints, T_camera_link)
+        T_camera_base = np.asarray(T_camera_base)
+    pixels = lens.project(points)
+    scene = 1000 * streams.robot + streams.scene if streams.shared else streams.index
+    return Row(
+        streams.index,
+        streams.seed,
+        scene,
+        robot,
+        f"images/{streams.index:06d}.jpg",
+        f"links/{streams.index:06d}.png",
+        lens.width,
+        lens.height,
+        lens.K,
+        np.array(lens.distortion),
+        T_camera_base,
+        q,
+        joints,
+        points,
+        pixels,
+        visible_keypoints(keypoints, pixels, links),
+        stage.words,
+    )
+
+
+def visible_keypoints(keypoints: KeyPoints, pixels: Floats, links: Bytes) -> Mask:
+    """(p,) whether a link that a key point belongs to is seen within a pixel of it."""
+    h, w = links.shape
+    visible = np.zeros(len(pixels), bool)
+    for i, (u, v) in enumerate(pixels):
+        if not (np.isfinite(u) and -0.5 <= u < w - 0.5 and -0.5 <= v < h - 0.5):
+            continue
+        x, y = round(u), round(v)
+        window = links[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
+        visible[i] = bool(np.isin(window, (keypoints.link[i] + 1, keypoints.other[i] + 1)).any())
+    return visible

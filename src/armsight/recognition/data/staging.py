@@ -1,0 +1,287 @@
+"""Sets up the scene of one sample: room, stand, arm, camera and all else, from its random streams.
+
+Every topic draws from a stream of its own, so that a change in one leaves the others as they were.
+What samples of a scene share (room, stand, furniture, light, paint, tool) comes from the scene's
+streams, the rest from the sample's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from armsight.arrays import Floats, JointVector, Points, Pose, Poses
+from armsight.recognition.data import clutter, fittings
+from armsight.recognition.data.arms import Arm, catalogue_arm, made_up_arm
+from armsight.recognition.data.configuration import draw_configuration
+from armsight.recognition.data.framing import View, draw_view
+from armsight.recognition.data.lighting import draw_light
+from armsight.recognition.data.paintwork import draw_paintwork
+from armsight.recognition.data.recipe import Recipe
+from armsight.recognition.data.room import PAINT, Room, Stand, draw_room, draw_stand
+from armsight.recognition.data.sample import NO_ROBOT, UNKNOWN_ROBOT
+from armsight.recognition.data.textures import draw_scratches
+from armsight.recognition.data.things import Scene, Thing, yaw_pose
+from armsight.robots.catalogue import ROBOT_NAMES
+
+TOPICS = (
+    "room",
+    "stand",
+    "furniture",
+    "table",
+    "person",
+    "light",
+    "paint",
+    "tool",
+    "cable",
+    "foreign",
+    "pose",
+    "view",
+    "occluder",
+    "ledge",
+    "sensor",
+    "noise",
+    "arm",
+    "jitter",
+)
+Stream = Callable[[str], np.random.Generator]
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Random generators of a sample, by topic.
+
+    Attributes:
+        seed: of the set.
+        robot: number of the robot's type. scene: within the robot. index: of the sample.
+        attempt: counts the tries of a sample whose scene could not be set up.
+        shared: whether samples of a scene share what ``of_scene`` draws.
+    """
+
+    seed: int
+    robot: int
+    scene: int
+    index: int
+    attempt: int
+    shared: bool
+
+    def of_scene(self, topic: str) -> np.random.Generator:
+        """For what samples of a scene have in common."""
+        if not self.shared:
+            return self.of_sample(topic)
+        key = [self.seed, 1, self.robot, self.scene, TOPICS.index(topic)]
+        return np.random.default_rng(key)
+
+    def of_sample(self, topic: str) -> np.random.Generator:
+        """For what each sample has of its own."""
+        key = [self.seed, 2, self.index, self.attempt, TOPICS.index(topic)]
+        return np.random.default_rng(key)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A scene ready to be drawn.
+
+    Attributes:
+        scene: everything to draw, occluders included.
+        view: the camera.
+        arm: what is labelled, None where there is no robot.
+        robot_things: the arm alone.
+        occluders: what was put before the arm on purpose.
+        q: (n,) joint positions [rad].
+        T_world_link: (n + 1, 4, 4) true poses of the links.
+        T_world_base: the arm's base.
+        words: what the statistics tell of the scene.
+    """
+
+    scene: Scene
+    view: View
+    arm: Arm | None
+    robot_things: list[Thing]
+    occluders: list[Thing]
+    q: JointVector
+    T_world_link: Poses
+    T_world_base: Pose
+    words: dict[str, float | str]
+
+
+def set_up(recipe: Recipe, robot: str, size: tuple[int, int], streams: Streams) -> Stage | None:
+    """The scene of a sample, or None if this attempt led nowhere.
+
+    Args:
+        recipe: ranges.
+        robot: type of the sample.
+        size: width, height of the picture [px].
+        streams: random generators.
+    """
+    room = draw_room(recipe, streams.of_scene("room"))
+    stand = draw_stand(recipe, room, streams.of_scene("stand"))
+    # Without a robot, an arm that is not drawn frames the picture all the same.
+    arm = _arm(robot, streams)
+    q = draw_configuration(arm, stand.T_world_base, stand.blocked, streams.of_sample("pose"))
+    if q is None:
+        return None
+    geometry = _jittered(arm, recipe.jitter, streams.of_sample("jitter"))
+    T_world_link = stand.T_world_base @ arm.link_poses(q, geometry)
+    centers, radii = arm.spheres(T_world_link), arm.sphere_radius
+    base = stand.T_world_base[:3, 3]
+    view = draw_view(recipe, size, centers, radii, base, room.corners, streams.of_sample("view"))
+    if view is None:
+        return None
+    light = draw_light(recipe, room, centers.mean(axis=0), streams.of_scene("light"))
+    scene = Scene([], light.lamps, light.ambient, list(room.textures))
+    words: dict[str, float | str] = {
+        "stand": stand.kind,
+        "shadow": light.kind,
+        "light": light.strength,
+        "cut": float(view.cut),
+    }
+    robot_things: list[Thing] = []
+    if robot != NO_ROBOT:
+        robot_things = _painted(recipe, arm, T_world_link, scene, words, streams)
+    scene.things += room.things + stand.things + robot_things
+    occluders: list[Thing] = []
+    if robot != NO_ROBOT:
+        scene.things += _worn(recipe, arm, T_world_link, words, streams)
+        occluders = _occluders(recipe, view, stand, centers, radii, words, streams)
+    groups = _groups(recipe, room, stand, streams)
+    scene.things += clutter.fitting(groups, view, centers, radii)
+    scene.things += _foreign(recipe, room, view, centers, radii, streams)
+    scene.things += occluders
+    return Stage(
+        scene,
+        view,
+        None if robot == NO_ROBOT else arm,
+        robot_things,
+        occluders,
+        q,
+        np.asarray(T_world_link),
+        stand.T_world_base,
+        words,
+    )
+
+
+def _arm(robot: str, streams: Streams) -> Arm:
+    if robot == UNKNOWN_ROBOT:
+        return made_up_arm(streams.of_scene("arm"))
+    if robot == NO_ROBOT:
+        return catalogue_arm(str(streams.of_sample("arm").choice(ROBOT_NAMES)))
+    return catalogue_arm(robot)
+
+
+def _jittered(arm: Arm, greatest: float, rng: np.random.Generator) -> Poses | None:
+    if greatest == 0.0:
+        return None
+    geometry = arm.T_link_joint.copy()
+    geometry[:, :3, 3] += rng.uniform(-greatest, greatest, (arm.n, 3))
+    return np.asarray(geometry)
+
+
+def _painted(
+    recipe: Recipe,
+    arm: Arm,
+    T_world_link: Poses,
+    scene: Scene,
+    words: dict[str, float | str],
+    streams: Streams,
+) -> list[Thing]:
+    """The arm's parts in their colours."""
+    paint = draw_paintwork(recipe, streams.of_scene("paint"))
+    words["paint"] = paint.style
+    if paint.style != "texture":
+        scene.textures[PAINT] = draw_scratches(streams.of_scene("paint"))
+    return [
+        Thing(
+            part.kind,
+            part.size,
+            T_world_link[part.link] @ part.T_link_part,
+            paint.surface(part.color),
+            part.link + 1,
+            part.mesh,
+        )
+        for part in arm.parts
+    ]
+
+
+def _worn(
+    recipe: Recipe,
+    arm: Arm,
+    T_world_link: Poses,
+    words: dict[str, float | str],
+    streams: Streams,
+) -> list[Thing]:
+    """Tool and cable."""
+    T_flange = T_world_link[-1] @ arm.T_last_flange
+    things: list[Thing] = []
+    rng = streams.of_scene("tool")
+    words["tool"] = "none"
+    if rng.random() < recipe.tool:
+        words["tool"], things = fittings.draw_tool(T_flange, rng)
+    rng = streams.of_scene("cable")
+    if rng.random() < recipe.cable:
+        things += fittings.draw_cable(arm, T_world_link, T_flange, rng)
+    return things
+
+
+def _occluders(
+    recipe: Recipe,
+    view: View,
+    stand: Stand,
+    centers: Points,
+    radii: Floats,
+    words: dict[str, float | str],
+    streams: Streams,
+) -> list[Thing]:
+    """What hides a part of the arm."""
+    found: list[Thing] = []
+    rng = streams.of_sample("occluder")
+    if rng.random() < recipe.occluder:
+        for _ in range(int(rng.integers(1, 4))):
+            found += clutter.draw_occluder(view, centers, radii, rng) or []
+    rng = streams.of_sample("ledge")
+    if stand.kind != "gantry" and rng.random() < recipe.hidden_base:
+        ledge = clutter.draw_ledge(view, stand, rng)
+        found += clutter.fitting(
+            [ledge], view, centers[len(centers) // 3 :], radii[len(radii) // 3 :], True
+        )
+    words["occluders"] = float(len(found))
+    return found
+
+
+def _groups(recipe: Recipe, room: Room, stand: Stand, streams: Streams) -> list[clutter.Group]:
+    """Furniture, things on the table, people."""
+    rng = streams.of_scene("furniture")
+    count = int(rng.integers(recipe.clutter[0], recipe.clutter[1] + 1))
+    groups = clutter.draw_furniture(room, count, rng)
+    rng = streams.of_scene("table")
+    groups += clutter.draw_table_things(stand, int(rng.integers(0, 9)), rng)
+    rng = streams.of_sample("person")
+    if rng.random() < recipe.person:
+        groups += [clutter.draw_person(room, rng) for _ in range(int(rng.integers(1, 4)))]
+    return groups
+
+
+def _foreign(
+    recipe: Recipe, room: Room, view: View, centers: Points, radii: Floats, streams: Streams
+) -> list[Thing]:
+    """Another arm farther away, made up and not labelled, as other robots in a hall are."""
+    rng = streams.of_sample("foreign")
+    if rng.random() >= recipe.foreign_arm:
+        return []
+    other = made_up_arm(rng)
+    low, high = room.corners[0, :2] + 0.5, room.corners[1, :2] - 0.5
+    T = yaw_pose(rng.uniform(-np.pi, np.pi), (*rng.uniform(low, high), 0.0))
+    T[2, 3] = rng.uniform(0.0, 0.9)
+    links = T @ other.link_poses(rng.uniform(other.lower, other.upper))
+    eye = view.T_world_camera[:3, 3]
+    farthest = np.linalg.norm(centers - eye, axis=1).max()
+    if np.linalg.norm(other.spheres(links) - eye, axis=1).min() < farthest + 0.3:
+        return []
+    paint = draw_paintwork(recipe, rng)
+    parts = [
+        Thing(p.kind, p.size, links[p.link] @ p.T_link_part, paint.surface(p.color))
+        for p in other.parts
+    ]
+    return clutter.fitting([parts], view, centers, radii)
