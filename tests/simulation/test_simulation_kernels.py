@@ -138,6 +138,7 @@ def test_resampling_is_exact_on_planes_and_nearest_across_borders():
         np.array([-1, 7, 9], np.int16),
         offset,
         factor,
+        (0, h, 0, w),
         depth,
         geom,
     )

@@ -15,6 +15,7 @@ from armsight.geometry.shapes import Solid
 from armsight.simulation import gl as gl_module
 from armsight.simulation.lens import render_lens
 from armsight.simulation.spec import WorldSpec
+from armsight.simulation.still_life import reach_of_spheres
 from armsight.simulation.world import SimulatedWorld
 
 SOLIDS = (
@@ -227,3 +228,46 @@ def test_no_opengl_says_what_to_install(monkeypatch):
 def test_check_opengl_names_the_renderer(gl):
     assert gl_module.check_opengl() == gl
     assert len(gl) > 3
+
+
+def test_a_fixed_camera_sees_the_same_as_one_that_draws_all_anew(scene):
+    """What never moves is drawn once; merged with what moves, the picture is that of one pass."""
+    lens, T = CAMERA_MODELS["kinect_v2"].depth.scaled(0.5), look_at(EYE, TARGET)
+    for until in (0.0, 0.4, 0.8):
+        scene.advance(until)
+        whole = scene.renderer.take(scene._data, T, lens)
+        expected = scene.renderer.depth(whole, lens)
+        parted = scene.renderer.take(scene._data, T, lens, fixed=True)
+        found = scene.renderer.depth(parted, lens)
+        assert parted.reach[0] < parted.reach[1]
+        assert parted.scene.ngeom < whole.scene.ngeom
+        assert np.array_equal(found.depth, expected.depth, equal_nan=True)
+        assert np.array_equal(found.geom, expected.geom)
+        scene.renderer.give_back(whole)
+        scene.renderer.give_back(parted)
+    away = look_at(EYE, 2 * np.asarray(EYE) - TARGET)  # nothing that moves is in view
+    parted = scene.renderer.take(scene._data, away, lens, fixed=True)
+    whole = scene.renderer.take(scene._data, away, lens)
+    assert parted.reach == (0, 0, 0, 0)
+    found, expected = scene.renderer.depth(parted, lens), scene.renderer.depth(whole, lens)
+    assert np.array_equal(found.depth, expected.depth, equal_nan=True)
+
+
+def test_reach_of_spheres_holds_every_point_of_them():
+    rng = np.random.default_rng(5)
+    lens = PinholeCamera.from_fov(320, 240, np.deg2rad(70), np.deg2rad(55))
+    T = look_at((0.3, -0.4, 1.0), (0.1, 0.5, 0.2))
+    for _ in range(200):
+        n = rng.integers(1, 4)
+        centers, radii = rng.uniform(-3, 3, (n, 3)), rng.uniform(0.01, 0.8, n)
+        top, bottom, left, right = reach_of_spheres(centers, radii, T, lens)
+        skin = rng.normal(size=(n, 4000, 3))
+        skin /= np.linalg.norm(skin, axis=2, keepdims=True)
+        skin = centers[:, None] + radii[:, None, None] * skin
+        p = (skin.reshape(-1, 3) - T[:3, 3]) @ T[:3, :3]
+        p = p[p[:, 2] > 0.01]
+        u, v = lens.fx * p[:, 0] / p[:, 2] + lens.cx, lens.fy * p[:, 1] / p[:, 2] + lens.cy
+        u, v = np.round(u), np.round(v)
+        seen = (u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
+        assert np.all((u[seen] >= left) & (u[seen] < right))
+        assert np.all((v[seen] >= top) & (v[seen] < bottom))

@@ -150,6 +150,36 @@ def quaternion(R: Floats, out: Floats) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def merge_buffers(
+    ids: NDArray[np.uint32],
+    raw: Floats32,
+    new_ids: NDArray[np.uint32],
+    new_raw: Floats32,
+    row: int,
+    column: int,
+    codes: int,
+) -> None:
+    """Draw one part of OpenGL's buffers over another: whatever is nearer stays.
+
+    Args:
+        ids: (H, W) segmentation codes, changed in place.
+        raw: (H, W) reversed depth buffer (1 near), changed in place.
+        new_ids: (h, w) codes of the part, 0 = nothing.
+        new_raw: (h, w) its depth.
+        row: where the part's first row belongs.
+        column: where its first column belongs.
+        codes: added to the part's codes, so that they differ from those beneath.
+    """
+    low = np.uint32(0xFFFFFF)
+    for v in range(new_ids.shape[0]):
+        for u in range(new_ids.shape[1]):
+            code = new_ids[v, u] & low
+            if code != np.uint32(0) and new_raw[v, u] >= raw[row + v, column + u]:
+                ids[row + v, column + u] = code + np.uint32(codes)
+                raw[row + v, column + u] = new_raw[v, u]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def resample_depth(
     raw: Floats32,
     ids: NDArray[np.uint32],
@@ -159,6 +189,7 @@ def resample_depth(
     geom_of_id: NDArray[np.int16],
     offset: float,
     factor: float,
+    window: tuple[int, int, int, int],
     depth: DepthImage,
     geom: NDArray[np.int16],
 ) -> None:
@@ -176,6 +207,7 @@ def resample_depth(
         geom_of_id: geom index of each code.
         offset: see ``raw``.
         factor: see ``raw`` [m].
+        window: first line, end line, first column, end column of what is written.
         depth: (h, w) written [m], NaN for nothing.
         geom: (h, w) written, -1 for nothing.
     """
@@ -186,8 +218,8 @@ def resample_depth(
     half, steep = np.float32(0.5), np.float32(0.03)
     even, cliff = np.float32(0.1), np.float32(0.12)
     add, scale = np.float32(offset), np.float32(factor)
-    for v in range(depth.shape[0]):
-        for u in range(depth.shape[1]):
+    for v in range(window[0], window[1]):
+        for u in range(window[2], window[3]):
             i = corner[v, u]
             wu, wv = weight_u[v, u], weight_v[v, u]
             near = i + (1 if wu >= half else 0) - (width if wv >= half else 0)

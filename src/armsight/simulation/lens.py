@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,30 @@ class RenderLens:
     corner: NDArray[np.int32]
     weight_u: Floats32
     weight_v: Floats32
+
+    def window_of(self, reach: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+        """Lines and columns of the lens's picture that a part of the pinhole's can touch.
+
+        Args:
+            reach: first line, end line, first column, end column, lines from the top.
+        """
+        lines, columns = self._spans
+        top, bottom = _touched(lines, reach[0] - 1, reach[1])
+        left, right = _touched(columns, reach[2] - 1, reach[3])
+        return top, bottom, left, right
+
+    @cached_property
+    def _spans(self) -> tuple[Floats32, Floats32]:
+        """(2, h) least and greatest line in the pinhole's image of each line; (2, w) columns."""
+        lines = np.stack([self.map_v.min(axis=1), self.map_v.max(axis=1)])
+        columns = np.stack([self.map_u.min(axis=0), self.map_u.max(axis=0)])
+        return lines, columns
+
+
+def _touched(spans: Floats32, first: int, end: int) -> tuple[int, int]:
+    """First and end of those whose span meets [first, end]."""
+    found = np.flatnonzero((spans[1] >= first) & (spans[0] <= end))
+    return (int(found[0]), int(found[-1]) + 1) if len(found) else (0, 0)
 
 
 @lru_cache(maxsize=64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, Literal
 
 import cv2
@@ -12,10 +13,11 @@ from numpy.typing import NDArray
 from armsight.arrays import ColorImage, DepthImage, Pose
 from armsight.geometry.camera import PinholeCamera
 from armsight.simulation.gl import OpenGLContext, mujoco
-from armsight.simulation.kernels import resample_depth
+from armsight.simulation.kernels import merge_buffers, resample_depth
 from armsight.simulation.lens import RenderLens, render_lens
 from armsight.simulation.looks import FAR, NEAR
 from armsight.simulation.model import COLOR_ONLY, DEPTH_ONLY, SEEN, CellModel
+from armsight.simulation.still_life import Buffers, Window, reach_of_spheres
 
 GeomImage = NDArray[np.int16]
 """(h, w) index of the geom seen, -1 for none; ``CellModel.parts`` says what each is."""
@@ -27,6 +29,8 @@ _GROUPS: dict[Kind, tuple[int, ...]] = {
 }
 _SAMPLES = {"depth": 0, "color": 4}
 _SHADOWS = {"depth": 0, "color": 2048}
+STILL_LIVES = 16
+"""Fixed views of which the unmoving part is kept."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +47,37 @@ class DepthPicture:
 
 
 class Shot:
-    """The cell at one instant, ready to be rendered from one lens later and by another thread."""
+    """The cell at one instant, ready to be rendered from one lens later and by another thread.
+
+    Attributes:
+        scene: what is drawn.
+        kind: what of it.
+        still: what never moves; then ``scene`` lacks it.
+        reach: the part of the render lens's picture outside which the picture is the still one.
+    """
 
     def __init__(self, model: Any) -> None:
         self.scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 64)
         self.kind: Kind = "depth"
+        self.still: StillLife | None = None
+        self.reach: Window = (0, 0, 0, 0)
+
+
+class StillLife:
+    """What never moves, before one fixed lens; drawn when it is first wanted.
+
+    Attributes:
+        shot: of it, until it is drawn.
+        lock: held while it is drawn.
+        buffers: as drawn.
+        picture: through the lens.
+    """
+
+    def __init__(self, shot: Shot) -> None:
+        self.shot: Shot | None = shot
+        self.lock = Lock()
+        self.buffers: Buffers | None = None
+        self.picture: DepthPicture | None = None
 
 
 class Renderer:
@@ -64,7 +94,9 @@ class Renderer:
         self._options = {kind: _option(groups) for kind, groups in _GROUPS.items()}
         self._free = mujoco.MjvCamera()
         self._spare: list[Shot] = []
-        self._geom_of_id: dict[Kind, NDArray[np.int16]] = {}
+        self._geom_of_id: dict[tuple[Kind, bool, int], NDArray[np.int16]] = {}
+        self._still: dict[tuple[PinholeCamera, bytes], StillLife] = {}
+        self._moving = _moving_geoms(cell.model)
 
     def open(self) -> None:
         """Make the OpenGL context now rather than with the first picture.
@@ -82,7 +114,12 @@ class Renderer:
         return self._gl_or_none
 
     def take(
-        self, data: Any, T_world_camera: Pose, lens: PinholeCamera, kind: Kind = "depth"
+        self,
+        data: Any,
+        T_world_camera: Pose,
+        lens: PinholeCamera,
+        kind: Kind = "depth",
+        fixed: bool = False,
     ) -> Shot:
         """Freeze the cell as ``data`` has it, seen by a lens at an optical pose in world.
 
@@ -91,9 +128,32 @@ class Renderer:
             T_world_camera: optical pose.
             lens: of the camera.
             kind: what will be drawn of it.
+            fixed: whether depth will often be taken from this very pose.
         """
+        if not fixed or kind != "depth":
+            return self._freeze(data, T_world_camera, lens, kind, mujoco.mjtCatBit.mjCAT_ALL)
+        key = (lens, T_world_camera.tobytes())
+        still = self._still.get(key)
+        if still is None:
+            while len(self._still) >= STILL_LIVES:  # a camera that is moved leaves them behind
+                self._still.pop(next(iter(self._still)))
+            frozen = self._freeze(data, T_world_camera, lens, kind, mujoco.mjtCatBit.mjCAT_STATIC)
+            still = self._still[key] = StillLife(frozen)
+        shot = self._freeze(data, T_world_camera, lens, kind, mujoco.mjtCatBit.mjCAT_DYNAMIC)
+        shot.still = still
+        shot.reach = reach_of_spheres(
+            data.geom_xpos[self._moving],
+            self._cell.model.geom_rbound[self._moving],
+            T_world_camera,
+            render_lens(lens).pinhole,
+        )
+        return shot
+
+    def _freeze(
+        self, data: Any, T_world_camera: Pose, lens: PinholeCamera, kind: Kind, categories: Any
+    ) -> Shot:
         shot = self._spare.pop() if self._spare else Shot(self._cell.model)
-        shot.kind = kind
+        shot.kind, shot.still = kind, None
         # An endless floor is drawn around the camera that the scene had before, so aim first.
         self.aim(shot, T_world_camera, lens)
         mujoco.mjv_updateScene(
@@ -102,7 +162,7 @@ class Renderer:
             self._options[kind],
             None,
             self._free,
-            mujoco.mjtCatBit.mjCAT_ALL,
+            categories,
             shot.scene,
         )
         self.aim(shot, T_world_camera, lens)
@@ -131,30 +191,41 @@ class Renderer:
     def depth(self, shot: Shot, lens: PinholeCamera) -> DepthPicture:
         """Depth and segmentation of a shot aimed with the same lens."""
         view = render_lens(lens)
-        w, h = view.pinhole.width, view.pinhole.height
-        ids = np.empty((h, w), np.uint32)
-        raw = np.empty((h, w), np.float32)
+        whole = (0, view.pinhole.height, 0, view.pinhole.width)
+        if shot.still is None:
+            return _through(lens, self._buffers(shot, view, whole))
+        still, beneath = self._still_life(shot.still, lens)
+        if shot.reach[0] == shot.reach[1]:
+            return DepthPicture(still.depth.copy(), still.geom.copy())
+        part = self._buffers(shot, view, shot.reach)
+        ids, raw, codes = beneath.ids.copy(), beneath.raw.copy(), len(beneath.geom_of_id)
+        row, column = view.pinhole.height - shot.reach[1], shot.reach[2]
+        merge_buffers(ids, raw, part.ids, part.raw, row, column, codes)
+        table = np.concatenate([beneath.geom_of_id, part.geom_of_id])
+        return _through(lens, Buffers(ids, raw, table), still, view.window_of(shot.reach))
+
+    def _still_life(self, still: StillLife, lens: PinholeCamera) -> tuple[DepthPicture, Buffers]:
+        with still.lock:
+            if still.picture is None or still.buffers is None:
+                assert still.shot is not None
+                view = render_lens(lens)
+                whole = (0, view.pinhole.height, 0, view.pinhole.width)
+                still.buffers = self._buffers(still.shot, view, whole)
+                still.picture = _through(lens, still.buffers)
+                self.give_back(still.shot)
+                still.shot = None
+            return still.picture, still.buffers
+
+    def _buffers(self, shot: Shot, view: RenderLens, window: Window) -> Buffers:
+        """Draw a shot and read a part of it."""
+        top, bottom, left, right = window
+        ids = np.empty((bottom - top, right - left), np.uint32)
+        raw = np.empty((bottom - top, right - left), np.float32)
         _set_flags(shot, _DEPTH_FLAGS)
         with self._gl.current():
             self._draw(shot, view, "depth")
-            _read(w, h, ids, raw)
-        geom_of_id = self._geom_table(shot)
-        depth = np.empty((lens.height, lens.width), np.float32)
-        geom = np.empty((lens.height, lens.width), np.int16)
-        offset, factor = _depth_coefficients()
-        resample_depth(
-            raw,
-            ids,
-            view.corner,
-            view.weight_u,
-            view.weight_v,
-            geom_of_id,
-            offset,
-            factor,
-            depth,
-            geom,
-        )
-        return DepthPicture(depth, geom)
+            _read(left, view.pinhole.height - bottom, ids, raw)
+        return Buffers(ids, raw, self._geom_table(shot))
 
     def color(self, shot: Shot, lens: PinholeCamera, shadows: bool = True) -> ColorImage:
         """(h, w, 3) colour picture of a shot aimed with the same lens."""
@@ -204,13 +275,14 @@ class Renderer:
 
     def _geom_table(self, shot: Shot) -> NDArray[np.int16]:
         """Geom of each segmentation id; the scene lists the geoms in the same order every time."""
-        table = self._geom_of_id.get(shot.kind)
-        if table is None or len(table) != shot.scene.ngeom + 1:
+        key = (shot.kind, shot.still is None, shot.scene.ngeom)
+        table = self._geom_of_id.get(key)
+        if table is None:
             table = np.full(shot.scene.ngeom + 1, -1, np.int16)
             for geom in shot.scene.geoms[: shot.scene.ngeom]:
                 if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
                     table[geom.segid + 1] = geom.objid
-            self._geom_of_id[shot.kind] = table
+            self._geom_of_id[key] = table
         return table
 
 
@@ -243,14 +315,54 @@ def _set_flags(shot: Shot, on: frozenset[Any]) -> None:
         shot.scene.flags[flag] = 1
 
 
-def _read(width: int, height: int, ids: NDArray[np.uint32], raw: DepthImage) -> None:
-    """Both buffers in OpenGL's own layout, half the time of ``mjr_readPixels``."""
+def _read(left: int, bottom: int, ids: NDArray[np.uint32], raw: DepthImage) -> None:
+    """A part of both buffers in OpenGL's own layout, half the time of ``mjr_readPixels``."""
     from OpenGL import GL  # type: ignore[import-untyped]  # gl.py has chosen the platform
 
+    height, width = ids.shape
     # PyOpenGL copies an array of another type than it is told of, so it gets the very bytes.
     pixels = ids.view(np.uint8)
-    GL.glReadPixels(0, 0, width, height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, pixels)
-    GL.glReadPixels(0, 0, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, raw)
+    GL.glReadPixels(left, bottom, width, height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, pixels)
+    GL.glReadPixels(left, bottom, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, raw)
+
+
+def _through(
+    lens: PinholeCamera,
+    buffers: Buffers,
+    still: DepthPicture | None = None,
+    window: Window | None = None,
+) -> DepthPicture:
+    """A lens's picture from what was drawn; outside a window it is known already."""
+    view = render_lens(lens)
+    if still is None or window is None:
+        window = (0, lens.height, 0, lens.width)
+        depth = np.empty((lens.height, lens.width), np.float32)
+        geom = np.empty((lens.height, lens.width), np.int16)
+    else:
+        depth, geom = still.depth.copy(), still.geom.copy()
+    offset, factor = _depth_coefficients()
+    resample_depth(
+        buffers.raw,
+        buffers.ids,
+        view.corner,
+        view.weight_u,
+        view.weight_v,
+        buffers.geom_of_id,
+        offset,
+        factor,
+        window,
+        depth,
+        geom,
+    )
+    return DepthPicture(depth, geom)
+
+
+def _moving_geoms(model: Any) -> NDArray[np.int64]:
+    """Indices of the geoms that depth cameras see and that are not fixed to the world."""
+    body = model.geom_bodyid
+    held = (model.body_weldid[body] == 0) & (model.body_mocapid[model.body_rootid[body]] < 0)
+    seen = np.isin(model.geom_group, _GROUPS["depth"])
+    return np.flatnonzero(seen & ~held)
 
 
 def _depth_coefficients() -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
@@ -238,10 +239,15 @@ class SimulatedWorld:
         self._move_movers(now)
         self._settle()
         for camera in due:
-            camera.expose(now, self._camera_pose(camera), self._take, self._darkroom)
+            camera.expose(now, self._camera_pose(camera), self._taker(camera), self._darkroom)
 
-    def _take(self, T_world_camera: Pose, lens: PinholeCamera, kind: Kind = "depth") -> Shot:
-        return self.renderer.take(self._data, T_world_camera, lens, kind)
+    def _taker(self, camera: SimulatedCamera | SimulatedStereo) -> Callable[..., Shot]:
+        fixed = camera.info.mounted_on == "base"
+
+        def take(T_world_camera: Pose, lens: PinholeCamera, kind: Kind = "depth") -> Shot:
+            return self.renderer.take(self._data, T_world_camera, lens, kind, fixed)
+
+        return take
 
     def _camera_pose(self, camera: SimulatedCamera | SimulatedStereo) -> Pose:
         """True optical pose of the depth lens in world."""
