@@ -6,6 +6,7 @@ are then those of the training. "scene" holds whole rooms back instead.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from typing import Literal, get_args
 
@@ -24,7 +25,8 @@ TEST, VALIDATION = 0.2, 0.1
 def split(robots: Sequence[str], scenes: Sequence[int], part: Part, by: By, seed: int = 0) -> Ints:
     """Indices of the frames of one part, in rising order; the three parts cover every frame once.
 
-    Each robot is split by itself, so that every part has every robot. By scene, a robot of fewer
+    Each robot is split by itself, so that every part has every robot, and a frame stays in its part
+    whichever other robots the set has. By scene, a robot of fewer
     than three scenes gives its last parts nothing to do: train first, then test, then validation.
 
     Args:
@@ -44,9 +46,9 @@ def split(robots: Sequence[str], scenes: Sequence[int], part: Part, by: By, seed
         )
     names, numbers = np.asarray(robots, dtype=object), np.asarray(scenes, np.int64)
     chosen = []
-    for k, robot in enumerate(sorted(set(robots))):
+    for robot in sorted(set(robots)):
         mine = np.flatnonzero(names == robot)
-        rng = np.random.default_rng([seed, 17, k])
+        rng = np.random.default_rng([seed, 17, zlib.crc32(robot.encode())])
         units = mine if by == "frame" else np.unique(numbers[mine])
         wanted = _units(rng.permutation(units), part)
         chosen.append(mine[np.isin(mine if by == "frame" else numbers[mine], wanted)])
