@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from armsight.calibration.ladder import (
     left_out_errors,
     solve_with_noise,
 )
-from armsight.calibration.model import Model
+from armsight.calibration.misseen import reject_misseen
 from armsight.calibration.problem import (
     Freedom,
     Priors,
@@ -25,7 +25,7 @@ from armsight.calibration.problem import (
     Sighting,
     lens_from_vector,
 )
-from armsight.calibration.solver import Solution, SolverOptions, solve
+from armsight.calibration.solver import Solution, SolverOptions
 from armsight.calibration.start import HandEyeStart, find_start
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
@@ -150,7 +150,7 @@ def calibrate(
     full = full_freedom(start.problem, options.solve_lenses)
     # A lens that may turn out wrong must not make boards near the image's edge look mis-seen.
     loose = full_freedom(start.problem, options.solve_lenses or options.ladder)
-    kept, rejected = reject_misseen(start.problem, loose, options)
+    kept, rejected = reject_misseen(start.problem, loose, options.priors, options.solver)
     if options.ladder:
         ladder = climb(
             kept,
@@ -191,60 +191,3 @@ def calibrate(
 def full_freedom(problem: Problem, lenses: bool) -> Freedom:
     """Everything that can be wrong, held by its prior."""
     return Freedom(lens=lenses, shape=True, robot=problem.robot is not None, white=WHITE)
-
-
-def reject_misseen(
-    problem: Problem,
-    freedom: Freedom,
-    options: CalibrationOptions,
-    rounds: int = 4,
-    limit: float = 4.0,
-) -> tuple[Problem, list[tuple[Sighting, str]]]:
-    """Leave out boards that a robust solve of the rest cannot explain.
-
-    A detector that slips by one square is consistent within its image; only the other views and
-    the arm show it. In each round the worst board of each lens goes, if its median corner is off
-    by ``limit`` times that of the lens's other boards; lenses with fewer than nine keep all.
-
-    Returns:
-        What is left, and what went with the reason.
-    """
-    rejected: list[tuple[Sighting, str]] = []
-    # No pose errors: free ones would bend to swallow a slipped board. The arm's kinematic errors
-    # stay: they are held by their priors, and without them good boards far out look mis-seen.
-    stiff = replace(freedom, white=None)
-    state = None
-    for _ in range(rounds):
-        model = Model(problem, stiff, options.priors)
-        quick = replace(options.solver or SolverOptions(), iterations=15, tolerance=1e-5)
-        solution = solve(model, state, quick)
-        raw = np.linalg.norm(solution.residual, axis=-1) * model.sigma[:, None]
-        middle = np.array([np.median(r[m]) for r, m in zip(raw, model.seen)])
-        gone: list[int] = []
-        for lens in np.unique(model.lens_of):
-            mine = np.flatnonzero(model.lens_of == lens)
-            if len(mine) < 9:  # of few views none is easily spared; they only count less
-                continue
-            usual = float(np.median(middle[mine]))
-            bar = max(limit * usual, 6.0 * float(np.median(model.sigma[mine])))
-            bad = mine[middle[mine] > bar]
-            # The worst third at most in one round: a slipped board pulls its neighbours along.
-            bad = bad[np.argsort(-middle[bad])][: max(1, len(mine) // 6)]
-            gone += [int(f) for f in bad]
-            for f in bad:
-                rejected.append(
-                    (
-                        problem.sightings[f],
-                        f"{middle[f]:.1f} px off where the other views are {usual:.1f} px: "
-                        "mis-seen board or wrong arm pose",
-                    )
-                )
-        if not gone:
-            break
-        dropped = set(gone)
-        problem = replace(
-            problem,
-            sightings=tuple(s for k, s in enumerate(problem.sightings) if k not in dropped),
-        )
-        state = solution.state
-    return problem, rejected
