@@ -11,13 +11,15 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from multiprocessing import get_context
 from typing import Any, Protocol
 
 from armsight.errors import DatasetError
 from armsight.recognition.data.order import Order
 from armsight.recognition.data.painter import Painter
-from armsight.recognition.data.sampling import Drawn, draw_sample
+from armsight.recognition.data.rows import Drawn
+from armsight.recognition.data.sampling import draw_sample
 
 Batch = Sequence[int]
 
@@ -107,7 +109,7 @@ class RayCluster:
 
     def __init__(self, address: str) -> None:
         try:
-            import ray
+            ray = import_module("ray")
         except ImportError:
             raise DatasetError(
                 "--ray needs Ray, which armsight does not bring: pip install ray"

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armsight.arrays import Floats, Ints, Points, Poses, Vector3
+from armsight.arrays import Bytes, Floats, Ints, Mask, Points, Poses, Vector3
 from armsight.errors import DatasetError
 from armsight.geometry.pose import inverse, transform
 from armsight.robots.catalogue import ROBOT_NAMES, load_robot
@@ -72,6 +72,19 @@ def placed_keypoints(points: KeyPoints, T_x_link: Poses) -> Points:
     """(p, 3) key points in a frame x [m], of (n + 1, 4, 4) poses of the links in it."""
     T = T_x_link[points.link]
     return np.asarray((T[:, :3, :3] @ points.point[:, :, None])[..., 0] + T[:, :3, 3])
+
+
+def visible_keypoints(keypoints: KeyPoints, pixels: Floats, links: Bytes) -> Mask:
+    """(p,) whether a link that a key point belongs to is seen within a pixel of it."""
+    h, w = links.shape
+    visible = np.zeros(len(pixels), bool)
+    for i, (u, v) in enumerate(pixels):
+        if not (np.isfinite(u) and -0.5 <= u < w - 0.5 and -0.5 <= v < h - 0.5):
+            continue
+        x, y = round(u), round(v)
+        window = links[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
+        visible[i] = bool(np.isin(window, (keypoints.link[i] + 1, keypoints.other[i] + 1)).any())
+    return visible
 
 
 def find_keypoints(robot: Robot) -> KeyPoints:

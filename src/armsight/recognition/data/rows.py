@@ -44,6 +44,15 @@ class Row:
     scene_parameters: dict[str, float | str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """A sample ready for the disk: its labels, its JPEG or PNG, the PNG of its link ids."""
+
+    row: Row
+    image: bytes
+    links: bytes
+
+
 def to_json(row: Row) -> str:
     """One line, without its end."""
     data = {name: getattr(row, name) for name in _PLAIN}

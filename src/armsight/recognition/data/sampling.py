@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, Floats, Mask, Points
+from armsight.arrays import Bytes, ColorImage, Points
 from armsight.errors import DatasetError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse
-from armsight.recognition.data.keypoints import KeyPoints, placed_keypoints, robot_keypoints
+from armsight.recognition.data.keypoints import (
+    placed_keypoints,
+    robot_keypoints,
+    visible_keypoints,
+)
 from armsight.recognition.data.painter import Painter
 from armsight.recognition.data.recipe import Recipe
-from armsight.recognition.data.rows import Row
+from armsight.recognition.data.rows import Drawn, Row
 from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES
 from armsight.recognition.data.sensor import (
     OVERSAMPLING,
@@ -32,15 +34,6 @@ LEAST_SHARE = 0.004
 """Of the picture that a robot fills."""
 LEAST_SEEN = 0.7
 """Share of the arm that things before it leave free; occluders that hide more are taken away."""
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A sample ready for the disk: labels, the JPEG, the PNG of link ids."""
-
-    row: Row
-    image: bytes
-    links: bytes
 
 
 def draw_sample(
@@ -200,16 +193,3 @@ def _row(recipe: Recipe, robot: str, stage: Stage, links: Bytes, streams: Stream
         visible_keypoints(keypoints, pixels, links),
         stage.words,
     )
-
-
-def visible_keypoints(keypoints: KeyPoints, pixels: Floats, links: Bytes) -> Mask:
-    """(p,) whether a link that a key point belongs to is seen within a pixel of it."""
-    h, w = links.shape
-    visible = np.zeros(len(pixels), bool)
-    for i, (u, v) in enumerate(pixels):
-        if not (np.isfinite(u) and -0.5 <= u < w - 0.5 and -0.5 <= v < h - 0.5):
-            continue
-        x, y = round(u), round(v)
-        window = links[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
-        visible[i] = bool(np.isin(window, (keypoints.link[i] + 1, keypoints.other[i] + 1)).any())
-    return visible
