@@ -106,10 +106,27 @@ def load_checkpoint(
 
 
 def remember(optimiser: torch.optim.Optimizer, memory: dict[int, dict[str, Array]]) -> None:
-    """Give an optimiser its memory back, bit for bit."""
+    """Give an optimiser its memory back, bit for bit.
+
+    Each array gets the memory layout of the weights that it belongs to: the fused optimisers walk
+    both side by side.
+
+    Raises:
+        RecognitionError: the memory is of other weights.
+    """
+    moving = [p for group in optimiser.param_groups for p in group["params"]]
+    kept: dict[int, dict[str, torch.Tensor]] = {}
+    for number, values in memory.items():
+        if number >= len(moving):
+            raise RecognitionError("the checkpoint's optimiser had other weights; begin anew")
+        kept[number] = {}
+        for name, value in values.items():
+            tensor = torch.from_numpy(np.array(value))
+            if tensor.shape == moving[number].shape:
+                tensor = torch.empty_like(moving[number], requires_grad=False).copy_(tensor)
+            elif tensor.dim():
+                raise RecognitionError("the checkpoint's optimiser had other weights; begin anew")
+            kept[number][name] = tensor
     state = optimiser.state_dict()
-    state["state"] = {
-        number: {k: torch.from_numpy(np.array(v)) for k, v in values.items()}
-        for number, values in memory.items()
-    }
+    state["state"] = kept
     optimiser.load_state_dict(state)

@@ -76,14 +76,16 @@ def write_whole(file: Path, *parts: bytes | memoryview) -> None:
     part = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as stream:
-            for data in parts:
-                stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(file)
+        try:
+            with part.open("wb") as stream:
+                for data in parts:
+                    stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise RecognitionError(f"{file}: cannot be written ({error.strerror or error})") from None
 
 
@@ -107,7 +109,7 @@ def read_tensors(file: Path) -> tuple[dict[str, Array], dict[str, str]]:
     end = 0
     for name, entry in sorted(header.items(), key=lambda item: _place(file, *item)):
         first, last = _place(file, name, entry)
-        dtype, shape = np.dtype(_TYPES[entry["dtype"]]), entry["shape"]
+        dtype, shape = np.dtype(_TYPES[str(entry["dtype"])]), entry["shape"]
         if first != end or last - first != dtype.itemsize * int(np.prod(shape, dtype=object)):
             raise _damaged(file, f'"{name}" is not where and as long as it has to be')
         end = last
@@ -136,7 +138,7 @@ def _header(file: Path, data: NDArray[np.uint8]) -> tuple[dict[str, Any], int]:
 
 def _place(file: Path, name: str, entry: object) -> tuple[int, int]:
     """First and last byte of an entry, whose form is checked."""
-    if isinstance(entry, dict) and entry.get("dtype") in _TYPES:
+    if isinstance(entry, dict) and str(entry.get("dtype")) in _TYPES:
         shape, place = _whole(entry.get("shape")), _whole(entry.get("data_offsets"))
         if shape is not None and place is not None and len(shape) <= _DEEPEST and len(place) == 2:
             return place[0], place[1]

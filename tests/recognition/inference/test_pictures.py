@@ -1,0 +1,125 @@
+"""Pictures from outside: what can be read is upright 8-bit RGB, all else is one clear line."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from armsight.errors import RecognitionError
+from armsight.recognition.inference.pictures import pictures_in, read_picture, video_frames
+
+
+def colourful(height: int = 60, width: int = 80) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def test_colour(tmp_path: Path) -> None:
+    Image.fromarray(colourful()).save(tmp_path / "a.png")
+    picture = read_picture(tmp_path / "a.png")
+    assert np.array_equal(picture.image, colourful())
+    assert picture.notes == ()
+
+
+def test_transparency_is_dropped(tmp_path: Path) -> None:
+    rgba = np.dstack([colourful(), np.full((60, 80), 255, np.uint8)])
+    Image.fromarray(rgba, "RGBA").save(tmp_path / "a.png")
+    assert np.array_equal(read_picture(tmp_path / "a.png").image, colourful())
+
+
+def test_grey(tmp_path: Path) -> None:
+    Image.fromarray(colourful()[..., 0]).save(tmp_path / "a.png")
+    picture = read_picture(tmp_path / "a.png")
+    assert np.array_equal(picture.image, np.repeat(colourful()[..., :1], 3, axis=2))
+    assert any("grey" in n for n in picture.notes)
+
+
+def test_sixteen_bits(tmp_path: Path) -> None:
+    values = np.linspace(0, 4095, 60 * 80).reshape(60, 80).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "a.png"), values)
+    picture = read_picture(tmp_path / "a.png")
+    assert picture.image.dtype == np.uint8
+    np.testing.assert_allclose(picture.image[..., 0], values / 4095 * 255, atol=0.51)
+    assert any("8 bits" in n for n in picture.notes)
+
+
+def test_turned_by_its_camera(tmp_path: Path) -> None:
+    image = Image.fromarray(colourful())
+    exif = image.getexif()
+    exif[0x0112] = 6  # turn by 90 degrees clockwise
+    image.save(tmp_path / "a.png", exif=exif)
+    assert np.array_equal(read_picture(tmp_path / "a.png").image, np.rot90(colourful(), -1))
+
+
+@pytest.mark.parametrize("ending", ["jpg", "png", "webp", "bmp", "tiff"])
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 0.8])
+def test_truncated(tmp_path: Path, ending: str, share: float) -> None:
+    file = tmp_path / f"a.{ending}"
+    Image.fromarray(colourful(200, 300)).save(file)
+    data = file.read_bytes()
+    file.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(RecognitionError) as caught:
+        read_picture(file)
+    assert str(file) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_picture(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("%!PS-Adobe-3.0 EPSF-3.0\n")
+    with pytest.raises(RecognitionError, match="no picture"):
+        read_picture(tmp_path / "a.png")
+    with pytest.raises(RecognitionError, match="no such file"):
+        read_picture(tmp_path / "b.png")
+
+
+def png_header(width: int, height: int) -> bytes:
+    import struct
+    import zlib
+
+    body = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + body + struct.pack(">I", zlib.crc32(body))
+        + struct.pack(">I", 10) + b"IDAT" + b"\0" * 14
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("width", "height"), [(60000, 60000), (9000, 9000)])
+def test_huge(tmp_path: Path, width: int, height: int) -> None:
+    (tmp_path / "a.png").write_bytes(png_header(width, height))
+    with pytest.raises(RecognitionError, match="shrink"):
+        read_picture(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("size", [(10, 10), (40, 1000)])
+def test_tiny_and_strips(tmp_path: Path, size: tuple[int, int]) -> None:
+    Image.fromarray(colourful(*size)).save(tmp_path / "a.png")
+    with pytest.raises(RecognitionError):
+        read_picture(tmp_path / "a.png")
+
+
+def test_folders(tmp_path: Path) -> None:
+    with pytest.raises(RecognitionError, match="no picture"):
+        pictures_in(tmp_path)
+    for name in ("b.JPG", "a.png", "notes.txt"):
+        (tmp_path / name).write_bytes(b"")
+    assert [p.name for p in pictures_in(tmp_path)] == ["a.png", "b.JPG"]
+    with pytest.raises(RecognitionError, match="no such"):
+        pictures_in(tmp_path / "missing")
+
+
+def test_videos(tmp_path: Path) -> None:
+    file = tmp_path / "a.avi"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 10, (80, 60))
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no MJPG video")
+    for k in range(7):
+        writer.write(np.full((60, 80, 3), 30 * k, np.uint8))
+    writer.release()
+    frames = list(video_frames(file, every=3))
+    assert [f.name for f in frames] == ["a.avi#0", "a.avi#3", "a.avi#6"]
+    assert abs(int(frames[1].image.mean()) - 90) < 8
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    with pytest.raises(RecognitionError, match="video"):
+        list(video_frames(tmp_path / "b.mp4"))
