@@ -16,6 +16,7 @@ from armsight import __version__
 from armsight.commands.board import Board
 from armsight.commands.calibrate import Calibrate
 from armsight.commands.check import Check
+from armsight.commands.dataset import Dataset
 from armsight.commands.demo import Demo
 from armsight.commands.doctor import Doctor
 from armsight.commands.experiment import Experiment
@@ -41,6 +42,7 @@ COMMANDS = (
     Replay,
     Robots,
     View,
+    Dataset,
     Recognise,
     Train,
     Transfer,

@@ -144,7 +144,8 @@ class Check:
         )
         from rich.console import Console
 
-        Console().print(statistics_table(report))
+        width = 32 + 24 * max(len(report.values), 1)  # also where no terminal says its own
+        Console(width=width).print(statistics_table(report))
         for problem in report.problems[:20]:
             print(problem)
         if len(report.problems) > 20:
