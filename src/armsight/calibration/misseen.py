@@ -119,26 +119,18 @@ def reject_misseen(
         What is left, and what went with the reason.
     """
     rule = rule or MisseenRule()
-    jury = _Jury(problem, freedom, priors, solver)
+    jury = Jury(problem, freedom, priors, solver)
     kept: Mask = np.ones(jury.model.count, bool)
     solution = jury.tell_noise(jury.solve(kept, None))
     judged = jury.judge(solution, kept)
     for _ in range(rule.rounds):
         score, bad = _contradicted(judged, jury.model, kept, rule)
         gone = _among_many(jury.model, score, bad & kept, rule)
-        if len(gone):
-            kept[gone] = False
-        else:
+        if not len(gone):
             gone = _among_few(jury, solution, score, bad & kept, kept, rule)
-            trial = kept.copy()
-            trial[gone] = False
-            solution = jury.solve(trial, solution.state)
-            judged = jury.judge(solution, trial)
-            _, bad = _contradicted(judged, jury.model, trial, rule)
-            gone = gone[bad[gone]]
-            if not len(gone):
-                break
-            kept[gone] = False
+        if not len(gone):
+            break
+        kept[gone] = False
         solution = jury.solve(kept, solution.state)
         judged = jury.judge(solution, kept)
     # Good boards that a bad one made look wrong, or that shared its view, come back.
@@ -147,16 +139,27 @@ def reject_misseen(
         kept = kept | ~bad
         judged = jury.judge(jury.solve(kept, solution.state), kept)
     rejected = [
-        (
-            s,
-            f"{judged.px[f]:.1f} px off where the other views and cameras put it to "
-            f"{_expected(judged, jury.model, f):.1f} px: mis-seen board or wrong arm pose",
-        )
+        (s, _reason(jury.model, judged, kept, f))
         for f, s in enumerate(problem.sightings)
         if not kept[f]
     ]
     left = tuple(s for s, k in zip(problem.sightings, kept) if k)
     return replace(problem, sightings=left), rejected
+
+
+def _reason(model: Model, judged: Judged, kept: Mask, f: int) -> str:
+    """Why a sighting was left out, for people."""
+    pixel = model.pixel[f][model.seen[f]]
+    gaps = np.linalg.norm(pixel[:, None] - pixel[None], axis=-1) + 1e9 * np.eye(len(pixel))
+    squares = judged.px[f] / max(float(np.median(gaps.min(1))), 1e-9)
+    others = judged.px[kept & (model.lens_of == model.lens_of[f])]
+    usual = float(np.median(others)) if len(others) else 0.0
+    alike = model.view_of == model.view_of[f]
+    cause = "wrong arm pose" if alike.sum() > 1 and not kept[alike].any() else "mis-seen board"
+    return (
+        f"{judged.px[f]:.1f} px ({squares:.1f} squares) from where all other views and cameras put "
+        f"it, usual are {usual:.1f} px: {cause}"
+    )
 
 
 def _among_many(model: Model, score: Floats, bad: Mask, rule: MisseenRule) -> Ints:
@@ -171,12 +174,12 @@ def _among_many(model: Model, score: Floats, bad: Mask, rule: MisseenRule) -> In
 
 
 def _among_few(
-    jury: _Jury, solution: Solution, score: Floats, bad: Mask, kept: Mask, rule: MisseenRule
+    jury: Jury, solution: Solution, score: Floats, bad: Mask, kept: Mask, rule: MisseenRule
 ) -> Ints:
-    """The view without which the rest agree best; of its boards the good ones come back later.
+    """Boards of the view without which the rest agree best, those that the rest contradict.
 
-    Among few, a wrong board bends the answer until good ones look as wrong: they are left out in
-    turn. Whole views are, because a wrong arm pose is seen alike by all lenses.
+    Among few, a wrong board bends the answer until good ones look as wrong: views are left out in
+    turn, whole, because a wrong arm pose is seen alike by all lenses.
     """
     if not bad.any():
         return np.zeros(0, np.int64)
@@ -188,10 +191,18 @@ def _among_few(
     rivals = [
         np.flatnonzero(kept & (view_of == v)) for v in views[np.argsort(-worst)][: rule.rivals]
     ]
-    return jury.culprit(rivals, kept, solution.state, rule.doubt)
+    mine = jury.culprit(rivals, kept, solution.state, rule.doubt)
+    if not len(mine):
+        return mine
+    rest = kept.copy()
+    rest[mine] = False
+    _, bad = _contradicted(
+        jury.judge(jury.solve(rest, solution.state), rest), jury.model, rest, rule
+    )
+    return mine[bad[mine]]
 
 
-class _Jury:
+class Jury:
     """Solves with some sightings, and judges all of them by the answer."""
 
     def __init__(
@@ -305,12 +316,6 @@ def _usual(judged: Judged, model: Model, kept: Mask) -> float:
     scatter = Judged(judged.shift[on], judged.covariance[on], judged.px[on]).arm_scatter()
     # An arm whose errors are in the solve has nothing but its repeatability left.
     return min(scatter, 3.0 if model.freedom.robot else 30.0)
-
-
-def _expected(judged: Judged, model: Model, f: int) -> float:
-    """How far off the middle corner of a good sighting usually is [px]."""
-    mine = model.lens_of == model.lens_of[f]
-    return float(np.median(judged.px[mine]))
 
 
 def _own_pose(model: Model, state: State) -> tuple[Floats, Floats]:

@@ -363,7 +363,7 @@ def chosen_views(
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """All figures over ``runs`` seeds; finished ones are kept."""
-    cache = RunCache("calibration-peers", seed, {"version": 2, "counts": COUNTS})
+    cache = RunCache("calibration-peers", seed, {"version": 3, "counts": COUNTS})
     done: list[Run] = []
     for k in range(runs):
         progress(f"seed {seed + k}", k / runs)
