@@ -10,7 +10,7 @@ from armsight.arrays import JointVector, Mask, Points
 from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
 from armsight.motion.guard_config import ContactZone, GuardConfig
-from armsight.motion.guard_kernels import Law, least_room, project, protective, stop_path
+from armsight.motion.guard_kernels import Law, in_reach, project, protective, stop_path
 from armsight.motion.nearest import Hazards, MovingBody, View
 from armsight.robots.kernels import chain_poses, jacobian
 from armsight.robots.robot import Robot
@@ -79,9 +79,7 @@ class Gate:
 
         def free(parts: Mask, those: Hazards) -> bool:
             moving = np.where(parts, until, 0.0)
-            return bool(
-                least_room(those.blocks, places, self.body.radius, times, moving, law)[0] >= 0.0
-            )
+            return in_reach(those.blocks, places, self.body.radius, times, moving, law) < 0
 
         rest = np.ones(len(until), bool)
         for zone in self._config.zones:

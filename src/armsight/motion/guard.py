@@ -199,7 +199,7 @@ class Guard:
         self._executed.add(tick.here.position)
         if fresh:
             self._prove(tick)
-            self._reflex.approach.add(now, tick.near.least)
+            self._note_approach(tick)
         self._take_plan(tick, plan)
         self._decide(tick)
         tick.command = self._within_limits(tick)
@@ -227,6 +227,24 @@ class Guard:
             near,
             near,
         )
+
+    def _note_approach(self, tick: _Tick) -> None:
+        """Remember how far the nearest hazard is, if it was seen.
+
+        T2's risk asks for an obstacle's velocity. The border of unseen space has none: it jumps
+        when the arm's shadow falls on another place.
+        """
+        nearest = int(tick.near.nearest[tick.near.closest])
+        if nearest < 0 or self._unseen(nearest):
+            self._reflex.approach.clear()
+        else:
+            self._reflex.approach.add(tick.now, tick.near.least)
+
+    def _unseen(self, index: int) -> bool:
+        """Whether a hazard, by its place in the blocks, is unseen space."""
+        if self._snapshot is None:
+            return False
+        return bool(self._snapshot.hazard_unknown[self._hazards.blocks.order[index]])
 
     def _prove(self, tick: _Tick) -> None:
         """A new snapshot: is the way ahead still free?"""
@@ -472,14 +490,12 @@ class Guard:
             index = int(view.nearest[sphere])
         if index < 0 or self._snapshot is None:
             return "nothing near"
-        blocks = self._hazards.blocks
-        hazard = blocks.points[index]
-        unseen = bool(self._snapshot.hazard_unknown[blocks.order[index]])
+        hazard = self._hazards.blocks.points[index]
         away = float(np.linalg.norm(hazard - view.center[sphere])) - float(
             self._gate.body.radius[sphere] + self._hazards.radius
         )
         link = self.robot.link_names[int(self._gate.body.link[sphere])]
-        kind = "unseen space" if unseen else "something"
+        kind = "unseen space" if self._unseen(index) else "something"
         x, y, z = hazard
         return f"{kind} {max(away, 0.0):.2f} m from {link}, at ({x:.2f}, {y:.2f}, {z:.2f})"
 

@@ -275,18 +275,19 @@ def scan(
 
 
 @njit(cache=True, nogil=True)
-def least_room(
+def in_reach(
     blocks: Blocks,
     places: Floats,
     radius: Floats,
     times: Floats,
     until: Floats,
     law: Law,
-) -> tuple[float, int, int]:
-    """How much room a stop leaves to whoever comes for the arm meanwhile.
+) -> int:
+    """A sphere that somebody could reach before a stop has ended; -1 if there is none.
 
-    For each sphere i, look k and hazard h: the distance between them, less what the person comes
-    nearer until then, ``|h - x_ik| - r_i - v_h (T_r + t_k) - K``; while the sphere moves.
+    That is a sphere i for which, at a look k before it stands and for a hazard h, the distance
+    between them is less than what the person comes nearer until then and the margin:
+    ``|h - x_ik| - r_i < v_h (T_r + t_k) + K``.
 
     Args:
         blocks: the hazards.
@@ -295,37 +296,37 @@ def least_room(
         times: (k,) of the looks, from the beginning of the stop [s].
         until: (m,) when each sphere stands [s]; one that does not move is not looked at.
         law: numbers of the law.
-
-    Returns:
-        The least room [m] (negative: somebody could reach the arm before it stands) up to the
-        first hazard that leaves none, the sphere and the hazard, or -1.
     """
-    least, sphere, hazard = np.inf, -1, -1
     looks, count = places.shape[0], blocks.lower.shape[1]
+    gaps = np.empty(count, np.float32)
+    need = np.empty(looks)
     for i in range(places.shape[1]):
         if until[i] <= 0.0:
             continue
-        skin = radius[i] + law.hazard_radius + law.K
+        farthest = 0.0
         for k in range(looks):
-            need = skin + law.person * (law.T_person + min(times[k], until[i]))
-            x, y, z = places[k, i, 0], places[k, i, 1], places[k, i, 2]
-            for b in range(count):
-                gx = max(blocks.lower[0, b] - x, x - blocks.upper[0, b], 0.0)
-                gy = max(blocks.lower[1, b] - y, y - blocks.upper[1, b], 0.0)
-                gz = max(blocks.lower[2, b] - z, z - blocks.upper[2, b], 0.0)
-                reach = min(need + least, need + 1.0) + ROUNDING
-                if reach <= 0.0 or gx * gx + gy * gy + gz * gz > reach * reach:
-                    continue
-                for p in range(blocks.first[b], blocks.first[b + 1]):
-                    ex = blocks.points[p, 0] - x
-                    ey = blocks.points[p, 1] - y
-                    ez = blocks.points[p, 2] - z
-                    room = np.sqrt(ex * ex + ey * ey + ez * ez) - need
-                    if room < least:
-                        least, sphere, hazard = room, i, p
-                        if least < 0.0:
-                            return least, sphere, hazard
-    return least, sphere, hazard
+            need[k] = radius[i] + law.hazard_radius + law.K
+            need[k] += law.person * (law.T_person + min(times[k], until[i]))
+            dx = places[k, i, 0] - places[0, i, 0]
+            dy = places[k, i, 1] - places[0, i, 1]
+            dz = places[k, i, 2] - places[0, i, 2]
+            farthest = max(farthest, need[k] + np.sqrt(dx * dx + dy * dy + dz * dz))
+        gaps[:] = np.float32(0.0)
+        for axis in range(3):
+            at = np.float32(places[0, i, axis])
+            _square_gaps(blocks.lower[axis], blocks.upper[axis], at, gaps)
+        reach = farthest + ROUNDING
+        for b in range(count):
+            if gaps[b] > reach * reach:
+                continue
+            for p in range(blocks.first[b], blocks.first[b + 1]):
+                for k in range(looks):
+                    ex = blocks.points[p, 0] - places[k, i, 0]
+                    ey = blocks.points[p, 1] - places[k, i, 1]
+                    ez = blocks.points[p, 2] - places[k, i, 2]
+                    if ex * ex + ey * ey + ez * ez < need[k] * need[k]:
+                        return i
+    return -1
 
 
 @njit(cache=True, nogil=True)
