@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -41,6 +41,17 @@ Optimiser = Literal["adam", "nesterov"]
 Precision = Literal["auto", "float32", "bfloat16"]
 PACKAGED = Path(__file__).resolve().parents[1] / "configs"
 LOSSES = ("mask", "joints", "base", "type")
+AUGMENT: dict[str, type] = {
+    "turn_deg": float,
+    "roll_deg": float,
+    "zoom": float,
+    "mirror": bool,
+    "colour": float,
+    "noise": float,
+}
+_MOST_AUGMENT = {
+    "turn_deg": 30, "roll_deg": 180, "zoom": 0.5, "mirror": 1, "colour": 0.9, "noise": 0.5
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -88,6 +99,8 @@ class TrainingConfig:
         samples: robots whose samples are trained on; empty for the architecture's.
         precision: ``auto`` is bfloat16 where it pays (a GPU), else float32.
         start_at_mean: outputs in metres begin at the training set's mean, not at the camera.
+        augment: how training pictures are changed on the way, empty for not at all, as the papers
+            do; the fields of :class:`armsight.recognition.training.augment.Augmentation`.
     """
 
     paper: str
@@ -99,6 +112,7 @@ class TrainingConfig:
     samples: tuple[str, ...] = ()
     precision: Precision = "auto"
     start_at_mean: bool = True
+    augment: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def trained_robots(self) -> tuple[str, ...]:
@@ -107,11 +121,12 @@ class TrainingConfig:
 
     def to_json(self) -> dict[str, Any]:
         """As JSON values; two configurations that differ in anything differ here."""
-        data = asdict(self)
+        data = asdict(replace(self, stages=(), augment={}))
         data["stages"] = [
             {**asdict(s), "loss": dict(s.loss), "trains": list(s.trains)} for s in self.stages
         ]
         data["architecture"] = self.architecture.to_json()
+        data["augment"] = dict(self.augment)
         return data
 
 
@@ -163,6 +178,7 @@ def _config(data: dict[str, Any]) -> TrainingConfig:
             "start_at_mean": bool,
             "size": dict,
             "data": dict,
+            "augment": dict,
             "stage": list,
         },
         ("network", "robots", "stage"),
@@ -182,6 +198,9 @@ def _config(data: dict[str, Any]) -> TrainingConfig:
     samples = tuple(_words(part.get("samples", []), "[data] samples"))
     if not set(samples) <= set(architecture.robots):
         raise RecognitionError("[data] samples names a robot that is not among robots")
+    augment = _table(top.pop("augment", {}), "[augment]", AUGMENT)
+    for key, value in augment.items():
+        _between(value, 0, _MOST_AUGMENT[key], f"[augment] {key}")
     _one_of(part.get("split", "frame"), get_args(By), "[data] split")
     _one_of(top.get("precision", "auto"), get_args(Precision), "precision")
     _between(part.get("limit", 1), 1, 10**9, "[data] limit")
@@ -193,6 +212,7 @@ def _config(data: dict[str, Any]) -> TrainingConfig:
         split=part.get("split", "frame"),
         limit=part.get("limit"),
         samples=samples,
+        augment=augment,
         **top,
     )
 

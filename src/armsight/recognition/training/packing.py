@@ -13,7 +13,13 @@ from armsight.recognition.data.labelled_set import LabelledSet
 from armsight.recognition.data.sample import Sample
 from armsight.recognition.inference.resample import fit, fit_K
 from armsight.recognition.networks.architecture import JOINTS
-from armsight.recognition.training.packed_set import COLUMNS, FORMAT, MOST_JOINTS, PARTS
+from armsight.recognition.training.packed_set import (
+    COLUMNS,
+    FORMAT,
+    MOST_JOINTS,
+    PARTS,
+    PackedSet,
+)
 from armsight.recognition.training.tensors_file import Array, write_tensors
 
 PIECE_BYTES = 60_000_000
@@ -73,6 +79,31 @@ def pack(
         }
         write_tensors(folder / f"pack-{piece:05d}.safetensors", columns, words)
     return len(samples)
+
+
+def pack_in_memory(
+    source: LabelledSet, samples: Sequence[int], width: int, height: int
+) -> PackedSet:
+    """Some samples of a labelled set at a network's size, all in the test part; nothing is written.
+
+    Raises:
+        RecognitionError: a sample shows no robot of the catalogue.
+        DatasetError: a picture is missing or damaged.
+    """
+    robots = [r for r in JOINTS if any(source.rows[i].robot == r for i in samples)]
+    strange = [i for i in samples if source.rows[i].robot not in JOINTS]
+    if strange or not samples:
+        raise RecognitionError(f"{source.folder}: has samples without a robot of the catalogue")
+    part = np.array(PARTS.index("test"))
+    rows = [[*_columns(source[i], robots, width, height), part, part] for i in samples]
+    stacked = {
+        name: np.stack([row[k] for row in rows]).astype(COLUMNS[name][0])
+        for k, name in enumerate(COLUMNS)
+    }
+    stacked["images"], stacked["packed_masks"] = stacked.pop("image"), stacked.pop("mask")
+    m = source.manifest
+    about = {"kind": m.kind, "renderer": m.renderer, "seed": str(m.seed)}
+    return PackedSet(**stacked, robots=tuple(robots), source=about)
 
 
 def _columns(sample: Sample, robots: Sequence[str], width: int, height: int) -> list[Array]:

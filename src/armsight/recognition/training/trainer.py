@@ -20,6 +20,7 @@ from armsight.errors import RecognitionError
 from armsight.recognition.networks.architecture import Architecture
 from armsight.recognition.networks.build import Network
 from armsight.recognition.networks.losses import LossWeights, Targets, loss_terms, total_loss
+from armsight.recognition.training.augment import Augmentation, Augmenter
 from armsight.recognition.training.batches import Batches
 from armsight.recognition.training.checkpoint import (
     Progress,
@@ -136,6 +137,7 @@ class Trainer:
         self.share = _share(self._train)
         self.progress = Progress()
         self._memory: dict[int, dict[str, Any]] = {}
+        self._augmenter: Augmenter | None = None
         self._fingerprint = fingerprint(config, data, self.chosen, parent)
         if self._checkpoint.is_file():
             self.progress, self._memory = load_checkpoint(
@@ -177,6 +179,7 @@ class Trainer:
         if self._memory:
             remember(optimiser, self._memory)
             self._memory = {}
+        self._augmenter = self._augmenter_of(at.stage)
         batches = Batches(len(self.chosen), stage.batch, self.config.seed, at.stage)
         saturation = Saturation(stage.saturation, at.saturation)
         saved = begun = time.monotonic()
@@ -225,12 +228,22 @@ class Trainer:
             if stage.optimiser == "nesterov":
                 group["momentum"] = ramp(stage.momentum, done)
         images, truth = self._train.batch(batches[update])
+        if self._augmenter is not None:
+            images, truth = self._augmenter(images, truth, update)
         terms, loss = self._losses(stage, images, truth)
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
         values = torch.stack([loss.detach(), *(t.detach() for t in terms.values())]).tolist()
         return dict(zip(("loss", *terms), values, strict=True))
+
+    def _augmenter_of(self, stage: int) -> Augmenter | None:
+        """What changes the pictures of a stage; None where nothing does."""
+        if not self.config.augment:
+            return None
+        how: dict[str, Any] = dict(self.config.augment)
+        K = torch.from_numpy(self.data.mean_K())
+        return Augmenter(Augmentation(**how), K, self.config.seed, stage)
 
     def _losses(
         self, stage: Stage, images: torch.Tensor, truth: Targets
