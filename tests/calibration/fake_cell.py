@@ -6,8 +6,9 @@ import numpy as np
 
 from armsight.calibration import se3
 from armsight.calibration.boards import Detection, Miss
+from armsight.calibration.live.seen import Picture
+from armsight.calibration.live.setup import CameraSetup, Setup
 from armsight.calibration.model import project
-from armsight.calibration.procedure import CameraSetup, Picture, Setup
 from armsight.calibration.synthetic import corners_in_lens, make_cell, seen_by, true_flanges
 from armsight.calibration.views import travel_seconds
 from armsight.geometry.camera import PinholeCamera

@@ -8,11 +8,9 @@ from fake_cell import FakeCell, upside_down
 
 from armsight.calibration import report, views_file
 from armsight.calibration.calibrate import Calibration
-from armsight.calibration.procedure import (
-    ProcedureOptions,
-    drive,
-    procedure,
-)
+from armsight.calibration.live.drive import drive
+from armsight.calibration.live.log import ProcedureOptions
+from armsight.calibration.live.procedure import procedure
 from armsight.calibration.synthetic import ErrorLevels, t1_cameras, target_error
 from armsight.errors import CalibrationError
 

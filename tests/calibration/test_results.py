@@ -18,7 +18,7 @@ from armsight.calibration.export import (
     update_workcell,
     write_results,
 )
-from armsight.calibration.procedure import SeenView
+from armsight.calibration.live.seen import SeenView
 from armsight.calibration.spheres import fit_sphere, procrustes, register_spheres
 from armsight.calibration.synthetic import (
     ErrorLevels,

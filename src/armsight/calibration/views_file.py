@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.calibration.procedure import SeenView
+from armsight.calibration.live.seen import SeenView
 from armsight.errors import CalibrationError
 
 

@@ -14,7 +14,8 @@ from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
     from armsight.calibration.boards import Board
-    from armsight.calibration.procedure import Progress, SeenView, Watcher
+    from armsight.calibration.live.seen import SeenView
+    from armsight.calibration.live.watcher import Progress, Watcher
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,9 @@ class Calibrate:
 
         from armsight.calibration import report, views_file
         from armsight.calibration.export import update_workcell, write_results, write_text
-        from armsight.calibration.procedure import ProcedureOptions, drive, procedure
+        from armsight.calibration.live.drive import drive
+        from armsight.calibration.live.log import ProcedureOptions
+        from armsight.calibration.live.procedure import procedure
         from armsight.commands.cells import find
         from armsight.errors import CalibrationError
         from armsight.experiments.calibration_cell import open_calibration_cell

@@ -14,7 +14,9 @@ import viser
 from armsight.arrays import Bytes, Floats, JointVector, Pose
 from armsight.calibration import arm
 from armsight.calibration.calibrate import Calibration
-from armsight.calibration.procedure import Progress, SeenView, Setup, lens_list
+from armsight.calibration.live.seen import SeenView
+from armsight.calibration.live.setup import Setup, lens_list
+from armsight.calibration.live.watcher import Progress
 from armsight.commands.serving import Page
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import to_wxyz

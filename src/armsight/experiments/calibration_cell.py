@@ -9,7 +9,9 @@ import numpy as np
 from armsight.arrays import Floats, JointVector, Pose
 from armsight.calibration.boards import Board, Checkerboard, raster
 from armsight.calibration.calibrate import Calibration, target_points
-from armsight.calibration.procedure import CameraSetup, LiveResult, Picture, Setup
+from armsight.calibration.live.result import LiveResult
+from armsight.calibration.live.seen import Picture
+from armsight.calibration.live.setup import CameraSetup, Setup
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, inverse, make_pose
 from armsight.geometry.shapes import Solid
@@ -42,19 +44,19 @@ class CalibrationCell:
     T_world_base: Floats
 
     def move(self, joints: JointVector) -> bool:
-        """See :class:`armsight.calibration.procedure.Mover`."""
+        """See :class:`armsight.calibration.live.drive.Mover`."""
         return self.mover.move(joints)
 
     def joints(self) -> JointVector:
-        """See :class:`armsight.calibration.procedure.Mover`."""
+        """See :class:`armsight.calibration.live.drive.Mover`."""
         return self.mover.joints()
 
     def now(self) -> float:
-        """See :class:`armsight.calibration.procedure.Mover`."""
+        """See :class:`armsight.calibration.live.drive.Mover`."""
         return self.mover.now()
 
     def look(self, cameras: tuple[int, ...], rest: float, frames: int) -> list[Picture]:
-        """See :class:`armsight.calibration.procedure.Eyes`."""
+        """See :class:`armsight.calibration.live.drive.Eyes`."""
         photographs = self.mover.look(cameras, rest, frames)
         return [Picture(p.color, p.infrared, p.depth) for p in photographs]
 

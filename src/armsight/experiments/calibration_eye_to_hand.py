@@ -20,16 +20,13 @@ from armsight.calibration.boards import Detection
 from armsight.calibration.calibrate import Calibration, target_points
 from armsight.calibration.depth import DepthModel
 from armsight.calibration.ladder import with_cut
+from armsight.calibration.live.drive import drive
+from armsight.calibration.live.log import ProcedureOptions
+from armsight.calibration.live.procedure import procedure
+from armsight.calibration.live.result import LiveResult
+from armsight.calibration.live.seen import SeenView, problem_of
 from armsight.calibration.model import Model
 from armsight.calibration.problem import Freedom
-from armsight.calibration.procedure import (
-    LiveResult,
-    ProcedureOptions,
-    SeenView,
-    drive,
-    problem_of,
-    procedure,
-)
 from armsight.calibration.solver import solve
 from armsight.calibration.spheres import procrustes_ransac
 from armsight.calibration.views import travel_seconds

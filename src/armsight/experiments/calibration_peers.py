@@ -23,9 +23,9 @@ from armsight.calibration.calibrate import (
     target_points,
 )
 from armsight.calibration.covariance import point_derivatives
+from armsight.calibration.live.paper import PaperSchedule
 from armsight.calibration.model import Model, State
 from armsight.calibration.problem import Freedom, Problem, lens_from_vector
-from armsight.calibration.procedure import PaperSchedule
 from armsight.calibration.solver import Solution, normal_equations, solve
 from armsight.calibration.start import planar_poses
 from armsight.calibration.synthetic import (

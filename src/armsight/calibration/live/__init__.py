@@ -1,0 +1,1 @@
+"""The live procedure: an arm moves a board before cameras until all are calibrated."""
