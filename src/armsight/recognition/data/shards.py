@@ -103,8 +103,7 @@ class _ShardWriter:
 
     def drop(self) -> None:
         """Remove what is not finished."""
-        if self._rows and self._part.is_dir():
-            shutil.rmtree(self._part, ignore_errors=True)
+        shutil.rmtree(self._part, ignore_errors=True)
 
     def _finish(self) -> None:
         lines = [to_json(self._rows[i]) + "\n" for i in sorted(self._rows)]
