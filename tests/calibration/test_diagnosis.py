@@ -7,7 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from armsight.calibration.calibrate import CalibrationOptions, calibrate
-from armsight.calibration.diagnosis import RawPoses, diagnose_solution, diagnose_start
+from armsight.calibration.diagnosis.raw_poses import RawPoses
+from armsight.calibration.diagnosis.solved import diagnose_solution
+from armsight.calibration.diagnosis.start import diagnose_start
 from armsight.calibration.synthetic import (
     ErrorLevels,
     SheetCamera,

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from armsight.arrays import Floats
-from armsight.calibration.diagnosis import RawPoses
+from armsight.calibration.diagnosis.raw_poses import RawPoses
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
 

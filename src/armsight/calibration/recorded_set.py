@@ -25,7 +25,9 @@ import numpy as np
 from armsight.arrays import Floats, Poses
 from armsight.calibration.boards import Board, CharucoBoard, Checkerboard, Detection
 from armsight.calibration.calibrate import Calibration, CalibrationOptions, calibrate
-from armsight.calibration.diagnosis import RawPoses, diagnose_solution, diagnose_start
+from armsight.calibration.diagnosis.raw_poses import RawPoses
+from armsight.calibration.diagnosis.solved import diagnose_solution
+from armsight.calibration.diagnosis.start import diagnose_start
 from armsight.calibration.files import images_in, number_of, read_lens, read_poses, read_yaml
 from armsight.calibration.findings import Finding
 from armsight.calibration.lens import LensCalibration, calibrate_lens, zhang
