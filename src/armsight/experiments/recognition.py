@@ -279,6 +279,9 @@ def _trained(tried: dict[str, list[Tried]]) -> list[Row]:
             rows += [
                 Row(f"{name}_training_minutes", f"{name.upper()}: training time (T4 to T7: GTX "
                     "1080)", card["device"], card["seconds"] / 60, "min", paper=paper[name]),
+                Row(f"{name}_ms_trained_on", f"{name.upper()}: one image by torch on the machine "
+                    "that trained it", f"{card['device']}, {card['precision']}",
+                    float(card.get("ms_per_image", np.nan)), "ms", 21),
                 Row(f"{name}_images_seen", f"{name.upper()}: images shown in training",
                     "", float(card["images_seen"])),
             ]  # fmt: skip

@@ -1,0 +1,122 @@
+"""The experiment on a set and a network whose figures are known beforehand."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from armsight.experiments import load_experiment
+from armsight.experiments.frame import run_experiment, silent
+from armsight.recognition.data import LabelledSet
+from armsight.recognition.data.manifest import Manifest, shard_folder, write_manifest
+from armsight.recognition.data.rows import Row, to_json
+from armsight.recognition.networks.architecture import JOINTS
+from armsight.recognition.training.packing import pack_in_memory
+
+from .inference.conftest import BASE, network
+from .inference.conftest import JOINTS as SAID
+
+COUNT = 20
+
+
+def write_set(folder: Path) -> None:
+    """Robots in a bright square, each with its joints 30 mm, its base 40 mm beside the answer."""
+    counts = {"ur3": COUNT, "ur5": COUNT, "ur10": COUNT}
+    write_manifest(folder, Manifest("paper-like", "squares", 5, 128, 106, counts, 5, 3 * COUNT))
+    shard = shard_folder(folder, 0)
+    (shard / "images").mkdir(parents=True)
+    (shard / "links").mkdir()
+    lines = []
+    for i in range(3 * COUNT):
+        robot = list(counts)[i % 3]
+        image = np.full((106, 128, 3), 30, np.uint8)
+        image[40:60, 50:80] = 240
+        links = np.zeros((106, 128), np.uint8)
+        links[40:60, 50:80] = 1
+        names = f"images/{i:06d}.png", f"links/{i:06d}.png"
+        cv2.imwrite(str(shard / names[0]), image)
+        cv2.imwrite(str(shard / names[1]), links)
+        T = np.eye(4)
+        T[:3, 3] = np.add(BASE, [0.04, 0, 0])
+        joints = np.add(SAID[: JOINTS[robot]], [0, 0.03, 0])
+        K = np.array([[96.0, 0, 63.5], [0, 96.0, 52.5], [0, 0, 1]])
+        row = Row(i, 5, i // 6 % 5, robot, *names, 128, 106, K, np.zeros(5), T,
+                  np.zeros(JOINTS[robot]), joints, joints, joints[:, :2],
+                  np.ones(len(joints), bool))  # fmt: skip
+        lines.append(to_json(row))
+    (shard / "labels.jsonl").write_text("\n".join(lines) + "\n")
+
+
+def words() -> dict[str, str]:
+    from .inference.conftest import ARCHITECTURE, card
+
+    architecture = {**ARCHITECTURE.to_json(), "robots": ["ur3", "iiwa"]}
+    about = card() | {
+        "data": {"split": "scene", "training_samples": {"ur3": 7}},
+        "training": {
+            "stages": [{"name": "a", "updates": 1, "planned": 2, "batch": 3, "why": "updates"}],
+            "images_seen": 3, "seconds": 120.0, "device": "a CPU", "threads": 1,
+            "precision": "float32",
+        },
+    }  # fmt: skip
+    return {
+        "format": "armsight-network-1",
+        "architecture": json.dumps(architecture),
+        "card": json.dumps(about),
+    }
+
+
+def test_figures_that_are_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARMSIGHT_RECOGNITION", str(tmp_path))
+    write_set(tmp_path / "sets" / "paper-like")
+    (tmp_path / "runs" / "t5").mkdir(parents=True)
+    (tmp_path / "runs" / "t5" / "network.onnx").write_bytes(network(words()))
+    result = run_experiment(load_experiment("recognition"), 100, 0, silent)
+    rows = {(r.key, r.condition): r for r in result.outcome.rows}
+    seen = "unseen scenes"
+    assert rows["t5_joint_mean_mm", seen].value == pytest.approx(30.0, abs=1e-3)
+    assert rows["t5_base_mean_mm", seen].value == pytest.approx(40.0, abs=1e-3)
+    assert rows["t5_mask_iou", seen].value == 1.0
+    assert rows["t5_mask_accuracy", seen].value == 100.0
+    # It always says ur3; one robot in three is.
+    third = rows["t5_type_accuracy", seen]
+    assert third.value == pytest.approx(100 / 3)
+    assert third.met is False
+    assert rows["t5_add_auc", seen].value == pytest.approx(0.7)
+    assert rows["t5_recognised", seen].value == pytest.approx(100 / 3)
+    assert rows["t5_joint_error_mm", f"{seen}; joint 6"].value == pytest.approx(30.0, abs=1e-3)
+    assert third.n == 3 * 4  # one of five scenes of 20 frames each
+    # What is not there misses its budget, and is named.
+    assert rows["t4_joint_mean_mm", ""].met is False
+    assert rows["t7_forgetting", ""].met is False
+    notes = " ".join(result.outcome.notes)
+    assert "runs/t4/network.onnx" in notes
+    assert "sets/second-wild" in notes
+    for draw in result.outcome.plots.values():
+        assert draw().axes
+
+
+def test_without_anything_every_budget_is_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ARMSIGHT_RECOGNITION", str(tmp_path))
+    monkeypatch.setattr("armsight.experiments.recognition._torch", lambda: False)
+    result = run_experiment(load_experiment("recognition"), 5, 0, silent)
+    assert all(r.met is not True for r in result.outcome.rows)
+    keys = {r.key for r in result.missed}
+    assert {
+        "t4_mask_accuracy", "t4_joint_mean_mm", "t5_mask_accuracy", "t5_mask_iou",
+        "t5_type_accuracy", "t5_joint_mean_mm", "t5_base_mean_mm", "t6_joint_median_mm",
+        "t6_minutes", "t7_joint_median_mm", "t7_type_accuracy", "t7_forgetting", "t5_ms_cpu",
+    } == keys  # fmt: skip
+
+
+def test_packing_in_memory_keeps_the_labels(tmp_path: Path) -> None:
+    write_set(tmp_path)
+    source = LabelledSet.open(tmp_path)
+    data = pack_in_memory(source, [4, 9], 64, 53)
+    assert [data.robots[r] for r in data.robot] == [source.rows[4].robot, source.rows[9].robot]
+    np.testing.assert_allclose(data.base[0], np.add(BASE, [0.04, 0, 0]), rtol=1e-6)
+    assert data.masks(np.array([0])).sum() == 10 * 15
