@@ -26,8 +26,8 @@ _TYPES = {
 }
 FLOAT = 1
 """ONNX's number of the type float32."""
-_LARGEST = 2**31 - 1
-"""Protocol buffers hold no message of 2 GiB."""
+LARGEST = 2**31 - 10**6
+"""[bytes] that weights may take: protocol buffers hold no message of 2 GiB."""
 
 Attribute = int | float | str | Sequence[int]
 
@@ -79,7 +79,7 @@ class OnnxGraph:
         """
         parts = [(1, self._nodes), (5, self._constants), (11, self._inputs), (12, self._outputs)]
         size = sum(len(m) for _, messages in parts for m in messages)
-        if size > _LARGEST - 10**6:
+        if size > LARGEST:
             raise RecognitionError(
                 f"the network takes {size / 2**30:.1f} GiB and an ONNX file holds less than 2: "
                 "export it with half-precision dense layers, or train one with pools = 3"

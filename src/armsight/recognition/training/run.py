@@ -25,6 +25,7 @@ from armsight.recognition.training.checkpoint import Progress
 from armsight.recognition.training.config import TrainingConfig
 from armsight.recognition.training.export import answers, check_parity, to_onnx
 from armsight.recognition.training.figures import score
+from armsight.recognition.training.onnx_file import LARGEST
 from armsight.recognition.training.packed_set import PackedSet
 from armsight.recognition.training.tensors_file import write_whole
 from armsight.recognition.training.trainer import Trainer, start_at_mean
@@ -33,7 +34,7 @@ from armsight.recognition.training.weights import Card, load_weights, save_weigh
 
 _PARITY_IMAGES = 8
 _TIMED = 21
-_CURVE_SECONDS = 30.0
+_CURVE_SECONDS, _LINE_SECONDS = 30.0, 2.0
 Say = Callable[[str], None]
 
 
@@ -132,14 +133,17 @@ def _run(trainer: Trainer, wanted: Wanted, parent: Card, say: Say) -> bool:
         f"{len(trainer.chosen)} samples of {', '.join(config.trained_robots)}; "
         f"{weights / 1e6:.1f} million weights; {trainer.device}, {trainer.precision}"
     )
-    drawn = [-math.inf]
+    drawn = said = -math.inf
 
     def told(progress: Progress) -> None:
-        stage = config.stages[progress.stage]
-        say(curves.line(progress.curve, stage.name, stage.updates))
-        if progress.seconds - drawn[0] > _CURVE_SECONDS:
+        nonlocal drawn, said
+        if progress.seconds - said > _LINE_SECONDS:
+            stage = config.stages[progress.stage]
+            say(curves.line(progress.curve, stage.name, stage.updates))
+            said = progress.seconds
+        if progress.seconds - drawn > _CURVE_SECONDS:
             _draw(trainer, wanted.out)
-            drawn[0] = progress.seconds
+            drawn = progress.seconds
 
     stopped = trainer.run(wanted.minutes, told)
     _draw(trainer, wanted.out)
@@ -161,12 +165,16 @@ def finish(trainer: Trainer, wanted: Wanted, finished: bool, parent: Card, say: 
     save_weights(out / "weights.safetensors", network, card)
     write_whole(out / "CARD.md", card_text(out.name, card, config).encode())
     file = out / "network.onnx"
-    write_whole(file, to_onnx(network, card, wanted.half))
+    half = wanted.half
+    if not half and 4 * sum(p.numel() for p in network.parameters()) > LARGEST:
+        half = True
+        say("the network is larger than an ONNX file may be: its dense weights in half precision")
+    write_whole(file, to_onnx(network, card, half))
     if importlib.util.find_spec("onnxruntime") is None:
         say(f"wrote {file}; not compared with torch, since there is no onnxruntime here")
         return
     some = trainer.chosen[:_PARITY_IMAGES]
-    parity = check_parity(network, file, trainer.data.images[some], wanted.half)
+    parity = check_parity(network, file, trainer.data.images[some], half)
     say(
         f"wrote {file}; it differs from torch by {1e3 * parity.metres:.4f} mm and "
         f"{parity.probability:.1e} of probability at most"
