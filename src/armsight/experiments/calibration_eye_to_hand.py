@@ -455,12 +455,13 @@ def plot(cold: list[dict[str, float]]) -> Figure:
     left.plot(x, [c["stated"] for c in cold], "_", color="black", ms=12, label="stated sigma")
     left.axhline(2.5, color="grey", ls="--", lw=1, label="must, mean of cells")
     left.set(xlabel="cell", ylabel="true 3D error at 1.0-1.5 m [mm]", ylim=(0, None))
-    left.legend(fontsize=8)
     right.bar(x, [c["seconds"] for c in cold])
     right.axhline(150, color="grey", ls="--", lw=1, label="must")
     right.axhline(60, color="grey", ls=":", lw=1, label="aim")
     right.set(xlabel="cell", ylabel="robot time from cold [s]")
-    right.legend(fontsize=8)
+    for axes in (left, right):
+        axes.set_xticks(x[:: max(1, len(x) // 10)])
+        axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return figure
 
 
