@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import yaml
 
 from armsight.calibration import report
+from armsight.calibration.boards import Checkerboard, Detection
 from armsight.calibration.calibrate import CalibrationOptions, calibrate
 from armsight.calibration.depth import DepthSamples, fit_depth
 from armsight.calibration.drift import DriftWatch
@@ -19,6 +21,7 @@ from armsight.calibration.export import (
     write_results,
 )
 from armsight.calibration.live.seen import SeenView
+from armsight.calibration.recorded_set import RecordedSet, solve_set
 from armsight.calibration.spheres import fit_sphere, procrustes, register_spheres
 from armsight.calibration.synthetic import (
     ErrorLevels,
@@ -27,7 +30,7 @@ from armsight.calibration.synthetic import (
     random_views,
     target_error,
 )
-from armsight.calibration.views_file import append, read
+from armsight.calibration.views_file import append, begin, read
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, inverse
@@ -272,9 +275,38 @@ def test_views_survive_a_stop(tmp_path):
     found = read(file)
     assert len(found) == 2
     np.testing.assert_array_equal(found[1].found[0][2], view.found[0][2])
+    begin(file, {"cell": "here"})  # as a run does that goes on
+    append(file, view)
+    assert len(read(file)) == 3
     file.write_text("nonsense\n" + file.read_text())
     with pytest.raises(CalibrationError, match="line 1"):
         read(file)
+
+
+def test_a_lens_that_is_to_be_kept_is_kept_or_missed_by_name(arm5):
+    rng = np.random.default_rng(3)
+    cell = make_cell(arm5, rng, ErrorLevels.ideal(0.1))
+    seen = observe(cell, random_views(cell, 9, rng, cameras=(0,)), rng).only_lenses([1])
+    board = Checkerboard()
+    views = sorted(seen.used_views)
+    given = seen.lenses[1].camera
+    recorded = RecordedSet(
+        Path("monday"),
+        tuple(Path(f"{v}.png") for v in views),
+        tuple(Detection(s.corner, s.pixel, 0.1) for s in seen.sightings),
+        ("",) * len(views),
+        np.array([seen.views[v].T_base_flange for v in views]),
+        None,
+        None,
+        given,
+        (given.width, given.height),
+        board,
+    )
+    answer = solve_set(recorded, keep_lens=True).calibration
+    assert answer is not None
+    assert answer.lens(0) == given
+    with pytest.raises(CalibrationError, match="no lens there to be kept; give --lens"):
+        solve_set(replace(recorded, lens=None), keep_lens=True)
 
 
 def test_no_sighting_at_all_is_named(arm5):

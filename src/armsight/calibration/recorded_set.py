@@ -289,12 +289,17 @@ def board_of(folder: Path) -> Board | None:
 
 
 def problem_of(
-    recorded: RecordedSet, mount: Mount = "base", robot: Robot | None = None, sigma: float = 0.15
+    recorded: RecordedSet,
+    mount: Mount = "base",
+    robot: Robot | None = None,
+    sigma: float = 0.15,
+    keep_lens: bool = False,
 ) -> Problem:
     """The set as a problem: one camera, one board.
 
     Raises:
-        CalibrationError: no board was seen, or there is no lens and none can be told.
+        CalibrationError: no board was seen, there is no lens and none can be told, or none is
+            there that could be kept.
     """
     seen = [(i, d) for i, d in enumerate(recorded.detections) if d is not None]
     if not seen or recorded.poses is None:
@@ -306,6 +311,8 @@ def problem_of(
     width, height = recorded.size
     points = recorded.board.points
     lens = recorded.lens
+    if lens is None and keep_lens:
+        raise CalibrationError(f"{recorded.folder}: no lens there to be kept; give --lens FILE")
     if lens is None:
         lens = zhang([points[d.corner] for _, d in seen], [d.pixel for _, d in seen], width, height)
         if lens is None:
@@ -322,7 +329,7 @@ def problem_of(
     )
     return Problem(
         (Rig("camera", mount),),
-        (Lens("camera", 0, lens, prior=prior),),
+        (Lens("camera", 0, lens, prior=prior, keep=keep_lens),),
         (BoardPlacement("board", points, "flange" if mount == "base" else "base"),),
         views,
         tuple(
@@ -341,6 +348,7 @@ def solve_set(
     seed: int = 0,
     folds: int | None = None,
     progress: Callable[[str], None] | None = None,
+    keep_lens: bool = False,
 ) -> RecordedAnswer:
     """Solve a recorded set and say what is wrong with it.
 
@@ -351,6 +359,7 @@ def solve_set(
         seed: of random samples.
         folds: of the left-out test; one a view up to 20 views by default.
         progress: called with each stage.
+        keep_lens: the lens that was given stays as it is, whatever the images say.
 
     Raises:
         CalibrationError: it cannot be solved at all.
@@ -371,7 +380,7 @@ def solve_set(
         frames = [(d.corner, d.pixel) for d in recorded.detections if d is not None]
         lens = calibrate_lens(recorded.board.points, frames, *recorded.size)
         return RecordedAnswer(None, lens, tuple(findings))
-    problem = problem_of(recorded, mount, robot)
+    problem = problem_of(recorded, mount, robot, keep_lens=keep_lens)
     findings += diagnose_start(problem, 0, recorded.raw, seed)
     views = len({s.view for s in problem.sightings})
     options = CalibrationOptions(

@@ -16,7 +16,9 @@ from armsight.errors import CalibrationError
 
 
 def begin(file: Path, about: dict[str, Any]) -> None:
-    """Start a file of views, unless it is there.
+    """Start a file of views, or make one that is there ready to be gone on with.
+
+    A last line that a stop has cut short goes: what is appended would be lost with it.
 
     Args:
         file: JSON lines.
@@ -25,7 +27,14 @@ def begin(file: Path, about: dict[str, Any]) -> None:
     Raises:
         CalibrationError: the file cannot be written.
     """
-    if not file.is_file():
+    try:
+        if file.is_file():
+            whole = file.read_bytes()
+            if not whole.endswith(b"\n"):
+                file.write_bytes(whole[: whole.rfind(b"\n") + 1])
+    except OSError as error:
+        raise CalibrationError(f"{file}: cannot be written: {error.strerror or error}") from None
+    if not file.is_file() or not file.stat().st_size:
         _write(file, {"about": about})
 
 

@@ -31,6 +31,7 @@ class Calibrate:
         out: folder for results and report; a stopped run goes on from the views in it.
         board: which board, sizes in mm, such as checkerboard:7x5:30 or charuco:5x7:36:27.
         lens: a file with the lens of a recorded set (ROS camera_info, OpenCV or ViSP).
+        keep_lenses: the lenses stay as they are: those of --lens, or those that the cameras report.
         hand: the camera of a recorded set is on the flange, the board beside the arm.
         robot: model of the arm of a recorded set that has joint angles, such as ur5.
         goal_mm: stop when points 1.0-1.5 m away are this sure.
@@ -49,6 +50,7 @@ class Calibrate:
     out: Path = Path("calibration")
     board: str | None = None
     lens: Path | None = None
+    keep_lenses: bool = False
     hand: bool = False
     robot: str | None = None
     goal_mm: float = 1.2
@@ -86,7 +88,12 @@ class Calibrate:
         robot = load_robot(self.robot) if self.robot is not None else None
         recorded = load(self.from_, self._board(), self.lens, _say)
         answer = solve_set(
-            recorded, "flange" if self.hand else "base", robot, self.seed, progress=_say
+            recorded,
+            "flange" if self.hand else "base",
+            robot,
+            self.seed,
+            progress=_say,
+            keep_lens=self.keep_lenses,
         )
         _say("")
         if answer.calibration is None:
@@ -151,6 +158,7 @@ class Calibrate:
             "cell": workcell.name,
             "cameras": [c.name for c in workcell.camera],
             "board": self.board or "checkerboard:7x5:30",
+            "lenses": "kept" if self.keep_lenses else "solved",
         }
         if self.fresh:
             log.unlink(missing_ok=True)
@@ -158,7 +166,9 @@ class Calibrate:
         views_file.begin(log, about)
         if done:
             print(f"going on from {len(done)} views in {log}; --fresh starts anew")
-        cell = open_calibration_cell(workcell, board, self.seed, redraw=0.3)
+        cell = open_calibration_cell(
+            workcell, board, self.seed, redraw=0.3, factory=self.keep_lenses
+        )
         options = ProcedureOptions(
             goal=1e-3 * self.goal_mm, most_views=self.views, paper=self.paper
         )

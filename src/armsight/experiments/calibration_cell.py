@@ -79,6 +79,7 @@ def open_calibration_cell(
     seed: int = 0,
     errors: StudioErrors | None = None,
     redraw: float = float("inf"),
+    factory: bool = False,
 ) -> CalibrationCell:
     """Build a simulated cell with a board on its flange.
 
@@ -88,6 +89,7 @@ def open_calibration_cell(
         seed: of the truth.
         errors: how wrong everything is.
         redraw: see :class:`BoardStudio`.
+        factory: the cameras report lenses calibrated at the factory, which are kept.
     """
     board = board or Checkerboard()
     spec = world_spec(workcell)
@@ -102,6 +104,11 @@ def open_calibration_cell(
     cameras = []
     for truth, declared in zip(studio.cameras, spec.cameras):
         info = declared.info
+        if factory:
+            color = truth.color if info.color is not None else None
+            T = truth.T_infrared_color
+            cameras.append(CameraSetup(info.name, truth.infrared, color, T, keep=True))
+            continue
         cameras.append(
             CameraSetup(
                 info.name,
