@@ -1,6 +1,7 @@
 """Our reader and writer of safetensors against the format's own library, and against damage."""
 
 import contextlib
+import errno
 import json
 import struct
 from pathlib import Path
@@ -53,6 +54,20 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(RecognitionError, match="cannot be written"):
         write_tensors(tmp_path / "file" / "a", some())
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_tensors(tmp_path / "a", some())
+    before = (tmp_path / "a").read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(RecognitionError, match="No space left"):
+        write_tensors(tmp_path / "a", {"b": np.zeros(5, np.float32)})
+    assert (tmp_path / "a").read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
