@@ -9,9 +9,10 @@ Reads two wheels (nothing of them is installed or run)::
         --robosuite robosuite-1.5.2-py3-none-any.whl
 
 and writes, for each robot: ``robot.urdf`` (relative mesh paths, one visual a colour, the body's
-spheres as collision geometry), ``meshes/*.obj`` in the links' frames, ``shapes.json`` (capsules,
-pairs of links that can touch, how well the shapes fit) and ``LICENSE``. ``robot.toml`` is written
-by hand and only read. Run it again after changing the fit; the result is the same bit for bit.
+spheres as collision geometry), ``meshes/*.obj`` in the links' frames and coarser ones beside them
+for depth cameras, ``shapes.json`` (capsules, pairs of links that can touch, how well the shapes
+fit) and ``LICENSE``. ``robot.toml`` is written by hand and only read. Run it again after changing
+the fit; the result is the same bit for bit.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from armsight.robots.urdf import read_urdf
 
 DATA = Path(__file__).resolve().parents[1] / "src" / "armsight" / "robots" / "data"
 TRIANGLES = 30_000  # of a robot after decimation, at most
+COARSE = 0.0015  # [m] by which a depth camera's mesh of an arm may be off
 SPHERE_PRICE = {"iiwa": 4.5e-9, "panda": 3.5e-9}  # [m^5] where the default spends too many spheres
 TOLERANCES = (0.0001, 0.00015, 0.0002, 0.0003, 0.0004, 0.0006)  # [m] tried until that is kept
 
@@ -101,7 +103,10 @@ def main() -> None:
     parser.add_argument("--robosuite", type=Path, required=True, help="wheel")
     parser.add_argument("--out", type=Path, default=DATA)
     parser.add_argument(
-        "--steps", nargs="+", default=["meshes", "shapes"], choices=["meshes", "shapes"]
+        "--steps",
+        nargs="+",
+        default=["meshes", "coarse", "shapes"],
+        choices=["meshes", "coarse", "shapes"],
     )
     args = parser.parse_args()
     readers: dict[str, Callable[[str, Path, Path], Source]] = {
@@ -120,6 +125,8 @@ def main() -> None:
             source = readers[name](name, example, suite)
             if "meshes" in args.steps:
                 write_robot(source, args.out / name)
+            if "coarse" in args.steps:
+                write_coarse(args.out / name)
             if "shapes" in args.steps:
                 fit_robot(source, args.out / name)
 
@@ -442,6 +449,36 @@ def decimate(part: Part, tolerance: float) -> Part:
     )
     used, faces = np.unique(kept[:count], return_inverse=True)
     return Part(part.color, vertices[used], faces.reshape(-1, 3))
+
+
+def write_coarse(folder: Path) -> None:
+    """What depth cameras see of an arm: each mesh again, with a fraction of its triangles."""
+    for path in sorted((folder / "meshes").glob("*.obj")):
+        whole = Part((0.0, 0.0, 0.0), *read_mesh_file(path))
+        part = whole
+        for tolerance in (1.0, 0.7, 0.5, 0.3, 0.2, 0.1):  # thin shells fall apart sooner than told
+            tried = decimate(whole, tolerance * COARSE)
+            if len(tried.vertices) >= 4 and deviation(whole, tried) < 2.0 * COARSE:
+                part = tried
+                break
+        text = obj_text(part, folder.name, f"{path.stem}, coarse")
+        (path.parent / "coarse").mkdir(exist_ok=True)
+        (path.parent / "coarse" / path.name).write_text(text)
+
+
+def deviation(one: Part, other: Part) -> float:
+    """How far points of one surface are from the other at most, either way [m], sampled."""
+    a, b = (trimesh.Trimesh(p.vertices, p.faces, process=False) for p in (one, other))
+    return max(reach(a, b), reach(b, a))
+
+
+def reach(surface: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
+    """How far sampled points and all vertices of a surface are from another one [m]."""
+    points, _ = trimesh.sample.sample_surface(surface, 3000, seed=0)
+    _, distance, _ = trimesh.proximity.closest_point_naive(
+        other, np.concatenate([points, surface.vertices])
+    )
+    return float(distance.max())
 
 
 def merge_vertices(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

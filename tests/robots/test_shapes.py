@@ -17,7 +17,7 @@ from armsight.robots.covering import Axes, axis_distances, refine
 from armsight.robots.crowding import crowding, distance_field
 from armsight.robots.fitting import Fellows, FitOptions, complete, fit_body, measure, prepare
 from armsight.robots.kinematics import link_poses, sphere_centers
-from armsight.robots.meshes import join_triangles, read_mesh
+from armsight.robots.meshes import join_triangles, read_mesh, read_mesh_file
 from armsight.robots.shapes import read_shapes, shapes_json
 from armsight.robots.solids import sample_surface, thin, voxelise
 from armsight.robots.urdf import read_urdf
@@ -297,3 +297,19 @@ def test_crowded_is_where_another_link_is_nearer():
     T[1, 0, 3] = 0.05
     share = crowding(points, own, skin, 0, [field, None, field], path, T, axis)
     np.testing.assert_array_equal(share, 0.0)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_depth_cameras_see_nearly_the_same_arm_in_fewer_triangles(name):
+    """Surfaces sampled densely: sampling itself adds up to a millimetre."""
+    rng = np.random.default_rng(0)
+    fine_total = coarse_total = 0
+    for mesh in load_robot(name).meshes:
+        fine = trimesh.Trimesh(*read_mesh_file(mesh.path), process=False)
+        coarse = mesh.path.parent / "coarse" / mesh.path.name
+        coarse = trimesh.Trimesh(*read_mesh_file(coarse), process=False)
+        fine_total, coarse_total = fine_total + len(fine.faces), coarse_total + len(coarse.faces)
+        a, b = (trimesh.sample.sample_surface(m, 40_000, seed=rng)[0] for m in (fine, coarse))
+        for one, other in ((a, b), (b, a)):
+            assert np.percentile(cKDTree(other).query(one[:4000])[0], 99.5) < 0.005, mesh.path
+    assert coarse_total < 0.4 * fine_total

@@ -238,18 +238,16 @@ class _Builder:
             surface = load_mesh(mesh.path)
             vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces)
             name = f"arm/{link}/{mesh.path.parent.name}/{mesh.path.stem}"
+            material = looks.arm_material(self.mj, mesh.color)
+            coarse = mesh.path.parent / "coarse" / mesh.path.name
+            group = SEEN
+            if coarse.is_file():  # a depth camera does not see the difference, its renderer does
+                group = COLOR_ONLY
+                plain = load_mesh(coarse)
+                self._visual_mesh(f"{name}/coarse", plain.vertices, plain.faces)
+                self._looks(body, part, f"{name}/coarse", T, material, DEPTH_ONLY)
             self._visual_mesh(name, vertices, faces)
-            self._geom(
-                body,
-                part,
-                type=mujoco.mjtGeom.mjGEOM_MESH,
-                meshname=name,
-                pos=T[:3, 3],
-                quat=to_wxyz(T),
-                material=looks.arm_material(self.mj, mesh.color),
-                contype=0,
-                conaffinity=0,
-            )
+            self._looks(body, part, name, T, material, group)
             for i, piece in enumerate(convex_pieces(vertices, faces)):
                 self.mj.add_mesh(name=f"{name}/{i}", uservert=piece.ravel(), maxhullvert=48)
                 self._geom(
@@ -331,11 +329,26 @@ class _Builder:
                 conaffinity=0,
             )
 
+    def _looks(self, body: Any, part: Part, mesh: str, T: Pose, material: str, group: int) -> None:
+        """A mesh that is seen and touches nothing."""
+        self._geom(
+            body,
+            part,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=mesh,
+            pos=T[:3, 3],
+            quat=to_wxyz(T),
+            material=material,
+            contype=0,
+            conaffinity=0,
+            group=group,
+        )
+
     def _visual_mesh(self, name: str, vertices: Points, faces: Ints) -> None:
         self.mj.add_mesh(
             name=name,
-            uservert=vertices.ravel(),
-            userface=faces.ravel().astype(np.int32),
+            uservert=np.asarray(vertices).ravel(),
+            userface=np.asarray(faces).ravel().astype(np.int32),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
 
