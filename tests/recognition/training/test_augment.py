@@ -99,3 +99,23 @@ def test_no_change_is_no_change() -> None:
     changed, after = Augmenter(Augmentation(), torch.from_numpy(K), 0, 0)(images, truth, 0)
     assert (changed.int() - images.int()).abs().max() <= 1
     assert torch.equal(after.base, truth.base)
+
+
+def test_rooms_change_hands_and_robots_stay() -> None:
+    rng = np.random.default_rng(0)
+    rooms = torch.from_numpy(rng.integers(100, 250, (12, 1, 1, 3), dtype=np.uint8))
+    images = rooms.expand(12, HEIGHT, WIDTH, 3).clone()
+    mask = torch.zeros(12, HEIGHT, WIDTH, dtype=torch.bool)
+    for k in range(12):
+        mask[k, 20:30, 5 + 5 * k : 15 + 5 * k] = True
+    images[mask] = torch.tensor([10, 20, 30], dtype=torch.uint8)
+    truth = truth_of(np.ones((12, 3)), np.ones((12, 3)), images)
+    truth = Targets(mask, truth.joints, truth.has_joint, truth.base, truth.type)
+    how = Augmentation(background=1.0)
+    changed, after = Augmenter(how, torch.from_numpy(K), 1, 0)(images, truth, 0)
+    assert torch.equal(after.mask, mask)
+    robot = (changed.int() - torch.tensor([10, 20, 30])).abs().max(dim=-1).values <= 1
+    # Each robot is where it was, and no second one came with the new room.
+    assert torch.equal(robot, mask)
+    moved = (changed[:, 0, 0].int() - images[:, 0, 0].int()).abs().max(dim=-1).values > 1
+    assert moved.sum() >= 9

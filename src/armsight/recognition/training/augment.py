@@ -34,6 +34,7 @@ class Augmentation:
         mirror: half of the pictures left to right.
         colour: gain of each channel and of all, either way.
         noise: standard deviation of the strongest noise, of a range of 1.
+        background: share of the pictures whose robot is put before another picture's room.
     """
 
     turn_deg: float = 0.0
@@ -42,6 +43,7 @@ class Augmentation:
     mirror: bool = False
     colour: float = 0.0
     noise: float = 0.0
+    background: float = 0.0
 
 
 class Augmenter:
@@ -64,6 +66,7 @@ class Augmenter:
         device = images.device
         turn, zoom, mirror = self._motion(len(images), draws)
         grid = self._grid(turn, zoom, mirror, images.shape[1], images.shape[2]).to(device)
+        images = self._other_rooms(images, truth.mask, draws)
         x = images.permute(0, 3, 1, 2).to(torch.float32)
         x = functional.grid_sample(x, grid, "bilinear", "border", align_corners=True)
         x = self._colours(x, draws)
@@ -73,6 +76,23 @@ class Augmenter:
         moved = move(truth, turn.to(device), zoom.to(device), mirror.to(device))
         moved = Targets(mask[:, 0] >= 0.5, moved.joints, moved.has_joint, moved.base, moved.type)
         return x.round().clamp(0, 255).to(torch.uint8).permute(0, 2, 3, 1), moved
+
+    def _other_rooms(self, images: Tensor, mask: Tensor, draws: torch.Generator) -> Tensor:
+        """Robots of some pictures before the rooms of others of the batch.
+
+        A set with few rooms, each with one type of robot, teaches type and place by the room; so
+        rooms change hands. Where the other picture has its own robot, its mirror image fills in,
+        and where that has the robot, too, the first picture's pixels stay.
+        """
+        if self._how.background <= 0.0:
+            return images
+        order = torch.randperm(len(images), generator=draws)
+        chosen = torch.rand(len(images), 1, 1, generator=draws) < self._how.background
+        room, taken = images[order], mask[order]
+        mirrored, also_taken = room.flip(2), taken.flip(2)
+        room = torch.where(taken[..., None], mirrored, room)
+        keep = mask | (taken & also_taken) | ~chosen.to(mask.device)
+        return torch.where(keep[..., None], images, room)
 
     def _motion(self, count: int, draws: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
         """(n, 3, 3) turns of the camera, (n,) zooms, (n,) 1 or -1 where mirrored."""

@@ -48,9 +48,11 @@ AUGMENT: dict[str, type] = {
     "mirror": bool,
     "colour": float,
     "noise": float,
+    "background": float,
 }
 _MOST_AUGMENT = {
-    "turn_deg": 30, "roll_deg": 180, "zoom": 0.5, "mirror": 1, "colour": 0.9, "noise": 0.5
+    "turn_deg": 30, "roll_deg": 180, "zoom": 0.5, "mirror": 1, "colour": 0.9, "noise": 0.5,
+    "background": 1
 }  # fmt: skip
 
 
