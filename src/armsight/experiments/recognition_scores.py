@@ -15,19 +15,19 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from armsight.arrays import Ints
 from armsight.errors import ArmsightError
 from armsight.experiments.frame import Progress
 from armsight.recognition.data import LabelledSet
 from armsight.recognition.inference.model import Model
 from armsight.recognition.networks.architecture import Architecture
-from armsight.recognition.training.figures import Scores, score
+from armsight.recognition.training.figures import Answer, Scores, score
 from armsight.recognition.training.packed_set import PackedSet
 from armsight.recognition.training.packing import pack_in_memory
 from armsight.recognition.training.tensors_file import Array
@@ -135,8 +135,8 @@ class Bench:
         return chosen
 
 
-def _ask(model: Model) -> Callable[[Array], dict[str, Array]]:
-    def ask(images: Array) -> dict[str, Array]:
+def _ask(model: Model) -> Answer:
+    def ask(images: Array, samples: Ints) -> dict[str, Array]:
         answers = [model.run(image) for image in images]
         names = ("mask", "joints", "base", "type")
         return {k: np.stack([getattr(a, k) for a in answers]) for k in names}

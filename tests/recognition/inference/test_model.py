@@ -143,6 +143,6 @@ def test_shipped_networks_open_and_carry_their_card(name: str) -> None:
     Recogniser(model).model.run(np.zeros((a.height, a.width, 3), np.uint8))
     assert model.card["licence"] == "Apache-2.0"
     assert {"data", "training", "validation", "camera"} <= set(model.card)
-    assert set(model.card["validation"]) == set(a.robots)
+    assert set(model.card["validation"]) >= set(a.robots)
     assert network_file(name).stat().st_size < 20e6
     assert network_file(name).with_suffix(".md").is_file()

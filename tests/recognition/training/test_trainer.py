@@ -226,7 +226,7 @@ def test_a_small_network_learns_32_images_by_heart(tmp_path: Path) -> None:
     start_at_mean(trainer.network, data, trainer.chosen)
     assert trainer.run().finished
     learned = trainer.chosen[:32]
-    found = score(lambda x: answers(trainer.network, x), a, data, learned).summary()
+    found = score(lambda x, _: answers(trainer.network, x), a, data, learned).summary()
     assert found["joint_mean_mm"] < 20
     assert found["base_mean_mm"] < 20
     assert found["type_accuracy"] == 1.0

@@ -20,8 +20,9 @@ from armsight.recognition.networks.architecture import Architecture
 from armsight.recognition.training.packed_set import MOST_JOINTS, PackedSet
 from armsight.recognition.training.tensors_file import Array
 
-Answer = Callable[[Array], dict[str, Array]]
-"""From (n, h, w, 3) uint8 images to the outputs that ``export.py`` names."""
+Answer = Callable[[Array, Ints], dict[str, Array]]
+"""From (n, h, w, 3) uint8 images, and their places in the packed set, to the outputs that
+``export.py`` names."""
 _BATCH = 16
 
 
@@ -80,7 +81,7 @@ def score(answer: Answer, architecture: Architecture, data: PackedSet, samples: 
     accuracy, iou = [], []
     for first in range(0, len(samples), _BATCH):
         part = samples[first : first + _BATCH]
-        said = answer(data.images[part])
+        said = answer(data.images[part], part)
         mask, truth = said["mask"] >= 0.5, data.masks(part)
         accuracy.append(mask_accuracy(mask, truth))
         iou.append(mask_iou(mask, truth))

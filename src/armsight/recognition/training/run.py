@@ -182,14 +182,26 @@ def finish(trainer: Trainer, wanted: Wanted, finished: bool, parent: Card, say: 
 
 
 def validation_figures(trainer: Trainer) -> dict[str, dict[str, float]]:
-    """Figures of every trained robot on its validation samples."""
+    """Figures of every trained robot on its validation samples.
+
+    Of a cascaded network also with true masks: T4's "separate" coordinate network.
+    """
     network, data, config = trainer.network, trainer.data, trainer.config
     figures: dict[str, dict[str, float]] = {}
     for robot in config.trained_robots:
         samples = data.select("validation", config.split, (robot,))
-        scores = score(lambda x: answers(network, x), config.architecture, data, samples)
-        figures[robot] = {k: round(v, 6) for k, v in scores.summary().items()}
+        scores = score(lambda x, _: answers(network, x), config.architecture, data, samples)
+        figures[robot] = _rounded(scores.summary())
+        if config.architecture.kind == "cascaded":
+            scores = score(
+                lambda x, k: answers(network, x, data.masks(k)), config.architecture, data, samples
+            )
+            figures[f"{robot}, true masks"] = _rounded(scores.summary())
     return figures
+
+
+def _rounded(summary: dict[str, float]) -> dict[str, float]:
+    return {name: round(value, 6) for name, value in summary.items()}
 
 
 def milliseconds(trainer: Trainer) -> float:
