@@ -29,6 +29,8 @@ class Generate:
         size: of the pictures.
         workers: processes; one a core if left out.
         shard: pictures that are finished at once.
+        emphasis: file with weights of bins of distance, elevation_deg, fov_deg, share or seen: more
+            pictures where a network errs.
         ray: address of a Ray cluster that draws instead, such as auto or 10.0.0.1:6379.
     """
 
@@ -40,6 +42,7 @@ class Generate:
     size: str = "512x424"
     workers: int | None = None
     shard: int = 1000
+    emphasis: Path | None = None
     ray: str | None = None
 
     def run(self) -> int:
@@ -49,11 +52,14 @@ class Generate:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
+        from armsight.recognition.data.emphasis import NO_EMPHASIS, read_emphasis
         from armsight.recognition.data.generate import generate
         from armsight.recognition.data.order import counts_of, make_order
 
         counts = counts_of(list(self.robots), self.count, self.set)
-        order = make_order(self.set, counts, self.seed, parse_size(self.size), self.shard)
+        emphasis = NO_EMPHASIS if self.emphasis is None else read_emphasis(self.emphasis)
+        size = parse_size(self.size)
+        order = make_order(self.set, counts, self.seed, size, self.shard, emphasis)
         crew = self._crew()
         began = time.perf_counter()
         columns = (

@@ -44,7 +44,14 @@ def draw_batch(order: Order, batch: Batch) -> list[Drawn]:
     size = (manifest.width, manifest.height)
     return [
         draw_sample(
-            _painters[0], order.recipe, order.robot(i), size, manifest.seed, i, order.scene(i)
+            _painters[0],
+            order.recipe,
+            order.robot(i),
+            size,
+            manifest.seed,
+            i,
+            order.scene(i),
+            order.emphasis,
         )
         for i in batch
     ]

@@ -10,6 +10,7 @@ import numpy as np
 from armsight.arrays import Ints
 from armsight.errors import UsageError
 from armsight.recognition.data.arms import mesh_hash
+from armsight.recognition.data.emphasis import NO_EMPHASIS, Emphasis, parse_emphasis
 from armsight.recognition.data.manifest import Manifest
 from armsight.recognition.data.recipe import PAPER_COUNTS, Recipe, find_recipe
 from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES, UNKNOWN_ROBOT
@@ -33,6 +34,11 @@ class Order:
     def recipe(self) -> Recipe:
         """Ranges of the set."""
         return find_recipe(self.manifest.kind)
+
+    @cached_property
+    def emphasis(self) -> Emphasis:
+        """Which scenes are taken more often."""
+        return parse_emphasis(self.manifest.settings.get("emphasis", ""))
 
     @cached_property
     def _places(self) -> tuple[Ints, Ints]:
@@ -64,6 +70,7 @@ def make_order(
     seed: int,
     size: tuple[int, int],
     shard_size: int = SHARD_SIZE,
+    emphasis: Emphasis = NO_EMPHASIS,
 ) -> Order:
     """A set to be made.
 
@@ -73,6 +80,7 @@ def make_order(
         seed: everything follows from it.
         size: width, height [px].
         shard_size: samples in a shard.
+        emphasis: which scenes are taken more often.
 
     Raises:
         UsageError: no such kind or robot, a count below 1, or an absurd size.
@@ -101,6 +109,7 @@ def make_order(
         scenes=recipe.scenes,
         shard_size=shard_size,
         meshes={name: mesh_hash(name) for name in counts if name in ROBOT_NAMES},
+        settings={"emphasis": emphasis.text()} if emphasis.bins else {},
     )
     return Order(manifest)
 

@@ -9,6 +9,7 @@ from armsight.arrays import Bytes, ColorImage, Points
 from armsight.errors import DatasetError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse
+from armsight.recognition.data.emphasis import NO_EMPHASIS, Emphasis
 from armsight.recognition.data.keypoints import (
     placed_keypoints,
     robot_keypoints,
@@ -30,6 +31,8 @@ from armsight.recognition.data.sensor import (
 from armsight.recognition.data.staging import Stage, Streams, set_up
 
 ATTEMPTS = 60
+PATIENCE = 40
+"""Attempts after which an emphasis takes whatever comes."""
 LEAST_SHARE = 0.004
 """Of the picture that a robot fills."""
 LEAST_SEEN = 0.7
@@ -44,6 +47,7 @@ def draw_sample(
     seed: int,
     index: int,
     scene: int,
+    emphasis: Emphasis = NO_EMPHASIS,
 ) -> Drawn:
     """Draw sample ``index`` of a set.
 
@@ -55,6 +59,7 @@ def draw_sample(
         seed: of the set.
         index: of the sample.
         scene: room of the sample, counted within its robot; used if the recipe shares rooms.
+        emphasis: which scenes are taken more often.
 
     Raises:
         DatasetError: no scene could be set up, which the recipes of armsight do not cause.
@@ -69,10 +74,28 @@ def draw_sample(
         if robot != NO_ROBOT and ((links > 0).mean() < LEAST_SHARE or seen < 0.5):
             continue
         stage.words["seen"] = seen
+        if emphasis.bins and attempt < PATIENCE:
+            chance = emphasis.chance(_measures(stage, links, seen))
+            if streams.of_sample("emphasis").random() >= chance:
+                continue
         return _finish(painter, recipe, robot, stage, links, streams)
     raise DatasetError(
         f"sample {index} ({robot}): no scene after {ATTEMPTS} attempts; take another seed"
     )
+
+
+def _measures(stage: Stage, links: Bytes, seen: float) -> dict[str, float]:
+    """What an emphasis can weigh."""
+    lens = stage.view.lens
+    sight = stage.view.T_world_camera[:3, 3] - stage.T_world_base[:3, 3]
+    distance = float(np.linalg.norm(sight))
+    return {
+        "distance": distance,
+        "elevation_deg": float(np.rad2deg(np.arcsin(sight[2] / distance))),
+        "fov_deg": float(np.rad2deg(2 * np.arctan(0.5 * lens.width / lens.fx))),
+        "share": float((links > 0).mean()),
+        "seen": seen,
+    }
 
 
 def _look(painter: Painter, stage: Stage, robot: str) -> tuple[Bytes, float]:

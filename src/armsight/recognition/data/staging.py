@@ -45,6 +45,7 @@ TOPICS = (
     "noise",
     "arm",
     "jitter",
+    "emphasis",
 )
 Stream = Callable[[str], np.random.Generator]
 
