@@ -42,6 +42,15 @@ def test_old_and_doubled_readings_are_ignored(history):
     assert history.latest.position[0] == pytest.approx(0.4)
 
 
+def test_a_clock_that_is_turned_back_begins_anew():
+    history = JointHistory()
+    for stamp in (50.0, 50.1, 3.0, 3.1):
+        history.add(reading(stamp, stamp))
+    assert history.at(3.05).position[0] == pytest.approx(3.05)
+    assert history.at(50.05) is None
+    assert history.latest.stamp == 3.1
+
+
 def test_it_forgets(history):
     history.add(reading(1.35, 1.35))
     assert history.at(0.2) is None

@@ -195,7 +195,34 @@ def test_a_clock_that_is_turned_back_leaves_no_camera_alive(world):
     snapshot = world.update([], JOINTS, 0.05)
     assert not status(snapshot).alive
     assert not (snapshot.state == FREE).any()
-    assert "clock" in status(snapshot).reason
+    assert "the clock was turned back by 0.05 s" in status(snapshot).reason
+
+
+def test_the_map_recovers_from_a_clock_that_is_turned_back():
+    """What was seen occupied stays until it is seen gone; what was free is seen anew."""
+    world = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
+    late = JointHistory()
+    for k in range(100):
+        late.add(JointState(100.0 + 0.01 * k, np.zeros(2), np.zeros(2)))
+    for k in range(3):
+        frame = scenes.frame(INFO, 100.1 + 0.033 * k, picture(BALL), 500 + k)
+        before = world.update([frame], late, 100.11 + 0.033 * k)
+    assert status(before).alive
+    back = world.update([], JOINTS, 0.05)
+    assert not status(back).alive
+    assert not (back.state == FREE).any()
+    np.testing.assert_array_equal(back.state == OCCUPIED, before.state == OCCUPIED)
+    assert np.nanmax(back.last_occupied) <= 0.05
+    stale = world.update([scenes.frame(INFO, 100.2, picture(), 503)], JOINTS, 0.06)
+    assert "in the future" in status(stale).reason
+    assert not (stale.state == FREE).any()
+    seen = world.update([scenes.frame(INFO, 0.1, picture(BALL), 0)], JOINTS, 0.101)
+    assert status(seen).alive
+    np.testing.assert_array_equal(seen.state == FREE, before.state == FREE)
+    for k in range(1, 4):
+        gone = world.update([scenes.frame(INFO, 0.1 + 0.033 * k, picture(), k)], JOINTS, 0.3)
+    assert not (~gone.hazard_unknown).any()
+    assert gone.sequence > before.sequence
 
 
 def test_published_arrays_do_not_change(world):

@@ -134,6 +134,20 @@ def test_a_clock_that_jumps_brakes(moving, jump):
     assert "the clock jumped" in decision.status.reason
 
 
+def test_after_a_clock_was_turned_back_the_arm_goes_on(moving):
+    """Stops, waits until all has been well for a while, and reaches its goals again."""
+    moving.turn_back(1.0)
+    first = moving.tick()
+    assert first.brake
+    assert "the clock jumped back" in first.status.reason
+    moving.run(0.6)
+    assert np.abs(moving.v).max() < 1e-3
+    visits = len(moving.visits)
+    moving.run(8.0)
+    assert len(moving.visits) > visits
+    assert moving.log[-1].mode != GuardMode.STOPPED
+
+
 def test_a_clock_that_says_no_number_brakes(moving):
     decision = moving.tick(clock=float("nan"))
     assert decision.brake

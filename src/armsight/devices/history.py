@@ -6,6 +6,9 @@ from collections import deque
 
 from armsight.devices.data import JointState
 
+TURNED_BACK = 0.5
+"""A reading older than the last by more than this [s] is of a clock that was turned back."""
+
 
 class JointHistory:
     """Remembers the last seconds of joint readings, in the order of their stamps."""
@@ -15,7 +18,13 @@ class JointHistory:
         self._states: deque[JointState] = deque()
 
     def add(self, state: JointState) -> None:
-        """Remember a reading; one that is not newer than the last is ignored."""
+        """Remember a reading.
+
+        One that is not newer than the last is ignored; but one that is much older means that the
+        clock was turned back: then the others are of a time that is still to come, and forgotten.
+        """
+        if self._states and state.stamp < self._states[-1].stamp - TURNED_BACK:
+            self._states.clear()
         if self._states and state.stamp <= self._states[-1].stamp:
             return
         self._states.append(state)

@@ -178,6 +178,14 @@ class QuickCell:
             if self.balls and round(self.now / STEP) % LOOK == 0:
                 self._look()
 
+    def turn_back(self, seconds: float) -> None:
+        """Turn the clock back by a time [s]: no picture or plan of the other time arrives."""
+        self.now -= seconds
+        self._next_picture = self.now
+        self._pictures.clear()
+        self.plans.clear()
+        self._queue = [(at - seconds, command, brake) for at, command, brake in self._queue]
+
     def snapshot_at(self, stamp: float) -> WorkspaceSnapshot:
         """What a perfect map says of the balls at a time [s]."""
         points: list[Points] = [np.empty((0, 3))]

@@ -63,6 +63,12 @@ class CameraHealth:
         self._frames += 1
         self._refusal = ""
 
+    def restart(self, reason: str) -> None:
+        """Forget all stamps; the next frame is the first. ``reason`` is told until it comes."""
+        self.stamp = -np.inf
+        self._sequence = -1
+        self._refusal = reason
+
     def alive(self, now: float) -> bool:
         """Whether the newest frame used is young enough, and not of a time yet to come."""
         return -self._config.future <= now - self.stamp <= self.allowed_age
@@ -73,12 +79,7 @@ class CameraHealth:
         reason = self._refusal
         if not alive:
             age = now - self.stamp
-            if not np.isfinite(age):
-                reason = "no frame yet"
-            elif age < 0:
-                reason = f"newest frame is of {-age:.2f} s from now: was the clock turned back?"
-            else:
-                reason = f"newest frame is {age:.2f} s old"
+            reason = f"newest frame is {age:.2f} s old" if np.isfinite(age) else "no frame yet"
             if self._refusal:
                 reason += f"; last one refused: {self._refusal}"
         return CameraStatus(self._info.name, self.stamp, alive, self._frames, self._dropped, reason)

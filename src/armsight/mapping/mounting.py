@@ -68,6 +68,10 @@ class Mounting:
         """Whether it is time to :meth:`look`."""
         return self._attempts > 0 or stamp >= self._next_check
 
+    def restart(self) -> None:
+        """The clock was turned back: the next picture is due for a check."""
+        self._next_check = -np.inf
+
     def look(self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float) -> None:
         """Align or check.
 

@@ -133,6 +133,11 @@ class Occupancy:
             self._count,
         )
 
+    def turn_back(self, seconds: float) -> None:
+        """The clock was turned back by a time [s]: ages stay, and weak sightings are forgotten."""
+        self._last -= seconds
+        self._weak.fill(-np.inf)
+
     @property
     def dynamic(self) -> Ints32:
         """(m,) int32 flat indices of the voxels occupied by something undeclared."""

@@ -137,6 +137,8 @@ class WorkspaceMap:
             timings.append((stage, moment - clock))
             clock = moment
 
+        if now < self._now - self.config.future:
+            self._turn_back(self._now - now)
         jobs = self._admit(frames, joints, now)
         alive = np.array([h.alive(now) for h in self._health], np.uint8)
         if not jobs and self._nothing_new(alive, now):
@@ -179,6 +181,18 @@ class WorkspaceMap:
             distance_counts_unknown=self.config.unknown_is_solid,
         )
         return self._snapshot
+
+    def _turn_back(self, seconds: float) -> None:
+        """The clock was turned back: begin anew, but keep what was seen occupied until seen gone.
+
+        Every frame so far is of a time that is still to come, so none says what is free now.
+        """
+        for health in self._health:
+            health.restart(f"the clock was turned back by {seconds:.2f} s")
+        for stage in self._stages:
+            stage.mounting.restart()
+        for layer in (self._fine, self._far):
+            layer.occupancy.turn_back(seconds)
 
     def _nothing_new(self, alive: Bytes, now: float) -> bool:
         """Whether a round without frames would find what the last one found.

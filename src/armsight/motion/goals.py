@@ -111,9 +111,10 @@ class Goals:
         """The awaited answer would no longer fit."""
         self._pending = None
 
-    def put_off(self, now: float) -> None:
-        """Do not ask before the retry time has passed."""
-        self._again = now + self._config.retry
+    def forget_times(self) -> None:
+        """The clock jumped: when something was asked says nothing any more."""
+        self._asked = self._again = -math.inf
+        self._pending = None
 
     def _judge(self, goal: JointGoal) -> str:
         q = np.asarray(goal.position, float)

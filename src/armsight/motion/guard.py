@@ -183,6 +183,8 @@ class Guard:
             self._arm.forget()
             self._reaction.clear()
             self._reflex.approach.clear()
+            self._goals.forget_times()
+            self._blocked_since = self._waiting_since = math.inf
         if self._goals.set(goal):
             self._leaving = self._route is not None
             self._executed.clear()
