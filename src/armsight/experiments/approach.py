@@ -19,7 +19,7 @@ from armsight.experiments.episodes import (
 )
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.hand_search import search
-from armsight.experiments.rows import Row, poisson_bounds, wilson
+from armsight.experiments.rows import Row, contact_row, wilson
 from armsight.motion.data import GuardMode
 
 if TYPE_CHECKING:
@@ -271,21 +271,7 @@ def _rows(episodes: list[dict[str, Any]], hunts: list[dict[str, Any]]) -> list[R
             continue
         condition = "all episodes" if cap is None else f"hands up to {cap} m/s"
         contacts = sum(e["contacts"] for e in mine)
-        low, high = poisson_bounds(contacts)
-        rows.append(
-            Row(
-                "contacts",
-                "contacts with a person while the arm moved faster than 0.05 m/s, and the 95 % "
-                "interval of their expected number",
-                condition,
-                float(contacts),
-                n=len(mine),
-                low=low,
-                high=high,
-                must=0.0,
-                aim=0.0,
-            )
-        )
+        rows.append(contact_row(contacts, "a person", condition, len(mine)))
         touched = sum(e["contacts"] > 0 for e in mine)
         low, high = wilson(touched, len(mine))
         rows.append(

@@ -12,7 +12,7 @@ import numpy as np
 from armsight.arrays import Vector3
 from armsight.experiments.episodes import Watch, packaged_cell, run_episodes, with_simulation
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.rows import Row, bootstrap, poisson_bounds
+from armsight.experiments.rows import Row, bootstrap, contact_row
 from armsight.motion.data import PlanRequest
 from armsight.motion.plan import Plan, Planner
 from armsight.motion.risk import PaperRisk
@@ -349,21 +349,8 @@ def _rows(by: dict[str, list[dict[str, Any]]], rng: np.random.Generator) -> list
                 )
             )
             contacts = sum(r["contacts"] for r in mine)
-            low, high = poisson_bounds(contacts)
-            rows.append(
-                Row(
-                    "contacts",
-                    "contacts with anything while the arm moved faster than 0.05 m/s, and the "
-                    "95 % interval of their expected number",
-                    name,
-                    float(contacts),
-                    n=len(times),
-                    low=low,
-                    high=high,
-                    must=0.0 if ours else None,
-                    aim=0.0 if ours else None,
-                )
-            )
+            budget = 0.0 if ours else None
+            rows.append(contact_row(contacts, "anything", name, len(times), budget))
             rows.append(
                 Row(
                     "reflexes",

@@ -10,7 +10,7 @@ import numpy as np
 
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.patrol_log import PatrolLog
-from armsight.experiments.rows import Row, poisson_bounds
+from armsight.experiments.rows import Row, contact_row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,25 +81,13 @@ class _Told:
 def _rows(logs: list[PatrolLog], factors: list[float]) -> list[Row]:
     n = len(logs)
     contacts = sum(log.contacts or 0 for log in logs)
-    low, high = poisson_bounds(contacts)
     distances = [log.min_distance for log in logs]
     goals = [float(log.goals_reached) for log in logs]
     map_ms = 1e3 * np.concatenate([log.map_seconds for log in logs])
     spread = (min(factors), max(factors)) if n > 1 else (None, None)
     nearest = min(distances)
     return [
-        Row(
-            "contacts",
-            "contacts while the arm moves faster than 0.05 m/s, and the 95 % interval of their "
-            "expected number",
-            f"{n} x {SECONDS:.0f} s",
-            float(contacts),
-            n=n,
-            low=low,
-            high=high,
-            must=0.0,
-            aim=0.0,
-        ),
+        contact_row(contacts, "anything", f"{n} x {SECONDS:.0f} s", n),
         Row(
             "realtime_factor",
             "simulated seconds a second, whole chain, least and greatest run",

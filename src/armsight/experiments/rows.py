@@ -110,6 +110,33 @@ def poisson_bounds(events: int, confidence: float = 0.95) -> tuple[float, float]
     return low, 0.5 * float(stats.chi2.ppf(1.0 - tail, 2 * events + 2))
 
 
+def contact_row(
+    contacts: int, whom: str, condition: str, n: int, budget: float | None = 0.0
+) -> Row:
+    """The row of contacts that count: with whom, and how little their number proves.
+
+    Args:
+        contacts: how many.
+        whom: "a person", "anything".
+        condition: of the row.
+        n: episodes or rounds.
+        budget: both must and aim; None where none is set.
+    """
+    low, high = poisson_bounds(contacts)
+    return Row(
+        "contacts",
+        f"contacts with {whom} while the arm moved faster than 0.05 m/s, and the 95 % interval of "
+        "their expected number",
+        condition,
+        float(contacts),
+        n=n,
+        low=low,
+        high=high,
+        must=budget,
+        aim=budget,
+    )
+
+
 def bootstrap(
     samples: Sequence[float],
     rng: np.random.Generator,

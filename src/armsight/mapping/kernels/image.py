@@ -42,7 +42,9 @@ def label_valid(depth: Floats32, near: float, far: float, label: Bytes) -> int:
 
 
 @njit(cache=True, nogil=True)
-def trusted(depth: Floats32, label: Bytes, v: int, u: int, like: float, need: int) -> bool:
+def trusted(
+    depth: Floats32, label: Bytes, v: int, u: int, like: float, exact: float, need: int
+) -> bool:
     """Whether a pixel shows a surface and not the mixture of two.
 
     At the border of something near, a pixel may see both it and what is behind, and report a depth
@@ -50,7 +52,10 @@ def trusted(depth: Floats32, label: Bytes, v: int, u: int, like: float, need: in
 
     * fewer than ``need`` of its 8 neighbours lie within ``like`` [m] of its depth, or
     * one neighbour is nearer and another farther than that, or
-    * the arm is seen within two pixels of it and nearer than it.
+    * the arm is seen beside it, nearer than it, unless the two pixels on the other side continue to
+      its depth within ``exact`` [m]: then it is the same surface, or a mixture that is wrong by no
+      more than that, or
+    * the arm is seen two pixels away, nearer than it, and the pixel between is not of a like depth.
     """
     h, w = depth.shape
     z = depth[v, u]
@@ -70,7 +75,22 @@ def trusted(depth: Floats32, label: Bytes, v: int, u: int, like: float, need: in
         return False
     for y in range(max(v - 2, 0), min(v + 3, h)):
         for x in range(max(u - 2, 0), min(u + 3, w)):
-            if label[y, x] == ROBOT and depth[y, x] < z:
+            if label[y, x] != ROBOT or depth[y, x] >= z:
+                continue
+            dy, dx = min(max(y - v, -1), 1), min(max(x - u, -1), 1)
+            if abs(y - v) == 2 or abs(x - u) == 2:
+                between, d = label[v + dy, u + dx], depth[v + dy, u + dx]
+                if between == ROBOT and d < z:
+                    continue  # that one is judged itself
+                if between != VALID or not abs(d - z) <= like:
+                    return False
+                continue
+            b, a = v - 2 * dy, u - 2 * dx
+            if not (0 <= b < h and 0 <= a < w):
+                return False
+            if label[b, a] != VALID or label[v - dy, u - dx] != VALID:
+                return False
+            if not abs(2.0 * depth[v - dy, u - dx] - depth[b, a] - z) <= exact:
                 return False
     return True
 
@@ -330,7 +350,8 @@ def collect_hits(
                     t,
                 ):
                     continue
-                if not trusted(depth, label, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
+                like, exact = 0.01 + 0.01 * z + 4.0 * sigma, 0.003 + 5.0 * sigma
+                if not trusted(depth, label, v, u, like, exact, support):
                     continue
                 if count[index] == 0:
                     if n >= hits.shape[0]:
@@ -359,7 +380,8 @@ def collect_hits(
                     t,
                 ):
                     continue
-                if not trusted(depth, label, v, u, 0.01 + 0.01 * z + 4.0 * sigma, support):
+                like, exact = 0.01 + 0.01 * z + 4.0 * sigma, 0.003 + 5.0 * sigma
+                if not trusted(depth, label, v, u, like, exact, support):
                     continue
                 if far_count[index] == 0:
                     if m >= far_hits.shape[0]:

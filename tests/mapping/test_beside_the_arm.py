@@ -1,0 +1,90 @@
+"""Which pixels beside the arm's outline are trusted: against the rule in plain words."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armsight.mapping.kernels.image import NOTHING, ROBOT, VALID, trusted
+
+LIKE, EXACT, NEED = 0.05, 0.03, 3
+
+
+def by_the_words(depth, label, v, u):
+    """The rule of :func:`trusted`, pixel by pixel."""
+    h, w = depth.shape
+    z = depth[v, u]
+
+    def pixels(reach):
+        for dy in range(-reach, reach + 1):
+            for dx in range(-reach, reach + 1):
+                if (dy or dx) and 0 <= v + dy < h and 0 <= u + dx < w:
+                    yield dy, dx, depth[v + dy, u + dx], label[v + dy, u + dx]
+
+    beside = [d for _, _, d, _ in pixels(1)]
+    if sum(abs(d - z) <= LIKE for d in beside) < NEED:
+        return False
+    if any(d - z > LIKE for d in beside) and any(z - d > LIKE for d in beside):
+        return False
+    for dy, dx, d, what in pixels(2):
+        if what != ROBOT or d >= z:
+            continue
+        if max(abs(dy), abs(dx)) == 1:
+            y, x = v - 2 * dy, u - 2 * dx
+            if not (0 <= y < h and 0 <= x < w):
+                return False
+            if label[y, x] != VALID or label[v - dy, u - dx] != VALID:
+                return False
+            if abs(2.0 * depth[v - dy, u - dx] - depth[y, x] - z) > EXACT:
+                return False
+            continue
+        y, x = v + np.clip(dy, -1, 1), u + np.clip(dx, -1, 1)
+        if label[y, x] == ROBOT and depth[y, x] < z:
+            continue
+        if label[y, x] != VALID or abs(depth[y, x] - z) > LIKE:
+            return False
+    return True
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_against_the_words(seed):
+    rng = np.random.default_rng(seed)
+    depth = (1.0 + 0.04 * rng.integers(-2, 3, (7, 8)) * (rng.random() < 0.7)).astype(np.float32)
+    label = rng.choice([VALID, ROBOT, NOTHING], (7, 8), p=[0.8, 0.15, 0.05]).astype(np.uint8)
+    depth[label == ROBOT] -= np.float32(rng.choice([0.0, 0.03, 0.3]))
+    depth[label == NOTHING] = np.nan
+    for v in range(7):
+        for u in range(8):
+            if label[v, u] == VALID:
+                found = trusted(depth, label, v, u, LIKE, EXACT, NEED)
+                assert found == by_the_words(depth, label, v, u)
+
+
+def column(values):
+    """A picture of which every row holds these depths; the first two columns show the arm."""
+    depth = np.tile(np.asarray(values, np.float32), (9, 1))
+    label = np.full(depth.shape, VALID, np.uint8)
+    label[:, :2] = ROBOT
+    return depth, label
+
+
+def judged(values):
+    """Which pixels of the middle row are trusted, from the third on."""
+    depth, label = column(values)
+    return [trusted(depth, label, 4, u, LIKE, EXACT, NEED) for u in range(2, 6)]
+
+
+def test_a_surface_behind_the_outline_is_seen_up_to_it():
+    assert judged([0.9, 0.9, 1.5, 1.5, 1.5, 1.5, 1.5]) == [True] * 4
+    assert judged([0.9, 0.9, 1.42, 1.44, 1.46, 1.48, 1.5]) == [True] * 4
+
+
+def test_a_mixture_of_arm_and_wall_is_not_trusted_nor_its_neighbour():
+    assert judged([0.9, 0.9, 1.2, 1.5, 1.5, 1.5, 1.5]) == [False, False, True, True]
+    assert judged([0.9, 0.9, 1.46, 1.5, 1.5, 1.5, 1.5]) == [False, True, True, True]
+
+
+def test_beside_an_outline_without_returns_nothing_is_trusted():
+    depth, label = column([0.9, 0.9, np.nan, 1.2, 1.5, 1.5, 1.5])
+    label[:, 2] = NOTHING
+    assert not trusted(depth, label, 4, 3, LIKE, EXACT, NEED)
