@@ -231,9 +231,9 @@ def _check_shapes(file: Path, session: Any, a: Architecture) -> None:
         raise RecognitionError(f"{file}: does not fit its own card; take the original")
 
 
-def expected_error_mm(card: dict[str, Any], robot: str) -> float:
-    """Mean joint error on validation frames of a robot by the card [mm]; NaN where it has none."""
+def validation_figure(card: dict[str, Any], robot: str, name: str) -> float:
+    """A figure of the card on validation frames of a robot; NaN where it has none."""
     try:
-        return float(card["validation"][robot]["joint_mean_mm"])
+        return float(card["validation"][robot][name])
     except (KeyError, TypeError, ValueError):
         return math.nan

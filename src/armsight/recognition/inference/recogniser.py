@@ -13,7 +13,7 @@ import numpy as np
 from armsight.arrays import Floats, Floats32, Points, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.inference.intrinsics import View, project, view_through
-from armsight.recognition.inference.model import Model, expected_error_mm
+from armsight.recognition.inference.model import Model, validation_figure
 from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.networks.architecture import JOINTS
 
@@ -113,10 +113,10 @@ class Recogniser:
         reason = ""
         if share < SMALLEST_SHARE:
             reason = f"no robot found: {100 * share:.1f} % of the picture look like one"
-        expected = expected_error_mm(self.model.card, robot)
+        expected = validation_figure(self.model.card, robot, "joint_mean_mm")
         notes = [*picture.notes, *self._notes(view, answer.mask, float(answer.type[best]))]
         if not expected < _BAD_MM:
-            notes.append(self._warning(expected))
+            notes.append(self._warning(expected, robot))
         return Recognition(
             picture.name,
             None if reason else robot,
@@ -149,12 +149,15 @@ class Recogniser:
             notes.append(f"the type is unsure ({100 * probability:.0f} %)")
         return notes
 
-    def _warning(self, expected: float) -> str:
+    def _warning(self, expected: float, robot: str) -> str:
         name = self.model.name
         if math.isnan(expected):
             return f"network {name} does not say how good it is on this type"
+        right = validation_figure(self.model.card, robot, "type_accuracy")
+        types = "" if math.isnan(right) else f", and {100 * right:.0f} % of its types were right"
         return (
-            f"network {name} is weak: joints were off by {expected:.0f} mm on average in its test"
+            f"network {name} is weak, do not rely on it: in its own test joints were off by "
+            f"{expected:.0f} mm on average{types}"
         )
 
     def _mask(self, mask: Floats32, view: View, shape: tuple[int, ...]) -> Floats32:
