@@ -10,11 +10,18 @@ import numpy as np
 
 from armsight.arrays import Floats
 from armsight.experiments.frame import Draw, Experiment, Outcome, Progress
-from armsight.experiments.recognition_scores import Bench, Tried, folder, milliseconds
+from armsight.experiments.recognition_scores import (
+    Bench,
+    Tried,
+    folder,
+    milliseconds,
+    training_curve,
+)
 from armsight.experiments.rows import Row, bootstrap, wilson
 from armsight.recognition.inference.model import Model
 from armsight.recognition.metrics import add_auc, against, mask_iou, recognised, share_over
 from armsight.recognition.networks.architecture import Architecture
+from armsight.recognition.training import curves
 from armsight.recognition.training.figures import Scores
 
 if TYPE_CHECKING:
@@ -48,6 +55,11 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     plots: dict[str, Draw] = {
         f"overlays-{name}": partial(overlays, of[0]) for name, of in tried.items() if of
     }
+    for name, of in tried.items():
+        curve = training_curve(name)
+        if of and curve:
+            stages = [s["name"] for s in of[0].model.card["training"]["stages"]]
+            plots[f"curve-{name}"] = partial(curves.figure, curve, stages)
     if tried["t7"] or tried["t5"]:
         plots["distance"] = lambda: distance_plot(tried["t7"] or tried["t5"])
     return Outcome(tuple(rows), plots, (*_notes(tried, bench), *NOTES))

@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from dataclasses import dataclass
@@ -133,6 +134,16 @@ class Bench:
             rng = np.random.default_rng([self._seed, 41])
             chosen += sorted(int(i) for i in rng.permutation(mine)[: self._most])
         return chosen
+
+
+def training_curve(name: str) -> list[dict[str, Any]]:
+    """Records of a training's losses; none where there is no readable curve."""
+    try:
+        text = (folder() / "runs" / name / "curve.json").read_text(encoding="utf-8")
+        records = json.loads(text)
+        return [r for r in records if isinstance(r["stage"], int) and isinstance(r["update"], int)]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
 
 
 def _ask(model: Model) -> Answer:

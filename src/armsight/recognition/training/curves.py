@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from armsight.errors import RecognitionError
+from armsight.recognition.training.tensors_file import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LEVELS = "▁▂▃▄▅▆▇█"
 _SHOWN = ("loss", "mask", "joints", "base", "type")
@@ -46,39 +50,43 @@ def draw(curve: Sequence[dict[str, Any]], stages: Sequence[str], file: Path) -> 
         RecognitionError: the file cannot be written.
     """
     try:
-        from matplotlib.figure import Figure
+        import matplotlib  # noqa: F401
     except ImportError:
         return False
-    figure = Figure(figsize=(8.0, 4.5))
-    axes = figure.subplots()
+    picture = io.BytesIO()
+    figure(curve, stages).savefig(picture, format="png", dpi=110, metadata={"Software": None})
+    write_whole(file, picture.getvalue())
+    return True
+
+
+def figure(curve: Sequence[dict[str, Any]], stages: Sequence[str]) -> Figure:
+    """The losses over the updates, stage after stage; dots are validation samples."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(8.0, 4.5))
+    axes = drawn.subplots()
     start = 0
-    places: list[int] = []
     for number, stage in enumerate(stages):
         records = [r for r in curve if r["stage"] == number]
         if not records:
             continue
         at = [start + r["update"] for r in records]
         for k, name in enumerate(_SHOWN):
-            if name in records[0]:
-                axes.plot(
-                    at, [r[name] for r in records], color=f"C{k}", lw=2 if k == 0 else 1,
-                    label=name if not places else None,
-                )  # fmt: skip
-                checked = [(x, r["validation"][name]) for x, r in zip(at, records, strict=True)
-                           if name in r.get("validation", {})]  # fmt: skip
-                axes.plot(*zip(*checked, strict=True), ".", color=f"C{k}") if checked else None
+            if name not in records[0]:
+                continue
+            # Each name once in the legend, from the first stage that has it.
+            label = name if all(name not in r for r in curve if r["stage"] < number) else None
+            axes.plot(at, [r[name] for r in records], f"C{k}", lw=2 if k == 0 else 1, label=label)
+            checked = {
+                x: r["validation"][name]
+                for x, r in zip(at, records, strict=True)
+                if name in r.get("validation", {})
+            }
+            axes.plot(list(checked), list(checked.values()), f".C{k}")
         axes.axvline(start, color="0.6", lw=0.8)
         axes.text(start, 1.01, f" {stage}", transform=axes.get_xaxis_transform(), fontsize=8)
-        places.append(start)
         start = at[-1]
     axes.set(xlabel="update", ylabel="loss (lines: training, dots: validation)", yscale="log")
     axes.legend(loc="upper right", fontsize=8)
     axes.grid(alpha=0.3)
-    part = file.with_name(f".{file.name}.part")
-    try:
-        figure.savefig(part, format="png", dpi=110, metadata={"Software": None})
-        part.replace(file)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise RecognitionError(f"{file}: cannot be written ({error.strerror or error})") from None
-    return True
+    return drawn
