@@ -71,6 +71,10 @@ NOTES = (
     "`_mask_iou` says more. Masks are compared at the network's own size. Errors are distances in "
     "three dimensions, in the camera's frame, of joint origins and base. ADD-AUC is the area under "
     "the share of frames with a mean joint error below t, t to 100 mm.",
+    "`t6_minutes` and `t7_forgetting` say something only of networks whose errors meet their own "
+    "budgets: little is learned in a minute, and who knows nothing forgets nothing. "
+    "`_joint_mm_guess` is what the best constant answer would score: a network that is not well "
+    "below it has learned nothing of where the robot is.",
     "The papers' figures are on frames of recordings that were trained on; ours, where a condition "
     "says unseen scenes, are in rooms that were not. The pictures are rendered, not photographs.",
 )

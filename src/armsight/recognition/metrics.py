@@ -54,7 +54,8 @@ def add_auc(add: Floats, limit: float = AUC_LIMIT) -> float:
     """
     if len(add) == 0:
         return float("nan")
-    return float(1.0 - np.minimum(np.nan_to_num(add, nan=np.inf), limit).mean() / limit)
+    shares = np.minimum(np.nan_to_num(add, nan=np.inf), limit) / limit
+    return float(1.0 - shares.mean())
 
 
 def share_over(add: Floats, limit: float = AUC_LIMIT) -> float:
