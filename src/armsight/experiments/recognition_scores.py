@@ -93,7 +93,8 @@ class Bench:
             try:
                 self._sets[name] = LabelledSet.open(place, partial=True)
             except ArmsightError as error:
-                self.missing.append(f"sets/{name} ({error})")
+                why = str(error).removeprefix(f"{place}").lstrip(":/ ")
+                self.missing.append(f"sets/{name}: {why}")
                 self._sets[name] = None
         return self._sets[name]
 
