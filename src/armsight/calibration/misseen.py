@@ -155,9 +155,12 @@ def _reason(model: Model, judged: Judged, kept: Mask, f: int) -> str:
     others = judged.px[kept & (model.lens_of == model.lens_of[f])]
     usual = float(np.median(others)) if len(others) else 0.0
     alike = model.view_of == model.view_of[f]
-    cause = "wrong arm pose" if alike.sum() > 1 and not kept[alike].any() else "mis-seen board"
+    if alike.sum() > 1 and not kept[alike].any():
+        cause = "wrong arm pose"
+    else:
+        cause = "mis-seen board" if squares > 0.3 else "glare, blur, or an arm not at rest"
     return (
-        f"{judged.px[f]:.1f} px ({squares:.1f} squares) from where all other views and cameras put "
+        f"{judged.px[f]:.1f} px ({squares:.2g} squares) from where all other views and cameras put "
         f"it, usual are {usual:.1f} px: {cause}"
     )
 
