@@ -154,7 +154,7 @@ def test_ray_is_asked_for_only_when_named() -> None:
     try:
         import ray  # noqa: F401
     except ImportError:
-        with pytest.raises(DatasetError, match="pip install ray"):
+        with pytest.raises(DatasetError, match=r"pip install 'armsight\[ray\]'"):
             RayCluster("auto")
 
 

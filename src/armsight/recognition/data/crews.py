@@ -119,7 +119,7 @@ class RayCluster:
             ray = import_module("ray")
         except ImportError:
             raise DatasetError(
-                "--ray needs Ray, which armsight does not bring: pip install ray"
+                "--ray needs Ray, which armsight does not bring: pip install 'armsight[ray]'"
             ) from None
         self._ray: Any = ray
         try:
