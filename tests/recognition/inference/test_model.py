@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from armsight.commands.recognise import DEFAULT_NETWORK
 from armsight.errors import RecognitionError
 from armsight.recognition.inference.model import Model, network_file, shipped_networks
 from armsight.recognition.inference.recogniser import Recogniser
@@ -134,6 +135,10 @@ def test_names(tmp_path: Path) -> None:
         Model(network_file(str(tmp_path / "missing.onnx")))
     with pytest.raises(RecognitionError, match="no network"):
         network_file("../weights/a")
+
+
+def test_the_default_network_is_shipped() -> None:
+    assert DEFAULT_NETWORK in shipped_networks()
 
 
 @pytest.mark.parametrize("name", shipped_networks())
