@@ -1,13 +1,16 @@
 """The planner beside OMPL's on the same questions, with the same proven edges.
 
 A UR5 swings past random pillars through space that people have just left. ``ratio_first`` compares
-the time to the first path with OMPL's RRTConnect; ``path_cost_excess`` compares the danger-aware
-cost within 20 ms with OMPL's BIT* given 10 s (``--quick``: 1 s), negative where ours is cheaper.
+the time to the first path with OMPL's RRTConnect, question by question, no path shortened;
+``path_cost_excess`` compares the danger-aware cost within 20 ms with OMPL's BIT* given 10 s
+(``--quick``: 1 s), negative where ours is cheaper. All times, the limits too, are CPU times of the
+planning thread. ``work_20ms`` is how long the looks that stand for 20 ms take here.
 """
 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from common import Report
@@ -16,7 +19,7 @@ from scenes import ball, box, snapshot_of
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import JointGoal, PlanRequest
 from armsight.motion.ompl_planner import OmplPlanner
-from armsight.motion.planner import RrtConnectPlanner
+from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.robots import load_robot
 
 
@@ -55,42 +58,49 @@ def main() -> None:
     long = 10.0 if wanted >= 20 else 1.0
     robot = load_robot("ur5")
     model = CollisionModel(robot)
-    ours = RrtConnectPlanner(robot, model)
-    first, whole, theirs, excess = [], [], [], []
+    config = PlannerConfig()
+    ours = RrtConnectPlanner(robot, model, config, clock=time.thread_time)
+    plain = RrtConnectPlanner(
+        robot, model, replace(config, improvement=0.0), clock=time.thread_time
+    )
+    first, whole, spent, theirs, excess, failed = [], [], [], [], [], 0
     for k, (scene, request) in enumerate(questions(model, wanted)):
         if k == 0:
-            ours.plan(request, scene, 1.0, np.random.default_rng(0))
-        began = time.perf_counter()
+            for one in (ours, OmplPlanner(robot, "RRTConnect", model)):
+                one.plan(request, scene, 1.0, np.random.default_rng(0))
         answer = ours.plan(request, scene, 1.0, np.random.default_rng(0))
-        whole.append(time.perf_counter() - began)
         first.append(answer.planning_s)
-        peer = OmplPlanner(robot, "RRTConnect", model)
+        whole.append(answer.planning_s + answer.optimisation_s)
+        spent.append(
+            answer.optimisation_s
+            - plain.plan(request, scene, 1.0, np.random.default_rng(0)).optimisation_s
+        )
+        peer = OmplPlanner(robot, "RRTConnect", model, simplify=False, clock=time.thread_time)
         theirs.append(peer.plan(request, scene, 10.0, np.random.default_rng(0)).planning_s)
-        best = OmplPlanner(robot, "BITstar", model).plan(
+        best = OmplPlanner(robot, "BITstar", model, clock=time.thread_time).plan(
             request, scene, long, np.random.default_rng(0)
         )
         if answer.good and best.good:
             excess.append(100.0 * (answer.cost / best.cost - 1.0))
+        else:
+            failed += 1
 
-    def spread(values):
-        return float(np.percentile(values, 10)), float(np.percentile(values, 90))
+    def add(key, values, unit, **budget):
+        low, high = (float(x) for x in np.percentile(values, [10, 90]))
+        report.add(key, float(np.median(values)), unit, spread=(low, high), **budget)
 
-    ms = [1e3 * np.array(x) for x in (first, whole, theirs)]
-    report.add(
-        "first_path_ms", np.median(ms[0]), "ms", spread=spread(ms[0]), must="<= 10", aim="<= 2"
-    )
-    report.add("whole_plan_ms", np.median(ms[1]), "ms", spread=spread(ms[1]))
-    report.add("ompl_rrtconnect_ms", np.median(ms[2]), "ms", spread=spread(ms[2]))
-    report.add("ratio_first", np.median(ms[2]) / np.median(ms[0]), "", note="OMPL / ours")
-    report.add(
-        "path_cost_excess",
-        np.median(excess),
-        "%",
-        spread=spread(excess),
-        must="<= 15",
-        aim="<= 5",
-        note=f"against BIT* given {long:g} s",
-    )
+    ms = {
+        k: 1e3 * np.array(v) for k, v in (("f", first), ("w", whole), ("s", spent), ("t", theirs))
+    }
+    add("first_path_ms", ms["f"], "ms", must="<= 10", aim="<= 2")
+    add("whole_plan_ms", ms["w"], "ms")
+    add("work_20ms", ms["s"], "ms", note=f"{config.improvement * config.looks_per_second:g} looks")
+    add("ompl_rrtconnect_ms", ms["t"], "ms")
+    add("ratio_first", ms["t"] / ms["f"], "", note="OMPL / ours")
+    add(
+        "path_cost_excess", excess, "%", must="<= 15", aim="<= 5",
+        note=f"against BIT* given {long:g} s; {failed} of {wanted} not answered by both",
+    )  # fmt: skip
     report.finish()
 
 

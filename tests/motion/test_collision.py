@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
 from armsight.motion.body import make_body
 from armsight.motion.collision import CollisionModel
+from armsight.motion.detail import DetailedSnapshot, make_detail
 from armsight.motion.kernels import (
     body_centers,
     body_motion,
@@ -30,6 +31,7 @@ from .scenes import (
     CubeOracle,
     arm6,
     ball,
+    bounded_field,
     box,
     make_snapshot,
     oracle_centers,
@@ -157,6 +159,49 @@ def test_the_oracle_notices_a_map_that_lost_one_percent():
     found = clearances(mutant, centers, radius)
     truth = ORACLE.distance(centers) - radius
     assert ((truth < 0) & (found > 0)).any()
+
+
+def detailed(seed):
+    """The wall's cubes, and points beside them; the field counts the points' voxels as solid."""
+    rng = np.random.default_rng(seed)
+    center = rng.uniform((-0.5, -0.5, 0.0), (0.5, 0.5, 0.8), (12, 1, 3))
+    points = (center + rng.normal(0.0, 0.03, (12, 200, 3))).reshape(-1, 3)
+    detail = make_detail(WALL.grid, points)
+    solid = WALL.state != FREE
+    solid[tuple(WALL.grid.index(detail.points).T)] = True
+    known = {f.name: getattr(WALL, f.name) for f in fields(WALL)}
+    known["distance"] = bounded_field(solid, WALL.grid.voxel, WALL.distance_cap)
+    return DetailedSnapshot(**known, detail=detail)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_beside_cubes_against_brute_force(seed):
+    snapshot = detailed(seed)
+    rng = np.random.default_rng(seed + 10)
+    center, radius = random_spheres(rng, 4_000, snapshot)
+    found = clearances(snapshot, center, radius)
+    points = snapshot.detail.points.astype(float)
+    to_points = np.concatenate(
+        [
+            np.linalg.norm(part[:, None] - points[None], axis=2).min(axis=1)
+            for part in np.array_split(center, 40)
+        ]
+    )
+    true = np.minimum(np.minimum(ORACLE.distance(center), to_points), ORACLE.walls(center)) - radius
+    assert ((true < 0.0) & (found >= 0.0)).sum() == 0
+    assert ((true >= 0.0) & (found < 0.0)).sum() == 0
+    near = (true > 0.0) & (true < 0.9 * snapshot.grid.voxel)
+    assert near.sum() > 50
+    np.testing.assert_allclose(found[near], true[near], atol=1e-6)
+    # With the points left out, some that touch would be called free: the test can fail.
+    bare = clearances(WALL, center, radius)
+    assert ((true < 0.0) & (bare >= 0.0)).sum() > 20
+
+
+def test_points_outside_the_grid_are_left_out():
+    detail = make_detail(WALL.grid, np.array([[0.0, 0.0, 0.5], [9.0, 0.0, 0.5], [0.0, 0.0, -9.0]]))
+    np.testing.assert_allclose(detail.points, [[0.0, 0.0, 0.5]])
+    assert detail.rows[-1] == 1
 
 
 def test_a_field_that_promises_too_much_is_noticed():

@@ -51,6 +51,8 @@ class KeepOutConfig:
         memory: places that were occupied within this time are remembered [s]; 20 s is danger 0.8.
         returns: weight of the time with the remembered places taken, 0..1.
         stay: whoever comes back is not expected to hold the arm up for longer than this [s].
+        further: time limit of every plan but the first [s]: five plans must fit into the latency
+            that the session declares for planning.
     """
 
     distances: tuple[float, ...] = (0.5, 0.35)
@@ -60,6 +62,7 @@ class KeepOutConfig:
     memory: float = 20.0
     returns: float = 0.5
     stay: float = 3.0
+    further: float = 0.006
 
 
 class SeparationPlanner:
@@ -105,6 +108,8 @@ class SeparationPlanner:
 
         best_time = expected(best.trajectory)
         spent = best.optimisation_s
+        further = min(time_limit, config.further)
+        fields: dict[bool, NDArray[np.float64] | None] = {}
         tried: set[tuple[bool, float]] = set()
         for crowd, those, wanted in self._candidates(before, worse, snapshot, hazards):
             if best_time <= config.good * best.trajectory.duration:
@@ -115,7 +120,10 @@ class SeparationPlanner:
             if distance < config.least or key in tried:
                 continue
             tried.add(key)
-            other = self._planner.plan(request, enlarged(crowd, distance), time_limit, rng)
+            if key[0] not in fields:
+                fields[key[0]] = to_hazards(crowd)
+            larger = enlarged(crowd, distance, fields[key[0]])
+            other = self._planner.plan(request, larger, further, rng)
             spent += other.planning_s + other.optimisation_s
             if other.trajectory is None:
                 continue
@@ -174,12 +182,10 @@ def with_remembered(snapshot: WorkspaceSnapshot, memory: float) -> WorkspaceSnap
     )
 
 
-def enlarged(snapshot: WorkspaceSnapshot, distance: float) -> WorkspaceSnapshot:
-    """The same surroundings with every hazard larger by a distance [m].
+def to_hazards(snapshot: WorkspaceSnapshot) -> NDArray[np.float64] | None:
+    """Distance [m] of coarse voxels to the nearest one that holds a hazard, middle to middle.
 
-    Worked out on a grid three times as coarse. The distance field stays a proven bound for the
-    occupied voxels of the result; how far those reach is a preference and right within a coarse
-    voxel.
+    On a grid three times as coarse as the snapshot's; None when no voxel holds one.
     """
     grid = snapshot.grid
     edge = COARSE * grid.voxel
@@ -188,14 +194,28 @@ def enlarged(snapshot: WorkspaceSnapshot, distance: float) -> WorkspaceSnapshot:
     index = np.floor((snapshot.hazards - grid.origin) / edge).astype(int)
     inside = np.all((index >= 0) & (index < shape), axis=1)
     seeds[tuple(index[inside].T)] = True
-    if not seeds.any():
+    return np.asarray(distance_transform_edt(~seeds, sampling=edge)) if seeds.any() else None
+
+
+def enlarged(
+    snapshot: WorkspaceSnapshot, distance: float, away: NDArray[np.float64] | None = None
+) -> WorkspaceSnapshot:
+    """The same surroundings with every hazard larger by a distance [m].
+
+    Worked out on the coarse grid of :func:`to_hazards`, whose result may be given. The distance
+    field stays a proven bound for the occupied voxels of the result; how far those reach is a
+    preference and right within a coarse voxel.
+    """
+    away = to_hazards(snapshot) if away is None else away
+    if away is None:
         return snapshot
-    large = distance_transform_edt(~seeds, sampling=edge) <= distance
-    # Any points of two coarse voxels are nearer than their centres by at most one diagonal.
-    bound = distance_transform_edt(~large, sampling=edge) - np.sqrt(3.0) * edge
-    state = np.where(_fine(large, grid.shape), np.uint8(OCCUPIED), snapshot.state)
-    field = np.minimum(snapshot.distance, _fine(np.maximum(bound, 0.0), grid.shape))
-    return replace(snapshot, state=state, distance=field.astype(np.float32))
+    grid = snapshot.grid
+    # What is within the distance of a hazard is no nearer than what the distance leaves of the
+    # way to the hazard; any points of two voxels are nearer than their middles by one diagonal.
+    bound = away - distance - np.sqrt(3.0) * COARSE * grid.voxel
+    state = np.where(_fine(away <= distance, grid.shape), np.uint8(OCCUPIED), snapshot.state)
+    field = _fine(np.maximum(bound, 0.0).astype(np.float32), grid.shape)
+    return replace(snapshot, state=state, distance=np.minimum(snapshot.distance, field))
 
 
 def _fine(coarse: NDArray[Any], shape: tuple[int, int, int]) -> NDArray[Any]:

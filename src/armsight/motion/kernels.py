@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Ints, JointPath, JointVector, Points
+from armsight.arrays import Floats, Floats32, Ints, JointPath, JointVector, Points
 from armsight.motion.body import Body
 
 OCCUPIED = 2
@@ -37,6 +37,7 @@ class Obstacles(NamedTuple):
         lower, upper: (3,) box that spheres must stay inside, in ``base`` [m].
         avoid_unknown: whether unknown voxels are solid.
         floor: a clearance below this is a collision [m].
+        points, rows: solid points besides the cubes, see :class:`~armsight.motion.detail.Detail`.
     """
 
     origin: Floats
@@ -47,6 +48,8 @@ class Obstacles(NamedTuple):
     upper: Floats
     avoid_unknown: bool
     floor: float
+    points: Floats32
+    rows: Ints
 
 
 class Scratch(NamedTuple):
@@ -194,7 +197,7 @@ def body_motion(body: Body, q: JointVector, dq: JointVector, scratch: Scratch) -
 def exact_distance(
     ob: Obstacles, x: float, y: float, z: float, limit: float, enough: float
 ) -> float:
-    """Distance [m] from a point to the nearest solid cube, or ``limit`` when none is nearer.
+    """Distance [m] to the nearest solid cube or point, or ``limit`` when none is nearer.
 
     Stops early, with any distance below ``enough``, once one is found. Rows of voxels are walked
     in the strides that the distance field allows.
@@ -209,6 +212,7 @@ def exact_distance(
     y0, y1 = max(0, int(np.floor(gy - reach))), min(ny - 1, int(np.floor(gy + reach)))
     best = reach * reach
     stop = (enough * scale) ** 2
+    detailed = ob.rows.shape[0] > 0
     for ix in range(x0, x1 + 1):
         dx = max(ix - gx, gx - ix - 1.0, 0.0)
         if dx * dx >= best:
@@ -233,8 +237,36 @@ def exact_distance(
                 else:
                     # Cubes whose gap to this one is less than the bound cannot be solid.
                     iz += 1 + int(ob.distance[ix, iy, iz] * scale - 1e-3)
+            if detailed:
+                best = _nearest_in_row(ob, ix * ny + iy, x, y, z, best)
+                if best < stop:
+                    return np.sqrt(best) * ob.voxel
     # To the bit: callers compare with the limit, and rounding must not bring it nearer.
     return np.sqrt(best) * ob.voxel if best < reach * reach else limit
+
+
+@njit(cache=True, nogil=True)
+def _nearest_in_row(ob: Obstacles, row: int, x: float, y: float, z: float, best: float) -> float:
+    """Least of ``best`` and the squared distance to the points of a row, in squares of voxels."""
+    low, end = ob.rows[row], ob.rows[row + 1]
+    if low == end:
+        return best
+    scale2 = 1.0 / (ob.voxel * ob.voxel)
+    bottom = z - np.sqrt(best) * ob.voxel
+    high = end
+    while low < high:
+        middle = (low + high) // 2
+        if ob.points[middle, 2] < bottom:
+            low = middle + 1
+        else:
+            high = middle
+    for k in range(low, end):
+        dz = ob.points[k, 2] - z
+        if dz > 0.0 and dz * dz * scale2 >= best:
+            break
+        dx, dy = ob.points[k, 0] - x, ob.points[k, 1] - y
+        best = min(best, (dx * dx + dy * dy + dz * dz) * scale2)
+    return best
 
 
 @njit(cache=True, nogil=True)

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from armsight.arrays import Floats, Ints, JointVector, Points
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.body import Body
+from armsight.motion.detail import NO_DETAIL, DetailedSnapshot
 from armsight.motion.field import distance_to_solid
 from armsight.motion.kernels import Obstacles, body_centers
 
@@ -92,6 +93,7 @@ def obstacles_of(
         upper,
         config.avoid_unknown,
         config.floor,
+        *(snapshot.detail if isinstance(snapshot, DetailedSnapshot) else NO_DETAIL),
     )
 
 

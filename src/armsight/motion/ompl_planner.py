@@ -14,6 +14,7 @@ What to know of the Python wheel (2.0.1), each measured:
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -45,6 +46,8 @@ class OmplPlanner:
         alpha: decay of danger [1/s].
         limits: of the motion in time; 50 % speed and 60 % acceleration when None (T2).
         simplify: let OMPL shorten the path of an algorithm that does not optimise.
+        clock: what the time limit and a plan's seconds are measured by [s]; ``time.thread_time``
+            where other programs would disturb a measurement.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class OmplPlanner:
         alpha: float = ALPHA,
         limits: JointLimits | None = None,
         simplify: bool = True,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.robot = robot
         self.algorithm = algorithm
@@ -62,6 +66,7 @@ class OmplPlanner:
         self.alpha = alpha
         self.limits = limits or robot.limits.scaled(0.5, 0.6)
         self.simplify = simplify
+        self._clock = clock
 
     def plan(
         self,
@@ -71,14 +76,14 @@ class OmplPlanner:
         rng: np.random.Generator,
     ) -> Plan:
         """See :class:`~armsight.motion.plan.Planner`; ``warm`` is not used."""
-        began = time.perf_counter()
+        began = self._clock()
         start = np.array(request.start, float)
         goal = np.array(request.goal.position, float)
         reason = refusal(self.model, start, goal, snapshot)
         if reason:
-            return failed(request, snapshot, self.robot.n, reason, time.perf_counter() - began)
+            return failed(request, snapshot, self.robot.n, reason, self._clock() - began)
         path = self._path(start, goal, snapshot, time_limit, int(rng.integers(1, 2**31)))
-        found = time.perf_counter()
+        found = self._clock()
         if path is None:
             reason = f"no path found within {time_limit:g} s"
             return failed(request, snapshot, self.robot.n, reason, found - began)
@@ -92,7 +97,7 @@ class OmplPlanner:
         body = self.model.body
         danger = danger_of(snapshot, self.alpha)
         cost = float(path_cost_kernel(body, danger, path, make_scratch(body)))
-        optimisation = time.perf_counter() - found
+        optimisation = self._clock() - found
         return Plan(
             request.sequence,
             path,
@@ -170,7 +175,8 @@ class OmplPlanner:
         setup.setStartAndGoalStates(first, last)
         planner = getattr(geometric, self.algorithm)(info)
         setup.setPlanner(planner)
-        setup.solve(time_limit)
+        end = self._clock() + time_limit
+        setup.solve(base.PlannerTerminationCondition(lambda: bool(self._clock() >= end)))
         if not setup.haveExactSolutionPath():
             return None
         if self.simplify and self.algorithm not in OPTIMISING:

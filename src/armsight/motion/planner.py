@@ -9,6 +9,7 @@ have grown full are planted anew, so attempts need no counting.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,8 +40,6 @@ from armsight.robots.robot import JointLimits, Robot
 
 CHUNK = 10_000
 """Looks between two glances at the wall clock."""
-ROOM = 0.001
-"""Paths keep this much more clearance than motions must [m]."""
 FINALISTS = 2
 """Paths that are improved beyond the first round."""
 
@@ -51,6 +50,7 @@ class PlannerConfig:
 
     Attributes:
         step: longest edge of the trees [rad].
+        room: paths keep this much more clearance than motions must [m].
         nodes: most nodes of a tree before it is planted anew.
         solutions: paths wanted before the cheapest is improved.
         improvement: time for more solutions and improvement after the first [s].
@@ -63,6 +63,7 @@ class PlannerConfig:
     """
 
     step: float = 2.0
+    room: float = 0.001
     nodes: int = 20_000
     solutions: int = 6
     improvement: float = 0.02
@@ -81,6 +82,8 @@ class RrtConnectPlanner:
         model: collision checks; made from the robot when None.
         config: how it works.
         limits: of the motion in time; the robot's, scaled by the configuration, when None.
+        clock: what a plan's seconds and ``wall_limit`` are measured by [s]; ``time.thread_time``
+            where other programs would disturb a measurement.
     """
 
     def __init__(
@@ -89,16 +92,18 @@ class RrtConnectPlanner:
         model: CollisionModel | None = None,
         config: PlannerConfig | None = None,
         limits: JointLimits | None = None,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.robot = robot
         self.model = model or CollisionModel(robot)
         self.config = config or PlannerConfig()
+        self._clock = clock
         self.limits = limits or robot.limits.scaled(self.config.speed, self.config.acceleration)
         # Paths are proven with a little more room than motions: between the poses looked at, a
         # proof may use up the floor, and the motion's proof may look just there.
-        given = self.model.config
+        given, room = self.model.config, self.config.room
         self._roomy = CollisionModel(
-            robot, replace(given, margin=given.margin + ROOM, excuse=given.excuse - ROOM)
+            robot, replace(given, margin=given.margin + room, excuse=given.excuse - room)
         )
         self._forest: Forest = make_forest(self.config.nodes, robot.n)
 
@@ -110,10 +115,10 @@ class RrtConnectPlanner:
         rng: np.random.Generator,
     ) -> Plan:
         """See :class:`~armsight.motion.plan.Planner`."""
-        began = time.perf_counter()
+        began = self._clock()
 
         def fail(reason: str) -> Plan:
-            seconds = time.perf_counter() - began
+            seconds = self._clock() - began
             return failed(request, snapshot, self.robot.n, reason, seconds)
 
         start = self.model.inside_limits(np.array(request.start, float))
@@ -130,14 +135,14 @@ class RrtConnectPlanner:
             return fail(reason)
         here = way_out[0] if len(way_out) else start
         ob = self._roomy.obstacles(snapshot, here)
-        danger = danger_of(snapshot, self.config.alpha)
         end = None
         if self.config.wall_limit is not None:
             end = began + self.config.wall_limit * time_limit
         first, spent = self._first(ob, start, goal, request.warm, time_limit, rng, end)
         if first is None:
             return fail(f"no path found within {time_limit:g} s; {_extent(self._forest)}")
-        found = time.perf_counter()
+        found = self._clock()
+        danger = danger_of(snapshot, self.config.alpha)
         left = max(0.0, time_limit - spent / self.config.looks_per_second)
         seconds = min(self.config.improvement, left)
         if self.config.wall_limit is not None:
@@ -151,7 +156,7 @@ class RrtConnectPlanner:
             cost,
             snapshot.sequence,
             found - began,
-            time.perf_counter() - found,
+            self._clock() - found,
             "",
             count,
             escape_s,
@@ -212,7 +217,7 @@ class RrtConnectPlanner:
         forest.box[1] = np.minimum(body.upper, np.maximum(start, goal) + np.pi)
         last = int(scratch.looks[0]) + budget
         outcome = FULL
-        while scratch.looks[0] < last and (end is None or time.perf_counter() < end):
+        while scratch.looks[0] < last and (end is None or self._clock() < end):
             if outcome == FULL:
                 plant(forest, start, goal, _seed(rng))
             chunk = min(CHUNK, last - int(scratch.looks[0]))
@@ -237,7 +242,7 @@ class RrtConnectPlanner:
 
         def better(path: JointPath, looks: int) -> JointPath:
             last = int(scratch.looks[0]) + looks
-            while scratch.looks[0] < last and (end is None or time.perf_counter() < end):
+            while scratch.looks[0] < last and (end is None or self._clock() < end):
                 before = int(scratch.looks[0])
                 path = improve(
                     body, ob, danger, path, _seed(rng), min(CHUNK, last - before), scratch
