@@ -51,8 +51,8 @@ class KeepOutConfig:
         memory: places that were occupied within this time are remembered [s]; 20 s is danger 0.8.
         returns: weight of the time with the remembered places taken, 0..1.
         stay: whoever comes back is not expected to hold the arm up for longer than this [s].
-        further: time limit of every plan but the first [s]: five plans must fit into the latency
-            that the session declares for planning.
+        further: time limit of every plan but the first [s]; most: how many of those there are.
+            Together they must fit into the latency that the session declares for planning.
     """
 
     distances: tuple[float, ...] = (0.5, 0.35)
@@ -62,7 +62,8 @@ class KeepOutConfig:
     memory: float = 20.0
     returns: float = 0.5
     stay: float = 3.0
-    further: float = 0.006
+    further: float = 0.004
+    most: int = 3
 
 
 class SeparationPlanner:
@@ -112,7 +113,8 @@ class SeparationPlanner:
         fields: dict[bool, NDArray[np.float64] | None] = {}
         tried: set[tuple[bool, float]] = set()
         for crowd, those, wanted in self._candidates(before, worse, snapshot, hazards):
-            if best_time <= config.good * best.trajectory.duration:
+            enough = best_time <= config.good * best.trajectory.duration
+            if enough or len(tried) >= config.most:
                 break
             ends = min(self._distance(q, those) for q in (request.start, request.goal.position))
             distance = round(min(wanted, ends - config.slack), 3)
