@@ -133,6 +133,10 @@ class Painter:
                 np.array([*surface.color, 1.0], np.float32),
             )
             geom.size[:] = thing.size  # initGeom reads a rod's in another order
+            # The scene's memory comes as it is; what initGeom leaves out would be left to chance.
+            geom.transparent = geom.texcoord = 0
+            geom.modelrbound = geom.camdist = 0.0
+            geom.objid, geom.category = 0, int(mujoco.mjtCatBit.mjCAT_STATIC)
             geom.objtype = mujoco.mjtObj.mjOBJ_GEOM
             geom.dataid = 2 * self._mesh_of[thing.mesh] if thing.kind == "mesh" else -1
             geom.segid = thing.label
@@ -148,6 +152,8 @@ class Painter:
             light.pos[:], light.dir[:] = lamp.position, lamp.direction
             light.type = mujoco.mjtLightType.mjLIGHT_SPOT
             light.headlight, light.castshadow = 0, int(lamp.shadow)
+            light.id, light.texid = k, -1
+            light.intensity, light.range, light.bulbradius = 0.0, FAR, 0.02
             light.ambient[:] = scene.ambient if k == 0 else 0.0
             light.diffuse[:], light.specular[:] = lamp.color, lamp.specular
             light.attenuation[:] = lamp.attenuation
