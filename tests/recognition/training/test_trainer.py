@@ -54,7 +54,8 @@ def test_a_stopped_training_goes_on_bit_for_bit(
     tmp_path: Path, data: PackedSet, optimiser: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rate = (1e-3, 1e-4) if optimiser == "adam" else (1e-2, 1e-3)
-    plan = config(optimiser=optimiser, learning_rate=rate, saturation=SaturationRule(11, 9, 0.01))
+    rule = SaturationRule(11, 9, 0.01)
+    plan = config(optimiser=optimiser, learning_rate=rate, saturation=rule, wide_inputs=50)
     assert train(plan, data, Wanted(tmp_path / "whole", device="cpu"), quiet)
     clock = iter(np.arange(0.0, 1e5, 1.0))
     # Each look at the clock takes a second: some 25 updates an episode.
@@ -213,6 +214,22 @@ def test_only_a_multi_objective_network_is_transferred(tmp_path: Path, data: Pac
     train(plan, data, Wanted(tmp_path, device="cpu"), quiet)
     with pytest.raises(RecognitionError, match="multi-objective"):
         transfer(config(), data, tmp_path / "weights.safetensors", Wanted(tmp_path / "b"), quiet)
+
+
+def test_wide_layers_take_smaller_steps(tmp_path: Path, data: PackedSet) -> None:
+    """Adam's first step is the learning rate in every weight; a wide layer's is its share."""
+    trainer = Trainer(config(1, wide_inputs=20), data, build_network(TINY), tmp_path)
+    before = {k: v.clone() for k, v in trainer.network.state_dict().items()}
+    trainer.run()
+    inputs = before["dense_second.full.weight"].shape[1]
+    assert inputs > 100
+    for name, share in (
+        ("dense_second.full.weight", 20 / inputs),
+        ("dense_second.full.bias", 1.0),
+        ("common.conv.weight", 1.0),
+    ):
+        step = (trainer.network.state_dict()[name] - before[name]).abs().max().item()
+        assert step == pytest.approx(1e-3 * share, rel=0.01)
 
 
 @pytest.mark.slow

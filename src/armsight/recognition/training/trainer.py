@@ -224,7 +224,7 @@ class Trainer:
         """One step; the losses before it."""
         done = update / max(1, stage.updates - 1)
         for group in optimiser.param_groups:
-            group["lr"] = ramp(stage.learning_rate, done, stage.fall)
+            group["lr"] = group["share"] * ramp(stage.learning_rate, done, stage.fall)
             if stage.optimiser == "nesterov":
                 group["momentum"] = ramp(stage.momentum, done)
         images, truth = self._train.batch(batches[update])
@@ -312,10 +312,17 @@ _NO_LOSS = {"mask": 0.0, "joints": 0.0, "base": 0.0, "type": 0.0}
 
 
 def _optimiser(stage: Stage, moving: list[torch.nn.Parameter]) -> torch.optim.Optimizer:
+    """The stage's optimiser; ``share`` of a group is of the learning rate."""
+    groups: dict[float, list[torch.nn.Parameter]] = {}
+    for p in moving:
+        wide = stage.wide_inputs and p.dim() == 2
+        share = min(1.0, stage.wide_inputs / p.shape[1]) if wide else 1.0
+        groups.setdefault(share, []).append(p)
+    given = [{"params": params, "share": share} for share, params in groups.items()]
     if stage.optimiser == "adam":
-        return torch.optim.Adam(moving, lr=stage.learning_rate[0], fused=True)
+        return torch.optim.Adam(given, lr=stage.learning_rate[0], fused=True)
     return torch.optim.SGD(
-        moving, lr=stage.learning_rate[0], momentum=stage.momentum[0], nesterov=True, fused=True
+        given, lr=stage.learning_rate[0], momentum=stage.momentum[0], nesterov=True, fused=True
     )
 
 
