@@ -10,7 +10,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ARGUMENTS = {"patrol.py": ["2"], "watch.py": ["ur3_bench"], "replay.py": ["recording.mcap"]}
 EXPECTED = {
     "patrol.py": "contacts while moving: 0",
-    "watch.py": "camera top:",
+    "watch.py": "camera behind:",
     "replay.py": "occupied voxels, live",
 }
 
