@@ -24,19 +24,13 @@ mi.set_variant("scalar_rgb")
 import world  # noqa: E402  # needs the variant
 
 from armsight.errors import ArmsightError  # noqa: E402
-from armsight.geometry.camera import PinholeCamera  # noqa: E402
-from armsight.geometry.pose import inverse  # noqa: E402
 from armsight.recognition.data.arms import Arm, catalogue_arm, made_up_arm, mesh_hash  # noqa: E402
 from armsight.recognition.data.configuration import draw_configuration  # noqa: E402
 from armsight.recognition.data.framing import View, draw_view  # noqa: E402
-from armsight.recognition.data.keypoints import (  # noqa: E402
-    placed_keypoints,
-    robot_keypoints,
-    visible_keypoints,
-)
+from armsight.recognition.data.labels import label_row  # noqa: E402
 from armsight.recognition.data.manifest import Manifest  # noqa: E402
 from armsight.recognition.data.recipe import Recipe, find_recipe  # noqa: E402
-from armsight.recognition.data.rows import Drawn, Row  # noqa: E402
+from armsight.recognition.data.rows import Drawn  # noqa: E402
 from armsight.recognition.data.shards import fill  # noqa: E402
 from armsight.recognition.data.things import Surface, Thing  # noqa: E402
 from armsight.robots.catalogue import ROBOT_NAMES, load_robot  # noqa: E402
@@ -98,7 +92,7 @@ def draw_sample(manifest: Manifest, recipe: Recipe, index: int, samples: int) ->
         found = _set_up(manifest, recipe, robot, rng)
         if found is None:
             continue
-        arm, q, T_world_link, T_world_base, view, shapes, words = found
+        q, T_world_link, T_world_base, view, shapes, words = found
         links = _see_links(shapes, view)
         if robot != "none" and (links > 0).mean() < LEAST_SHARE:
             continue
@@ -108,7 +102,8 @@ def draw_sample(manifest: Manifest, recipe: Recipe, index: int, samples: int) ->
         png = cv2.imencode(".png", links)[1]
         words["brightness"] = float(image.mean() / 255.0)
         words["burnt"] = float((image.min(axis=2) >= 250).mean())
-        row = _row(manifest, index, robot, arm, q, T_world_link, T_world_base, view, links, words)
+        place = (index, manifest.seed, index)
+        row = label_row(place, robot, view, q, T_world_link, T_world_base, links, words)
         return Drawn(row, jpeg.tobytes(), png.tobytes())
     raise ArmsightError(f"sample {index}: no scene after 60 attempts; take another seed")
 
@@ -150,7 +145,7 @@ def _set_up(manifest: Manifest, recipe: Recipe, robot: str, rng: np.random.Gener
             span = float(np.linalg.norm(np.ptp(centers, axis=0)))
             eye = view.T_world_camera[:3, 3]
             shapes |= world.before(rng, eye, target, span)
-    return arm, q, T_world_link, T_world_base, view, shapes, words
+    return q, T_world_link, T_world_base, view, shapes, words
 
 
 @cache
@@ -280,50 +275,6 @@ def _develop(light: np.ndarray, recipe: Recipe, rng: np.random.Generator) -> np.
     clean = cv2.fastNlMeansDenoisingColored(display, None, 6, 6, 5, 15).astype(np.float32)
     grain = 255 * (0.004 + recipe.noise * rng.random()) * rng.normal(0, 1, clean.shape)
     return np.asarray(np.clip(np.round(clean + grain), 0, 255), np.uint8)
-
-
-def _row(
-    manifest: Manifest,
-    index: int,
-    robot: str,
-    arm: Arm,
-    q: np.ndarray,
-    T_world_link: np.ndarray,
-    T_world_base: np.ndarray,
-    view: View,
-    links: np.ndarray,
-    words: dict[str, float | str],
-) -> Row:
-    lens: PinholeCamera = view.lens
-    T_camera_world = inverse(view.T_world_camera)
-    keypoints = robot_keypoints(robot)
-    if robot == "none":
-        q, joints, points = np.empty(0), np.empty((0, 3)), np.empty((0, 3))
-        T_camera_base = np.full((4, 4), np.nan)
-    else:
-        T_camera_link = T_camera_world @ T_world_link
-        joints, points = T_camera_link[1:, :3, 3], placed_keypoints(keypoints, T_camera_link)
-        T_camera_base = T_camera_world @ T_world_base
-    pixels = lens.project(points)
-    return Row(
-        index,
-        manifest.seed,
-        index,
-        robot,
-        f"images/{index:06d}.jpg",
-        f"links/{index:06d}.png",
-        lens.width,
-        lens.height,
-        lens.K,
-        np.array(lens.distortion),
-        T_camera_base,
-        q,
-        joints,
-        points,
-        pixels,
-        visible_keypoints(keypoints, pixels, links),
-        words,
-    )
 
 
 if __name__ == "__main__":

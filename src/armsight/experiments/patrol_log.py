@@ -125,9 +125,8 @@ class PatrolLog:
             f"{figures['reflexes']} reflexes",
         ]
         if self.reasons:
-            lines.append(
-                "mostly because     " + ", ".join(k for k, _ in self.reasons.most_common(3))
-            )
+            common = [reason for reason, _ in self.reasons.most_common(3)]
+            lines.append(f"mostly because    {', '.join(common)}")
         if figures["contacts"] is not None:
             nearest = figures["min_distance_m"]
             lines.append(

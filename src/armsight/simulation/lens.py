@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armsight.arrays import Floats32
+from armsight.arrays import Floats32, Pose
 from armsight.geometry.camera import PinholeCamera
+from armsight.simulation.still_life import Window
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,8 @@ class RenderLens:
     weight_u: Floats32
     weight_v: Floats32
 
-    def window_of(self, reach: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
-        """Lines and columns of the lens's picture that a part of the pinhole's can touch.
-
-        Args:
-            reach: first line, end line, first column, end column, lines from the top.
-        """
+    def window_of(self, reach: Window) -> Window:
+        """Lines and columns of the lens's picture that a part of the pinhole's can touch."""
         lines, columns = self._spans
         top, bottom = _touched(lines, reach[0] - 1, reach[1])
         left, right = _touched(columns, reach[2] - 1, reach[3])
@@ -84,3 +82,29 @@ def render_lens(lens: PinholeCamera) -> RenderLens:
         np.maximum(map_u - column, 0.0).astype(np.float32),
         np.maximum(map_v - line, 0.0).astype(np.float32),
     )
+
+
+def aim_scene(
+    scene: Any, T_world_camera: Pose, pinhole: PinholeCamera, near: float, far: float
+) -> None:
+    """Point both cameras of a MuJoCo scene so that they see what an ideal lens does.
+
+    Args:
+        scene: an ``MjvScene``.
+        T_world_camera: optical pose.
+        pinhole: lens without distortion.
+        near: what is nearer is not seen [m].
+        far: nor what is farther [m].
+    """
+    left = (-0.5 - pinhole.cx) / pinhole.fx
+    right = (pinhole.width - 0.5 - pinhole.cx) / pinhole.fx
+    top = (pinhole.cy + 0.5) / pinhole.fy
+    bottom = (pinhole.cy + 0.5 - pinhole.height) / pinhole.fy
+    for camera in scene.camera:
+        camera.pos[:] = T_world_camera[:3, 3]
+        camera.forward[:] = T_world_camera[:3, 2]
+        camera.up[:] = -T_world_camera[:3, 1]
+        camera.frustum_near, camera.frustum_far = near, far
+        camera.frustum_center = 0.5 * (left + right) * near
+        camera.frustum_width = 0.5 * (right - left) * near
+        camera.frustum_bottom, camera.frustum_top = bottom * near, top * near

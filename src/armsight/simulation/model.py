@@ -319,15 +319,8 @@ class _Builder:
         for look, meshes in looks_of.items():
             name = f"{person}/{part.name}/{look}"
             self._visual_mesh(name, *joined(meshes))
-            self._geom(
-                body,
-                what,
-                type=mujoco.mjtGeom.mjGEOM_MESH,
-                meshname=name,
-                material=looks.cloth_material(self.mj, look, person),
-                contype=0,
-                conaffinity=0,
-            )
+            material = looks.cloth_material(self.mj, look, person)
+            self._looks(body, what, name, np.eye(4), material, SEEN)
 
     def _looks(self, body: Any, part: Part, mesh: str, T: Pose, material: str, group: int) -> None:
         """A mesh that is seen and touches nothing."""

@@ -14,7 +14,7 @@ from armsight.arrays import ColorImage, DepthImage, Pose
 from armsight.geometry.camera import PinholeCamera
 from armsight.simulation.gl import OpenGLContext, mujoco
 from armsight.simulation.kernels import merge_buffers, resample_depth
-from armsight.simulation.lens import RenderLens, render_lens
+from armsight.simulation.lens import RenderLens, aim_scene, render_lens
 from armsight.simulation.looks import FAR, NEAR
 from armsight.simulation.model import COLOR_ONLY, DEPTH_ONLY, SEEN, CellModel
 from armsight.simulation.still_life import Buffers, Window, reach_of_spheres
@@ -170,19 +170,7 @@ class Renderer:
 
     def aim(self, shot: Shot, T_world_camera: Pose, lens: PinholeCamera) -> None:
         """Point a shot elsewhere."""
-        pinhole = render_lens(lens).pinhole
-        left = (-0.5 - pinhole.cx) / pinhole.fx
-        right = (pinhole.width - 0.5 - pinhole.cx) / pinhole.fx
-        top = (pinhole.cy + 0.5) / pinhole.fy
-        bottom = (pinhole.cy + 0.5 - pinhole.height) / pinhole.fy
-        for camera in shot.scene.camera:
-            camera.pos[:] = T_world_camera[:3, 3]
-            camera.forward[:] = T_world_camera[:3, 2]
-            camera.up[:] = -T_world_camera[:3, 1]
-            camera.frustum_near, camera.frustum_far = NEAR, FAR
-            camera.frustum_center = 0.5 * (left + right) * NEAR
-            camera.frustum_width = 0.5 * (right - left) * NEAR
-            camera.frustum_bottom, camera.frustum_top = bottom * NEAR, top * NEAR
+        aim_scene(shot.scene, T_world_camera, render_lens(lens).pinhole, NEAR, FAR)
 
     def give_back(self, shot: Shot) -> None:
         """A shot that is no longer needed may be used again."""
@@ -191,9 +179,8 @@ class Renderer:
     def depth(self, shot: Shot, lens: PinholeCamera) -> DepthPicture:
         """Depth and segmentation of a shot aimed with the same lens."""
         view = render_lens(lens)
-        whole = (0, view.pinhole.height, 0, view.pinhole.width)
         if shot.still is None:
-            return _through(lens, self._buffers(shot, view, whole))
+            return _through(lens, self._buffers(shot, view))
         still, beneath = self._still_life(shot.still, lens)
         if shot.reach[0] == shot.reach[1]:
             return DepthPicture(still.depth.copy(), still.geom.copy())
@@ -208,17 +195,15 @@ class Renderer:
         with still.lock:
             if still.picture is None or still.buffers is None:
                 assert still.shot is not None
-                view = render_lens(lens)
-                whole = (0, view.pinhole.height, 0, view.pinhole.width)
-                still.buffers = self._buffers(still.shot, view, whole)
+                still.buffers = self._buffers(still.shot, render_lens(lens))
                 still.picture = _through(lens, still.buffers)
                 self.give_back(still.shot)
                 still.shot = None
             return still.picture, still.buffers
 
-    def _buffers(self, shot: Shot, view: RenderLens, window: Window) -> Buffers:
-        """Draw a shot and read a part of it."""
-        top, bottom, left, right = window
+    def _buffers(self, shot: Shot, view: RenderLens, window: Window | None = None) -> Buffers:
+        """Draw a shot and read it, or a part of it."""
+        top, bottom, left, right = window or (0, view.pinhole.height, 0, view.pinhole.width)
         ids = np.empty((bottom - top, right - left), np.uint32)
         raw = np.empty((bottom - top, right - left), np.float32)
         _set_flags(shot, _DEPTH_FLAGS)
@@ -247,6 +232,7 @@ class Renderer:
                 context.free()
             self._contexts.clear()
         self._spare.clear()
+        self._still.clear()
         self._gl_or_none.close()
         self._gl_or_none = None
 

@@ -19,6 +19,7 @@ from armsight.robots.catalogue import ROBOT_NAMES, load_robot
 from armsight.robots.meshes import read_mesh
 from armsight.robots.tools import TOOL_NAMES, load_tool
 from armsight.simulation.gl import OpenGLContext, mujoco
+from armsight.simulation.lens import aim_scene
 
 TEXTURES = 6
 TEXTURE_SIZE = 256
@@ -94,7 +95,7 @@ class Painter:
         mujoco.mjr_uploadTexture(self._model, self._context, slot)
 
     def _draw(self, T: Pose, lens: PinholeCamera, flags: list[Any]) -> ColorImage:
-        self._aim(T, lens)
+        aim_scene(self._scene, T, lens, NEAR, FAR)
         self._scene.flags[:] = 0
         for flag in flags:
             self._scene.flags[flag] = 1
@@ -103,18 +104,6 @@ class Painter:
         mujoco.mjr_render(rect, self._scene, self._context)
         mujoco.mjr_readPixels(pixels, None, rect, self._context)
         return pixels[::-1]
-
-    def _aim(self, T: Pose, lens: PinholeCamera) -> None:
-        left, right = (-0.5 - lens.cx) / lens.fx, (lens.width - 0.5 - lens.cx) / lens.fx
-        top, bottom = (lens.cy + 0.5) / lens.fy, (lens.cy + 0.5 - lens.height) / lens.fy
-        for camera in self._scene.camera:
-            camera.pos[:] = T[:3, 3]
-            camera.forward[:] = T[:3, 2]
-            camera.up[:] = -T[:3, 1]
-            camera.frustum_near, camera.frustum_far = NEAR, FAR
-            camera.frustum_center = 0.5 * (left + right) * NEAR
-            camera.frustum_width = 0.5 * (right - left) * NEAR
-            camera.frustum_bottom, camera.frustum_top = bottom * NEAR, top * NEAR
 
     def _fill(self, things: Sequence[Thing], labels: bool) -> None:
         if len(things) > MAX_THINGS:

@@ -5,19 +5,14 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, Points
+from armsight.arrays import Bytes, ColorImage
 from armsight.errors import DatasetError
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import inverse
 from armsight.recognition.data.emphasis import NO_EMPHASIS, Emphasis
-from armsight.recognition.data.keypoints import (
-    placed_keypoints,
-    robot_keypoints,
-    visible_keypoints,
-)
+from armsight.recognition.data.labels import label_row
 from armsight.recognition.data.painter import Painter
 from armsight.recognition.data.recipe import Recipe
-from armsight.recognition.data.rows import Drawn, Row
+from armsight.recognition.data.rows import Drawn
 from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES
 from armsight.recognition.data.sensor import (
     OVERSAMPLING,
@@ -177,42 +172,15 @@ def _finish(
     ok, png = cv2.imencode(".png", links, [cv2.IMWRITE_PNG_COMPRESSION, 3])
     if not ok:
         raise ValueError("link ids cannot be written as PNG")
-    row = _row(recipe, robot, stage, links, streams)
-    return Drawn(row, to_jpeg(sensor, picture), bytes(png.tobytes()))
-
-
-def _row(recipe: Recipe, robot: str, stage: Stage, links: Bytes, streams: Streams) -> Row:
-    lens = stage.view.lens
-    T_camera_world = inverse(stage.view.T_world_camera)
-    keypoints = robot_keypoints(robot)
-    points: Points
-    if stage.arm is None:
-        q, joints, T_camera_base = np.empty(0), np.empty((0, 3)), np.full((4, 4), np.nan)
-        points = np.empty((0, 3))
-    else:
-        q, T_camera_base = stage.q, T_camera_world @ stage.T_world_base
-        T_camera_link = T_camera_world @ stage.T_world_link
-        joints = T_camera_link[1:, :3, 3]
-        points = placed_keypoints(keypoints, T_camera_link)
-        T_camera_base = np.asarray(T_camera_base)
-    pixels = lens.project(points)
     scene = 1000 * streams.robot + streams.scene if streams.shared else streams.index
-    return Row(
-        streams.index,
-        streams.seed,
-        scene,
+    row = label_row(
+        (streams.index, streams.seed, scene),
         robot,
-        f"images/{streams.index:06d}.jpg",
-        f"links/{streams.index:06d}.png",
-        lens.width,
-        lens.height,
-        lens.K,
-        np.array(lens.distortion),
-        T_camera_base,
-        q,
-        joints,
-        points,
-        pixels,
-        visible_keypoints(keypoints, pixels, links),
+        stage.view,
+        stage.q,
+        stage.T_world_link,
+        stage.T_world_base,
+        links,
         stage.words,
     )
+    return Drawn(row, to_jpeg(sensor, picture), bytes(png.tobytes()))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 
 from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.errors import RecognitionError
-from armsight.recognition.networks.architecture import Architecture
+from armsight.recognition.networks.architecture import Architecture, read_description
 
 FORMAT = "armsight-network-1"
 WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
@@ -64,7 +63,7 @@ class Model:
         data = _read(file)
         words = _words(file, data)
         self.name = file.stem
-        self.architecture, self.card = _described(file, words)
+        self.architecture, self.card = read_description(file, words, "take the original")
         self.K = _camera(file, self.card)
         self._session = _session(file, data, threads)
         _check_shapes(file, self._session, self.architecture)
@@ -180,19 +179,6 @@ def _varint(data: bytes, at: int, end: int) -> tuple[int, int]:
         if data[at - 1] < 0x80:
             return value, at
     raise ValueError
-
-
-def _described(file: Path, words: dict[str, str]) -> tuple[Architecture, dict[str, Any]]:
-    try:
-        architecture = Architecture.from_json(json.loads(words["architecture"]))
-        card = json.loads(words["card"])
-    except (KeyError, ValueError, RecursionError):
-        raise RecognitionError(f"{file}: its card is damaged; take the original") from None
-    except RecognitionError as error:
-        raise RecognitionError(f"{file}: {error}") from None
-    if not isinstance(card, dict):
-        raise RecognitionError(f"{file}: its card is damaged; take the original")
-    return architecture, card
 
 
 def _camera(file: Path, card: dict[str, Any]) -> Floats:

@@ -6,7 +6,9 @@ convolution, ``dense`` the units of every hidden dense layer, and the input can 
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 from armsight.errors import RecognitionError
@@ -112,6 +114,31 @@ class Architecture:
             if not isinstance(data[name], kind) or isinstance(data[name], bool):
                 raise RecognitionError(f"the description of a network has {name} {data[name]!r}")
         return cls(**{**data, "robots": tuple(robots)})
+
+
+def read_description(
+    file: Path, words: dict[str, str], cure: str
+) -> tuple[Architecture, dict[str, Any]]:
+    """The architecture and the card that a network's file carries as JSON.
+
+    Args:
+        file: for the message.
+        words: text of the file by name.
+        cure: what to do about a damaged card.
+
+    Raises:
+        RecognitionError: they are missing, damaged or absurd.
+    """
+    try:
+        architecture = Architecture.from_json(json.loads(words["architecture"]))
+        card = json.loads(words["card"])
+    except (KeyError, ValueError, RecursionError):
+        raise RecognitionError(f"{file}: its card is damaged; {cure}") from None
+    except RecognitionError as error:
+        raise RecognitionError(f"{file}: {error}") from None
+    if not isinstance(card, dict):
+        raise RecognitionError(f"{file}: its card is damaged; {cure}")
+    return architecture, card
 
 
 @dataclass(frozen=True)

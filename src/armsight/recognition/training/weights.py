@@ -15,7 +15,7 @@ import torch
 from torch import nn
 
 from armsight.errors import RecognitionError
-from armsight.recognition.networks.architecture import Architecture
+from armsight.recognition.networks.architecture import read_description
 from armsight.recognition.networks.build import Network, build_network
 from armsight.recognition.training.tensors_file import Array, read_tensors, write_tensors
 
@@ -72,15 +72,7 @@ def load_weights(file: Path) -> tuple[Network, Card]:
         raise RecognitionError(
             f"{file}: holds no weights of armsight's networks; train some with 'armsight train'"
         )
-    try:
-        architecture = Architecture.from_json(json.loads(words["architecture"]))
-        card = json.loads(words["card"])
-    except (KeyError, ValueError, RecursionError):
-        raise RecognitionError(f"{file}: its card is damaged; restore it") from None
-    except RecognitionError as error:
-        raise RecognitionError(f"{file}: {error}") from None
-    if not isinstance(card, dict):
-        raise RecognitionError(f"{file}: its card is damaged; restore it")
+    architecture, card = read_description(file, words, "restore it")
     network = build_network(architecture)
     try:
         set_arrays(network, arrays)
