@@ -142,6 +142,40 @@ def test_reflex_retraces_its_way_from_a_slow_hand():
     assert not cell.moving_touches
 
 
+def test_a_way_back_that_is_not_allowed_does_not_hold_the_arm_for_ever():
+    """A hand ahead, and when the arm goes back, another behind: neither leaves."""
+    a, b = np.deg2rad([-55, -70, 85, -105, -90, 0]), np.deg2rad([55, -70, 85, -105, -90, 0])
+    cell = QuickCell(goals=[b], config=GuardConfig(reflex_distance=0.4))
+    cell.q = a.copy()
+    cell.run(1.8)
+    center, velocity = (x[-1] for x in cell.guard.body.motion(cell.q, cell.v))
+    way = velocity / np.linalg.norm(velocity)
+    cell.balls = [Ball(lambda t: center + 0.35 * way, 0.05)]
+    while cell.guard._reflex.stage != Stage.RETRACE:
+        cell.tick()
+    here = cell.guard.body.motion(cell.q, cell.v)[0][-1]
+    cell.balls.append(Ball(lambda t: here - 0.3 * way, 0.05))
+    cell.run(cell.now + 2.0)
+    assert cell.guard._reflex.stage != Stage.RETRACE
+    assert not cell.moving_touches
+
+
+def test_a_reflex_that_gives_up_starts_again_only_for_what_comes_nearer():
+    reflex = Reflex(GuardConfig(), LIMITS)
+    reflex.begin(0.1)
+    reflex.stage = Stage.FLEE
+    assert not reflex.stuck(0.0, at_rest=True)
+    assert not reflex.stuck(0.5, at_rest=False)
+    assert not reflex.stuck(1.0, at_rest=True)
+    assert reflex.stuck(2.0, at_rest=True)
+    reflex.try_other(0.1)
+    assert not reflex.active
+    assert not reflex.due(0.1)
+    assert reflex.due(0.07)  # nearer than what it gave up at
+    assert not reflex.due(0.3)  # far again: what was given up is forgotten
+    assert reflex.due(0.1)
+
+
 def test_enlarged_hazards_bound_what_they_say():
     cell = QuickCell([Ball(lambda t: np.array([0.5, 0.1, 0.3]), 0.05)])
     snapshot = cell.snapshot_at(0.0)

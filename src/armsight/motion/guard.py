@@ -460,8 +460,12 @@ class Guard:
             self._flee(tick)
         tick.mode = GuardMode.REFLEX
         tick.reason = f"{reflex.stage.value}: {self._who(tick)}"
+        stuck = reflex.stage != Stage.STOPPING and reflex.stuck(tick.now, tick.at_rest)
         if reflex.over(tick.now, distance) and tick.at_rest:
             reflex.end()
+        elif stuck:
+            reflex.try_other(distance)
+        if not reflex.active:
             self._goals.drop_request()
 
     def _flee(self, tick: _Tick) -> None:

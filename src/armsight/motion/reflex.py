@@ -25,6 +25,8 @@ SHORTEST = 0.03
 """A way back shorter than this is none [rad]."""
 GAIN = 0.01
 """The way back must end at least this much farther from the nearest hazard [m]."""
+NEARER = 0.02
+"""By this much something must be nearer than when the reflex gave up to be fled from again [m]."""
 FLEE = 0.25
 """Speed at which the nearest part would leave, before separation scales it [m/s]."""
 
@@ -84,6 +86,8 @@ class Reflex:
         self.count = 0
         self._began_at = math.inf
         self._clear_since = math.inf
+        self._still_since = math.inf
+        self._given_up_at = math.inf
 
     @property
     def active(self) -> bool:
@@ -96,8 +100,13 @@ class Reflex:
         self._clear_since = math.inf
 
     def due(self, distance: float) -> bool:
-        """Whether to leave: too close, or coming too fast by the paper's rule."""
-        if distance < self._config.reflex_distance:
+        """Whether to leave: too close, or coming too fast by the paper's rule.
+
+        Not from what the reflex found no way to leave, unless that is nearer now.
+        """
+        if distance >= self._config.reflex_distance + self._config.release:
+            self._given_up_at = math.inf
+        if distance < min(self._config.reflex_distance, self._given_up_at - NEARER):
             return True
         speed = self.approach.speed
         return speed > 0.0 and self._config.risk.reflexive(speed, distance)
@@ -107,7 +116,7 @@ class Reflex:
         self.stage = Stage.STOPPING
         self.count += 1
         self._began_at = distance
-        self._clear_since = math.inf
+        self._clear_since = self._still_since = math.inf
 
     def choose(
         self,
@@ -129,6 +138,27 @@ class Reflex:
     def hold(self) -> None:
         """There is no proven way to leave."""
         self.stage, self.route = Stage.HOLD, None
+
+    def stuck(self, now: float, at_rest: bool) -> bool:
+        """Whether the arm has stood for as long as patience lasts; looks at every tick."""
+        if not at_rest:
+            self._still_since = math.inf
+        elif math.isinf(self._still_since):
+            self._still_since = now
+        return now - self._still_since >= self._config.patience
+
+    def try_other(self, distance: float) -> None:
+        """What was tried does not move the arm: leave instead of going back, or give up.
+
+        Whoever stands still beside the arm, and unseen space there, would otherwise hold it in the
+        reflex for ever. Given up, a plan may lead it out; separation limits every part of that.
+        """
+        self._still_since = math.inf
+        if self.stage == Stage.RETRACE:
+            self.stage, self.route = Stage.FLEE, None
+        elif self.approach.speed <= 0.0:
+            self._given_up_at = distance
+            self.end()
 
     def over(self, now: float, distance: float) -> bool:
         """Whether the danger has passed for long enough; looks at every tick."""
