@@ -8,7 +8,7 @@ import pytest
 from armsight.devices.data import JointState
 from armsight.errors import UsageError
 from armsight.experiments.quick_cell import Ball, QuickCell
-from armsight.mapping.snapshot import CameraStatus
+from armsight.mapping.snapshot import OCCUPIED, CameraStatus
 from armsight.motion.data import GuardMode, JointGoal
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.patrol import PatrolTask
@@ -284,3 +284,55 @@ def test_patrol_visits_in_turn_and_needs_two_goals():
     task.reset()
     assert task.visits == 0
     assert task.goal.name == "A"
+
+
+def speck_at(world, point):
+    """The map holds one occupied voxel there, which nobody takes for a person."""
+    from scipy.ndimage import distance_transform_edt
+
+    index = tuple(world.grid.index(np.asarray(point)[None])[0])
+    world.state = world.state.copy()
+    world.state[index] = OCCUPIED
+    away = distance_transform_edt(world.state != OCCUPIED) * world.grid.voxel
+    gap = away - np.sqrt(3.0) * world.grid.voxel
+    world.field = np.clip(gap, 0.0, 0.3).astype(np.float32)
+    return np.asarray(world.grid.center(np.array(index)))
+
+
+@pytest.mark.parametrize("depth", [-0.0004, 0.003, 0.012])
+def test_an_arm_that_a_speck_touches_leaves_and_does_not_touch_it_more(depth):
+    """Noise beside the arm, or what has come to it, must not hold it for ever."""
+    world = QuickCell(goals=[A])
+    center = world.guard.body.motion(world.q, np.zeros(6))[0]
+    tip = int(np.argmax(center[:, 0]))
+    edge = 0.5 * world.grid.voxel
+    beside = [world.guard.body.radius[tip] + 0.5 * edge, 0.0, 0.0]
+    speck = speck_at(world, center[tip] + beside)
+    world.q[0] += turn_to(world, speck, edge, depth)
+    begin = touch(world, speck, edge)
+    assert begin == pytest.approx(-depth, abs=1e-3)
+    deepest = begin
+    for _ in range(int(8.0 / 0.008)):
+        world.tick()
+        deepest = min(deepest, touch(world, speck, edge))
+    assert deepest > min(begin, 0.0) - 1e-3
+    assert world.visits or world.log[-1].reached
+
+
+def touch(world, speck, edge, q=None):
+    """Gap between the body and a voxel's cube [m]; negative inside."""
+    q = world.q if q is None else q
+    center = world.guard.body.motion(q, np.zeros(6))[0]
+    gap = np.linalg.norm(np.maximum(np.abs(center - speck) - edge, 0.0), axis=1)
+    return float((gap - world.guard.body.radius).min())
+
+
+def turn_to(world, speck, edge, depth):
+    """A turn of the first joint after which the body is as deep in the voxel as asked for."""
+    turns = np.linspace(-0.6, 0.6, 4801)
+    q = world.q.copy()
+    depths = []
+    for turn in turns:
+        q[0] = world.q[0] + turn
+        depths.append(touch(world, speck, edge, q))
+    return float(turns[int(np.argmin(np.abs(np.array(depths) + depth)))])

@@ -99,9 +99,11 @@ class PlanRequest:
         start: (n,) [rad] where the arm will be at rest when the plan begins.
         goal: where to.
         warm: (k, n) a path that was good a moment ago, or None.
+        held: how long the arm has stood on its way to this goal [s].
     """
 
     sequence: int
     start: JointVector
     goal: JointGoal
     warm: JointPath | None = None
+    held: float = 0.0

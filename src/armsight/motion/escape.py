@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
-from armsight.arrays import JointVector
+from armsight.arrays import JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.kernels import body_centers, self_clearance, sphere_clearances
@@ -19,45 +21,68 @@ TRIES = 80
 """Directions tried at each distance."""
 STEP = 0.002
 """Longest step [m] of the fastest sphere between two looks on the way out."""
+SLACK = 1e-4
+"""A drive that follows a way out may be this much off it [m]."""
 
 
 def escape(
     model: CollisionModel, q: JointVector, snapshot: WorkspaceSnapshot, rng: np.random.Generator
 ) -> JointVector | None:
-    """A free configuration near q that is reached without touching anything more; or None.
-
-    On the straight way there no sphere that touches comes nearer to what it touches than it is, no
-    other sphere begins to touch, and the same holds for the body against itself. Looked at in
-    steps of 2 mm, not proven: it is short, and it leads away.
-    """
+    """A free configuration near q that is reached by :func:`leaves`; or None."""
     if not model.within_limits(q):
         return None
-    ob = model.obstacles(snapshot, q)
-    body, floor = model.body, model.config.floor
-    scratch = model.scratch()
-    now = np.empty(len(body.radius))
-
-    def look(at: JointVector) -> float:
-        """Fill ``now`` with clearances at a place; returns the body's clearance from itself."""
-        body_centers(body, at, scratch.centers)
-        sphere_clearances(ob, scratch.centers, body.radius, now)
-        return float(self_clearance(body, scratch.centers))
-
-    own = min(look(q), floor)
-    allowed = np.minimum(now.copy(), floor)
-    if min(own, allowed.min(initial=floor)) < -DEPTH:
+    touch = _Touch(model, q, snapshot)
+    if touch.depth > DEPTH:
         return None
-    reach = body.lever.sum(axis=1).max(initial=0.1)
     for spread in SPREADS:
         for _ in range(TRIES):
             way = rng.normal(size=len(q))
             goal = model.inside_limits(q + way * (spread / np.abs(way).max()), np.inf)
-            if not model.valid(goal, snapshot, at=q):
-                continue
-            steps = int(np.ceil(reach * np.abs(goal - q).max() / STEP))
-            for s in np.linspace(0.0, 1.0, steps + 1)[1:]:
-                if look(q + s * (goal - q)) < own - 1e-6 or (now < allowed - 1e-6).any():
-                    break
-            else:
+            if model.valid(goal, snapshot, at=q) and touch.eases(np.stack([q, goal]), 1e-6):
                 return goal
     return None
+
+
+def leaves(
+    model: CollisionModel, path: JointPath, snapshot: WorkspaceSnapshot, at: JointVector
+) -> bool:
+    """Whether a body that touches something at (n,) [rad] may move along a (k, n) path.
+
+    On it no sphere that touches comes nearer to what it touches than it is at ``at``, no other
+    sphere begins to touch, and the same holds for the body against itself. Looked at in steps of
+    2 mm, not proven: it is short, and it leads away. False where nothing touches, or too deep:
+    then a proof decides.
+    """
+    touch = _Touch(model, at, snapshot)
+    return 0.0 < touch.depth <= DEPTH and touch.eases(path, SLACK)
+
+
+class _Touch:
+    """What a body touches where it stands, and whether a motion makes that worse."""
+
+    def __init__(self, model: CollisionModel, q: JointVector, snapshot: WorkspaceSnapshot) -> None:
+        self._model = model
+        self._obstacles = model.obstacles(snapshot, q)
+        self._now = np.empty(len(model.body.radius))
+        floor = model.config.floor
+        self._own = min(self._look(q), floor)
+        self._allowed = np.minimum(self._now.copy(), floor)
+        self.depth = floor - min(self._own, float(self._allowed.min(initial=floor)))
+
+    def eases(self, path: JointPath, slack: float) -> bool:
+        """Whether no sphere touches more along a (k, n) path than where the body stands."""
+        reach = self._model.body.lever.sum(axis=1).max(initial=0.1)
+        for a, b in pairwise(path):
+            steps = int(np.ceil(reach * np.abs(b - a).max() / STEP))
+            for s in np.linspace(0.0, 1.0, steps + 1)[1:]:
+                own = self._look(a + s * (b - a))
+                if own < self._own - slack or (self._now < self._allowed - slack).any():
+                    return False
+        return True
+
+    def _look(self, q: JointVector) -> float:
+        """Fill in the spheres' clearances at (n,) [rad]; returns the body's from itself [m]."""
+        body, scratch = self._model.body, self._model.scratch()
+        body_centers(body, q, scratch.centers)
+        sphere_clearances(self._obstacles, scratch.centers, body.radius, self._now)
+        return float(self_clearance(body, scratch.centers))

@@ -27,6 +27,7 @@ class Goals:
         refusal: why the present goal is not pursued at all; empty when it is.
         trouble: why the last plan failed or was refused; empty when it was good.
         replans: good plans taken so far.
+        held: how long the arm has stood on its way to the present goal [s].
     """
 
     def __init__(self, robot: Robot, config: GuardConfig) -> None:
@@ -37,6 +38,7 @@ class Goals:
         self.refusal = ""
         self.trouble = ""
         self.replans = 0
+        self.held = 0.0
         self._sequence = -1
         self._pending: PlanRequest | None = None
         self._asked = -math.inf
@@ -58,7 +60,7 @@ class Goals:
             )
         ):
             return False
-        self.goal, self.reached, self.trouble = goal, False, ""
+        self.goal, self.reached, self.trouble, self.held = goal, False, "", 0.0
         self.refusal = self._judge(goal)
         self._pending = None
         self._again = -math.inf
@@ -89,7 +91,8 @@ class Goals:
             return None
         self._sequence += 1
         self._asked = now
-        self._pending = PlanRequest(self._sequence, np.array(start, float), self.goal, warm)
+        here = np.array(start, float)
+        self._pending = PlanRequest(self._sequence, here, self.goal, warm, self.held)
         return self._pending
 
     def answer(self, now: float, plan: Plan | None, at: JointVector) -> Plan | None:

@@ -38,6 +38,7 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import ArmState, DelayedArm
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
+from armsight.motion.escape import leaves
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.faults import FaultWatch, Severity, Verdict
 from armsight.motion.gate import TICKS, Gate, after_decision, declared_reaction
@@ -265,7 +266,7 @@ class Guard:
         good = self._goals.answer(tick.now, plan, tick.ahead.position)
         if good is None or good.trajectory is None or tick.snapshot is None:
             return
-        route = Route(good.trajectory, good.request)
+        route = Route(good.trajectory, good.request, good.escape_s)
         route.prove(self._model, tick.snapshot, tick.here.position)
         self._route, self._leaving = route, False
         self._blocked_since = tick.now if math.isfinite(route.blocked_at) else math.inf
@@ -277,6 +278,8 @@ class Guard:
     def _decide(self, tick: _Tick) -> None:
         """Choose what to do in this tick."""
         goals, reflex = self._goals, self._reflex
+        if goals.active and tick.at_rest:
+            goals.held += tick.elapsed
         if goals.active and tick.at_rest and goals.is_at(tick.here.position):
             goals.reached = True
             self._route = None
@@ -391,12 +394,19 @@ class Guard:
                 tick.mode, tick.reason = GuardMode.SLOWED, self._who(tick)
 
     def _stop_is_free(self, tick: _Tick) -> bool:
-        """Whether the hard stop after this command is proven free: the stop kept in hand."""
+        """Whether the hard stop after this command is proven free: the stop kept in hand.
+
+        Where the arm touches something already, a speck of noise or what has come to it: whether
+        the stop touches nothing more.
+        """
         if tick.snapshot is None:
             return False
         after = self._arm.after(tick.ahead, tick.command, self.config.period)
         stop = self._arm.stop_path(after)
-        return self._model.path_valid(stop, tick.snapshot, self._proof_pose(tick))
+        pose = self._proof_pose(tick)
+        return self._model.path_valid(stop, tick.snapshot, pose) or leaves(
+            self._model, stop, tick.snapshot, pose
+        )
 
     def _proof_pose(self, tick: _Tick) -> JointVector:
         """Where the body stood when the snapshot was first seen: one set of obstacles for all."""

@@ -32,6 +32,8 @@ from armsight.robots.robot import Robot
 
 COARSE = 3
 """Fine voxels along the edge of a coarse one."""
+ROOM = 0.03
+"""Start and goal keep at least this far from the lid [m]."""
 SAMPLE = 0.1
 """Phase time between two looks at a motion when its time is predicted [s]."""
 SLOWEST = 0.02
@@ -50,7 +52,9 @@ class KeepOutConfig:
             without looking for a better one.
         memory: places that were occupied within this time are remembered [s]; 20 s is danger 0.8.
         returns: weight of the time with the remembered places taken, 0..1.
-        stay: whoever comes back is not expected to hold the arm up for longer than this [s].
+        lid: how far below the top of the mapped box paths keep, if start and goal do [m].
+        stay: whoever is or comes in the way is not expected to hold the arm up for longer than
+            this [s], or than it has been held up already: a short wait beats a long way round.
         further: time limit of every plan but the first [s]; most: how many of those there are.
             Together they must fit into the latency that the session declares for planning.
     """
@@ -61,6 +65,7 @@ class KeepOutConfig:
     good: float = 1.2
     memory: float = 20.0
     returns: float = 0.5
+    lid: float = 0.2
     stay: float = 3.0
     further: float = 0.004
     most: int = 3
@@ -94,14 +99,17 @@ class SeparationPlanner:
         hazards = Hazards.of(snapshot)
         self._gate.set_reaction(self._reaction, hazards.radius)
         config = self._config
+        snapshot = self._under_the_lid(request, snapshot)
         best = self._planner.plan(request, snapshot, time_limit, rng)
         before = with_remembered(snapshot, config.memory)
         if best.trajectory is None or len(before.hazards) == 0:
             return best
         worse = hazards if before is snapshot else Hazards.of(before)
 
+        stay = max(config.stay, request.held)
+
         def expected(trajectory: Trajectory) -> float:
-            now = self.predicted_time(trajectory, hazards)
+            now = min(self.predicted_time(trajectory, hazards), trajectory.duration + stay)
             if worse is hazards:
                 return now
             again = min(self.predicted_time(trajectory, worse), now + config.stay)
@@ -133,6 +141,20 @@ class SeparationPlanner:
             if other_time < best_time:
                 best, best_time = other, other_time
         return replace(best, optimisation_s=spent)
+
+    def _under_the_lid(
+        self, request: PlanRequest, snapshot: WorkspaceSnapshot
+    ) -> WorkspaceSnapshot:
+        """The surroundings closed by a lid, as high as start and goal need it."""
+        body, still = self._gate.body, np.zeros(len(request.start))
+        ends = [
+            body.motion(np.asarray(q, float), still)[0]
+            for q in (request.start, request.goal.position)
+        ]
+        highest = max(float((center[:, 2] + body.radius).max()) for center in ends)
+        grid = snapshot.grid
+        top = float(grid.origin[2]) + grid.shape[2] * grid.voxel
+        return with_lid(snapshot, min(self._config.lid, top - highest - ROOM))
 
     def _candidates(
         self,
@@ -218,6 +240,21 @@ def enlarged(
     state = np.where(_fine(away <= distance, grid.shape), np.uint8(OCCUPIED), snapshot.state)
     field = _fine(np.maximum(bound, 0.0).astype(np.float32), grid.shape)
     return replace(snapshot, state=state, distance=np.minimum(snapshot.distance, field))
+
+
+def with_lid(snapshot: WorkspaceSnapshot, depth: float) -> WorkspaceSnapshot:
+    """The same surroundings, occupied down to at most ``depth`` [m] below the top of the box."""
+    grid = snapshot.grid
+    layers = int(np.floor(depth / grid.voxel + 1e-6))
+    if layers <= 0:
+        return snapshot
+    first = grid.shape[2] - layers
+    state = snapshot.state.copy()
+    state[:, :, first:] = OCCUPIED
+    # Between any points of two voxels in a column there are the voxels between them.
+    above = np.maximum(first - 1 - np.arange(grid.shape[2]), 0)
+    bound = (above * grid.voxel).astype(np.float32)
+    return replace(snapshot, state=state, distance=np.minimum(snapshot.distance, bound))
 
 
 def _fine(coarse: NDArray[Any], shape: tuple[int, int, int]) -> NDArray[Any]:

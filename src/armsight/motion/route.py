@@ -10,6 +10,7 @@ import numpy as np
 from armsight.arrays import Floats, JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
+from armsight.motion.escape import leaves
 from armsight.motion.trajectory import Trajectory
 
 SAMPLE = 0.04
@@ -41,15 +42,19 @@ class Route:
         phase: where on it the arm is meant to be [s].
         blocked_at: phase of the first place that is not proven free [s]; inf when all is.
         request: sequence of the plan request that it answers; -1 for a reflex.
+
+    Args:
+        escape: until this phase it leaves something that the arm touches at its start [s].
     """
 
-    def __init__(self, trajectory: Trajectory, request: int = -1) -> None:
+    def __init__(self, trajectory: Trajectory, request: int = -1, escape: float = 0.0) -> None:
         self.trajectory = trajectory
         self.request = request
         self.phase = 0.0
         self.blocked_at = math.inf
         self._times = _sample_times(trajectory)
         self._samples = trajectory.sample(self._times)
+        self._escape = escape
         self._apart = False  # whether the body is proven not to touch itself on the way
 
     @property
@@ -85,6 +90,11 @@ class Route:
     def prove(self, model: CollisionModel, snapshot: WorkspaceSnapshot, at: JointVector) -> None:
         """Check what lies ahead against a snapshot, for a body that is at ``at`` now."""
         first = max(int(np.searchsorted(self._times, self.phase, side="right")) - 1, 0)
+        if self.phase < self._escape:
+            free = int(np.searchsorted(self._times, self._escape))
+            way_out = np.vstack([at[None], self._samples[first : free + 1]])
+            if leaves(model, way_out, snapshot, at):
+                first = free
         ahead = self._samples[first:]
         if len(ahead) < 2:
             self.blocked_at = math.inf
