@@ -273,7 +273,7 @@ def settings() -> dict[str, Any]:
         "stay": list(STAY),
         "goals": [q.tolist() for q in GOALS.values()],
         "places": [AWAY.tolist(), IN.tolist(), SPREAD.tolist()],
-        "version": 2,
+        "version": 3,
     }
 
 
