@@ -66,6 +66,7 @@ def main() -> int:
         meshes={name: mesh_hash(name) for name in options.robots if name in ROBOT_NAMES},
         settings={"samples": str(options.samples)},
     )
+    # No recordings here: every picture has a place of its own.
     recipe = find_recipe(options.set)
 
     def draw(batches: Iterator[range]) -> Iterator[list[Drawn]]:

@@ -50,7 +50,7 @@ def draw_batch(order: Order, batch: Batch) -> list[Drawn]:
             size,
             manifest.seed,
             i,
-            order.scene(i),
+            order.place(i),
             order.emphasis,
         )
         for i in batch

@@ -56,12 +56,47 @@ def draw_view(
         T = _draw_pose(recipe, lens, centers, base, room, cut, rng)
         if T is None or np.linalg.norm(centers - T[:3, 3], axis=1).min() < LEAST_GAP:
             continue
-        inside, extent = _framed(lens, T, centers, radii)
+        inside, extent = framed(lens, T, centers, radii)
         if extent < LEAST_EXTENT:
             continue
         if (0.35 <= inside <= 0.95) if cut else inside == 1.0:
             return View(lens, T, cut)
     return None
+
+
+def draw_views(
+    recipe: Recipe,
+    size: tuple[int, int],
+    centers: Points,
+    radii: Floats,
+    base: Vector3,
+    room: Floats,
+    rng: np.random.Generator,
+    count: int,
+    inside: float,
+) -> list[View]:
+    """At most ``count`` places of a camera that watches all that an arm does in a recording.
+
+    Args:
+        recipe: ranges.
+        size: width, height of the picture [px].
+        centers: (m, 3) spheres of the arm in many configurations, in world [m].
+        radii: (m,) of the spheres [m].
+        base: (3,) the robot's base in world.
+        room: (2, 3) least and greatest corner of where the camera may be [m].
+        rng: source of randomness.
+        count: of the places.
+        inside: least share of the spheres in the frame.
+    """
+    found: list[View] = []
+    for _ in range(4 * TRIES):
+        lens = draw_lens(recipe, size, rng)
+        T = _draw_pose(recipe, lens, centers, base, room, False, rng)
+        if T is not None and framed(lens, T, centers, radii)[0] >= inside:
+            found.append(View(lens, T, False))
+            if len(found) == count:
+                break
+    return found
 
 
 def draw_lens(recipe: Recipe, size: tuple[int, int], rng: np.random.Generator) -> PinholeCamera:
@@ -141,7 +176,7 @@ def _turn(a: Vector3, b: Vector3) -> Floats:
     return np.asarray(np.eye(3) + K + K @ K / (1.0 + float(a @ b)))
 
 
-def _framed(lens: PinholeCamera, T: Pose, centers: Points, radii: Floats) -> tuple[float, float]:
+def framed(lens: PinholeCamera, T: Pose, centers: Points, radii: Floats) -> tuple[float, float]:
     """Share of the arm's spheres wholly in the picture; its longer side against the height."""
     p = transform(inverse(T), centers)
     if np.any(p[:, 2] < 0.1):

@@ -25,7 +25,7 @@ from armsight.errors import DatasetError
 
 FORMAT = 1
 """Version of the layout on disk."""
-GENERATOR = 1
+GENERATOR = 2
 """Version of what decides a label or a picture; a set is never continued by another one."""
 FILE = "dataset.toml"
 
@@ -40,7 +40,7 @@ class Manifest:
         seed: everything in the set follows from it and a sample's index.
         width, height: of the pictures [px].
         counts: samples of each robot, in the order of their indices.
-        scenes: rooms of each robot; 0 where every sample has its own.
+        scenes: rooms of each robot at most; 0 where every sample has its own.
         shard_size: samples in a shard; the last may have fewer.
         meshes: SHA-256 of each robot's drawn surface and of the spheres that keep it free.
         settings: what else the generator was told.

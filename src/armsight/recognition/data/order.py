@@ -13,6 +13,7 @@ from armsight.recognition.data.arms import mesh_hash
 from armsight.recognition.data.emphasis import NO_EMPHASIS, Emphasis, parse_emphasis
 from armsight.recognition.data.manifest import Manifest
 from armsight.recognition.data.recipe import PAPER_COUNTS, Recipe, find_recipe
+from armsight.recognition.data.recording import Place, frames_of
 from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES, UNKNOWN_ROBOT
 from armsight.robots.catalogue import ROBOT_NAMES
 from armsight.simulation.gl import mujoco
@@ -58,10 +59,20 @@ class Order:
         """Robot of a sample."""
         return list(self.manifest.counts)[int(self._places[0][index])]
 
-    def scene(self, index: int) -> int:
-        """Room of a sample, counted within its robot; 0 where every sample has its own."""
+    @cached_property
+    def _dealt(self) -> dict[str, tuple[Ints, Ints, Ints]]:
+        """Of each robot, :func:`frames_of` its samples."""
+        return {name: frames_of(name, count) for name, count in self.manifest.counts.items()}
+
+    def place(self, index: int) -> Place:
+        """Which frame of which recording or room a sample is."""
+        within = int(self._places[1][index])
+        if self.recipe.recorded:
+            scene, frame, frames = self._dealt[self.robot(index)]
+            k = int(scene[within])
+            return Place(k, int(frame[within]), int(frames[k]))
         scenes = self.manifest.scenes
-        return int(self._places[1][index]) % scenes if scenes > 0 else 0
+        return Place(within % scenes if scenes > 0 else 0)
 
 
 def make_order(
@@ -75,7 +86,7 @@ def make_order(
     """A set to be made.
 
     Args:
-        kind: ``paper-like`` or ``wild``.
+        kind: ``paper-like``, ``paper-rooms`` or ``wild``.
         counts: samples of each robot.
         seed: everything follows from it.
         size: width, height [px].

@@ -1,4 +1,4 @@
-"""How far each thing is randomised: the paper-like set and the wild one.
+"""How far each thing is randomised: the papers' recordings, their rooms by the thousand, the wild.
 
 In the order of importance of the design: camera and framing, tools and hoses and stands, light,
 background, occluders, sensor, material, kinematics. Everything is a range, a probability or a
@@ -7,7 +7,7 @@ standard deviation; ``generate`` draws from them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from armsight.errors import UsageError
 
@@ -26,7 +26,8 @@ class Recipe:
 
     Attributes:
         name: of the kind.
-        scenes: rooms of each robot, shared by its samples; 0: every sample has its own.
+        scenes: rooms of each robot at most, shared by its samples; 0: every sample has its own.
+        recorded: the samples of a room are a recording as the papers made them (recording.py).
         fov_deg: horizontal field of view, drawn evenly; the paper-like set's is fixed.
         distance: camera to the robot's base [m].
         elevation_deg: of the camera above the arm's middle.
@@ -52,6 +53,7 @@ class Recipe:
 
     name: str
     scenes: int
+    recorded: bool
     fov_deg: Range
     distance: Range
     elevation_deg: Range
@@ -85,7 +87,8 @@ class Recipe:
 
 PAPER_LIKE = Recipe(
     name="paper-like",
-    scenes=20,
+    scenes=14,
+    recorded=True,
     fov_deg=(KINECT_V2_FOV_DEG[0], KINECT_V2_FOV_DEG[0]),
     distance=(1.2, 2.5),
     elevation_deg=(-5.0, 40.0),
@@ -120,6 +123,7 @@ PAPER_LIKE = Recipe(
 WILD = Recipe(
     name="wild",
     scenes=0,
+    recorded=False,
     fov_deg=(40.0, 105.0),
     distance=(0.8, 3.5),
     elevation_deg=(-20.0, 65.0),
@@ -151,7 +155,11 @@ WILD = Recipe(
     calm_light=False,
 )
 
-RECIPES = {recipe.name: recipe for recipe in (PAPER_LIKE, WILD)}
+PAPER_ROOMS = replace(PAPER_LIKE, name="paper-rooms", scenes=0, recorded=False)
+"""The papers' lens, distances, light and paint, but every picture in a room, from a camera and with
+an arm of its own: what a network needs to learn that shall work in rooms it has not seen."""
+
+RECIPES = {recipe.name: recipe for recipe in (PAPER_LIKE, PAPER_ROOMS, WILD)}
 
 
 def find_recipe(name: str) -> Recipe:

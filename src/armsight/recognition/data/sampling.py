@@ -12,6 +12,7 @@ from armsight.recognition.data.emphasis import NO_EMPHASIS, Emphasis
 from armsight.recognition.data.labels import label_row
 from armsight.recognition.data.painter import Painter
 from armsight.recognition.data.recipe import Recipe
+from armsight.recognition.data.recording import Place
 from armsight.recognition.data.rows import Drawn
 from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES
 from armsight.recognition.data.sensor import (
@@ -41,7 +42,7 @@ def draw_sample(
     size: tuple[int, int],
     seed: int,
     index: int,
-    scene: int,
+    place: Place,
     emphasis: Emphasis = NO_EMPHASIS,
 ) -> Drawn:
     """Draw sample ``index`` of a set.
@@ -53,7 +54,7 @@ def draw_sample(
         size: width, height [px].
         seed: of the set.
         index: of the sample.
-        scene: room of the sample, counted within its robot; used if the recipe shares rooms.
+        place: room of the sample, used if the recipe shares rooms, and its frame in a recording.
         emphasis: which scenes are taken more often.
 
     Raises:
@@ -61,12 +62,14 @@ def draw_sample(
     """
     number = ROBOT_TYPES.index(robot)
     for attempt in range(ATTEMPTS):
-        streams = Streams(seed, number, scene, index, attempt, recipe.scenes > 0)
-        stage = set_up(recipe, robot, size, streams)
+        streams = Streams(seed, number, place.scene, index, attempt, recipe.scenes > 0)
+        stage = set_up(recipe, robot, size, streams, place)
         if stage is None:
             continue
         links, seen = _look(painter, stage, robot)
-        if robot != NO_ROBOT and ((links > 0).mean() < LEAST_SHARE or seen < 0.5):
+        poor = (links > 0).mean() < LEAST_SHARE or seen < 0.5
+        # A frame of a recording is what it is; its camera watches the whole sweep.
+        if poor and robot != NO_ROBOT and not recipe.recorded:
             continue
         stage.words["seen"] = seen
         if emphasis.bins and attempt < PATIENCE:
@@ -160,7 +163,9 @@ def _finish(
     streams: Streams,
 ) -> Drawn:
     lens = stage.view.lens
-    sensor = draw_sensor(recipe, streams.of_sample("sensor"))
+    # A recording is made by one camera in one light.
+    topic = streams.of_scene if recipe.recorded else streams.of_sample
+    sensor = draw_sensor(recipe, topic("sensor"))
     mosaic = expose(sensor, see_color(painter, stage), streams.of_sample("noise"))
     picture = develop(sensor, mosaic, (lens.width, lens.height))
     mean, burnt = brightness(picture)

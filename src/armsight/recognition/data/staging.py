@@ -7,12 +7,14 @@ streams, the rest from the sample's.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Points, Pose, Poses
+from armsight.errors import DatasetError
 from armsight.recognition.data import clutter, fittings
 from armsight.recognition.data.arms import Arm, catalogue_arm, made_up_arm
 from armsight.recognition.data.configuration import draw_configuration
@@ -20,6 +22,7 @@ from armsight.recognition.data.framing import View, draw_view
 from armsight.recognition.data.lighting import draw_light
 from armsight.recognition.data.paintwork import draw_paintwork
 from armsight.recognition.data.recipe import Recipe
+from armsight.recognition.data.recording import Place, Recording, record
 from armsight.recognition.data.room import PAINT, Room, Stand, draw_room, draw_stand
 from armsight.recognition.data.sample import NO_ROBOT, UNKNOWN_ROBOT
 from armsight.recognition.data.textures import draw_scratches
@@ -46,6 +49,7 @@ TOPICS = (
     "arm",
     "jitter",
     "emphasis",
+    "sweep",
 )
 Stream = Callable[[str], np.random.Generator]
 
@@ -59,6 +63,7 @@ class Streams:
         robot: number of the robot's type. scene: within the robot. index: of the sample.
         attempt: counts the tries of a sample whose scene could not be set up.
         shared: whether samples of a scene share what ``of_scene`` draws.
+        take: counts the tries of a recording that the room did not allow.
     """
 
     seed: int
@@ -67,12 +72,13 @@ class Streams:
     index: int
     attempt: int
     shared: bool
+    take: int = 0
 
     def of_scene(self, topic: str) -> np.random.Generator:
         """For what samples of a scene have in common."""
         if not self.shared:
             return self.of_sample(topic)
-        key = [self.seed, 1, self.robot, self.scene, TOPICS.index(topic)]
+        key = [self.seed, 1, self.robot, self.scene, TOPICS.index(topic), self.take]
         return np.random.default_rng(key)
 
     def of_sample(self, topic: str) -> np.random.Generator:
@@ -108,7 +114,9 @@ class Stage:
     words: dict[str, float | str]
 
 
-def set_up(recipe: Recipe, robot: str, size: tuple[int, int], streams: Streams) -> Stage | None:
+def set_up(
+    recipe: Recipe, robot: str, size: tuple[int, int], streams: Streams, place: Place
+) -> Stage | None:
     """The scene of a sample, or None if this attempt led nowhere.
 
     Args:
@@ -116,22 +124,36 @@ def set_up(recipe: Recipe, robot: str, size: tuple[int, int], streams: Streams) 
         robot: type of the sample.
         size: width, height of the picture [px].
         streams: random generators.
+        place: which frame of a recording the sample is.
     """
-    room = draw_room(recipe, streams.of_scene("room"))
-    stand = draw_stand(recipe, room, streams.of_scene("stand"))
     # Without a robot, an arm that is not drawn frames the picture all the same.
     arm = _arm(robot, streams)
-    q = draw_configuration(arm, stand.T_world_base, stand.blocked, streams.of_sample("pose"))
+    recording = None
+    if recipe.recorded:
+        take, recording = _recording(recipe, arm, size, streams, place)
+        streams = replace(streams, take=take)
+    room = draw_room(recipe, streams.of_scene("room"))
+    stand = draw_stand(recipe, room, streams.of_scene("stand"))
+    q = (
+        recording.q[place.frame]
+        if recording is not None
+        else draw_configuration(arm, stand.T_world_base, stand.blocked, streams.of_sample("pose"))
+    )
     if q is None:
         return None
     geometry = _jittered(arm, recipe.jitter, streams.of_sample("jitter"))
     T_world_link = stand.T_world_base @ arm.link_poses(q, geometry)
     centers, radii = arm.spheres(T_world_link), arm.sphere_radius
     base = stand.T_world_base[:3, 3]
-    view = draw_view(recipe, size, centers, radii, base, room.corners, streams.of_sample("view"))
+    view = recording.view if recording is not None else None
+    if view is None:
+        rng = streams.of_sample("view")
+        view = draw_view(recipe, size, centers, radii, base, room.corners, rng)
     if view is None:
         return None
-    light = draw_light(recipe, room, centers.mean(axis=0), streams.of_scene("light"))
+    # What stands in a recording leaves room for all that its arm does.
+    kept = (centers, radii) if recording is None else (recording.centers, recording.radii)
+    light = draw_light(recipe, room, kept[0].mean(axis=0), streams.of_scene("light"))
     scene = Scene([], light.lamps, light.ambient, list(room.textures))
     words: dict[str, float | str] = {
         "stand": stand.kind,
@@ -147,8 +169,8 @@ def set_up(recipe: Recipe, robot: str, size: tuple[int, int], streams: Streams) 
     if robot != NO_ROBOT:
         scene.things += _worn(recipe, arm, T_world_link, words, streams)
         occluders = _occluders(recipe, view, stand, centers, radii, words, streams)
-    groups = _groups(recipe, room, stand, streams)
-    scene.things += clutter.fitting(groups, view, centers, radii)
+    scene.things += clutter.fitting(_standing(recipe, room, stand, streams), view, *kept)
+    scene.things += clutter.fitting(_people(recipe, room, streams), view, centers, radii)
     scene.things += _foreign(recipe, room, view, centers, radii, streams)
     scene.things += occluders
     return Stage(
@@ -170,6 +192,40 @@ def _arm(robot: str, streams: Streams) -> Arm:
     if robot == NO_ROBOT:
         return catalogue_arm(str(streams.of_sample("arm").choice(ROBOT_NAMES)))
     return catalogue_arm(robot)
+
+
+_recordings: OrderedDict[tuple[object, ...], tuple[int, Recording]] = OrderedDict()
+"""Of this process, since a sweep takes a second and each frame of a recording asks for it."""
+_TAKES = 40
+
+
+def _recording(
+    recipe: Recipe, arm: Arm, size: tuple[int, int], streams: Streams, place: Place
+) -> tuple[int, Recording]:
+    """The first take of a sample's recording that its room allows, and which it is.
+
+    Raises:
+        DatasetError: no room allowed one, which the recipes of armsight do not cause.
+    """
+    key = (recipe, streams.seed, streams.robot, streams.scene, size, place.frames)
+    if key not in _recordings:
+        for take in range(_TAKES):
+            own = replace(streams, take=take)
+            room = draw_room(recipe, own.of_scene("room"))
+            stand = draw_stand(recipe, room, own.of_scene("stand"))
+            rng = own.of_scene("sweep")
+            recording = record(recipe, arm, room, stand, size, place.frames, rng)
+            if recording is not None:
+                break
+        else:
+            raise DatasetError(
+                f"recording {place.scene} of {arm.name}: no room allows {place.frames} frames; "
+                "take another seed or fewer"
+            )
+        _recordings[key] = take, recording
+        if len(_recordings) > 64:
+            _recordings.popitem(last=False)
+    return _recordings[key]
 
 
 def _jittered(arm: Arm, greatest: float, rng: np.random.Generator) -> Poses | None:
@@ -251,17 +307,20 @@ def _occluders(
     return found
 
 
-def _groups(recipe: Recipe, room: Room, stand: Stand, streams: Streams) -> list[clutter.Group]:
-    """Furniture, things on the table, people."""
+def _standing(recipe: Recipe, room: Room, stand: Stand, streams: Streams) -> list[clutter.Group]:
+    """Furniture, things on the table."""
     rng = streams.of_scene("furniture")
     count = int(rng.integers(recipe.clutter[0], recipe.clutter[1] + 1))
     groups = clutter.draw_furniture(room, count, rng)
     rng = streams.of_scene("table")
-    groups += clutter.draw_table_things(stand, int(rng.integers(0, 9)), rng)
+    return groups + clutter.draw_table_things(stand, int(rng.integers(0, 9)), rng)
+
+
+def _people(recipe: Recipe, room: Room, streams: Streams) -> list[clutter.Group]:
     rng = streams.of_sample("person")
-    if rng.random() < recipe.person:
-        groups += [clutter.draw_person(room, rng) for _ in range(int(rng.integers(1, 4)))]
-    return groups
+    if rng.random() >= recipe.person:
+        return []
+    return [clutter.draw_person(room, rng) for _ in range(int(rng.integers(1, 4)))]
 
 
 def _foreign(
