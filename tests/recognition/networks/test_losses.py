@@ -23,18 +23,30 @@ def tensor(values: object) -> "torch.Tensor":
 def test_mask_loss_is_t7s_equations_1_to_4() -> None:
     rng = np.random.default_rng(0)
     logits, truth, share = rng.normal(0, 2, (4, 5, 6)), rng.random((4, 5, 6)) < 0.2, 0.17
-    estimate = 1 / (1 + np.exp(-logits))
     w_fg, w_bg = 1 / share, 1 / (1 - share)
+    estimate = 1 / (1 + w_bg / w_fg * np.exp(-logits))  # the network answers the true odds
     pixels = -w_fg * truth * np.log(estimate) - w_bg * (1 - truth) * np.log(1 - estimate)
     found = mask_loss(tensor(logits), torch.from_numpy(truth), share)
     np.testing.assert_allclose(float(found), pixels.mean(), rtol=1e-5)
+
+
+def test_mask_loss_is_least_at_the_true_chance() -> None:
+    """Of a pixel that is robot in 30 of 100 pictures the right answer is 30 %, for any weights."""
+    truth = (torch.arange(100) < 30)[:, None, None]
+    odds = [float(np.log(p / (1 - p))) for p in (0.05, 0.2, 0.27, 0.3, 0.33, 0.5, 0.9)]
+    for share in (0.04, 0.5):
+        losses = [float(mask_loss(torch.full((100, 1, 1), s), truth, share)) for s in odds]
+        assert np.argmin(losses) == 3
 
 
 def test_mask_loss_weighs_both_classes_alike() -> None:
     """Equal weight in sum: an empty mask is no bargain, whatever the robot's share is."""
     truth = torch.zeros(1, 10, 10, dtype=torch.bool)
     truth[0, :1] = True
-    nothing, everything = (mask_loss(torch.full((1, 10, 10), s), truth, 0.1) for s in (-9.0, 9.0))
+    even = float(np.log(0.1 / 0.9))  # the weighted answer is one half
+    nothing, everything = (
+        mask_loss(torch.full((1, 10, 10), even + s), truth, 0.1) for s in (-9.0, 9.0)
+    )
     np.testing.assert_allclose(float(nothing), float(everything), rtol=1e-5)
 
 

@@ -82,6 +82,12 @@ class CascadedNet(nn.Module):
             "coordinates": [self.convolutions, self.dense, self.output],
         }
 
+    def mask_layer(self) -> nn.Conv2d:
+        """The convolution whose answer is the mask's logit."""
+        last = self.mask[-1]
+        assert isinstance(last, SameConv)
+        return last.conv
+
     def regressions(self) -> list[tuple[nn.Linear, slice]]:
         """Final layers and their rows for base, then joints."""
         return [

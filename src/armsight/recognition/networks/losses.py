@@ -7,6 +7,7 @@ it against zero; here it is computed from the logit, which needs no clipping.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -53,14 +54,20 @@ def mask_loss(logits: Tensor, truth: Tensor, share: float) -> Tensor:
 
     ``-w_fg i_gt log(i_est) - w_bg (1 - i_gt) log(1 - i_est)`` (T7, equations 1 to 4).
 
+    These weights make an estimate right whose odds are w_fg / w_bg times the true ones: where 4 %
+    of the pixels are robot, one that is robot with 4 % counts as robot, and masks come out several
+    times too large. So the network answers true odds, and the loss multiplies them by w_fg / w_bg:
+    the same minimum, with the weights taken back where the mask is cut.
+
     Args:
-        logits: (n, h, w).
+        logits: (n, h, w) of the true odds.
         truth: (n, h, w) bool.
         share: P(fg) in 0..1; the papers do not say over what: here over the training set.
     """
     weight = torch.where(truth, 1.0 / share, 1.0 / (1.0 - share))
+    weighted = logits.float() + math.log((1.0 - share) / share)
     return functional.binary_cross_entropy_with_logits(
-        logits.float(), truth.to(torch.float32), weight=weight
+        weighted, truth.to(torch.float32), weight=weight
     )
 
 

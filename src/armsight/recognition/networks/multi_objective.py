@@ -111,6 +111,10 @@ class MultiObjectiveNet(nn.Module):
             "dense": [self.dense_second, self.dense_side, self.heads, self.outputs],
         }
 
+    def mask_layer(self) -> nn.Conv2d:
+        """The convolution whose answer is the mask's logit."""
+        return self.mask_output.conv
+
     def regressions(self) -> list[tuple[nn.Linear, slice]]:
         """Final layers and their rows for base, then joints."""
         base, joints = self.outputs["base"].full, self.outputs["joints"].full

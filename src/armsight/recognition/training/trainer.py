@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from armsight.arrays import Ints
+from armsight.arrays import Ints, Mask
 from armsight.errors import RecognitionError
 from armsight.recognition.networks.architecture import Architecture
 from armsight.recognition.networks.build import Network
@@ -134,7 +134,7 @@ class Trainer:
         validation = np.sort(rng.permutation(validation)[:VALIDATION_SAMPLES])
         self._train = samples_on(data, self.chosen, architecture, self.device)
         self._validation = samples_on(data, validation, architecture, self.device)
-        self.share = _share(self._train)
+        self.share = _share(data.masks(self.chosen))
         self.progress = Progress()
         self._memory: dict[int, dict[str, Any]] = {}
         self._augmenter: Augmenter | None = None
@@ -326,9 +326,9 @@ def _optimiser(stage: Stage, moving: list[torch.nn.Parameter]) -> torch.optim.Op
     )
 
 
-def _share(samples: Samples) -> float:
+def _share(masks: Mask) -> float:
     """P(fg) over the training set, kept off 0 and 1 (the papers clip, too)."""
-    mean = float(np.mean([float(mask.float().mean()) for mask in samples.targets.mask]))
+    mean = float(masks.mean())
     return min(max(mean, 1e-4), 1.0 - 1e-4)
 
 
@@ -342,7 +342,7 @@ def fingerprint(config: TrainingConfig, data: PackedSet, chosen: Ints, parent: s
 
 
 def start_at_mean(network: Network, data: PackedSet, chosen: Ints) -> None:
-    """Let base and joints begin at their mean over the training samples, not at the camera.
+    """Let base, joints and mask begin at their mean over the training samples.
 
     The papers say nothing about how outputs start; from zero, metres take thousands of updates.
     """
@@ -353,3 +353,5 @@ def start_at_mean(network: Network, data: PackedSet, chosen: Ints) -> None:
             layer.bias[rows] = torch.from_numpy(np.asarray(values, np.float32)).to(
                 layer.bias.device
             )
+        share = _share(data.masks(chosen))
+        network.mask_layer().bias.fill_(math.log(share / (1.0 - share)))
