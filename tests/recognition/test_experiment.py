@@ -21,16 +21,22 @@ from .inference.conftest import JOINTS as SAID
 COUNT = 20
 
 
-def write_set(folder: Path) -> None:
-    """Robots in a bright square, each with its joints 30 mm, its base 40 mm beside the answer."""
-    counts = {"ur3": COUNT, "ur5": COUNT, "ur10": COUNT}
-    write_manifest(folder, Manifest("paper-like", "squares", 5, 128, 106, counts, 5, 3 * COUNT))
+URS = ("ur3", "ur5", "ur10")
+
+
+def write_set(
+    folder: Path, off: float = 0.03, kind: str = "paper-like", robots: tuple[str, ...] = URS
+) -> None:
+    """Robots in a bright square, each with its joints ``off``, its base 40 mm beside the answer."""
+    counts = dict.fromkeys(robots, COUNT)
+    many = len(counts) * COUNT
+    write_manifest(folder, Manifest(kind, "squares", 5, 128, 106, counts, 5, many))
     shard = shard_folder(folder, 0)
     (shard / "images").mkdir(parents=True)
     (shard / "links").mkdir()
     lines = []
-    for i in range(3 * COUNT):
-        robot = list(counts)[i % 3]
+    for i in range(many):
+        robot = robots[i % len(robots)]
         image = np.full((106, 128, 3), 30, np.uint8)
         image[40:60, 50:80] = 240
         links = np.zeros((106, 128), np.uint8)
@@ -40,21 +46,21 @@ def write_set(folder: Path) -> None:
         cv2.imwrite(str(shard / names[1]), links)
         T = np.eye(4)
         T[:3, 3] = np.add(BASE, [0.04, 0, 0])
-        joints = np.add(SAID[: JOINTS[robot]], [0, 0.03, 0])
+        joints = np.add(SAID[: JOINTS[robot]], [0, off, 0])
         K = np.array([[96.0, 0, 63.5], [0, 96.0, 52.5], [0, 0, 1]])
-        row = Row(i, 5, i // 6 % 5, robot, *names, 128, 106, K, np.zeros(5), T,
+        row = Row(i, 5, i // (2 * len(robots)) % 5, robot, *names, 128, 106, K, np.zeros(5), T,
                   np.zeros(JOINTS[robot]), joints, joints, joints[:, :2],
                   np.ones(len(joints), bool))  # fmt: skip
         lines.append(to_json(row))
     (shard / "labels.jsonl").write_text("\n".join(lines) + "\n")
 
 
-def words() -> dict[str, str]:
+def words(kind: str = "paper-like", split: str = "scene") -> dict[str, str]:
     from .inference.conftest import ARCHITECTURE, card
 
     architecture = {**ARCHITECTURE.to_json(), "robots": ["ur3", "iiwa"]}
     about = card() | {
-        "data": {"split": "scene", "training_samples": {"ur3": 7}},
+        "data": {"kind": kind, "split": split, "training_samples": {"ur3": 7}},
         "training": {
             "stages": [{"name": "a", "updates": 1, "planned": 2, "batch": 3, "why": "updates"}],
             "images_seen": 3, "seconds": 120.0, "device": "a CPU", "threads": 1,
@@ -75,7 +81,7 @@ def test_figures_that_are_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (tmp_path / "runs" / "t5" / "network.onnx").write_bytes(network(words()))
     result = run_experiment(load_experiment("recognition"), 100, 0, silent)
     rows = {(r.key, r.condition): r for r in result.outcome.rows}
-    seen = "unseen scenes"
+    seen = "trained on recordings; unseen scenes"
     assert rows["t5_joint_mean_mm", seen].value == pytest.approx(30.0, abs=1e-3)
     assert rows["t5_base_mean_mm", seen].value == pytest.approx(40.0, abs=1e-3)
     assert rows["t5_mask_iou", seen].value == 1.0
@@ -96,6 +102,50 @@ def test_figures_that_are_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert "sets/second-wild" in notes
     for draw in result.outcome.plots.values():
         assert draw().axes
+
+
+@pytest.mark.parametrize(("off", "accurate"), [(0.03, True), (0.06, False)])
+def test_time_and_forgetting_count_with_the_accuracy_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, off: float, accurate: bool
+) -> None:
+    monkeypatch.setenv("ARMSIGHT_RECOGNITION", str(tmp_path))
+    monkeypatch.setattr("armsight.experiments.recognition._torch", lambda: False)
+    write_set(tmp_path / "sets" / "paper-like", off, robots=(*URS, "iiwa", "panda"))
+    for name in ("t5", "t6", "t7"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        (tmp_path / "runs" / name / "network.onnx").write_bytes(network(words()))
+    rows = run_experiment(load_experiment("recognition"), 100, 0, silent).outcome.rows
+    by_key = {r.key: r for r in rows if r.key in ("t6_minutes", "t7_forgetting")}
+    for row, value in zip(by_key.values(), (2.0, 0.0), strict=True):
+        assert row.met is accurate
+        assert row.value == value if accurate else np.isnan(row.value)
+    # What was measured is said either way.
+    shown = {r.key: r.value for r in rows if r.key in ("t6_training_minutes", "t7_worsening")}
+    assert shown == {"t6_training_minutes": 2.0, "t7_worsening": 0.0}
+
+
+def test_budgets_hold_in_unseen_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A network of the papers' recordings is judged where it was not trained, as are the others."""
+    monkeypatch.setenv("ARMSIGHT_RECOGNITION", str(tmp_path))
+    monkeypatch.setattr("armsight.experiments.recognition._torch", lambda: False)
+    write_set(tmp_path / "sets" / "paper-like", 0.01)
+    write_set(tmp_path / "sets" / "paper-rooms", 0.08, "paper-rooms")
+    for name, about in (
+        ("t5", words("paper-like", "frame")),
+        ("t5-rooms", words("paper-rooms", "scene")),
+    ):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        (tmp_path / "runs" / name / "network.onnx").write_bytes(network(about))
+    rows = run_experiment(load_experiment("recognition"), 100, 0, silent).outcome.rows
+    errors = {
+        r.condition: (r.n, round(r.value), r.met) for r in rows if r.key == "t5_joint_mean_mm"
+    }
+    assert errors == {
+        "trained on recordings; frames of seen recordings": (12, 10, None),
+        "trained on recordings; unseen scenes": (12, 80, False),
+        "trained on rooms; unseen scenes": (12, 80, False),
+        "trained on rooms; unseen recordings": (60, 10, None),
+    }
 
 
 def test_without_anything_every_budget_is_missed(

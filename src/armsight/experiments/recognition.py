@@ -11,6 +11,7 @@ import numpy as np
 from armsight.arrays import Floats
 from armsight.experiments.frame import Draw, Experiment, Outcome, Progress
 from armsight.experiments.recognition_scores import (
+    UNSEEN,
     Bench,
     Tried,
     folder,
@@ -32,6 +33,9 @@ GROUPS = {"UR": URS, "KUKA": ("iiwa",), "Panda": ("panda",)}
 SAMPLE_COUNTS = {"t6": (100, 200, 312, 600, 1200, 1800), "t7": (100, 250, 500, 750)}
 EDGES = np.array([1.2, 1.4, 1.6, 1.8, 2.0, 2.25, 2.5])
 """[m]; distances of T7's figure 5."""
+PAPERS = {"t4": ("ur5",), "t5": URS, "t6": ("iiwa",), "t7": (*URS, "iiwa", "panda")}
+GROUNDS = ("", "-rooms")
+"""Trained on the papers' recordings, and on one room a picture."""
 LEAST = 5
 """Frames that a bin or a curve needs."""
 
@@ -41,27 +45,29 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     bench = Bench(runs, seed, progress)
     rows: list[Row] = []
     tried: dict[str, list[Tried]] = {}
-    for name, robots in (("t4", ("ur5",)), ("t5", URS), ("t6", ("iiwa",))):
-        model = bench.model(name)
-        tried[name] = bench.tries(model, robots) if model is not None else []
-    t7 = bench.model("t7")
-    tried["t7"] = bench.tries(t7, (*URS, "iiwa", "panda")) if t7 is not None else []
-    rows += _t4(tried["t4"]) + _t4_separate(tried["t4"]) + _t5(tried["t5"]) + _t6(tried["t6"], seed)
-    rows += _t7(tried["t7"], tried["t5"])
+    for ground in GROUNDS:
+        for paper, robots in PAPERS.items():
+            model = bench.model(paper + ground)
+            tried[paper + ground] = bench.tries(model, robots) if model is not None else []
+    t4, t5, t6, t7 = ([t for g in GROUNDS for t in tried[p + g]] for p in PAPERS)
+    rows += _t4(t4) + _t4_separate(t4) + _t5(t5) + _t6(t6) + _t7(t7) + _forgetting(t7, t5)
     for name, of in tried.items():
         for t in of:
-            rows += _common(name, t, seed)
-    rows += _against_distance(tried["t7"]) + _by_samples(bench) + _trained(tried) + _speed(tried)
+            rows += _common(name[:2], t, seed)
+    by_samples = _by_samples(bench)
+    rows += _against_distance(t7) + by_samples + _trained(tried) + _speed(tried)
     plots: dict[str, Draw] = {
-        f"overlays-{name}": partial(overlays, of[0]) for name, of in tried.items() if of
+        f"overlays-{name}": partial(overlays, t) for name, of in tried.items() for t in of if t.own
     }
     for name, of in tried.items():
         curve = training_curve(name)
         if of and curve:
             stages = [s["name"] for s in of[0].model.card["training"]["stages"]]
             plots[f"curve-{name}"] = partial(curves.figure, curve, stages)
-    if tried["t7"] or tried["t5"]:
-        plots["distance"] = lambda: distance_plot(tried["t7"] or tried["t5"])
+    if t7 or t5:
+        plots["distance"] = lambda: distance_plot(t7 or t5)
+    if by_samples:
+        plots["samples"] = partial(samples_plot, by_samples)
     return Outcome(tuple(rows), plots, (*_notes(tried, bench), *NOTES))
 
 
@@ -71,12 +77,17 @@ NOTES = (
     "`_mask_iou` says more. Masks are compared at the network's own size. Errors are distances in "
     "three dimensions, in the camera's frame, of joint origins and base. ADD-AUC is the area under "
     "the share of frames with a mean joint error below t, t to 100 mm.",
-    "`t6_minutes` and `t7_forgetting` say something only of networks whose errors meet their own "
-    "budgets: little is learned in a minute, and who knows nothing forgets nothing. "
-    "`_joint_mm_guess` is what the best constant answer would score: a network that is not well "
+    "`t6_minutes` is the time to the accuracy that T6 must have, and `t7_forgetting` the worsening "
+    "of a network that has the accuracy of T7: both are missed where the accuracy is, since little "
+    "is learned in a minute, and who knows nothing forgets nothing. The bare figures are "
+    "`t6_training_minutes` and `t7_worsening`. `_joint_mm_guess` is what the best constant answer "
+    "would score: a network that is not well "
     "below it has learned nothing of where the robot is.",
-    "The papers' figures are on frames of recordings that were trained on; ours, where a condition "
-    "says unseen scenes, are in rooms that were not. The pictures are rendered, not photographs.",
+    "Two grounds. *Trained on recordings* is the papers' way: as many frames of as few recordings, "
+    "in each of which the camera stands still (but the Panda's) while the arm sweeps its joints; "
+    "frames of seen recordings are what the papers' figures are on. *Trained on rooms* is ours: "
+    "every picture in a room and from a camera of its own. Budgets hold in unseen scenes. The "
+    "pictures are rendered, not photographs.",
 )
 
 
@@ -97,18 +108,19 @@ def _t4(tried: list[Tried]) -> list[Row]:
 
 def _t4_separate(tried: list[Tried]) -> list[Row]:
     """T4's coordinate network by itself, on true masks, from the card."""
-    for t in tried[:1]:
+    rows = []
+    for t in (t for t in tried if t.own):
         figures = t.model.card["validation"].get("ur5, true masks")
         if figures:
             where = f"{t.condition}, validation frames; true masks"
             n = int(figures["frames"])
-            return [
+            rows += [
                 Row("t4_separate_joint_mean_mm", "T4, UR5: mean joint error of the coordinate "
                     "network on true masks", where, figures["joint_mean_mm"], "mm", n, paper=20.2),
                 Row("t4_separate_base_mean_mm", "T4, UR5: mean base error of the same", where,
                     figures["base_mean_mm"], "mm", n),
             ]  # fmt: skip
-    return []
+    return rows
 
 
 def _t5(tried: list[Tried]) -> list[Row]:
@@ -147,35 +159,37 @@ def _t5(tried: list[Tried]) -> list[Row]:
     return rows
 
 
-def _t6(tried: list[Tried], seed: int) -> list[Row]:
+def _t6(tried: list[Tried]) -> list[Row]:
     rows = []
+    minutes, where = np.nan, ""
     for t in _or_nothing(tried):
         s = t.scores if t else None
         bounds = _bounds(t)
-        rows.append(
-            Row("t6_joint_median_mm", "T6, iiwa: median joint error", _of(t),
-                _median(s.add) if s else np.nan, "mm", _n(s), paper=28.7, **bounds(45.0, 28.7))
-        )  # fmt: skip
+        error = Row("t6_joint_median_mm", "T6, iiwa: median joint error", _of(t),
+                    _median(s.add) if s else np.nan, "mm", _n(s), paper=28.7,
+                    **bounds(45.0, 28.7))  # fmt: skip
+        rows.append(error)
         if t is None or s is None:
-            rows.append(Row("t6_minutes", "T6: training time", "", np.nan, "min", 0,
-                            paper=120.0, must=60.0, aim=15.0))  # fmt: skip
-        else:
-            rows += [
-                Row("t6_base_median_mm", "T6, iiwa: median base error", _of(t), _median(s.base),
-                    "mm", _n(s), paper=20.2),
-                Row("t6_mask_accuracy", "T6, iiwa: share of the pixels that are right", _of(t),
-                    _mean(s, "accuracy", 100), "%", _n(s), paper=97.3, better="higher"),
-            ]  # fmt: skip
-    if tried:
-        card = tried[0].model.card["training"]
-        rows.append(
-            Row("t6_minutes", "T6: training time, without that of T5",
-                f"{card['device']}, {card['threads']} threads", card["seconds"] / 60, "min",
-                paper=120.0, must=60.0, aim=15.0)
-        )  # fmt: skip
+            continue
+        rows += [
+            Row("t6_base_median_mm", "T6, iiwa: median base error", _of(t), _median(s.base),
+                "mm", _n(s), paper=20.2),
+            Row("t6_mask_accuracy", "T6, iiwa: share of the pixels that are right", _of(t),
+                _mean(s, "accuracy", 100), "%", _n(s), paper=97.3, better="higher"),
+        ]  # fmt: skip
+        if error.met:
+            card = t.model.card["training"]
+            minutes = card["seconds"] / 60
+            where = f"{_of(t)}; {card['device']}, {card['threads']} thread(s)"
+    rows.append(
+        Row("t6_minutes", "T6: training time, without that of T5, to the joint error that it must "
+            "have", where, minutes, "min", int(bool(where)), paper=120.0, must=60.0, aim=15.0)
+    )  # fmt: skip
     return rows
 
 
+T7_JOINT_MUST = 50.0
+"""[mm], median."""
 _T7_PAPER = {
     "UR": (97.0, 97.5, 31.2, 24.2),
     "KUKA": (97.7, 100.0, 33.0, 23.6),
@@ -183,7 +197,7 @@ _T7_PAPER = {
 }
 
 
-def _t7(tried: list[Tried], t5: list[Tried]) -> list[Row]:
+def _t7(tried: list[Tried]) -> list[Row]:
     rows = []
     for t in _or_nothing(tried):
         bounds = _bounds(t)
@@ -201,25 +215,42 @@ def _t7(tried: list[Tried], t5: list[Tried]) -> list[Row]:
                     **bounds(92.0, paper[1])),
                 Row("t7_joint_median_mm", "T7: median joint error", where,
                     _median(s.add) if s else np.nan, "mm", _n(s), paper=paper[2],
-                    **bounds(50.0, paper[2])),
+                    **bounds(T7_JOINT_MUST, paper[2])),
                 Row("t7_base_median_mm", "T7: median base error", where,
                     _median(s.base) if s else np.nan, "mm", _n(s), paper=paper[3]),
             ]  # fmt: skip
-    rows.append(_forgetting(tried, t5))
     return rows
 
 
-def _forgetting(tried: list[Tried], t5: list[Tried]) -> Row:
+def _forgetting(tried: list[Tried], t5: list[Tried]) -> list[Row]:
     """Worsening of the old robots' mean joint error from T5 to T7, on the same frames."""
-    worse, n, where = np.nan, 0, ""
-    if tried and t5 and tried[0].condition == t5[0].condition:
-        new = tried[0].scores.of(np.isin(tried[0].scores.robot, URS))
-        n, where = len(new.add), f"{tried[0].condition}; URs"
-        worse = 100.0 * (float(np.mean(new.add)) / float(np.mean(t5[0].scores.add)) - 1.0)
-    return Row(
-        "t7_forgetting", "T7: by how much the URs' mean joint error grew since T5", where, worse,
-        "%", n, paper=0.0, must=20.0, aim=5.0, strict=True,
+    rows = []
+    counted, where, n = np.nan, "", 0
+    before = {t.condition: t for t in t5}
+    for t in tried:
+        old = before.get(t.condition)
+        if old is None:
+            continue
+        new = t.scores.of(np.isin(t.scores.robot, URS))
+        worse = 100.0 * (float(np.mean(new.add)) / float(np.mean(old.scores.add)) - 1.0)
+        rows.append(
+            Row("t7_worsening", "T7: by how much the URs' mean joint error grew since T5, whatever "
+                "it is", f"{t.condition}; URs", worse, "%", len(new.add))
+        )  # fmt: skip
+        if t.where == UNSEEN and not np.isfinite(counted):
+            accurate = all(
+                _median(s.add) <= T7_JOINT_MUST
+                for robots in GROUPS.values()
+                if len((s := t.scores.of(np.isin(t.scores.robot, robots))).add)
+            )
+            where, n = f"{t.condition}; URs", len(new.add)
+            counted = worse if accurate else np.nan
+    rows.append(
+        Row("t7_forgetting", "T7: by how much the URs' mean joint error grew since T5, of a "
+            "network that has the joint error that it must have", where, counted, "%", n, paper=0.0,
+            must=20.0, aim=5.0, strict=True)
     )  # fmt: skip
+    return rows
 
 
 def _common(name: str, t: Tried, seed: int) -> list[Row]:
@@ -265,14 +296,15 @@ def _spread_of_frames(t: Tried) -> float:
 
 def _against_distance(tried: list[Tried]) -> list[Row]:
     rows = []
-    for t in tried[:1]:
+    for t in (t for t in tried if t.own):
         for group, robots in GROUPS.items():
             s = t.scores.of(np.isin(t.scores.robot, robots))
             for low, high, values in against(s.add, s.distance, EDGES):
                 if len(values) >= LEAST:
                     rows.append(
                         Row("t7_joint_by_distance_mm", "T7, figure 5c: median joint error against "
-                            "the distance of the base", f"{group}, {low:g} to {high:g} m",
+                            "the distance of the base",
+                            f"{t.condition}; {group}, {low:g} to {high:g} m",
                             _median(values), "mm", len(values))
                     )  # fmt: skip
     return rows
@@ -288,7 +320,7 @@ def _by_samples(bench: Bench) -> list[Row]:
                 continue
             model = bench.model(f"{name}-{count}")
             assert model is not None
-            for t in bench.tries(model, robots)[:1]:
+            for t in (t for t in bench.tries(model, robots) if t.own):
                 where = f"{count} samples of each robot; {_of(t)}"
                 training = model.card["training"]
                 rows += [
@@ -307,15 +339,16 @@ def _trained(tried: dict[str, list[Tried]]) -> list[Row]:
     paper = {"t4": 55 * 60.0, "t5": 60 * 60.0, "t6": 120.0, "t7": 600.0}
     for name, of in tried.items():
         if of:
-            card = of[0].model.card["training"]
+            card, short, trained = of[0].model.card["training"], name[:2], of[0].trained
             rows += [
-                Row(f"{name}_training_minutes", f"{name.upper()}: training time (T4 to T7: GTX "
-                    "1080)", card["device"], card["seconds"] / 60, "min", paper=paper[name]),
-                Row(f"{name}_ms_trained_on", f"{name.upper()}: one image by torch on the machine "
-                    "that trained it", f"{card['device']}, {card['precision']}",
+                Row(f"{short}_training_minutes", f"{short.upper()}: training time (T4 to T7: GTX "
+                    "1080)", f"{trained}; {card['device']}", card["seconds"] / 60, "min",
+                    paper=paper[short]),
+                Row(f"{short}_ms_trained_on", f"{short.upper()}: one image by torch on the machine "
+                    "that trained it", f"{trained}; {card['device']}, {card['precision']}",
                     float(card.get("ms_per_image", np.nan)), "ms", 21),
-                Row(f"{name}_images_seen", f"{name.upper()}: images shown in training",
-                    "", float(card["images_seen"])),
+                Row(f"{short}_images_seen", f"{short.upper()}: images shown in training",
+                    trained, float(card["images_seen"])),
             ]  # fmt: skip
     return rows
 
@@ -339,12 +372,13 @@ def _speed(tried: dict[str, list[Tried]]) -> list[Row]:
             a = of[0].model.architecture
             file = folder() / "runs" / name / "network.onnx"
             wall, cpu = milliseconds(str(file), a, 2)
-            where = f"{a.width} x {a.height} px, {a.filters:g} of the filters, as trained here"
+            size = f"{a.width} x {a.height} px, {a.filters:g} of the filters"
+            where = f"{size}, {of[0].trained}"
             rows += [
-                Row(f"{name}_small_ms_cpu", f"{name.upper()}: one image, two threads, wall time",
-                    where, wall, "ms", 21),
-                Row(f"{name}_small_ms_cpu_time", f"{name.upper()}: the same, processor time",
-                    where, cpu, "ms", 21),
+                Row(f"{name[:2]}_small_ms_cpu", f"{name[:2].upper()}: one image, two threads, "
+                    "wall time", where, wall, "ms", 21),
+                Row(f"{name[:2]}_small_ms_cpu_time", f"{name[:2].upper()}: the same, processor "
+                    "time", where, cpu, "ms", 21),
             ]  # fmt: skip
     return rows
 
@@ -368,7 +402,7 @@ def _notes(tried: dict[str, list[Tried]], bench: Bench) -> list[str]:
     notes = []
     for name, of in tried.items():
         if of:
-            notes.append(f"{name.upper()}: {_how_trained(of[0].model)}")
+            notes.append(f"{name[:2].upper()}, {of[0].trained}: {_how_trained(of[0].model)}")
     if bench.missing:
         names = "; ".join(dict.fromkeys(bench.missing))
         notes.append(f"Not there, so without figures: {names}. See docs/recognition.md.")
@@ -425,10 +459,10 @@ def _type_bounds(scores: Scores | None) -> tuple[float | None, float | None]:
 
 
 def _bounds(t: Tried | None) -> Any:
-    """Budgets hold on the training renderer only; others are reported without a bound."""
+    """Budgets hold in the training renderer's unseen scenes; the rest is reported without."""
 
     def bounds(must: float, aim: float | None) -> dict[str, float | None]:
-        if t is not None and t.condition.startswith("second renderer"):
+        if t is not None and t.where != UNSEEN:
             return {}
         return {"must": must, "aim": aim}
 
@@ -470,13 +504,31 @@ def overlays(t: Tried) -> Figure:
     return figure
 
 
+def samples_plot(rows: list[Row]) -> Figure:
+    """Median joint error against the number of training samples, T6's and T7's figures 5."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.2))
+    axis = figure.subplots()
+    for name in SAMPLE_COUNTS:
+        mine = [r for r in rows if r.key == f"{name}_samples_joint_median_mm"]
+        counts = [int(r.condition.split()[0]) for r in mine]
+        if counts:
+            axis.plot(counts, [r.value for r in mine], "o-", label=name.upper())
+    axis.set(xlabel="training samples of each robot", ylabel="median joint error [mm]")
+    axis.set_ylim(bottom=0)
+    axis.legend(fontsize=8)
+    axis.grid(alpha=0.3)
+    return figure
+
+
 def distance_plot(tried: list[Tried]) -> Figure:
     """Median joint error against distance, T7's figure 5c."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.2))
     axis = figure.subplots()
-    for line, t in zip(("-", "--", ":"), tried, strict=False):
+    for line, t in zip(("-", "--"), [t for t in tried if t.own], strict=False):
         for colour, (group, robots) in enumerate(GROUPS.items()):
             s = t.scores.of(np.isin(t.scores.robot, robots))
             bins = [b for b in against(s.add, s.distance, EDGES) if len(b[2]) >= LEAST]

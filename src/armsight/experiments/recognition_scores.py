@@ -3,10 +3,12 @@
 ::
 
     results/recognition/sets/paper-like           armsight dataset generate
+    results/recognition/sets/paper-rooms
     results/recognition/sets/second-paper-like    the second renderer's
     results/recognition/sets/second-wild
     results/recognition/runs/t4, t5, t6, t7       armsight train, armsight transfer
     results/recognition/runs/t6-100, t7-250       the same from fewer or more samples
+    results/recognition/runs/t5-rooms             the same on paper-rooms
 
 ``ARMSIGHT_RECOGNITION`` names another folder than ``results/recognition``.
 """
@@ -33,12 +35,15 @@ from armsight.recognition.training.packed_set import PackedSet
 from armsight.recognition.training.packing import pack_in_memory
 from armsight.recognition.training.tensors_file import Array
 
-TRAINING_SET = "paper-like"
+RECORDINGS, ROOMS = "paper-like", "paper-rooms"
+UNSEEN = "unseen scenes"
 SETS = {
-    TRAINING_SET: "",
+    RECORDINGS: "unseen recordings",
+    ROOMS: UNSEEN,
     "second-paper-like": "second renderer, paper-like",
     "second-wild": "second renderer, wild",
 }
+"""What the frames of each set are to a network that was trained on another one."""
 
 
 def folder() -> Path:
@@ -52,15 +57,27 @@ class Tried:
 
     Attributes:
         model: the network.
-        condition: which frames, in words.
+        where: which frames, in words.
         data: they.
         scores: how it did.
+        own: they are the test frames of the set that it was trained on.
     """
 
     model: Model
-    condition: str
+    where: str
     data: PackedSet
     scores: Scores
+    own: bool
+
+    @property
+    def trained(self) -> str:
+        """What it was trained on."""
+        return "trained on rooms" if _kind(self.model) == ROOMS else "trained on recordings"
+
+    @property
+    def condition(self) -> str:
+        """What it was trained on, and on which frames it was tried."""
+        return f"{self.trained}; {self.where}"
 
 
 class Bench:
@@ -101,40 +118,45 @@ class Bench:
     def tries(self, model: Model, robots: tuple[str, ...]) -> list[Tried]:
         """A network on the test frames of the training renderer and on the second renderer."""
         split = str(model.card["data"].get("split", "frame"))
-        seen = {"scene": "unseen scenes", "frame": "unseen frames of seen scenes"}[split]
+        own = {"scene": UNSEEN, "frame": "frames of seen recordings"}[split]
         found = []
         for name, words in SETS.items():
             labelled = self.labelled(name)
             if labelled is None:
                 continue
-            samples = self._samples(labelled, name, split, robots)
+            mine = name == _kind(model)
+            by = split if mine else "scene" if name == ROOMS else ""
+            samples = self._samples(labelled, by, robots)
             if not samples:
                 self.missing.append(f"{', '.join(robots)} in sets/{name}")
                 continue
             a = model.architecture
-            key = (name, split, a.width, a.height, robots)
+            key = (name, by, a.width, a.height, robots)
             self._progress(f"reading {name}", 0.0)
             if key not in self._packed:
                 self._packed[key] = pack_in_memory(labelled, samples, a.width, a.height)
             data = self._packed[key]
             self._progress(f"{model.card['paper']} on {name}", 0.0)
             scores = score(_ask(model), a, data, np.arange(len(data)))
-            found.append(Tried(model, words or seen, data, scores))
+            found.append(Tried(model, own if mine else words, data, scores, mine))
         return found
 
-    def _samples(
-        self, labelled: LabelledSet, name: str, split: str, robots: tuple[str, ...]
-    ) -> list[int]:
-        """Test frames of the training set, all frames of another; some of each robot."""
+    def _samples(self, labelled: LabelledSet, by: str, robots: tuple[str, ...]) -> list[int]:
+        """Test frames of a set that is split by something, all frames of another; some a robot."""
         places = np.arange(len(labelled))
-        if name == TRAINING_SET:
-            places = labelled.split("test", split)  # type: ignore[arg-type]
+        if by:
+            places = labelled.split("test", by)  # type: ignore[arg-type]
         chosen: list[int] = []
         for robot in robots:
             mine = np.array([i for i in places if labelled.rows[int(i)].robot == robot], int)
             rng = np.random.default_rng([self._seed, 41])
             chosen += sorted(int(i) for i in rng.permutation(mine)[: self._most])
         return chosen
+
+
+def _kind(model: Model) -> str:
+    """The kind of set that a network was trained on."""
+    return str(model.card["data"].get("kind", RECORDINGS))
 
 
 def training_curve(name: str) -> list[dict[str, Any]]:
