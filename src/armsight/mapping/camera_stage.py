@@ -10,14 +10,9 @@ import numpy as np
 from armsight.arrays import Bytes, Floats32, Ints32, Pose, Shorts
 from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.backdrop import Backdrop
+from armsight.mapping.carving import Carver
 from armsight.mapping.config import MappingConfig
-from armsight.mapping.kernels.image import (
-    VALID,
-    carve,
-    collect_hits,
-    grade_hits,
-    label_valid,
-)
+from armsight.mapping.kernels.image import VALID, collect_hits, grade_hits, label_valid
 from armsight.mapping.lens import Lens
 from armsight.mapping.mounting import Mounting
 from armsight.mapping.occupancy import Sight
@@ -94,9 +89,12 @@ class CameraStage:
         self._config = config
         pixels = self.label.size
         self._layers = (_Layer(static[0], pixels), _Layer(static[1], pixels))
+        self._carvers = tuple(
+            Carver(self.lens, layer.grid, info.range[0], self.noise) for layer in static
+        )
         solids = static[0]
         self._solids = (solids.kinds, solids.sizes, solids.T_solid_base)
-        outermost = static[1] if config.far_margin > 0 else static[0]
+        outermost = static[1] if config.has_far_layer else static[0]
         self.backdrop = Backdrop(self.lens, info.range, self.noise, outermost)
         self.mounting = Mounting(info, self.lens, filter_, solids, config)
         self._scaled: Floats32 = np.zeros(self.label.shape, np.float32)
@@ -148,33 +146,16 @@ class CameraStage:
             config.sigmas,
         )
         self.lens.tabulate(depth, self.label)
-        fine, far_layer = self._layers
-        carved = None if beside is None else beside.submit(self._carve, fine, T, free[0])
+        fine, far_layer = self._carvers
+        carved = None if beside is None else beside.submit(fine.carve, T, free[0])
         hits = self._hits(depth, T)
-        self._carve(far_layer, T, free[1])
+        far_layer.carve(T, free[1])
         if carved is None:
-            self._carve(fine, T, free[0])
+            fine.carve(T, free[0])
         else:
             carved.result()
         sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
         return Evidence(hits, returns, found, sight)
-
-    def _carve(self, layer: _Layer, T: Pose, free: Bytes) -> None:
-        free[:] = 0
-        carve(
-            self.lens.least,
-            self.lens.most,
-            self.lens.units,
-            self.lens.ideal,
-            T,
-            layer.origin,
-            layer.voxel,
-            layer.shape,
-            self.info.range[0],
-            self.noise,
-            1.0,
-            free.reshape(layer.static.grid.shape),
-        )
 
     def _hits(self, depth: Floats32, T: Pose) -> tuple[Hits, ...]:
         config = self._config
@@ -182,6 +163,7 @@ class CameraStage:
         fine, far = self._layers
         tolerance = (config.static_margin + error_m, error_rad, config.sigmas)
         todo = self.backdrop.unexplained(depth, self.label, T, tolerance)
+        focal2 = self.info.depth.fx * self.info.depth.fy
         counts = collect_hits(
             depth,
             self.label,
@@ -194,12 +176,12 @@ class CameraStage:
             self._solids,
             tolerance,
             config.support,
+            config.strong_share * focal2,
             fine.count,
             fine.hits,
             far.count,
             far.hits,
         )
-        focal2 = self.info.depth.fx * self.info.depth.fy
         for layer, count in zip(self._layers, counts):
             grade_hits(
                 layer.hits,

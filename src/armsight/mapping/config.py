@@ -15,8 +15,8 @@ class MappingConfig:
         lower, upper: corners of the fine map in ``base`` [m]. Should hold all that the arm can
             reach, and exclude what nobody cares about (below the table, above the ceiling).
         voxel: edge of a fine voxel [m].
-        far_margin: how far the coarse layer goes beyond the fine map sideways [m]; people are
-            seen coming there. 0 switches it off.
+        far_lower, far_upper: how far the coarse layer goes beyond the fine map's corners [m];
+            people are seen coming there. All 0 switch it off.
         far_parts: edge of a coarse voxel in fine ones (T2: coarser out of reach).
         distance_cap: where the distance field saturates [m]; at most 15 voxels.
         unknown_is_solid: the distance field keeps away from unseen space as well.
@@ -52,7 +52,8 @@ class MappingConfig:
     lower: tuple[float, float, float] = (-1.3, -1.3, -0.2)
     upper: tuple[float, float, float] = (1.3, 1.3, 1.4)
     voxel: float = 0.02
-    far_margin: float = 1.2
+    far_lower: tuple[float, float, float] = (1.2, 1.2, 0.0)
+    far_upper: tuple[float, float, float] = (1.2, 1.2, 0.0)
     far_parts: int = 3
     distance_cap: float = 0.3
     unknown_is_solid: bool = False
@@ -81,6 +82,11 @@ class MappingConfig:
     static_margin: float = 0.01
     threads: int = 2
 
+    @property
+    def has_far_layer(self) -> bool:
+        """Whether there is a coarse layer around the fine one."""
+        return any(margin > 0 for margin in (*self.far_lower, *self.far_upper))
+
     def __post_init__(self) -> None:
         """Refuse what cannot be meant.
 
@@ -101,6 +107,11 @@ class MappingConfig:
             raise UsageError(
                 f"mapping bounds at {self.voxel} m make {count / 1e6:.0f} million voxels; "
                 "use larger voxels or closer bounds (at most 60 million)"
+            )
+        if min(*self.far_lower, *self.far_upper) < 0.0:
+            raise UsageError(
+                f"mapping.far_lower {self.far_lower} and far_upper {self.far_upper} m must not be "
+                "negative: they say how far the coarse layer goes beyond the map"
             )
         if not 1 <= self.far_parts <= 8:
             raise UsageError(f"mapping.far_parts is {self.far_parts}; expected 1 to 8 fine voxels")

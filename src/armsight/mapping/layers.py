@@ -19,16 +19,15 @@ def fine_grid(config: MappingConfig) -> VoxelGrid:
 
 
 def far_grid(config: MappingConfig, fine: VoxelGrid) -> VoxelGrid:
-    """The coarse grid around the fine one: wider by ``far_margin`` sideways, as high.
+    """The coarse grid around the fine one, larger by ``far_lower`` and ``far_upper``.
 
-    It holds the fine grid wholly. Without a margin it is a single voxel far away.
+    It holds the fine grid wholly. Without margins it is a single voxel far away.
     """
     voxel = config.far_parts * config.voxel
-    if config.far_margin <= 0:
+    if not config.has_far_layer:
         return VoxelGrid(np.full(3, NOWHERE), voxel, (1, 1, 1))
-    margin = np.array([config.far_margin, config.far_margin, 0.0])
-    steps = np.ceil(margin / voxel - 1e-6)
+    steps = np.ceil(np.asarray(config.far_lower) / voxel - 1e-6)
     origin = np.asarray(fine.origin) - steps * voxel
-    top = np.asarray(fine.origin) + np.asarray(fine.shape) * fine.voxel + margin
+    top = np.asarray(fine.origin) + np.asarray(fine.shape) * fine.voxel + np.asarray(config.far_upper)
     counts = np.ceil((top - origin) / voxel - 1e-6).astype(int)
     return VoxelGrid(origin, voxel, (int(counts[0]), int(counts[1]), int(counts[2])))

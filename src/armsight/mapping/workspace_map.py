@@ -97,7 +97,7 @@ class WorkspaceMap:
         solids = rasterise(static, self.grid, NEAR_SOLID)
         far_solids = rasterise(static, far_grid(config, self.grid), NEAR_SOLID)
         self._far = _Layer(far_solids, len(names), config, None)
-        around = self._far if config.far_margin > 0 else None
+        around = self._far if config.has_far_layer else None
         self._fine = _Layer(solids, len(names), config, around)
         self._filter = SelfFilter(robot)
         self._index = {name: i for i, name in enumerate(names)}
@@ -300,7 +300,7 @@ class WorkspaceMap:
         elapsed = now - self._now if np.isfinite(self._now) else 0.0
         fine, far = self._fine, self._far
         parts: list[tuple[Floats32, bool]] = []
-        if self.config.far_margin > 0:
+        if self.config.has_far_layer:
             parts = self._far_hazards(far.occupancy.state(alive), elapsed)
         seen = fine.occupancy.clusters(self.config.cluster)
         unseen, _ = fine.unseen.update(state, seen, self._body_near, elapsed)

@@ -23,9 +23,6 @@ NOTHING, VALID, ROBOT = 0, 1, 2
 LEVELS = 5
 """Pooling windows of 1, 2, 4, 8, 16 pixels."""
 
-BLOCK = 4
-"""Edge of the blocks whose voxels are judged all together, in voxels."""
-
 
 @njit(cache=True, nogil=True)
 def label_valid(depth: Floats32, near: float, far: float, label: Bytes) -> int:
@@ -282,6 +279,7 @@ def collect_hits(
     solids: Any,
     tolerance: Any,
     support: int,
+    enough: float,
     count: Shorts,
     hits: Ints32,
     far_count: Shorts,
@@ -298,6 +296,8 @@ def collect_hits(
         solids: (kinds, sizes, T_solid_base).
         tolerance: (m, rad, sigmas): a point is a solid within m + rad x depth + sigmas x sigma.
         support: how many neighbours must agree, see :func:`trusted`.
+        enough: share x fx fy of :func:`grade_hits` [px^2]: once a voxel has had as many pixels as
+            that function asks for, no more of it are looked at.
         count: (voxels,) uint16 scratch, zero on entry; holds the pixel counts afterwards.
         hits: (m,) out: flat indices of the voxels hit.
 
@@ -313,6 +313,7 @@ def collect_hits(
     far_inv = np.float32(1.0 / far_voxel)
     slack = 0.8660254 * voxel
     far_slack = 0.8660254 * far_voxel
+    area, far_area = enough * voxel * voxel, enough * far_voxel * far_voxel
     nx, ny, nz = shape[0], shape[1], shape[2]
     mx, my, mz = far_shape[0], far_shape[1], far_shape[2]
     r00, r01, r02, tx = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
@@ -337,6 +338,10 @@ def collect_hits(
             limit = margin + angle * z + sigmas * sigma
             if a >= 0 and b >= 0 and c >= 0 and a < nx and b < ny and c < nz:
                 index = (int(a) * ny + int(b)) * nz + int(c)
+                if count[index] >= 2:  # the voxel's centre is no nearer than this
+                    least = max(z - slack - 0.001, 0.05)
+                    if count[index] * least * least >= area:
+                        continue
                 if explained(
                     nearest[index],
                     bound[index],
@@ -367,6 +372,10 @@ def collect_hits(
                 if not (a >= 0 and b >= 0 and c >= 0 and a < mx and b < my and c < mz):
                     continue
                 index = (int(a) * my + int(b)) * mz + int(c)
+                if far_count[index] >= 2:  # the voxel's centre is no nearer than this
+                    least = max(z - far_slack - 0.001, 0.05)
+                    if far_count[index] * least * least >= far_area:
+                        continue
                 if explained(
                     far_nearest[index],
                     far_bound[index],
@@ -491,7 +500,8 @@ def build_tables(least: Shorts, most: Shorts, row: Shorts) -> None:
 
 
 @njit(inline="always")
-def _level(width: int, height: int) -> int:
+def level_of(width: int, height: int) -> int:
+    """The pooled table whose windows are the largest that fit into a rectangle of pixels."""
     short = min(width, height)
     k = 0
     if short >= 16:
@@ -508,7 +518,7 @@ def _level(width: int, height: int) -> int:
 @njit(inline="always")
 def window_least(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
     """Minimum over an inclusive pixel rectangle inside the image, from pooled tables."""
-    k = _level(u1 - u0 + 1, v1 - v0 + 1)
+    k = level_of(u1 - u0 + 1, v1 - v0 + 1)
     s = 1 << k
     pooled = table[k]
     best = pooled[v0, u0]
@@ -531,7 +541,7 @@ def window_least(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
 @njit(inline="always")
 def window_most(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
     """Maximum over an inclusive pixel rectangle inside the image, from pooled tables."""
-    k = _level(u1 - u0 + 1, v1 - v0 + 1)
+    k = level_of(u1 - u0 + 1, v1 - v0 + 1)
     s = 1 << k
     pooled = table[k]
     best = pooled[v0, u0]
@@ -549,210 +559,3 @@ def window_most(table: Shorts, u0: int, u1: int, v0: int, v1: int) -> int:
             break
         v = min(v + s, v1 - s + 1)
     return int(best)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")  # a check of divisors would stop the vectoriser
-def _carve_block(
-    pooled: Shorts,
-    side: int,
-    units: Any,
-    lens: Floats32,
-    noise: Floats32,
-    offset: Floats32,
-    behind: Any,
-    center: Floats32,
-    reach: Floats32,
-    window: Ints32,
-    place: Ints,
-    first: int,
-    free: Bytes,
-) -> None:
-    """Judge the voxels of a block whose windows all have the same size.
-
-    Of the arguments:
-        pooled: (h, w) least depth of windows of ``side`` pixels: four of them cover a voxel's.
-        lens: (4,) fx fy cx + 1/2 cy + 1/2; noise: (3,) a b c of the margin behind a voxel.
-        offset: (3, m) of each voxel's centre from the block's, along camera x, y, z [m].
-        behind: from a voxel's centre to its far side along camera z [m].
-        center: (3,) of the block in the camera frame [m]; reach: (2,) half the window [px].
-        window: (5, m) scratch.
-        place: (m,) flat index of each voxel from the block's first, which has index ``first``.
-        free: flat.
-    """
-    x, y, z = center[0], center[1], center[2]
-    eu, ev = reach[0], reach[1]
-    # read once: the compiler cannot know that the loop's writes leave these alone
-    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
-    n0, n1, n2 = noise[0], noise[1], noise[2]
-    ox, oy, oz = offset[0], offset[1], offset[2]
-    left, right, top, bottom, need = window[0], window[1], window[2], window[3], window[4]
-    last = np.int32(side - 1)
-    for m in range(ox.shape[0]):
-        deep = z + oz[m]
-        inv = np.float32(1.0) / deep
-        pu = cx + fx * inv * (x + ox[m])
-        pv = cy + fy * inv * (y + oy[m])
-        far = deep + behind
-        need[m] = np.int32((far + n0 + far * (n1 + n2 * far)) * units)
-        left[m] = np.int32(pu - eu)
-        right[m] = np.int32(pu + eu) - last
-        top[m] = np.int32(pv - ev)
-        bottom[m] = np.int32(pv + ev) - last
-    for m in range(ox.shape[0]):
-        # unsigned, so that no index needs a look whether it counts from the end
-        u0: Any = np.uint32(left[m])
-        u1: Any = np.uint32(right[m])
-        v0: Any = np.uint32(top[m])
-        v1: Any = np.uint32(bottom[m])
-        seen = min(min(pooled[v0, u0], pooled[v0, u1]), min(pooled[v1, u0], pooled[v1, u1]))
-        if seen > need[m] + 1:  # sums of float32 may lose one depth unit
-            free[first + place[m]] = 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def carve(
-    least: Shorts,
-    most: Shorts,
-    units: float,
-    lens: Floats,
-    T: Floats,
-    origin: Floats,
-    voxel: float,
-    shape: Ints,
-    near: float,
-    noise: Floats,
-    sigmas: float,
-    free: Bytes,
-) -> None:
-    """Mark every voxel that the image saw through wholly: an octree descent of projections.
-
-    A voxel is free only if the least depth over all pixels that can see any part of it lies
-    behind its far side by ``sigmas`` of noise. Pixels without a return have depth 0: they free
-    nothing. A cube of half edges e_i about p projects within X +- sum_i |e_i,x - X e_i,z| /
-    (p_z - sum_i |e_i,z|) of its centre's X = p_x / p_z (exact for the cube's corners). Small
-    blocks are not divided: their voxels share a window's size, the largest that any could have.
-
-    Of the arguments:
-        least, most: (5, h, w) uint16 pooled tables of an image through an ideal lens.
-        lens: (4,) fx fy cx cy of that lens.
-        near: the camera's least distance [m]: nothing nearer is judged.
-        free: (nx, ny, nz) uint8, zero on entry; set to 1.
-    """
-    nx, ny, nz = shape[0], shape[1], shape[2]
-    h, w = least.shape[1], least.shape[2]
-    half = 0.5 * voxel
-    a0, a1, a2 = half * T[0, 0], half * T[1, 0], half * T[2, 0]  # half edges along camera x,
-    b0, b1, b2 = half * T[0, 1], half * T[1, 1], half * T[2, 1]  # y
-    c0, c1, c2 = half * T[0, 2], half * T[1, 2], half * T[2, 2]  # and z
-    reach_z = abs(c0) + abs(c1) + abs(c2)
-    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
-    n0, n1, n2 = sigmas * noise[0], sigmas * noise[1], sigmas * noise[2]
-    units32, behind = np.float32(units), np.float32(reach_z)
-    lens32 = np.array([fx, fy, cx + 0.5, cy + 0.5], np.float32)
-    noise32 = np.array([n0, n1, n2], np.float32)
-    offset = np.empty((3, BLOCK**3), np.float32)
-    place_in = np.empty(BLOCK**3, np.int64)
-    for m in range(BLOCK**3):
-        i, j, k = m // BLOCK**2, m // BLOCK % BLOCK, m % BLOCK
-        fa, fb, fc = 2 * i + 1 - BLOCK, 2 * j + 1 - BLOCK, 2 * k + 1 - BLOCK
-        offset[0, m] = fa * a0 + fb * a1 + fc * a2
-        offset[1, m] = fa * b0 + fb * b1 + fc * b2
-        offset[2, m] = fa * c0 + fb * c1 + fc * c2
-        place_in[m] = (i * ny + j) * nz + k
-    window = np.empty((5, BLOCK**3), np.int32)
-    center, reach = np.empty(3, np.float32), np.empty(2, np.float32)
-    flat = free.reshape(-1)
-    top = 8
-    node = np.empty((64, 4), np.int64)
-    place = np.empty((64, 3), np.float64)
-    for bi in range(0, nx, top):
-        for bj in range(0, ny, top):
-            for bk in range(0, nz, top):
-                dx = origin[0] + (bi + 0.5 * top) * voxel - T[0, 3]
-                dy = origin[1] + (bj + 0.5 * top) * voxel - T[1, 3]
-                dz = origin[2] + (bk + 0.5 * top) * voxel - T[2, 3]
-                node[0, 0] = bi
-                node[0, 1] = bj
-                node[0, 2] = bk
-                node[0, 3] = top
-                place[0, 0] = T[0, 0] * dx + T[1, 0] * dy + T[2, 0] * dz
-                place[0, 1] = T[0, 1] * dx + T[1, 1] * dy + T[2, 1] * dz
-                place[0, 2] = T[0, 2] * dx + T[1, 2] * dy + T[2, 2] * dz
-                n = 1
-                while n > 0:
-                    n -= 1
-                    i, j, k, s = node[n, 0], node[n, 1], node[n, 2], node[n, 3]
-                    x, y, z = place[n, 0], place[n, 1], place[n, 2]
-                    ez = reach_z * s
-                    if z + ez <= near:
-                        continue
-                    if z - ez > near:
-                        X = x / z
-                        Y = y / z
-                        q = s / (z - ez)
-                        eu = fx * q * (abs(a0 - X * c0) + abs(a1 - X * c1) + abs(a2 - X * c2))
-                        ev = fy * q * (abs(b0 - Y * c0) + abs(b1 - Y * c1) + abs(b2 - Y * c2))
-                        pu = fx * X + cx + 0.5
-                        pv = fy * Y + cy + 0.5
-                        if pu + eu < 0 or pv + ev < 0 or pu - eu >= w or pv - ev >= h:
-                            continue
-                        u0 = int(max(pu - eu, 0.0))
-                        u1 = min(int(pu + eu), w - 1)
-                        v0 = int(max(pv - ev, 0.0))
-                        v1 = min(int(pv + ev), h - 1)
-                        whole = pu - eu >= 0 and pv - ev >= 0 and pu + eu < w and pv + ev < h
-                        if whole:
-                            far = z + ez
-                            need = int((far + n0 + far * (n1 + n2 * far)) * units)
-                            if window_least(least, u0, u1, v0, v1) > need:
-                                for a in range(i, min(i + s, nx)):
-                                    for b in range(j, min(j + s, ny)):
-                                        for c in range(k, min(k + s, nz)):
-                                            free[a, b, c] = 1
-                                continue
-                        if s == 1:
-                            continue
-                        # the nearest voxel inside must lie wholly in front of the farthest pixel
-                        first = z - ez + 2.0 * reach_z
-                        if window_most(most, u0, u1, v0, v1) <= int(first * units):
-                            continue
-                        if s == BLOCK and whole and i + s <= nx and j + s <= ny and k + s <= nz:
-                            # One window's size for all: none is nearer or more aslant.
-                            q /= s
-                            tilt_u = abs(a0 - X * c0) + abs(a1 - X * c1) + abs(a2 - X * c2)
-                            tilt_v = abs(b0 - Y * c0) + abs(b1 - Y * c1) + abs(b2 - Y * c2)
-                            eu = fx * q * (tilt_u + eu / fx * reach_z) + 0.01
-                            ev = fy * q * (tilt_v + ev / fy * reach_z) + 0.01
-                            level = _level(int(2 * eu) + 1, int(2 * ev) + 1)
-                            if 2 * max(eu, ev) + 1 < 2 * (1 << level):
-                                center[0], center[1], center[2] = x, y, z
-                                reach[0], reach[1] = eu, ev
-                                _carve_block(
-                                    least[level], 1 << level, units32, lens32, noise32, offset,
-                                    behind, center, reach, window, place_in, (i * ny + j) * nz + k,
-                                    flat,
-                                )  # fmt: skip
-                                continue
-                    elif s == 1:
-                        continue
-                    s //= 2
-                    for a in range(2):
-                        if i + a * s >= nx:
-                            break
-                        fa = (2 * a - 1) * s
-                        for b in range(2):
-                            if j + b * s >= ny:
-                                break
-                            fb = (2 * b - 1) * s
-                            for c in range(2):
-                                if k + c * s >= nz:
-                                    break
-                                fc = (2 * c - 1) * s
-                                node[n, 0] = i + a * s
-                                node[n, 1] = j + b * s
-                                node[n, 2] = k + c * s
-                                node[n, 3] = s
-                                place[n, 0] = x + fa * a0 + fb * a1 + fc * a2
-                                place[n, 1] = y + fa * b0 + fb * b1 + fc * b2
-                                place[n, 2] = z + fa * c0 + fb * c1 + fc * c2
-                                n += 1
