@@ -124,7 +124,11 @@ def test_field_of_real_frames(shared_data):
     lens = scenes.PinholeCamera(640, 480, 585.0, 585.0, 320.0, 240.0)
     info = replace(camera("kinect", (12.0, 0.0, 0.6)), depth=lens)
     config = MappingConfig(
-        lower=(9.6, -0.8, -0.4), upper=(11.0, 0.8, 0.8), align=False, far_margin=0.0
+        lower=(9.6, -0.8, -0.4),
+        upper=(11.0, 0.8, 0.8),
+        align=False,
+        far_lower=(0, 0, 0),
+        far_upper=(0, 0, 0),
     )
     views = [
         twins.View(info, depth, T, 0.1 + 0.033 * k)

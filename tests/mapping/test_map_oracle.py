@@ -23,7 +23,8 @@ CONFIG = MappingConfig(
     upper=(10.56, 0.28, 0.4),
     voxel=0.04,
     distance_cap=0.2,
-    far_margin=0.0,
+    far_lower=(0, 0, 0),
+    far_upper=(0, 0, 0),
     align=False,
     threads=1,
 )

@@ -26,7 +26,12 @@ from armsight.workcell import Cell
 
 SMALL = SessionConfig(
     mapping=MappingConfig(
-        lower=(-0.6, -0.6, -0.1), upper=(0.6, 0.6, 0.7), voxel=0.04, far_margin=0.0, align=False
+        lower=(-0.6, -0.6, -0.1),
+        upper=(0.6, 0.6, 0.7),
+        voxel=0.04,
+        far_lower=(0, 0, 0),
+        far_upper=(0, 0, 0),
+        align=False,
     )
 )
 

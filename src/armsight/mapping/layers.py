@@ -28,6 +28,8 @@ def far_grid(config: MappingConfig, fine: VoxelGrid) -> VoxelGrid:
         return VoxelGrid(np.full(3, NOWHERE), voxel, (1, 1, 1))
     steps = np.ceil(np.asarray(config.far_lower) / voxel - 1e-6)
     origin = np.asarray(fine.origin) - steps * voxel
-    top = np.asarray(fine.origin) + np.asarray(fine.shape) * fine.voxel + np.asarray(config.far_upper)
+    top = (
+        np.asarray(fine.origin) + np.asarray(fine.shape) * fine.voxel + np.asarray(config.far_upper)
+    )
     counts = np.ceil((top - origin) / voxel - 1e-6).astype(int)
     return VoxelGrid(origin, voxel, (int(counts[0]), int(counts[1]), int(counts[2])))

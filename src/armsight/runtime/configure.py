@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armsight.arrays import Pose
+from armsight.arrays import Pose, Vector3
 from armsight.geometry.pose import inverse, transform
 from armsight.mapping.config import MappingConfig
 from armsight.motion.guard_config import GuardConfig
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 REACH_MARGIN = 0.35
 """Without a box of its own, a cell is mapped this far beyond the robot's reach [m]."""
+SIDEWAYS = (1.2, 1.2)
+"""How far beyond the mapped box people are looked for, along x and y of the world [m]."""
+LOWEST = 0.13
+"""Nobody lies lower than this above the floor [m]; cameras cannot tell what is thinner from it."""
 
 
 def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> GuardConfig:
@@ -59,12 +63,17 @@ def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> Mapp
             low[2] = max(low[2], min(0.0, base[2] - 0.05))
     else:
         low, high = np.asarray(lower), np.asarray(upper)
-    corners = np.array(list(itertools.product(*zip(low, high))))
-    in_base = transform(inverse(T_world_base), corners)
-    low, high = in_base.min(axis=0), in_base.max(axis=0)
+    # Around the box, and under it down to the floor: who kneels beside a table can rise there.
+    below = max(float(low[2]) - LOWEST, 0.0)
+    far_low = low - np.array([*SIDEWAYS, below])
+    far_high = high + np.array([*SIDEWAYS, 0.0])
+    low, high = _in_base(low, high, T_world_base)
+    far_low, far_high = _in_base(far_low, far_high, T_world_base)
     return MappingConfig(
-        lower=(float(low[0]), float(low[1]), float(low[2])),
-        upper=(float(high[0]), float(high[1]), float(high[2])),
+        lower=_triple(low),
+        upper=_triple(high),
+        far_lower=_triple(low - far_low),
+        far_upper=_triple(far_high - high),
         voxel=section.voxel,
         distance_cap=min(MappingConfig.distance_cap, 15 * section.voxel),
         stale_after=section.stale_after_ms / 1e3,
@@ -76,3 +85,15 @@ def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> Mapp
         # The planner keeps out of unseen space; a field that counts it spares it a second one.
         unknown_is_solid=True,
     )
+
+
+def _in_base(low: Vector3, high: Vector3, T_world_base: Pose) -> tuple[Vector3, Vector3]:
+    """Corners in ``base`` of the box around a box of the world [m]."""
+    corners = transform(inverse(T_world_base), np.array(list(itertools.product(*zip(low, high)))))
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _triple(values: Vector3) -> tuple[float, float, float]:
+    """Three numbers, rid of what rounding left of 0."""
+    x, y, z = (round(float(v), 9) + 0.0 for v in values)
+    return x, y, z
