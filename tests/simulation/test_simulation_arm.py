@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from simulation_cells import TABLE
 
 from armsight.errors import DeviceError
-from armsight.geometry.pose import make_pose
+from armsight.geometry.pose import from_rpy, inverse, make_pose, transform
+from armsight.robots import load_robot
+from armsight.robots.meshes import read_mesh
 from armsight.simulation.arm_errors import true_geometry
 from armsight.simulation.spec import ArmSpec, WorldSpec
 from armsight.simulation.world import SimulatedWorld
@@ -229,3 +232,39 @@ def test_a_blocked_arm_does_not_wind_up(arm_spec):
         before = world._data.qpos[1]
         drive(world, [0, -0.8, 0, 0, 0, 0], 0.7)
         assert world._data.qpos[1] < before - 0.1
+
+
+def link_box(world, robot, link):
+    """Corners of the box about a link's meshes as they were compiled [m]."""
+    model, data = world._cell.model, world._data
+    body = model.body(f"arm/{link}/{robot.link_names[link]}").id
+    found = []
+    for geom in np.flatnonzero(model.geom_bodyid == body):
+        mesh = model.geom_dataid[geom]
+        if mesh >= 0:
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            turn = data.geom_xmat[geom].reshape(3, 3)
+            found.append(model.mesh_vert[first : first + count] @ turn.T + data.geom_xpos[geom])
+    points = np.concatenate(found)
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def test_meshes_of_a_urdf_in_millimetres_and_out_of_place_are_put_right(tmp_path):
+    """``load_urdf`` gives a mesh's pose and scale; the same arm must come of it."""
+    robot, link = load_robot("ur5"), 2
+    arm_spec = ArmSpec(robot, make_pose(None, (0, 0, 0.75)), robot.home)
+    T = make_pose(from_rpy([0.3, -0.2, 0.5])[:3, :3], [0.05, -0.1, 0.2])
+    meshes = []
+    for mesh in robot.meshes:
+        if mesh.link == link:
+            vertices, faces = read_mesh(mesh)
+            away = transform(inverse(T), vertices) * 1000.0
+            path = tmp_path / mesh.path.name
+            trimesh.Trimesh(away, faces, process=False).export(path)
+            mesh = replace(mesh, path=path, T_link_mesh=T, scale=(1e-3, 1e-3, 1e-3))
+        meshes.append(mesh)
+    moved = replace(arm_spec, robot=replace(robot, meshes=tuple(meshes)))
+    with SimulatedWorld(WorldSpec(arm_spec)) as world, SimulatedWorld(WorldSpec(moved)) as other:
+        boxes = [link_box(w, robot, link) for w in (world, other)]
+    np.testing.assert_allclose(boxes[1], boxes[0], atol=2e-3)
+    assert np.ptp(boxes[0], axis=0).max() > 0.1

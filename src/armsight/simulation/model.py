@@ -219,32 +219,28 @@ class _Builder:
                     limited=mujoco.mjtLimited.mjLIMITED_FALSE,
                 )
             self._inertia(body, robot, link)
-            meshes = [m for m in robot.meshes if m.link == link]
-            capsules = _of_link(robot.capsules, link)
+            meshes = [(m, m.T_link_mesh) for m in robot.meshes if m.link == link]
             if link == robot.n and robot.tool is not None:
-                meshes += [
-                    LinkMesh(link, m.path, m.color) for m in robot.tool.meshes
-                ]  # placed below
-            self._link(body, robot, link, meshes, capsules)
+                meshes += [(m, robot.T_last_flange @ m.T_link_mesh) for m in robot.tool.meshes]
+            self._link(body, robot, link, meshes)
         return tuple(names)
 
     def _link(
-        self, body: Any, robot: Robot, link: int, meshes: Sequence[LinkMesh], capsules: Capsules
+        self, body: Any, robot: Robot, link: int, meshes: Sequence[tuple[LinkMesh, Pose]]
     ) -> None:
         part = Part("arm", robot.name, robot.link_names[link], link)
-        on_tool = set() if robot.tool is None else {m.path for m in robot.tool.meshes}
-        for mesh in meshes:
-            T = robot.T_last_flange if mesh.path in on_tool else np.eye(4)
+        for number, (mesh, T) in enumerate(meshes):
             surface = load_mesh(mesh.path)
-            vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces)
-            name = f"arm/{link}/{mesh.path.parent.name}/{mesh.path.stem}"
+            vertices, faces = surface.vertices * np.asarray(mesh.scale), np.asarray(surface.faces)
+            name = f"arm/{link}/{number}/{mesh.path.stem}"
             material = looks.arm_material(self.mj, mesh.color)
             coarse = mesh.path.parent / "coarse" / mesh.path.name
             group = SEEN
             if coarse.is_file():  # a depth camera does not see the difference, its renderer does
                 group = COLOR_ONLY
                 plain = load_mesh(coarse)
-                self._visual_mesh(f"{name}/coarse", plain.vertices, plain.faces)
+                scaled = plain.vertices * np.asarray(mesh.scale)
+                self._visual_mesh(f"{name}/coarse", scaled, plain.faces)
                 self._looks(body, part, f"{name}/coarse", T, material, DEPTH_ONLY)
             self._visual_mesh(name, vertices, faces)
             self._looks(body, part, name, T, material, group)
@@ -260,6 +256,7 @@ class _Builder:
                     **_TOUCHING,
                 )
         if not meshes:
+            capsules = _of_link(robot.capsules, link)
             for start, end, radius in zip(capsules.start, capsules.end, capsules.radius):
                 shape = _capsule(start, end, radius)
                 material = looks.arm_material(self.mj, (0.75, 0.77, 0.8))
