@@ -17,7 +17,6 @@ def test_the_arm_gets_going(gl, name):
     workcell = load_workcell(packaged()[name])
     with open_cell(workcell, 0) as cell:
         session = Session(cell, PatrolTask(workcell.goals, workcell.patrol.dwell_s), seed=0)
-        session.warm_up()
         start = cell.robot.home
         session.run(3.0)
         turned = np.abs(session.view().joints.position - start).max()

@@ -34,11 +34,14 @@ def test_runs_a_task_to_its_goal_and_stops_the_arm():
     assert session.now() == pytest.approx(10.0)
 
 
-def test_two_runs_are_the_same_bit_for_bit():
+def test_two_runs_are_the_same_bit_for_bit_warmed_up_or_not():
     logs = []
-    for _ in range(2):
+    for warm in (False, True):
         cell = make_cell()
-        session_of(cell, GoTo(), seed=3).run(2.0)
+        session = session_of(cell, GoTo(), seed=3)
+        if warm:
+            session.warm_up()
+        session.run(2.0)
         logs.append(cell.arm.log)
     assert logs[0] == logs[1]
 

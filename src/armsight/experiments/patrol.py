@@ -139,12 +139,6 @@ class Counted:
         self.optimisation: list[float] = []
         self.planned: list[float] = []
 
-    def forget(self) -> None:
-        """Begin anew."""
-        self.planning.clear()
-        self.optimisation.clear()
-        self.planned.clear()
-
     def plan(
         self,
         request: PlanRequest,
@@ -246,8 +240,6 @@ def episode(seed: int, run: int) -> dict[str, Any]:
             config=replace(timing, guard=guard, planner=counted),
             observers=(watch, obstacle, rounds),
         )
-        session.warm_up()
-        counted.forget()
         session.run(START + ROUNDS * LIMIT)
         assert cell.world is not None
         touched = cell.world.truth.moving_contacts

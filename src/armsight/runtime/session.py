@@ -94,7 +94,7 @@ class Session:
         self._movers: tuple[Mover, ...] = ()
         self._bodies: tuple[Body, ...] = ()
         self._loop_thread: int | None = None
-        self._warm = False
+        self._warm = self._begun = False
         self._loop: SimulatedLoop | WallLoop
         self._reset_wanted = False
         self._clock: Clock = cell.clock
@@ -165,12 +165,12 @@ class Session:
     # -- control, from any thread ---------------------------------------------------------------
 
     def observe(self, component: Component) -> None:
-        """Add an observer before the first run.
+        """Add an observer before the first run or warm-up.
 
         Raises:
-            UsageError: the session has run already.
+            UsageError: the session has begun already.
         """
-        if self._warm:
+        if self._warm or self._begun:
             raise UsageError("observers must be added before the session runs")
         self._observers.append(component)
         self._build()
@@ -244,6 +244,9 @@ class Session:
     def warm_up(self, progress: Progress = lambda stage, done: None) -> None:
         """Compile and touch everything before the arm may move (several seconds the first time).
 
+        Done by :meth:`run` where time runs by itself. A simulated clock waits for whatever takes
+        long, so there it only spares a page or a measurement the slow beginning.
+
         Args:
             progress: told the stage and the share done, 0..1.
         """
@@ -260,10 +263,12 @@ class Session:
             CellBusyError: another process runs this cell.
         """
         self.ended_by = ""
+        self._begun = True
         with contextlib.ExitStack() as stack:
             if self._exclusive:
                 stack.enter_context(cell_lock(self.cell.workcell.name))
-            self.warm_up()
+            if self._wall:
+                self.warm_up()
             stack.callback(setattr, self, "_loop_thread", None)
             self._loop_thread = threading.get_ident()
             stack.enter_context(orderly_signals(self.stop))
