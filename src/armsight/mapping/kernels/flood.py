@@ -175,18 +175,6 @@ def grow(bits: Words, room: Words, a: Words, b: Words) -> bool:
     return added != 0
 
 
-@njit(inline="always")
-def _beside(bits: Words, x: int, y: int, w: int) -> np.uint64:
-    """A word of a row together with its bits' neighbours along the row."""
-    word = bits[x, y, w]
-    more = word | (word << ONE) | (word >> ONE)
-    if w > 0:
-        more |= bits[x, y, w - 1] >> np.uint64(63)
-    if w < bits.shape[2] - 1:
-        more |= bits[x, y, w + 1] << np.uint64(63)
-    return more
-
-
 @njit(cache=True, nogil=True)
 def spread(bits: Words, within: Words) -> None:
     """Grow a set, in place, to all of ``within`` that it is connected with by 26 neighbours.
@@ -205,10 +193,14 @@ def spread(bits: Words, within: Words) -> None:
                 if within[x, y, w] == bits[x, y, w]:
                     continue
                 word = bits[x, y, w]
-                for dx in range(-1, 2):
-                    for dy in range(-1, 2):
-                        if 0 <= x + dx < X and 0 <= y + dy < Y:
-                            word |= _beside(bits, x + dx, y + dy, w)
+                for p in range(max(x - 1, 0), min(x + 2, X)):
+                    for q in range(max(y - 1, 0), min(y + 2, Y)):
+                        beside = bits[p, q, w]
+                        word |= beside | (beside << ONE) | (beside >> ONE)
+                        if w > 0:
+                            word |= bits[p, q, w - 1] >> np.uint64(63)
+                        if w < words - 1:
+                            word |= bits[p, q, w + 1] << np.uint64(63)
                 word &= within[x, y, w]
                 last = word ^ ONE
                 while word != last:
