@@ -119,6 +119,12 @@ def test_time_and_forgetting_count_with_the_accuracy_only(
     for row, value in zip(by_key.values(), (2.0, 0.0), strict=True):
         assert row.met is accurate
         assert row.value == value if accurate else np.isnan(row.value)
+    # It calls everything ur3: right about none of the iiwas, so the type's budget is missed.
+    types = {r.condition.split("; ")[-1]: r for r in rows if r.key == "t7_type_accuracy"}
+    assert {name: row.met for name, row in types.items()} == {
+        "UR": None, "KUKA": None, "Panda": None, "the worst of the three": False
+    }  # fmt: skip
+    assert types["the worst of the three"].value == 0.0
     # What was measured is said either way.
     shown = {r.key: r.value for r in rows if r.key in ("t6_training_minutes", "t7_worsening")}
     assert shown == {"t6_training_minutes": 2.0, "t7_worsening": 0.0}

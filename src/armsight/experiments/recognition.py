@@ -201,24 +201,31 @@ def _t7(tried: list[Tried]) -> list[Row]:
     rows = []
     for t in _or_nothing(tried):
         bounds = _bounds(t)
+        types: list[float] = []
         for group, robots in GROUPS.items():
             s = t.scores.of(np.isin(t.scores.robot, robots)) if t else None
             s = s if s is not None and len(s.add) else None
             where = f"{_of(t)}; {group}" if t else group
             paper = _T7_PAPER[group]
             low, high = _type_bounds(s)
+            types += [_type(s)] if s else []
             rows += [
                 Row("t7_mask_accuracy", "T7: share of the pixels that are right", where,
                     _mean(s, "accuracy", 100), "%", _n(s), paper=paper[0], better="higher"),
                 Row("t7_type_accuracy", "T7: share of the frames with the right type", where,
-                    _type(s), "%", _n(s), low=low, high=high, paper=paper[1], better="higher",
-                    **bounds(92.0, paper[1])),
+                    _type(s), "%", _n(s), low=low, high=high, paper=paper[1], better="higher"),
                 Row("t7_joint_median_mm", "T7: median joint error", where,
                     _median(s.add) if s else np.nan, "mm", _n(s), paper=paper[2],
                     **bounds(T7_JOINT_MUST, paper[2])),
                 Row("t7_base_median_mm", "T7: median base error", where,
                     _median(s.base) if s else np.nan, "mm", _n(s), paper=paper[3]),
             ]  # fmt: skip
+        # A network that always says the same is right about one of them.
+        rows.append(
+            Row("t7_type_accuracy", "T7: share of the frames with the right type",
+                f"{_of(t)}; the worst of the three", min(types, default=np.nan), "%",
+                _n(t.scores if t else None), paper=96.1, better="higher", **bounds(92.0, 96.1))
+        )  # fmt: skip
     return rows
 
 
@@ -549,8 +556,9 @@ EXPERIMENT = Experiment(
     run,
     runs=400,
     about=(
-        "The networks of T4 to T7 on rendered pictures: scenes of the training renderer that were "
-        "not trained on, and pictures of a second renderer with other rooms, lights and materials. "
+        "The networks of T4 to T7 on rendered pictures: frames of recordings that they know, as in "
+        "the papers; scenes that they do not know; and pictures of a second renderer with other "
+        "rooms, lights and materials. "
         "`--runs` is the number of test frames of each robot at most. Sets and trained networks "
         "are read from `results/recognition` (see [recognition](../recognition.md))."
     ),
