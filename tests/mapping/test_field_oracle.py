@@ -27,9 +27,9 @@ seeds = st.integers(0, 2**31)
 
 
 def solid_of(snapshot, config):
-    """What the field is the distance to; unseen space that nobody can be in is unseen still."""
+    """What the field is the distance to; unseen space that nobody can be in is not solid."""
     if config.unknown_is_solid:
-        return snapshot.state != FREE
+        return (snapshot.state == OCCUPIED) | (snapshot.state == UNKNOWN)
     return snapshot.state == OCCUPIED
 
 

@@ -70,6 +70,7 @@ class WorkspaceSnapshot:
             ENCLOSED.
         distance: (nx, ny, nz) float32 [m]: a proven lower bound of the distance from any point of
             the voxel to any occupied cube or (by policy) unknown cube; capped at ``distance_cap``.
+            Enclosed cubes are not solid.
         distance_cap: where ``distance`` saturates [m].
         last_occupied: (nx, ny, nz) float32 [s] when each voxel was last seen occupied by something
             that moves or may move; -inf never. Danger is a closed form of the age (design 5.5).

@@ -151,15 +151,14 @@ class WorkspaceMap:
         self._alive = alive
         state = self._fine.occupancy.state(alive)
         lap("occupancy")
-        distance, (hazards, unknown) = self._field_and_hazards(state, alive, now)
+        hazards, unknown = self._hazards(state, alive, now)
+        # Before the field: space that hides nobody, such as the arm's own, is not solid.
         self._fine.unseen.mark_enclosed(state)
-        lap("field and hazards")
-        last = self._fine.occupancy.last_occupied()
-        cloud = self._centers(self._fine.occupancy.dynamic)
-        cloud = cloud[np.linalg.norm(cloud, axis=1) <= self.config.crop]
+        lap("hazards")
+        distance, last, cloud = self._field_and_cloud(state)
+        lap("field and cloud")
         for array in (state, hazards, unknown, last, cloud):
             array.flags.writeable = False
-        lap("publish")
         self._now = now
         self._sequence += 1
         stamps = [h.stamp for h in self._health]
@@ -285,15 +284,14 @@ class WorkspaceMap:
             self.grid, newest, (near, deep), self._body_near, self._body_deep, self._body_voxels
         )
 
-    def _field_and_hazards(
-        self, state: Bytes, alive: Bytes, now: float
-    ) -> tuple[Floats32, tuple[Floats32, Mask]]:
-        """Both need the state only, so they run side by side."""
-        if self._pool is None:
-            return self._field.update(state), self._hazards(state, alive, now)
-        field = self._pool.submit(self._field.update, state)
-        hazards = self._hazards(state, alive, now)
-        return field.result(), hazards
+    def _field_and_cloud(self, state: Bytes) -> tuple[Floats32, Floats32, Floats32]:
+        """The distance field, the ages, and the cloud: three that do not need each other."""
+        field = None if self._pool is None else self._pool.submit(self._field.update, state)
+        last = self._fine.occupancy.last_occupied()
+        cloud = self._centers(self._fine.occupancy.dynamic)
+        cloud = cloud[np.linalg.norm(cloud, axis=1) <= self.config.crop]
+        distance = self._field.update(state) if field is None else field.result()
+        return distance, last, cloud
 
     def _hazards(self, state: Bytes, alive: Bytes, now: float) -> tuple[Floats32, Mask]:
         """Where people are or could be: centres of fine voxels, and which are unseen."""
