@@ -103,15 +103,23 @@ def solid_distance(
     px += T_solid_base[0, 3]
     py += T_solid_base[1, 3]
     pz += T_solid_base[2, 3]
+    return _outside(kind, size[0], size[1], size[2], px, py, pz)
+
+
+@njit(cache=True, nogil=True)
+def _outside(
+    kind: int, a_size: float, b_size: float, c_size: float, x: float, y: float, z: float
+) -> float:
+    """Signed distance [m] of a point to a solid in the solid's frame."""
     if kind == 2:
-        return np.sqrt(px * px + py * py + pz * pz) - size[0]
+        return np.sqrt(x * x + y * y + z * z) - a_size
     if kind == 0:
-        a = abs(px) - 0.5 * size[0]
-        b = abs(py) - 0.5 * size[1]
-        c = abs(pz) - 0.5 * size[2]
+        a = abs(x) - 0.5 * a_size
+        b = abs(y) - 0.5 * b_size
+        c = abs(z) - 0.5 * c_size
     else:
-        a = np.sqrt(px * px + py * py) - size[0]
-        b = abs(pz) - 0.5 * size[1]
+        a = np.sqrt(x * x + y * y) - a_size
+        b = abs(z) - 0.5 * b_size
         c = -1e9
     oa, ob, oc = max(a, 0.0), max(b, 0.0), max(c, 0.0)
     return np.sqrt(oa * oa + ob * ob + oc * oc) + min(max(a, max(b, c)), 0.0)
@@ -174,85 +182,100 @@ def trace_solids(
         first, last: (h, w) float32 out [m]; first > last where every depth needs a look.
     """
     h, w = first.shape
-    count = solids[0].shape[0]
+    kinds, sizes, T_solid_base = solids
+    count = kinds.shape[0]
     margin, angle, sigmas = tolerance
-    clear = np.empty(count)  # no solid is nearer than this to the point on the ray [m]
-    direction = np.empty(3)
+    eye = np.empty((count, 3))  # the camera in each solid's frame [m]
+    turn = np.empty((count, 3, 3))  # and how rays of the camera run there
+    for s in range(count):
+        for a in range(3):
+            eye[s, a] = T_solid_base[s, a, 3]
+            for b in range(3):
+                eye[s, a] += T_solid_base[s, a, b] * T[b, 3]
+                turn[s, a, b] = 0.0
+                for c in range(3):
+                    turn[s, a, b] += T_solid_base[s, a, c] * T[c, b]
     for v in range(h):
         for u in range(w):
-            length = 0.0
             leaves = far  # depth behind which the ray is outside the box for good
+            rx, ry = rays[v, u, 0], rays[v, u, 1]
             for d in range(3):
-                step = T[d, 0] * rays[v, u, 0] + T[d, 1] * rays[v, u, 1] + T[d, 2]
-                direction[d] = step
-                length += step * step
+                step = T[d, 0] * rx + T[d, 1] * ry + T[d, 2]
                 if step > 1e-9:
                     leaves = min(leaves, (upper[d] - T[d, 3]) / step)
                 elif step < -1e-9:
                     leaves = min(leaves, (lower[d] - T[d, 3]) / step)
                 elif not lower[d] <= T[d, 3] <= upper[d]:
                     leaves = near
-            length = np.sqrt(length)
             first[v, u], last[v, u] = leaves, np.inf
-            clear[:] = 0.0
-            z = near
-            hit = -1
-            while z < leaves and hit < 0:  # sphere tracing: no solid is nearer than the least
-                least = far
-                for s in range(count):
-                    if clear[s] < least:
-                        clear[s] = _distance_at(s, solids, T, direction, z)
-                        least = min(least, clear[s])
-                        if clear[s] < 0.0005:
-                            hit = s
-                step = max(least, 0.0005) / length
-                z += step
-                clear -= step * length
+            z, hit = leaves, -1
+            hx, hy, hz = 0.0, 0.0, 0.0
+            for s in range(count):
+                dx = turn[s, 0, 0] * rx + turn[s, 0, 1] * ry + turn[s, 0, 2]
+                dy = turn[s, 1, 0] * rx + turn[s, 1, 1] * ry + turn[s, 1, 2]
+                dz = turn[s, 2, 0] * rx + turn[s, 2, 1] * ry + turn[s, 2, 2]
+                x, y, height = eye[s, 0], eye[s, 1], eye[s, 2]
+                enters, ends = near, z
+                if kinds[s] == 0:
+                    enters, ends = _slab(x, dx, 0.5 * sizes[s, 0], enters, ends)
+                    enters, ends = _slab(y, dy, 0.5 * sizes[s, 1], enters, ends)
+                    enters, ends = _slab(height, dz, 0.5 * sizes[s, 2], enters, ends)
+                elif kinds[s] == 1:
+                    enters, ends = _slab(height, dz, 0.5 * sizes[s, 1], enters, ends)
+                    b, c = x * dx + y * dy, x * x + y * y - sizes[s, 0] * sizes[s, 0]
+                    enters, ends = _ball(dx * dx + dy * dy, b, c, enters, ends)
+                else:
+                    b = x * dx + y * dy + height * dz
+                    c = x * x + y * y + height * height - sizes[s, 0] * sizes[s, 0]
+                    enters, ends = _ball(dx * dx + dy * dy + dz * dz, b, c, enters, ends)
+                if enters < ends:
+                    z, hit = enters, s
+                    hx, hy, hz = dx, dy, dz
             if hit < 0:
                 continue
             low = max(near, z - 0.5)
             limit = margin + angle * low + sigmas * (noise[0] + low * (noise[1] + low * noise[2]))
-            if limit < 0.002:  # no more than the tracing's own steps
+            if limit < 0.002:
                 continue
-            start = _last_within(z, low, hit, solids, T, direction, limit)
-            end = _last_within(z, z + 0.5, hit, solids, T, direction, limit)
-            first[v, u] = start
-            if end < leaves:
-                last[v, u] = end
+            x, y, height = eye[hit, 0], eye[hit, 1], eye[hit, 2]
+            inside, outside = z, low
+            for end in range(2):  # the depth farthest from the hit where the limit still holds
+                for _ in range(10):
+                    m = 0.5 * (inside + outside)
+                    px, py, pz = x + m * hx, y + m * hy, height + m * hz
+                    at = _outside(
+                        kinds[hit], sizes[hit, 0], sizes[hit, 1], sizes[hit, 2], px, py, pz
+                    )
+                    if at <= limit:
+                        inside = m
+                    else:
+                        outside = m
+                if end == 0:
+                    first[v, u] = inside
+                    inside, outside = z, z + 0.5
+            if inside < leaves:
+                last[v, u] = inside
 
 
 @njit(cache=True, nogil=True)
-def _distance_at(s: int, solids: Any, T: Floats, direction: Floats, z: float) -> float:
-    """Distance [m] of the point at depth z of a ray to solid s."""
-    kinds, sizes, T_solid_base = solids
-    return solid_distance(
-        kinds[s],
-        sizes[s],
-        T_solid_base[s],
-        T[0, 3] + z * direction[0],
-        T[1, 3] + z * direction[1],
-        T[2, 3] + z * direction[2],
-    )
+def _slab(at: float, step: float, half: float, enters: float, ends: float) -> tuple[float, float]:
+    """What of the depths from ``enters`` to ``ends`` lies between two planes at +-half."""
+    if abs(step) < 1e-12:
+        return (enters, ends) if abs(at) <= half else (np.inf, -np.inf)
+    a, b = (-half - at) / step, (half - at) / step
+    return max(enters, min(a, b)), min(ends, max(a, b))
 
 
 @njit(cache=True, nogil=True)
-def _last_within(
-    inside: float,
-    outside: float,
-    s: int,
-    solids: Any,
-    T: Floats,
-    direction: Floats,
-    limit: float,
-) -> float:
-    """The depth between two, the first within ``limit`` [m] of solid s, where that still holds."""
-    for _ in range(10):
-        middle = 0.5 * (inside + outside)
-        if _distance_at(s, solids, T, direction, middle) <= limit:
-            inside = middle
-        else:
-            outside = middle
-    return inside
+def _ball(a: float, b: float, c: float, enters: float, ends: float) -> tuple[float, float]:
+    """What of the depths from ``enters`` to ``ends`` has ``a z^2 + 2 b z + c <= 0``."""
+    if a < 1e-12:
+        return (enters, ends) if c <= 0.0 else (np.inf, -np.inf)
+    root = b * b - a * c
+    if root < 0.0:
+        return np.inf, -np.inf
+    root = np.sqrt(root)
+    return max(enters, (-b - root) / a), min(ends, (-b + root) / a)
 
 
 @njit(cache=True, nogil=True)
