@@ -50,6 +50,20 @@ def test_remembered_runs_are_not_done_again(tmp_path, monkeypatch):
     assert told == [1.0]
 
 
+def doubled(seed, run):
+    return {"run": run, "double": 2 * run + seed}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_worn_out_workers_are_replaced(tmp_path, monkeypatch, workers):
+    """One worker that replaced itself hung for ever after its first batch."""
+    monkeypatch.setenv("ARMSIGHT_CACHE", str(tmp_path))
+    monkeypatch.setattr(episodes, "FRESH", 2)
+    monkeypatch.setattr(episodes, "WORKERS", workers)
+    found = episodes.run_episodes("toy", doubled, range(5), 7, {}, lambda stage, done: None)
+    assert found == [doubled(7, run) for run in range(5)]
+
+
 # -- false stops ------------------------------------------------------------------------------
 
 

@@ -26,7 +26,7 @@ CELL = "ur5_four_cameras"
 WORKERS = int(os.environ.get("ARMSIGHT_WORKERS", "2"))
 """Processes that run episodes at the same time."""
 FRESH = 20
-"""A worker is replaced after so many episodes: each leaves about 50 MB of memory behind."""
+"""Workers are replaced after about so many episodes: each leaves about 50 MB of memory behind."""
 
 Episode = Callable[[int, int], dict[str, Any]]
 """``episode(seed, run)`` does one run and returns JSON values; a module-level function."""
@@ -57,11 +57,14 @@ def run_episodes(
             results[run] = cache.get(run, _not_yet)
     missing = [run for run in runs if run not in results]
     progress(f"{name}: {len(results)} of {len(runs)}", len(results) / max(1, len(runs)))
-    if missing:
-        context = multiprocessing.get_context("spawn")
-        workers = min(WORKERS, len(missing))
-        with ProcessPoolExecutor(workers, context, max_tasks_per_child=FRESH) as pool:
-            waiting = {pool.submit(episode, seed, run): run for run in missing}
+    context = multiprocessing.get_context("spawn")
+    workers = max(1, min(WORKERS, len(missing)))
+    # A new pool a batch: one that replaces its workers itself (max_tasks_per_child) hangs for ever
+    # in Python 3.11 when a worker's last task was the only one under way.
+    for begin in range(0, len(missing), FRESH * workers):
+        batch = missing[begin : begin + FRESH * workers]
+        with ProcessPoolExecutor(workers, context) as pool:
+            waiting = {pool.submit(episode, seed, run): run for run in batch}
             try:
                 for future in as_completed(waiting):
                     run, result = waiting[future], future.result()
