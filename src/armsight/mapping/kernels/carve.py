@@ -183,6 +183,22 @@ def block_windows(
 
 
 @njit(inline="always")
+def first_cube(
+    T: Floats, origin: Floats, voxel: float, i: int, j: int, k: int, node: Ints, place: Floats
+) -> None:
+    """Put a cube of TOP voxels, its first one (i, j, k), on an empty stack."""
+    dx = origin[0] + (i + 0.5 * TOP) * voxel - T[0, 3]
+    dy = origin[1] + (j + 0.5 * TOP) * voxel - T[1, 3]
+    dz = origin[2] + (k + 0.5 * TOP) * voxel - T[2, 3]
+    node[0, 0] = i
+    node[0, 1] = j
+    node[0, 2] = k
+    node[0, 3] = TOP
+    for d in range(3):
+        place[0, d] = T[0, d] * dx + T[1, d] * dy + T[2, d] * dz
+
+
+@njit(inline="always")
 def divide(
     eye: Any, node: Ints, place: Floats, n: int,
     i: int, j: int, k: int, s: int, x: float, y: float, z: float, nx: int, ny: int, nz: int,
@@ -265,15 +281,7 @@ def carve(
     for bi in range(0, nx, TOP):
         for bj in range(0, ny, TOP):
             for bk in range(0, nz, TOP):
-                dx = origin[0] + (bi + 0.5 * TOP) * voxel - T[0, 3]
-                dy = origin[1] + (bj + 0.5 * TOP) * voxel - T[1, 3]
-                dz = origin[2] + (bk + 0.5 * TOP) * voxel - T[2, 3]
-                node[0, 0] = bi
-                node[0, 1] = bj
-                node[0, 2] = bk
-                node[0, 3] = TOP
-                for d in range(3):
-                    place[0, d] = T[0, d] * dx + T[1, d] * dy + T[2, d] * dz
+                first_cube(T, origin, voxel, bi, bj, bk, node, place)
                 n = 1
                 while n > 0:
                     n -= 1

@@ -46,6 +46,7 @@ from armsight.mapping.kernels.carve import (
     block_windows,
     divide,
     eye_of,
+    first_cube,
     narrow_eye,
     view_of_cube,
 )
@@ -148,15 +149,8 @@ def plan_carving(
     count, block, lane = 0, 0, 0
     rows, columns = (ny + TOP - 1) // TOP, (nz + TOP - 1) // TOP
     for top in range(((nx + TOP - 1) // TOP) * rows * columns):
-        stack[0, 0] = top // (rows * columns) * TOP
-        stack[0, 1] = top // columns % rows * TOP
-        stack[0, 2] = top % columns * TOP
-        stack[0, 3] = TOP
-        dx = origin[0] + (stack[0, 0] + 0.5 * TOP) * voxel - T[0, 3]
-        dy = origin[1] + (stack[0, 1] + 0.5 * TOP) * voxel - T[1, 3]
-        dz = origin[2] + (stack[0, 2] + 0.5 * TOP) * voxel - T[2, 3]
-        for d in range(3):
-            place[0, d] = T[0, d] * dx + T[1, d] * dy + T[2, d] * dz
+        bi, bj, bk = top // (rows * columns), top // columns % rows, top % columns
+        first_cube(T, origin, voxel, bi * TOP, bj * TOP, bk * TOP, stack, place)
         n = 1
         while n > 0:
             n -= 1
