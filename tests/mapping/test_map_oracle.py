@@ -78,35 +78,44 @@ def play(views, cameras, config=CONFIG, solids=(TABLE,)):
     world.close()
 
 
-@settings(max_examples=6, deadline=None)
-@given(st.integers(0, 2**31))
-def test_random_cells(seed):
-    rng = np.random.default_rng(seed)
+def random_cell(seed):
+    """Two cameras in a random cell: how many voxels end free, none of them wrongly."""
     noise = scenes.DepthNoise(0.001, 0.0, 0.001)
     cameras = [camera("a", (11.3, 0.4, 0.9), noise=noise), camera("b", (10.9, -0.9, 0.8))]
-    views = record(cameras, rng, 3)
+    return compare_with_twin(cameras, seed, pad=1.0)
+
+
+def random_cell_through_a_distorted_lens(seed):
+    bent = camera("bent", (11.2, 0.3, 0.8), distortion=(0.09, -0.27, 0.001, -0.002, 0.09))
+    return compare_with_twin([bent], seed, pad=4.0)
+
+
+def compare_with_twin(cameras, seed, pad):
+    views = record(cameras, np.random.default_rng(seed), 3)
     grid = WorkspaceMap(scenes.two_link_arm(), cameras, [TABLE], CONFIG).grid
-    twin = twins.MapTwin(grid, [TABLE], CONFIG)
+    twin = twins.MapTwin(grid, [TABLE], CONFIG, pad)
     for view, snapshot in zip(views, play(views, cameras)):
         twin.take(view)
-        assert {k: len(v) for k, v in twin.wrong(snapshot).items()} == dict.fromkeys(
-            twin.wrong(snapshot), 0
-        )
-    assert (snapshot.state == FREE).sum() > 300
+        assert {k: len(v) for k, v in twin.wrong(snapshot).items() if len(v)} == {}
+    return (snapshot.state == FREE).sum()
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 2**31))
+def test_random_cells(seed):
+    random_cell(seed)
+
+
+@settings(max_examples=3, deadline=None)
 @given(st.integers(0, 2**31))
 def test_random_cells_through_a_distorted_lens(seed):
-    rng = np.random.default_rng(seed)
-    info = camera("bent", (11.2, 0.3, 0.8), distortion=(0.09, -0.27, 0.001, -0.002, 0.09))
-    views = record([info], rng, 3)
-    grid = WorkspaceMap(scenes.two_link_arm(), [info], [TABLE], CONFIG).grid
-    twin = twins.MapTwin(grid, [TABLE], CONFIG, pad=4.0)
-    for view, snapshot in zip(views, play(views, [info])):
-        twin.take(view)
-        assert not any(len(v) for v in twin.wrong(snapshot).values())
-    assert (snapshot.state == FREE).sum() > 200
+    random_cell_through_a_distorted_lens(seed)
+
+
+def test_the_random_cells_are_worth_comparing():
+    """Much is free in these; a random one may hide nearly everything behind a ball."""
+    assert random_cell(0) > 300
+    assert random_cell_through_a_distorted_lens(0) > 200
 
 
 @pytest.fixture(scope="module")

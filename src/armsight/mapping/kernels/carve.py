@@ -111,13 +111,14 @@ def block_window(eye: Any, seen: Any, s: int) -> Any:
 
 
 @njit(inline="always")
-def block_of_voxels(eye: Any, ny: int, nz: int, offset: Floats32, place: Ints) -> None:
+def block_of_voxels(eye: Any, ny: int, nz: int) -> tuple[Floats32, Ints]:
     """Where the voxels of a block lie.
 
-    Of the arguments:
-        offset: (3, m) float32 out: of each voxel's centre from the block's in the camera frame [m].
-        place: (m,) out: flat index of each voxel, less the first one's.
+    Returns:
+        (3, m) float32 of each voxel's centre from the block's in the camera frame [m], and (m,)
+        flat index of each voxel, less the first one's.
     """
+    offset, place = np.empty((3, BLOCK**3), np.float32), np.empty(BLOCK**3, np.int64)
     a, b, c = eye[0], eye[1], eye[2]
     for m in range(BLOCK**3):
         i, j, k = m // BLOCK**2, m // BLOCK % BLOCK, m % BLOCK
@@ -126,6 +127,7 @@ def block_of_voxels(eye: Any, ny: int, nz: int, offset: Floats32, place: Ints) -
         offset[1, m] = fa * b[0] + fb * b[1] + fc * b[2]
         offset[2, m] = fa * c[0] + fb * c[1] + fc * c[2]
         place[m] = (i * ny + j) * nz + k
+    return offset, place
 
 
 @njit(inline="always")
@@ -270,9 +272,7 @@ def carve(
     nx, ny, nz = shape[0], shape[1], shape[2]
     eye = eye_of(lens, T, voxel, near, noise, sigmas, units, least.shape[1], least.shape[2])
     lens32, noise32, units32, behind = narrow_eye(eye)
-    offset = np.empty((3, BLOCK**3), np.float32)
-    place_in = np.empty(BLOCK**3, np.int64)
-    block_of_voxels(eye, ny, nz, offset, place_in)
+    offset, place_in = block_of_voxels(eye, ny, nz)
     window = np.empty((5, BLOCK**3), np.int32)
     center, reach = np.empty(3, np.float32), np.empty(2, np.float32)
     flat = free.reshape(-1)

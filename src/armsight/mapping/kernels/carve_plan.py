@@ -137,9 +137,7 @@ def plan_carving(
     nx, ny, nz = shape[0], shape[1], shape[2]
     eye = eye_of(lens, T, voxel, near, noise, sigmas, units, h, w)
     lens32, noise32, units32, behind = narrow_eye(eye)
-    offset = np.empty((3, BLOCK**3), np.float32)
-    place_in = np.empty(BLOCK**3, np.int64)
-    block_of_voxels(eye, ny, nz, offset, place_in)
+    offset, _ = block_of_voxels(eye, ny, nz)
     window = np.empty((5, BLOCK**3), np.int32)
     center, reach = np.empty(3, np.float32), np.empty(2, np.float32)
     stack = np.empty((64, 4), np.int64)
