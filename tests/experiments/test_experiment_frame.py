@@ -87,6 +87,22 @@ def test_numbers_are_numbers():
     assert row["paper"] == 0.5
 
 
+def test_a_missing_figure_is_words_in_every_table(tmp_path):
+    rows = (
+        Row("a", "", "", math.nan, "min", must=1.0, why="not reached: the accuracy"),
+        Row("b", "", "", math.nan, low=math.nan, high=math.nan),
+    )
+    result = run_experiment(experiment(rows), 1, 0)
+    publish(result, tmp_path)
+    page = (tmp_path / "toy-test.md").read_text()
+    assert "| not reached: the accuracy |  | 1 |" in page
+    assert "| no figure |  | 1 |" in page
+    console = Console(record=True, width=200)
+    print_result(result, console)
+    for text in (page, console.export_text()):
+        assert "nan" not in text.lower()
+
+
 @pytest.mark.parametrize(("k", "n"), [(0, 10), (1, 10), (5, 10), (10, 10), (3, 1000), (0, 1)])
 def test_wilson_against_scipy(k, n):
     expected = binomtest(k, n).proportion_ci(0.95, method="wilson")

@@ -7,6 +7,7 @@ An experiment is one module of this package with a module-level ``EXPERIMENT``; 
 from __future__ import annotations
 
 import json
+import math
 import os
 import tempfile
 from collections.abc import Callable, Sequence
@@ -135,11 +136,17 @@ def print_result(result: Result, console: Console | None = None) -> None:
 
 
 def _cells(row: Row) -> list[str]:
-    spread = f"{_figure(row.low)} - {_figure(row.high)}" if row.low is not None else ""
+    spread = "" if _missing(row.low) else f"{_figure(row.low)} - {_figure(row.high)}"
     sign = {"lower": "<" if row.strict else "≤", "higher": ">" if row.strict else "≥"}[row.better]
     budgets = ["" if b is None else f"{sign} {_figure(b)}" for b in (row.must, row.aim)]
     ours = f"{_figure(row.value)} {row.unit}".strip()
+    if _missing(row.value):
+        ours = row.why or "no figure"
     return [ours, spread, str(row.n), _figure(row.paper), *budgets]
+
+
+def _missing(value: float | None) -> bool:
+    return value is None or math.isnan(value)
 
 
 def _figure(value: float | None) -> str:

@@ -29,6 +29,7 @@ class Row:
         must, aim: budget, or None.
         better: ``lower`` when a value at or below the budget meets it, else ``higher``.
         strict: the budget itself does not meet it ("< 1").
+        why: where value is NaN, why there is no figure, in words; a table says it in its place.
     """
 
     key: str
@@ -44,6 +45,7 @@ class Row:
     aim: float | None = None
     better: Better = "lower"
     strict: bool = False
+    why: str = ""
 
     @property
     def met(self) -> bool | None:
@@ -67,7 +69,7 @@ class Row:
     def to_json(self) -> dict[str, Any]:
         """The row as JSON knows it: numbers as numbers, NaN and infinity as null."""
         fields = asdict(self)
-        del fields["better"], fields["strict"]
+        del fields["better"], fields["strict"], fields["why"]
         row = {k: _number(v) if isinstance(v, float) else v for k, v in fields.items()}
         return row | {"met": self.met}
 
