@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from armsight.arrays import Floats, Points, Pose, Rotation3, Vector3
+from armsight.arrays import Floats, Points, Pose, Poses, Rotation3, Vector3
 
 
 def make_pose(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Pose:
@@ -45,6 +45,15 @@ def inverse(T: Pose) -> Pose:
     """``T_b_a`` of ``T_a_b``."""
     R = T[:3, :3].T
     return make_pose(R, -R @ T[:3, 3])
+
+
+def inverses(T: Poses) -> Poses:
+    """(n, 4, 4) ``T_b_a`` of each of (n, 4, 4) ``T_a_b``."""
+    out = np.zeros_like(T)
+    out[:, :3, :3] = np.swapaxes(T[:, :3, :3], 1, 2)
+    out[:, :3, 3] = -np.einsum("nij,nj->ni", out[:, :3, :3], T[:, :3, 3])
+    out[:, 3, 3] = 1.0
+    return out
 
 
 def transform(T_a_b: Pose, points_b: Points) -> Points:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Floats, Points, Pose, Poses
-from armsight.geometry.pose import exp, inverse, log, make_pose, skews
+from armsight.geometry.pose import exp, log, make_pose, skews
 from armsight.mapping.kernels.align import normal_equations
 from armsight.mapping.self_filter import CELL, BodyFields
 from armsight.mapping.static_geometry import StaticGeometry
@@ -42,11 +42,12 @@ class View:
 
     Attributes:
         points: (n, 3) in the camera frame, as measured [m].
-        T_base_grid: (m, 4, 4) the body's parts at the exposure, or None to leave the arm out.
+        T_cells_base: (m, 4, 4) base in the grids of the body's parts at the exposure, lengths there
+            in cells; or None to leave the arm out.
     """
 
     points: Points
-    T_base_grid: Poses | None
+    T_cells_base: Poses | None
 
 
 @dataclass(frozen=True)
@@ -144,15 +145,14 @@ def _sums(
 ) -> tuple[Floats, Floats, Floats]:
     A, b = np.zeros((7, 7)), np.zeros(7)
     residuals = []
-    to_cells = np.diag([1 / CELL, 1 / CELL, 1 / CELL, 1.0])
     declared = (solids.kinds, solids.sizes, solids.T_solid_base)
     for view, T in zip(views, T_base_camera):
         parts = (fields.values, fields.offset, fields.shape)
-        if view.T_base_grid is None:
+        if view.T_cells_base is None:
             parts = (fields.values, fields.offset[:0], fields.shape[:0])
             placed = np.zeros((0, 4, 4))
         else:
-            placed = np.stack([to_cells @ inverse(P) for P in view.T_base_grid])
+            placed = view.T_cells_base
         out = np.empty(len(view.points))
         normal_equations(
             np.ascontiguousarray(view.points, float),

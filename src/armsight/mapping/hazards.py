@@ -67,7 +67,10 @@ class UnseenPeople:
         self._b: Words = np.zeros(shape, np.uint64)
         self._solid: Words = np.zeros(shape, np.uint64)
         pack(self._static, self._rim, self._solid)
-        if around is not None:
+        self._outside: Words = np.zeros(shape, np.uint64)
+        if around is None:
+            fill_rim(self._rim, self._depth, self._outside)
+        else:
             self._shell, self._cells = self._shell_in(around)
         self._nobody = np.zeros(grid.shape, np.uint8)
         self._indices = np.empty(nx * ny * nz, np.int32)
@@ -110,7 +113,8 @@ class UnseenPeople:
         if self._around is not None:
             clear_rim(self._rim, self._depth, self._possible)
             clear_rim(self._rim, self._depth, self._room)
-            self._add_outside(self._room)
+            self._look_outside(self._around)
+            self._room |= self._outside
         self._add_sources(self._possible, dynamic)
         for _ in range(self._steps(elapsed)):
             if not grow(self._possible, self._room, self._a, self._b):
@@ -122,17 +126,15 @@ class UnseenPeople:
         count = frontier(self._possible, self._solid, self._rim, ny, nz, self._indices, self._faces)
         return self._indices[:count], self._faces[:count]
 
-    def _add_outside(self, bits: Words) -> None:
-        """Add the places from which people come: all around, or what the coarser set says."""
-        if self._around is None:
-            fill_rim(self._rim, self._depth, bits)
-        else:
-            copy_shell(self._around._possible, self._around._rim, self._cells, self._shell, bits)
+    def _look_outside(self, around: UnseenPeople) -> None:
+        """Note from which places people come: what the coarser set says of the rim."""
+        self._outside.fill(0)
+        copy_shell(around._possible, around._rim, self._cells, self._shell, self._outside)
 
     def _add_sources(self, bits: Words, dynamic: Ints32) -> None:
         """Add the outside and everything seen that may be a person."""
         _, ny, nz = self._grid.shape
-        self._add_outside(bits)
+        bits |= self._outside
         add_voxels(dynamic, len(dynamic), ny, nz, self._rim, bits)
 
     def _steps(self, elapsed: float) -> int:

@@ -136,7 +136,7 @@ class Mounting:
         z = z[known].astype(float)
         flat = np.column_stack([rays[known].astype(float) * z[:, None], z])
         moving = float(body.speed.max(initial=0.0)) * self._config.stamp_error > STILL
-        return View(flat, None if moving else body.T_base_grid)
+        return View(flat, None if moving else body.T_cells_base)
 
 
 def _size(T: Pose) -> tuple[float, float]:

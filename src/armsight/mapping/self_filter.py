@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt, label
 
 from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints, Ints32, Pose, Poses
 from armsight.errors import ArmsightError
-from armsight.geometry.pose import inverse, transform
+from armsight.geometry.pose import inverse, inverses, transform
 from armsight.geometry.shapes import Solid
 from armsight.mapping.kernels.body import (
     capsule_distance,
@@ -22,6 +22,7 @@ from armsight.mapping.kernels.body import (
 )
 from armsight.mapping.lens import Lens
 from armsight.mapping.snapshot import VoxelGrid
+from armsight.robots.kernels import carried_motion_into
 from armsight.robots.kinematics import link_poses
 from armsight.robots.meshes import join_triangles, read_mesh
 from armsight.robots.robot import LinkMesh, Robot
@@ -186,11 +187,13 @@ class BodyPose:
     """Where the body's parts were at one instant.
 
     Attributes:
-        T_base_grid: (m, 4, 4) each part's grid in ``base`` [m].
+        T_cells_base: (m, 4, 4) base in each part's grid, lengths there in cells.
+        corners: (m, 8, 3) corners of each part's grid in ``base`` [m].
         speed: (m,) an upper bound of the speed of any point of each part [m/s].
     """
 
-    T_base_grid: Poses
+    T_cells_base: Poses
+    corners: Floats
     speed: Floats
 
 
@@ -205,27 +208,31 @@ class SelfFilter:
     def __init__(self, robot: Robot, held: Iterable[Solid] = ()) -> None:
         self._robot = robot
         self.reach = robot.reach
-        self.fields = body_fields(robot, held)
-        corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
-        self._corners = corners[None] * (self.fields.shape[:, None, :] - 1) * CELL  # (m, 8, 3)
-        self._to_cells = np.diag([1 / CELL, 1 / CELL, 1 / CELL, 1.0])
+        self.fields = fields = body_fields(robot, held)
+        unit = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
+        corners = unit * (fields.shape[:, None, :] - 1) * CELL  # (m, 8, 3)
+        self._corners = np.concatenate(
+            [transform(T, c) for T, c in zip(fields.T_link_grid, corners)]
+        )
+        self._link = np.repeat(fields.link, 8)
+        to_cells = np.diag([1 / CELL, 1 / CELL, 1 / CELL, 1.0])
+        self._T_cells_link = to_cells @ inverses(fields.T_link_grid)
 
     def pose(self, position: Floats, velocity: Floats) -> BodyPose:
         """The body at (n,) joint positions [rad] and velocities [rad/s]."""
         poses = link_poses(self._robot, position)
-        T_base_grid = poses[self.fields.link] @ self.fields.T_link_grid
-        corners = np.einsum("mij,mcj->mci", T_base_grid[:, :3, :3], self._corners)
-        corners += T_base_grid[:, None, :3, 3]
-        joint_pose = poses[:-1] @ self._robot.T_link_joint
-        axis = np.einsum("nij,nj->ni", joint_pose[:, :3, :3], self._robot.axis)
-        speed = np.zeros(len(corners))
-        for m, link in enumerate(self.fields.link):
-            if link == 0:
-                continue
-            lever = corners[m][:, None] - joint_pose[None, :link, :3, 3]
-            v = np.cross(axis[None, :link], lever) * velocity[None, :link, None]
-            speed[m] = np.linalg.norm(v.sum(axis=1), axis=1).max()
-        return BodyPose(T_base_grid, speed)
+        rates = np.ascontiguousarray(velocity, float)
+        corners, motion = np.empty_like(self._corners), np.empty_like(self._corners)
+        carried_motion_into(
+            poses, self._robot.axis, self._link, self._corners, rates, corners, motion
+        )
+        # No point of a rigid part is faster than the fastest corner of a box around it.
+        speed = np.sqrt((motion**2).sum(axis=1)).reshape(-1, 8).max(axis=1)
+        return BodyPose(
+            self._T_cells_link @ inverses(poses)[self.fields.link],
+            corners.reshape(-1, 8, 3),
+            speed,
+        )
 
     def label(
         self,
@@ -244,13 +251,8 @@ class SelfFilter:
         A pixel is the arm if its point lies within tolerance[0] [m] + tolerance[1] [rad] x depth
         + sigmas x noise + speed of the link x ``stamp_error`` of the link's surface, or inside.
         """
-        T_camera_base = inverse(T_base_camera)
-        T_camera_grid = T_camera_base @ body.T_base_grid
-        rect = lens.rectangles(
-            np.einsum("mij,mcj->mci", T_camera_grid[:, :3, :3], self._corners)
-            + T_camera_grid[:, None, :3, 3]
-        )
-        T_grid_camera = np.stack([self._to_cells @ inverse(T) for T in T_camera_grid])
+        corners = transform(inverse(T_base_camera), body.corners.reshape(-1, 3))
+        rect = lens.rectangles(np.reshape(corners, body.corners.shape))
         limits = np.empty((len(rect), 2))
         limits[:, 0] = np.minimum(tolerance[0] + body.speed * stamp_error, BAND - 0.01)
         limits[:, 1] = tolerance[1]
@@ -260,7 +262,7 @@ class SelfFilter:
                 label,
                 lens.rays,
                 rect,
-                T_grid_camera,
+                body.T_cells_base @ T_base_camera,
                 self.fields.values,
                 self.fields.offset,
                 self.fields.shape,
@@ -294,16 +296,13 @@ class SelfFilter:
         Returns:
             How many are listed.
         """
-        corners = np.einsum("mij,mcj->mci", body.T_base_grid[:, :3, :3], self._corners)
-        corners += body.T_base_grid[:, None, :3, 3]
-        low = np.floor((corners.min(axis=1) - grid.origin) / grid.voxel).astype(np.int64)
-        high = np.floor((corners.max(axis=1) - grid.origin) / grid.voxel).astype(np.int64)
+        low = np.floor((body.corners.min(axis=1) - grid.origin) / grid.voxel).astype(np.int64)
+        high = np.floor((body.corners.max(axis=1) - grid.origin) / grid.voxel).astype(np.int64)
         top = np.asarray(grid.shape) - 1
         box = np.stack([np.maximum(low, 0), np.minimum(high, top)], axis=2).reshape(-1, 6)
-        T_grid_base = np.stack([self._to_cells @ inverse(T) for T in body.T_base_grid])
         return int(
             mark_body(
-                T_grid_base,
+                body.T_cells_base,
                 box,
                 self.fields.values,
                 self.fields.offset,

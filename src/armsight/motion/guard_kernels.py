@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32, Ints, JointVector, Points, Poses
+from armsight.arrays import Floats, Floats32, Ints, JointVector, Points
 
 ROUNDING = 1e-5
 """More than what distances of blocks lose by being float32 [m]."""
@@ -327,46 +327,6 @@ def in_reach(
                     if ex * ex + ey * ey + ez * ez < need[k] * need[k]:
                         return i
     return -1
-
-
-@njit(cache=True, nogil=True)
-def sphere_motion(
-    poses: Poses,
-    axis: Points,
-    link: Ints,
-    center: Points,
-    q_dot: JointVector,
-    out_center: Points,
-    out_velocity: Points,
-) -> None:
-    """Write (m, 3) centres in ``base`` [m] and their velocities [m/s] of spheres fixed to links."""
-    n = axis.shape[0]
-    # Twist of each link about the base's origin: angular w and linear u = velocity of the origin.
-    w = np.zeros((n + 1, 3))
-    u = np.zeros((n + 1, 3))
-    for j in range(n):
-        T = poses[j + 1]
-        ax = T[0, 0] * axis[j, 0] + T[0, 1] * axis[j, 1] + T[0, 2] * axis[j, 2]
-        ay = T[1, 0] * axis[j, 0] + T[1, 1] * axis[j, 1] + T[1, 2] * axis[j, 2]
-        az = T[2, 0] * axis[j, 0] + T[2, 1] * axis[j, 1] + T[2, 2] * axis[j, 2]
-        s = q_dot[j]
-        px, py, pz = T[0, 3], T[1, 3], T[2, 3]
-        w[j + 1, 0] = w[j, 0] + s * ax
-        w[j + 1, 1] = w[j, 1] + s * ay
-        w[j + 1, 2] = w[j, 2] + s * az
-        u[j + 1, 0] = u[j, 0] + s * (py * az - pz * ay)
-        u[j + 1, 1] = u[j, 1] + s * (pz * ax - px * az)
-        u[j + 1, 2] = u[j, 2] + s * (px * ay - py * ax)
-    for k in range(link.shape[0]):
-        i = link[k]
-        T = poses[i]
-        x = T[0, 0] * center[k, 0] + T[0, 1] * center[k, 1] + T[0, 2] * center[k, 2] + T[0, 3]
-        y = T[1, 0] * center[k, 0] + T[1, 1] * center[k, 1] + T[1, 2] * center[k, 2] + T[1, 3]
-        z = T[2, 0] * center[k, 0] + T[2, 1] * center[k, 1] + T[2, 2] * center[k, 2] + T[2, 3]
-        out_center[k, 0], out_center[k, 1], out_center[k, 2] = x, y, z
-        out_velocity[k, 0] = u[i, 0] + w[i, 1] * z - w[i, 2] * y
-        out_velocity[k, 1] = u[i, 1] + w[i, 2] * x - w[i, 0] * z
-        out_velocity[k, 2] = u[i, 2] + w[i, 0] * y - w[i, 1] * x
 
 
 @njit(cache=True, nogil=True)

@@ -13,10 +13,9 @@ from armsight.motion.guard_kernels import (
     Law,
     scan,
     sort_into_blocks,
-    sphere_motion,
     stopping_times,
 )
-from armsight.robots.kernels import chain_poses
+from armsight.robots.kernels import carried_motion_into, chain_poses
 from armsight.robots.robot import Robot
 
 BLOCK = 0.16
@@ -113,7 +112,7 @@ class MovingBody:
         poses = chain_poses(np.ascontiguousarray(q, float), robot.T_link_joint, robot.axis)
         center, velocity = np.empty_like(self.local), np.empty_like(self.local)
         rates = np.ascontiguousarray(q_dot, float)
-        sphere_motion(poses, robot.axis, self.link, self.local, rates, center, velocity)
+        carried_motion_into(poses, robot.axis, self.link, self.local, rates, center, velocity)
         return center, velocity
 
     def stopping(self, q_dot: JointVector) -> Floats:
