@@ -23,10 +23,9 @@ from armsight.robots.kinematics import link_poses, point_jacobian
 LAW = Law(2.0, 0.05, 0.15, 0.15, 0.0173, 0.045)
 
 
-def brute_force(body, center, velocity, stopping, points, law):
+def brute_force(body, center, velocity, stopping, fastest, points, law):
     """Distance, nearest, share by looking at every pair."""
     m = len(center)
-    fastest = np.linalg.norm(velocity, axis=1).max()
     distance, share = np.full(m, np.inf), np.full(m, np.inf)
     for i in range(m):
         for p in points.astype(float):
@@ -59,6 +58,28 @@ def test_motion_of_spheres_against_jacobians(name):
             assert velocity[k] == pytest.approx(J @ v, abs=1e-12)
 
 
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_no_point_of_a_surface_is_faster_than_stated(name):
+    """Against Jacobians of points all over the spheres, and not far too high."""
+    robot = load_robot(name)
+    body = MovingBody(robot, robot.limits.acceleration)
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        q = rng.uniform(np.maximum(robot.limits.lower, -3), np.minimum(robot.limits.upper, 3))
+        v = rng.normal(size=robot.n)
+        center, velocity = body.motion(q, v)
+        stated = body.fastest(q, v, velocity)
+        fastest = 0.0
+        for k in range(len(body.radius)):
+            around = rng.normal(size=(60, 3))
+            around *= body.radius[k] / np.linalg.norm(around, axis=1)[:, None]
+            for point in center[k] + around:
+                J = point_jacobian(robot, q, int(body.link[k]), point)
+                fastest = max(fastest, float(np.linalg.norm(J @ v)))
+        assert fastest <= stated + 1e-9
+        assert stated <= 1.25 * fastest
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 300), st.floats(0.1, 2.5))
 def test_scan_against_brute_force(seed, count, spread):
@@ -70,7 +91,10 @@ def test_scan_against_brute_force(seed, count, spread):
     points = (rng.normal(size=(count, 3)) * spread).astype(np.float32)
     hazards = Hazards.at(points, LAW.hazard_radius)
     view = body.view(q, v, hazards, LAW)
-    distance, share = brute_force(body, view.center, view.velocity, view.stopping, points, LAW)
+    fastest = body.fastest(q, v, view.velocity)
+    distance, share = brute_force(
+        body, view.center, view.velocity, view.stopping, fastest, points, LAW
+    )
     assert view.distance == pytest.approx(distance, abs=1e-6)
     # Beyond a share of one nothing limits the motion: pruned pairs may be left out there.
     assert np.minimum(view.share, 1.0) == pytest.approx(np.minimum(share, 1.0), abs=1e-6)

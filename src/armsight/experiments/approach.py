@@ -233,7 +233,7 @@ def _hands_reach(clip: Path, played: float) -> float:
 
 def settings() -> dict[str, Any]:
     """All that changes an episode, besides its seed."""
-    return {"seconds": SECONDS, "caps": list(CAPS), "clips": len(find_clips()), "version": 3}
+    return {"seconds": SECONDS, "caps": list(CAPS), "clips": len(find_clips()), "version": 4}
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
@@ -247,7 +247,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         progress(stage, 0.9 + 0.1 * done)
 
     episodes = run_episodes("approach", episode, range(runs), seed, settings(), first)
-    hunts = run_episodes("approach-search", search, range(searches), seed, {"version": 3}, second)
+    hunts = run_episodes("approach-search", search, range(searches), seed, {"version": 4}, second)
     notes = [
         f"Contact in episode {k} (cap {e['cap']} m/s, {e['how']}): "
         f"time [s], link, arm speed [m/s], part: {e['worst']}."

@@ -265,7 +265,7 @@ def settings() -> dict[str, Any]:
         "stay": list(STAY),
         "goals": [q.tolist() for q in GOALS.values()],
         "places": [AWAY.tolist(), IN.tolist(), SPREAD.tolist()],
-        "version": 3,
+        "version": 4,
     }
 
 

@@ -51,7 +51,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Touch:
-    """The arm and a ball overlap: time [s], speed of the arm's fastest part [m/s], distance [m]."""
+    """The arm and a ball overlap: time [s], speed of the arm's fastest point [m/s], distance [m]."""
 
     time: float
     speed: float
@@ -240,10 +240,10 @@ class QuickCell:
         return JointGoal(f"G{k}", self.goals[k])
 
     def _look(self) -> None:
-        """Distance of the moving body to the balls, and the speed of its fastest part."""
+        """Distance of the moving body to the balls, and the speed of its fastest point."""
         body = self.guard.body
         center, velocity = body.motion(self.q, self.v)
-        fastest = float(np.linalg.norm(velocity, axis=1).max())
+        fastest = body.fastest(self.q, self.v, velocity)
         for ball in self.balls:
             gaps = np.linalg.norm(center - ball.center(self.now), axis=1) - body.radius
             touch = Touch(self.now, fastest, float(gaps.min()) - ball.radius)

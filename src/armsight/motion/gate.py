@@ -66,8 +66,8 @@ class Gate:
             hazards: as pictured.
         """
         center, velocity = self.body.motion(state.position, state.velocity)
-        speed = np.linalg.norm(velocity, axis=1)
-        if float(speed.max()) <= self._config.retreat_speed:
+        fastest = self.body.fastest(state.position, state.velocity, velocity)
+        if fastest <= self._config.retreat_speed:
             return True  # it counts as standing
         brake = self.body.brake
         stop = stop_path(state.position, np.ascontiguousarray(state.velocity), brake, PIECES)

@@ -42,8 +42,9 @@ class GuardConfig:
         brake: share of the joints' acceleration limits with which the arm stops.
         separation: constants of the protective distance.
         reaction_window: a measured reaction time counts for this long [s].
-        retreat_speed: a part may always move away at this speed [m/s]; faster only if it could
-            stand still before anybody reaches it. An arm below 0.05 m/s counts as standing.
+        retreat_speed: a part may always move away while no point of the arm is faster than this
+            [m/s]; faster only if it could stand still before anybody reaches it. An arm below
+            0.05 m/s counts as standing.
         headroom: share of speed and twice that of acceleration which planned motions leave to the
             position correction; a motion at the drives' limits could not be followed exactly.
         rise, rise_jerk: how fast the speed scale may rise [1/s], and that rate itself [1/s^2].

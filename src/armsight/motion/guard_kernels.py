@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32, Ints, JointVector, Points
+from armsight.arrays import Floats, Floats32, Ints, JointVector, Points, Poses
 
 ROUNDING = 1e-5
 """More than what distances of blocks lose by being float32 [m]."""
@@ -47,7 +47,7 @@ class Law(NamedTuple):
         T_person: T_r: time for which the person comes nearer before the arm brakes [s].
         T_arm: T_a: time for which the arm goes on, as commanded, before it brakes [s].
         hazard_radius: half diagonal of a hazard's cube [m].
-        retreat: speed of the fastest part at which the arm may always move away [m/s].
+        retreat: speed of the fastest point at which the arm may always move away [m/s].
     """
 
     person: float
@@ -136,7 +136,7 @@ def allowed_share(
     Args:
         distance: D from the part's surface to the hazard's [m].
         closing: speed towards the hazard of the whole motion [m/s]; negative when receding.
-        fastest: speed of the arm's fastest part [m/s]; above 0.
+        fastest: speed of the arm's fastest point [m/s]; above 0.
         stopping: time to stop from the whole motion [s].
         law: numbers of the law.
     """
@@ -179,6 +179,7 @@ def scan(
     radius: Floats,
     velocity: Points,
     stopping: Floats,
+    fastest: float,
     law: Law,
     horizon: float,
     distance: Floats,
@@ -194,6 +195,7 @@ def scan(
         radius: (m,) [m].
         velocity: (m, 3) of the whole motion [m/s].
         stopping: (m,) its stopping time [s].
+        fastest: speed of the arm's fastest point [m/s].
         law: numbers of the law.
         horizon: farther hazards are of no interest unless they limit the motion [m].
         distance: (m,) out: to the nearest hazard [m], inf beyond the horizon.
@@ -201,11 +203,6 @@ def scan(
         share: (m,) out: allowed share of the motion; inf, or at least ``AMPLE``, if unlimited.
         limiting: (m,) out: index of the hazard that limits it, -1 for none.
     """
-    fastest = 0.0
-    for i in range(velocity.shape[0]):
-        vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-        fastest = max(fastest, vx * vx + vy * vy + vz * vz)
-    fastest = np.sqrt(fastest)
     count = blocks.lower.shape[1]
     bound = np.empty(count, np.float32)
     for i in range(center.shape[0]):
@@ -327,6 +324,40 @@ def in_reach(
                     if ex * ex + ey * ey + ez * ez < need[k] * need[k]:
                         return i
     return -1
+
+
+@njit(cache=True, nogil=True)
+def fastest_point(
+    poses: Poses, axis: Points, link: Ints, radius: Floats, q_dot: JointVector, velocity: Points
+) -> float:
+    """No point of (m,) spheres fixed to links is faster than this [m/s].
+
+    A sphere's surface turns about its centre with the link.
+
+    Args:
+        poses: (n + 1, 4, 4) of the links.
+        axis: (n, 3) of the joints.
+        link: (m,) that carries each sphere.
+        radius: (m,) [m].
+        q_dot: (n,) [rad/s].
+        velocity: (m, 3) of the centres [m/s].
+    """
+    n = axis.shape[0]
+    spin = np.zeros(n + 1)
+    wx, wy, wz = 0.0, 0.0, 0.0
+    for j in range(n):
+        T = poses[j + 1]
+        x, y, z = q_dot[j] * axis[j, 0], q_dot[j] * axis[j, 1], q_dot[j] * axis[j, 2]
+        wx += T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
+        wy += T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+        wz += T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
+        spin[j + 1] = np.sqrt(wx * wx + wy * wy + wz * wz)
+    fastest = 0.0
+    for k in range(link.shape[0]):
+        vx, vy, vz = velocity[k, 0], velocity[k, 1], velocity[k, 2]
+        speed = np.sqrt(vx * vx + vy * vy + vz * vz) + radius[k] * spin[link[k]]
+        fastest = max(fastest, speed)
+    return fastest
 
 
 @njit(cache=True, nogil=True)

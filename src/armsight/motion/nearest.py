@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import Floats, Ints, JointVector, Points, Vector3
+from armsight.arrays import Floats, Ints, JointVector, Points, Poses, Vector3
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.guard_kernels import (
     Blocks,
     Law,
+    fastest_point,
     scan,
     sort_into_blocks,
     stopping_times,
@@ -108,12 +109,22 @@ class MovingBody:
 
     def motion(self, q: JointVector, q_dot: JointVector) -> tuple[Points, Points]:
         """(m, 3) centres in ``base`` [m] and their velocities [m/s]."""
-        robot = self.robot
-        poses = chain_poses(np.ascontiguousarray(q, float), robot.T_link_joint, robot.axis)
+        robot, poses = self.robot, self._poses(q)
         center, velocity = np.empty_like(self.local), np.empty_like(self.local)
         rates = np.ascontiguousarray(q_dot, float)
         carried_motion_into(poses, robot.axis, self.link, self.local, rates, center, velocity)
         return center, velocity
+
+    def _poses(self, q: JointVector) -> Poses:
+        robot = self.robot
+        q = np.ascontiguousarray(q, float)
+        return np.asarray(chain_poses(q, robot.T_link_joint, robot.axis))
+
+    def fastest(self, q: JointVector, q_dot: JointVector, velocity: Points) -> float:
+        """No point of the body is faster than this [m/s]; (m, 3) velocities are the centres'."""
+        rates = np.ascontiguousarray(q_dot, float)
+        poses, axis = self._poses(q), self.robot.axis
+        return float(fastest_point(poses, axis, self.link, self.radius, rates, velocity))
 
     def stopping(self, q_dot: JointVector) -> Floats:
         """(m,) time until each sphere stands when all joints brake [s]."""
@@ -141,18 +152,19 @@ class MovingBody:
         center, velocity = self.motion(q, q_dot)
         m = len(self.radius)
         stopping = self.stopping(q_dot)
+        fastest = self.fastest(q, q_dot, velocity)
         distance, share = np.full(m, np.inf), np.full(m, np.inf)
         nearest, limiting = np.full(m, -1), np.full(m, -1)
         if parts is None:
             scan(
-                hazards.blocks, center, self.radius, velocity, stopping, law, HORIZON,
+                hazards.blocks, center, self.radius, velocity, stopping, fastest, law, HORIZON,
                 distance, nearest, share, limiting,
             )  # fmt: skip
         else:
             d, k, s, g = distance[parts], nearest[parts], share[parts], limiting[parts]
             scan(
                 hazards.blocks, center[parts], self.radius[parts], velocity[parts],
-                stopping[parts], law, HORIZON, d, k, s, g,
+                stopping[parts], fastest, law, HORIZON, d, k, s, g,
             )  # fmt: skip
             distance[parts], nearest[parts], share[parts], limiting[parts] = d, k, s, g
         return View(center, velocity, stopping, distance, nearest, share, limiting)
