@@ -27,7 +27,10 @@ URS = ("ur3", "ur5", "ur10")
 def write_set(
     folder: Path, off: float = 0.03, kind: str = "paper-like", robots: tuple[str, ...] = URS
 ) -> None:
-    """Robots in a bright square, each with its joints ``off``, its base 40 mm beside the answer."""
+    """Robots in a bright square, each with its joints ``off``, its base 40 mm beside the answer.
+
+    Of ``none`` every fourth picture is as bright, the others are dark.
+    """
     counts = dict.fromkeys(robots, COUNT)
     many = len(counts) * COUNT
     write_manifest(folder, Manifest(kind, "squares", 5, 128, 106, counts, 5, many))
@@ -37,19 +40,22 @@ def write_set(
     lines = []
     for i in range(many):
         robot = robots[i % len(robots)]
+        dof = 0 if robot == "none" else JOINTS[robot]
         image = np.full((106, 128, 3), 30, np.uint8)
-        image[40:60, 50:80] = 240
         links = np.zeros((106, 128), np.uint8)
-        links[40:60, 50:80] = 1
+        if robot != "none" or i // len(robots) % 4 == 0:
+            image[40:60, 50:80] = 240
+        if robot != "none":
+            links[40:60, 50:80] = 1
         names = f"images/{i:06d}.png", f"links/{i:06d}.png"
         cv2.imwrite(str(shard / names[0]), image)
         cv2.imwrite(str(shard / names[1]), links)
         T = np.eye(4)
         T[:3, 3] = np.add(BASE, [0.04, 0, 0])
-        joints = np.add(SAID[: JOINTS[robot]], [0, off, 0])
+        joints = np.add(SAID, [0, off, 0])[:dof]
         K = np.array([[96.0, 0, 63.5], [0, 96.0, 52.5], [0, 0, 1]])
         row = Row(i, 5, i // (2 * len(robots)) % 5, robot, *names, 128, 106, K, np.zeros(5), T,
-                  np.zeros(JOINTS[robot]), joints, joints, joints[:, :2],
+                  np.zeros(dof), joints, joints, joints[:, :2],
                   np.ones(len(joints), bool))  # fmt: skip
         lines.append(to_json(row))
     (shard / "labels.jsonl").write_text("\n".join(lines) + "\n")
@@ -154,6 +160,23 @@ def test_budgets_hold_in_unseen_scenes(tmp_path: Path, monkeypatch: pytest.Monke
     }
 
 
+def test_pictures_without_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of the empty pictures looks like a robot; every robot is seen."""
+    monkeypatch.setenv("ARMSIGHT_RECOGNITION", str(tmp_path))
+    monkeypatch.setattr("armsight.experiments.recognition._torch", lambda: False)
+    write_set(tmp_path / "sets" / "wild", 0.05, "wild", ("ur3", "iiwa", "none"))
+    (tmp_path / "runs" / "t7").mkdir(parents=True)
+    (tmp_path / "runs" / "t7" / "network.onnx").write_bytes(network(words()))
+    rows = run_experiment(load_experiment("recognition"), 100, 0, silent).outcome.rows
+    found = {r.key: (r.condition, r.value, r.n) for r in rows if r.key.startswith("no_robot")}
+    assert found == {
+        "no_robot_said": ("trained on recordings; wild", 75.0, COUNT),
+        "no_robot_wrongly": ("trained on recordings; wild", 0.0, 2 * COUNT),
+    }
+    errors = [r.value for r in rows if r.key == "t7_joint_mm"]
+    assert errors == [pytest.approx(50.0, abs=1e-3)]
+
+
 def test_without_anything_every_budget_is_missed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -176,3 +199,21 @@ def test_packing_in_memory_keeps_the_labels(tmp_path: Path) -> None:
     assert [data.robots[r] for r in data.robot] == [source.rows[4].robot, source.rows[9].robot]
     np.testing.assert_allclose(data.base[0], np.add(BASE, [0.04, 0, 0]), rtol=1e-6)
     assert data.masks(np.array([0])).sum() == 10 * 15
+
+
+@pytest.mark.parametrize("wider", [1.0, 2.0])
+def test_packing_through_a_networks_camera(tmp_path: Path, wider: float) -> None:
+    """A lens twice as wide shows the square half as large, and where its rays say."""
+    write_set(tmp_path)
+    source = LabelledSet.open(tmp_path)
+    plain = pack_in_memory(source, [4], 64, 53)
+    K = plain.K[0].astype(float)
+    K[[0, 1], [0, 1]] /= wider
+    data = pack_in_memory(source, [4], 64, 53, K)
+    np.testing.assert_allclose(data.K[0], K, rtol=1e-6)
+    np.testing.assert_array_equal(data.joints, plain.joints)
+    pixels = [np.argwhere(p.masks(np.array([0]))[0])[:, ::-1] for p in (plain, data)]
+    rays = [(p.mean(axis=0) - q[:2, 2]) / np.diag(q)[:2] for p, q in zip(pixels, (plain.K[0], K))]
+    np.testing.assert_allclose(rays[0], rays[1], atol=0.5 * wider / 48)
+    assert len(pixels[1]) == pytest.approx(len(pixels[0]) / wider**2, rel=0.25)
+    assert data.images[0][data.masks(np.array([0]))[0]].mean() > 200

@@ -15,10 +15,12 @@ from armsight.experiments.recognition_scores import (
     Bench,
     Tried,
     folder,
+    mask_shares,
     milliseconds,
     training_curve,
 )
 from armsight.experiments.rows import Row, bootstrap, wilson
+from armsight.recognition.data.sample import NO_ROBOT
 from armsight.recognition.inference.model import Model
 from armsight.recognition.metrics import add_auc, against, mask_iou, recognised, share_over
 from armsight.recognition.networks.architecture import Architecture
@@ -55,7 +57,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         for t in of:
             rows += _common(name[:2], t, seed)
     by_samples = _by_samples(bench)
-    rows += _against_distance(t7) + by_samples + _trained(tried) + _speed(tried)
+    rows += _against_distance(t7) + by_samples + _no_robot(bench, tried)
+    rows += _trained(tried) + _speed(tried)
     plots: dict[str, Draw] = {
         f"overlays-{name}": partial(overlays, t) for name, of in tried.items() for t in of if t.own
     }
@@ -338,6 +341,31 @@ def _by_samples(bench: Bench) -> list[Row]:
                     Row(f"{name}_samples_minutes", f"{name.upper()}: training time against the "
                         "number of samples", where, training["seconds"] / 60, "min"),
                 ]  # fmt: skip
+    return rows
+
+
+def _no_robot(bench: Bench, tried: dict[str, list[Tried]]) -> list[Row]:
+    """How the networks of five robots tell pictures without one, where a set has such pictures."""
+    rows = []
+    for t in (t for name, of in tried.items() if name.startswith("t7") for t in of):
+        labelled = bench.labelled(t.set)
+        robots = np.array([row.robot for row in labelled.rows]) if labelled else np.array([])
+        without = np.flatnonzero(robots == NO_ROBOT)
+        if labelled is None or not len(without):
+            continue
+        shown = np.flatnonzero(np.isin(robots, t.model.architecture.robots))
+        for key, words, samples in (
+            ("no_robot_said", "share of the pictures without a robot of which it is said", without),
+            ("no_robot_wrongly", "share of the pictures with a robot of which none is said", shown),
+        ):
+            shares = mask_shares(t.model, labelled, samples)
+            said = int((shares < t.model.no_robot_share).sum())
+            low, high = wilson(said, len(samples))
+            rows.append(
+                Row(key, f"No robot: {words}", t.condition, 100.0 * said / len(samples), "%",
+                    len(samples), low=100.0 * low, high=100.0 * high,
+                    better="higher" if key == "no_robot_said" else "lower")
+            )  # fmt: skip
     return rows
 
 

@@ -4,6 +4,7 @@
 
     results/recognition/sets/paper-like           armsight dataset generate
     results/recognition/sets/paper-rooms
+    results/recognition/sets/wild
     results/recognition/sets/second-paper-like    the second renderer's
     results/recognition/sets/second-wild
     results/recognition/runs/t4, t5, t6, t7       armsight train, armsight transfer
@@ -24,15 +25,16 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Ints
+from armsight.arrays import Floats, Ints
 from armsight.errors import ArmsightError
 from armsight.experiments.frame import Progress
 from armsight.recognition.data import LabelledSet
+from armsight.recognition.inference.intrinsics import view_through
 from armsight.recognition.inference.model import Model
 from armsight.recognition.networks.architecture import Architecture
 from armsight.recognition.training.figures import Answer, Scores, score
 from armsight.recognition.training.packed_set import PackedSet
-from armsight.recognition.training.packing import pack_in_memory
+from armsight.recognition.training.packing import pack_in_memory, sample_camera
 from armsight.recognition.training.tensors_file import Array
 
 RECORDINGS, ROOMS = "paper-like", "paper-rooms"
@@ -40,10 +42,13 @@ UNSEEN = "unseen scenes"
 SETS = {
     RECORDINGS: "unseen recordings",
     ROOMS: UNSEEN,
+    "wild": "wild",
     "second-paper-like": "second renderer, paper-like",
     "second-wild": "second renderer, wild",
 }
 """What the frames of each set are to a network that was trained on another one."""
+ANY_LENS = ("wild", "second-wild")
+"""Sets whose pictures have a lens each: taken through the network's own, as ``recognise`` does."""
 
 
 def folder() -> Path:
@@ -57,6 +62,7 @@ class Tried:
 
     Attributes:
         model: the network.
+        set: name of the set.
         where: which frames, in words.
         data: they.
         scores: how it did.
@@ -64,6 +70,7 @@ class Tried:
     """
 
     model: Model
+    set: str
     where: str
     data: PackedSet
     scores: Scores
@@ -131,14 +138,15 @@ class Bench:
                 self.missing.append(f"{', '.join(robots)} in sets/{name}")
                 continue
             a = model.architecture
-            key = (name, by, a.width, a.height, robots)
+            K = model.K if name in ANY_LENS else None
+            key = (name, by, a.width, a.height, robots, None if K is None else K.tobytes())
             self._progress(f"reading {name}", 0.0)
             if key not in self._packed:
-                self._packed[key] = pack_in_memory(labelled, samples, a.width, a.height)
+                self._packed[key] = pack_in_memory(labelled, samples, a.width, a.height, K)
             data = self._packed[key]
             self._progress(f"{model.card['paper']} on {name}", 0.0)
             scores = score(_ask(model), a, data, np.arange(len(data)))
-            found.append(Tried(model, own if mine else words, data, scores, mine))
+            found.append(Tried(model, name, own if mine else words, data, scores, mine))
         return found
 
     def _samples(self, labelled: LabelledSet, by: str, robots: tuple[str, ...]) -> list[int]:
@@ -152,6 +160,17 @@ class Bench:
             rng = np.random.default_rng([self._seed, 41])
             chosen += sorted(int(i) for i in rng.permutation(mine)[: self._most])
         return chosen
+
+
+def mask_shares(model: Model, labelled: LabelledSet, samples: Ints) -> Floats:
+    """(n,) share of the network's input that looks like a robot, through its own camera, 0..1."""
+    a = model.architecture
+    found = []
+    for i in samples:
+        sample = labelled[int(i)]
+        image = view_through(sample.image, sample_camera(sample), model.K, a.width, a.height).image
+        found.append(float((model.run(image).mask >= 0.5).mean()))
+    return np.array(found)
 
 
 def _kind(model: Model) -> str:

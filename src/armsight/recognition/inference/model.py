@@ -12,6 +12,7 @@ import numpy as np
 
 from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.errors import RecognitionError
+from armsight.recognition.inference.no_robot import share_of
 from armsight.recognition.networks.architecture import Architecture, read_description
 
 FORMAT = "armsight-network-1"
@@ -48,6 +49,7 @@ class Model:
         architecture: robots, sizes.
         card: what it was trained on and how good it is.
         K: (3, 3) camera of its input, which it silently learned [px].
+        no_robot_share: share of a picture that must look like a robot, else none is found.
     """
 
     def __init__(self, file: Path, threads: int = 0) -> None:
@@ -65,6 +67,7 @@ class Model:
         self.name = file.stem
         self.architecture, self.card = read_description(file, words, "take the original")
         self.K = _camera(file, self.card)
+        self.no_robot_share = _no_robot_share(file, self.card)
         self._session = _session(file, data, threads)
         _check_shapes(file, self._session, self.architecture)
         self._names = [o.name for o in self._session.get_outputs()]
@@ -190,6 +193,16 @@ def _camera(file: Path, card: dict[str, Any]) -> Floats:
     if not good:
         raise RecognitionError(f"{file}: its card names no camera; take the original")
     return K
+
+
+def _no_robot_share(file: Path, card: dict[str, Any]) -> float:
+    try:
+        return share_of(card)
+    except ValueError:
+        raise RecognitionError(
+            f"{file}: its card names no share of a picture below which none is found; "
+            "take the original"
+        ) from None
 
 
 def _session(file: Path, data: bytes, threads: int) -> Any:

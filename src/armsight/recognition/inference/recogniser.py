@@ -17,8 +17,6 @@ from armsight.recognition.inference.model import Model, validation_figure
 from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.networks.architecture import JOINTS
 
-SMALLEST_SHARE = 0.003
-"""Share of the picture that a mask must fill; the least robot of the training sets fills 0.4 %."""
 _CUT_SHARE = 0.04
 _UNSURE = 0.7
 _BAD_MM = 100.0
@@ -111,7 +109,7 @@ class Recogniser:
         robot = a.robots[best]
         share = float((answer.mask >= 0.5).mean())
         reason = ""
-        if share < SMALLEST_SHARE:
+        if share < self.model.no_robot_share:
             reason = f"no robot found: {100 * share:.1f} % of the picture look like one"
         expected = validation_figure(self.model.card, robot, "joint_mean_mm")
         notes = [*picture.notes, *self._notes(view, answer.mask, float(answer.type[best]))]

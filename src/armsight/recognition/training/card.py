@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from armsight.recognition.training.config import TrainingConfig
+from armsight.recognition.networks.architecture import Architecture
 from armsight.recognition.training.trainer import Trainer
 from armsight.recognition.training.weights import LICENCE, Card
 
@@ -58,10 +58,9 @@ def make_card(trainer: Trainer, finished: bool, figures: dict[str, Any], parent:
     }
 
 
-def card_text(name: str, card: Card, config: TrainingConfig) -> str:
+def card_text(name: str, card: Card, a: Architecture) -> str:
     """The card for people, in Markdown."""
     training, data = card["training"], card["data"]
-    a = config.architecture
     counts = ", ".join(f"{n} {robot}" for robot, n in data["training_samples"].items())
     state = "" if card["finished"] else " **Training is not finished.**"
     lines = [
@@ -85,6 +84,7 @@ def card_text(name: str, card: Card, config: TrainingConfig) -> str:
     lines += [
         f"* Licence: {card['licence']}. Trained on rendered pictures only.",
         "* Metres hold for the camera that it was trained with; it is no safety function.",
+        *_no_robot(card),
         "",
         "| validation | frames | mask IoU | pixels right | type right | joints mean, median mm "
         "| base mean, median mm | ADD-AUC |",
@@ -97,6 +97,18 @@ def card_text(name: str, card: Card, config: TrainingConfig) -> str:
             f"| {f['base_mean_mm']:.0f}, {f['base_median_mm']:.0f} | {f['add_auc']:.3f} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _no_robot(card: Card) -> list[str]:
+    """How it tells that there is no robot, if that was chosen."""
+    if "no_robot" not in card:
+        return []
+    f = card["no_robot"]
+    return [
+        f"* No robot is said when less than {100 * f['share']:.2g} % of a picture looks like one: "
+        f"chosen on {f['without']} pictures without an arm and {f['shown']} with one ({f['set']}), "
+        f"of which it says so of {100 * f['said_without']:.0f} and {100 * f['said_shown']:.0f} %."
+    ]
 
 
 def _updates(trainer: Trainer, stage: int) -> int:

@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from armsight.arrays import Floats
 from armsight.errors import RecognitionError
+from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.data.labelled_set import LabelledSet
 from armsight.recognition.data.sample import Sample
+from armsight.recognition.inference.intrinsics import view_through
 from armsight.recognition.inference.resample import fit, fit_K
 from armsight.recognition.networks.architecture import JOINTS
 from armsight.recognition.training.packed_set import (
@@ -82,9 +85,21 @@ def pack(
 
 
 def pack_in_memory(
-    source: LabelledSet, samples: Sequence[int], width: int, height: int
+    source: LabelledSet,
+    samples: Sequence[int],
+    width: int,
+    height: int,
+    K: Floats | None = None,
 ) -> PackedSet:
     """Some samples of a labelled set at a network's size, all in the test part; nothing is written.
+
+    Args:
+        source: labelled set.
+        samples: places in it.
+        width: of the network's input [px].
+        height: likewise.
+        K: (3, 3) camera of the network [px], through which the pictures are then taken as it would
+            have taken them; None to cut them to shape.
 
     Raises:
         RecognitionError: a sample shows no robot of the catalogue.
@@ -95,7 +110,7 @@ def pack_in_memory(
     if strange or not samples:
         raise RecognitionError(f"{source.folder}: has samples without a robot of the catalogue")
     part = np.array(PARTS.index("test"))
-    rows = [[*_columns(source[i], robots, width, height), part, part] for i in samples]
+    rows = [[*_columns(source[i], robots, width, height, K), part, part] for i in samples]
     stacked = {
         name: np.stack([row[k] for row in rows]).astype(COLUMNS[name][0])
         for k, name in enumerate(COLUMNS)
@@ -106,19 +121,36 @@ def pack_in_memory(
     return PackedSet(**stacked, robots=tuple(robots), source=about)
 
 
-def _columns(sample: Sample, robots: Sequence[str], width: int, height: int) -> list[Array]:
+def sample_camera(sample: Sample) -> PinholeCamera:
+    """The camera that a sample's labels name."""
+    height, width = sample.image.shape[:2]
+    fx, fy, cx, cy = (float(sample.K[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    k1, k2, p1, p2, k3 = (float(k) for k in sample.distortion)
+    return PinholeCamera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+
+
+def _columns(
+    sample: Sample, robots: Sequence[str], width: int, height: int, K: Floats | None = None
+) -> list[Array]:
     """A sample's entries, in the order of ``COLUMNS``, without the parts."""
-    image = fit(sample.image, width, height)
-    mask = fit(sample.mask.astype(np.uint8) * 255, width, height) >= 128
+    shown = sample.mask.astype(np.uint8) * 255
+    rows, columns = sample.image.shape[:2]
+    if K is None:
+        image, shown = fit(sample.image, width, height), fit(shown, width, height)
+        K = fit_K(sample.K, columns, rows, width, height)
+    else:
+        camera = sample_camera(sample)
+        image = view_through(sample.image, camera, K, width, height).image
+        shown = view_through(shown, camera, K, width, height).image
+    mask = shown >= 128
     joints = np.full((MOST_JOINTS, 3), np.nan, np.float32)
     joints[: len(sample.joints_camera)] = sample.joints_camera
-    rows, columns = sample.image.shape[:2]
     return [
         image,
         np.packbits(mask.reshape(-1)),
         joints,
         np.asarray(sample.base_camera, np.float32),
-        np.asarray(fit_K(sample.K, columns, rows, width, height), np.float32),
+        np.asarray(K, np.float32),
         np.array(robots.index(sample.robot)),
         np.array(sample.index),
         np.array(sample.scene),

@@ -163,7 +163,7 @@ def finish(trainer: Trainer, wanted: Wanted, finished: bool, parent: Card, say: 
     card = make_card(trainer, finished, validation_figures(trainer), parent)
     card["training"]["ms_per_image"] = round(milliseconds(trainer), 3)
     save_weights(out / "weights.safetensors", network, card)
-    write_whole(out / "CARD.md", card_text(out.name, card, config).encode())
+    write_whole(out / "CARD.md", card_text(out.name, card, config.architecture).encode())
     file = out / "network.onnx"
     half = wanted.half
     if not half and 4 * sum(p.numel() for p in network.parameters()) > LARGEST:
