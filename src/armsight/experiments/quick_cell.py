@@ -51,7 +51,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Touch:
-    """The arm and a ball overlap: time [s], speed of the arm's fastest point [m/s], distance [m]."""
+    """Arm and ball overlap: time [s], speed of the arm's fastest point [m/s], distance [m]."""
 
     time: float
     speed: float
