@@ -69,16 +69,17 @@ ROOM, FLOOR = 0.0002, 0.0002
 """Clearance of paths above that of motions, and of motions above none [m]."""
 
 ABOUT = f"""
-MotionBenchMaker's UR5 and Panda problems (Chamzas et al. 2022; `shared/data/motion`), seven sets of
-50 each, planned from depth pictures: thirty perfect cameras (960x720, no noise), sixteen in a ring
-of {RING:.1f} m, eight in one of {CLOSE:.1f} m and six above, see the scene without the arm. A grid of
-{1e3 * VOXEL:.0f} mm is free only where a picture saw through the whole voxel; within
-{1e2 * NEAR:.0f} cm of the arm at its start and goal it is divided to {1e3 * VOXEL / PARTS:.2f} mm and
-the surfaces are points, {1e3 * MARGIN:.1f} mm thick (`experiments/seen_space.py`). Both policies for
-unseen space are shown. A run is one problem, the sets in turn, from number {TUNED + 1} of each on.
-The cameras were placed with the first {TUNED} of each, so that hardly any part of a start or goal is
-seen by none of them: without the eight, two of the first 148 failed, cages whose goal touched space
-that no picture saw. Those numbers come last, and only if so many runs are asked for.
+MotionBenchMaker's UR5 and Panda problems (Chamzas et al. 2022; `shared/data/motion`), seven sets
+of 50 each, planned from depth pictures: thirty perfect cameras (960x720, no noise), sixteen in a
+ring of {RING:.1f} m, eight in one of {CLOSE:.1f} m and six above, see the scene without the arm. A
+grid of {1e3 * VOXEL:.0f} mm is free only where a picture saw through the whole voxel; within
+{1e2 * NEAR:.0f} cm of the arm at its start and goal it is divided to {1e3 * VOXEL / PARTS:.2f} mm
+and the surfaces are points, {1e3 * MARGIN:.1f} mm thick (`experiments/seen_space.py`). Both
+policies for unseen space are shown. A run is one problem, the sets in turn, from number {TUNED + 1}
+of each on. The cameras were placed with the first {TUNED} of each, so that hardly any part of a
+start or goal is seen by none of them: without the eight, two of the first 148 failed, cages whose
+goal touched space that no picture saw. Those numbers come last, and only if so many runs are asked
+for.
 
 Solvable is a problem whose start and goal touch nothing by exact geometry, with the spheres of the
 problems' own robot files; the others are named below. A path is invalid if at any place of the
