@@ -121,8 +121,8 @@ def run_experiment(
 def print_result(result: Result, console: Console | None = None) -> None:
     """The table, ours beside the paper's figures and the budget."""
     table = Table(title=result.experiment.title, caption=f"{result.machine}, {result.commit}")
-    for name in ("key", "condition"):
-        table.add_column(name)
+    table.add_column("key", no_wrap=True)
+    table.add_column("condition")
     for name in ("ours", "95 % / spread", "n", "paper", "must", "aim"):
         table.add_column(name, justify="right")
     table.add_column("")
