@@ -100,6 +100,8 @@ def test_figures_that_are_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert rows["t5_recognised", seen].value == pytest.approx(100 / 3)
     assert rows["t5_joint_error_mm", f"{seen}; joint 6"].value == pytest.approx(30.0, abs=1e-3)
     assert third.n == 3 * 4  # one of five scenes of 20 frames each
+    # Every frame has the same joints, so each is known from any other.
+    assert rows["t5_nearest_mm", f"{seen}; ur3, of 7"].value == pytest.approx(0.0, abs=1e-3)
     # What is not there misses its budget, and is named.
     assert rows["t4_joint_mean_mm", ""].met is False
     assert rows["t7_forgetting", ""].met is False

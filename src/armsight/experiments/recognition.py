@@ -57,7 +57,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         for t in of:
             rows += _common(name[:2], t, seed)
     by_samples = _by_samples(bench)
-    rows += _against_distance(t7) + by_samples + _no_robot(bench, tried)
+    rows += _against_distance(t7) + by_samples + _no_robot(bench, tried) + _nearest(bench, tried)
     rows += _trained(tried) + _speed(tried)
     plots: dict[str, Draw] = {
         f"overlays-{name}": partial(overlays, t) for name, of in tried.items() for t in of if t.own
@@ -341,6 +341,32 @@ def _by_samples(bench: Bench) -> list[Row]:
                     Row(f"{name}_samples_minutes", f"{name.upper()}: training time against the "
                         "number of samples", where, training["seconds"] / 60, "min"),
                 ]  # fmt: skip
+    return rows
+
+
+def _nearest(bench: Bench, tried: dict[str, list[Tried]]) -> list[Row]:
+    """What knowing the training frames by heart is worth: the nearest of as many as were used."""
+    rows = []
+    for name, t in ((name, t) for name, of in tried.items() for t in of if t.own):
+        labelled = bench.labelled(t.set)
+        assert labelled is not None
+        data = t.model.card["data"]
+        train = labelled.split("train", str(data.get("split", "frame")))  # type: ignore[arg-type]
+        for robot, count in data["training_samples"].items():
+            known = [i for i in train if labelled.rows[int(i)].robot == robot]
+            asked = t.scores.samples[t.scores.robot == robot]
+            if not known or not len(asked):
+                continue
+            picked = np.random.default_rng([43]).permutation(known)[:count]
+            joints = np.stack([labelled.rows[int(i)].joints_camera for i in picked])
+            truth = t.data.joints[asked, : joints.shape[1]].astype(float)
+            errors = [np.linalg.norm(joints - one, axis=-1).mean(axis=1).min() for one in truth]
+            rows.append(
+                Row(f"{name[:2]}_nearest_mm", f"{name[:2].upper()}: median joint error of the "
+                    "nearest of so many training frames, chosen knowing the answer, for "
+                    "comparison", f"{t.condition}; {robot}, of {len(picked)}",
+                    _median(np.array(errors)), "mm", len(asked))
+            )  # fmt: skip
     return rows
 
 
