@@ -1,5 +1,8 @@
 """Both loops run components on their periods, count what is missed, and end on failure."""
 
+import contextlib
+import gc
+import sys
 import threading
 import time
 
@@ -92,6 +95,23 @@ def test_run_can_be_continued():
     loop.run(0.095)
     loop.run(0.2)
     assert part.times == pytest.approx([k * 0.01 for k in range(21)])
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_run_leaves_old_objects_to_no_collection_and_the_interpreter_as_it_was(fails):
+    """A full collection of a cell takes 0.15 s: many ticks without a command."""
+    seen = []
+    a = Ticker("a", 0.004, fail_at=0.01 if fails else None)
+    a.update = lambda now, update=a.update: (seen.append(gc.get_freeze_count()), update(now))
+    interval = sys.getswitchinterval()
+    for wall in (False, True):
+        loop = WallLoop(WallClock(), [a]) if wall else simulated(a)[1]
+        with contextlib.suppress(LoopError):
+            loop.run(0.02)
+        assert min(seen) > 1000
+        assert gc.get_freeze_count() == 0
+        assert sys.getswitchinterval() == interval
+        seen.clear()
 
 
 def test_names_must_be_unique():

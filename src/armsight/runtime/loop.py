@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -72,6 +74,26 @@ class Inbox:
             except queue.Empty:
                 return
             action()
+
+
+@contextlib.contextmanager
+def short_pauses() -> Iterator[None]:
+    """For the time of a run no thread waits long for another one or for the garbage collector.
+
+    What is there before the run is left out of collections until its end: to look through a cell
+    and its models takes Python over 0.1 s, in which no command would be sent.
+    """
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    ours = gc.get_freeze_count() == 0  # somebody outside may have frozen theirs already
+    if ours:
+        gc.freeze()
+    try:
+        yield
+    finally:
+        if ours:
+            gc.unfreeze()
+        sys.setswitchinterval(interval)
 
 
 def make_meters(components: Sequence[Component]) -> dict[str, HealthMeter]:

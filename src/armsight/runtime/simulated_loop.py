@@ -10,7 +10,6 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -18,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 from armsight.runtime.component import Component
-from armsight.runtime.loop import SWITCH_INTERVAL, Inbox, do_round, failing_as, make_meters
+from armsight.runtime.loop import Inbox, do_round, failing_as, make_meters, short_pauses
 
 Result = TypeVar("Result")
 
@@ -144,29 +143,30 @@ class SimulatedLoop:
         self._stop.clear()
         self._rebase()
         began, clock_began = time.perf_counter(), self._now()
-        interval = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_INTERVAL)
         try:
-            while not self._stop.is_set():
-                self._inbox.run_all()
-                if self._paused.is_set():
-                    self._inbox.bell.wait(NAP)
-                    self._rebase()
-                    continue
-                at = self._heap[0][0] if self._heap else math.inf
-                if at > end or math.isinf(at):
-                    self._advance(end)
-                    return
-                if self._wait_for(at):
-                    continue
-                at, _, _, action = heapq.heappop(self._heap)
-                if at > self._now():
-                    self._advance(at)
-                action()
+            with short_pauses():
+                self._run(end)
         finally:
-            sys.setswitchinterval(interval)
             self.wall_seconds += time.perf_counter() - began
             self.simulated_seconds += max(0.0, self._now() - clock_began)
+
+    def _run(self, end: float) -> None:
+        while not self._stop.is_set():
+            self._inbox.run_all()
+            if self._paused.is_set():
+                self._inbox.bell.wait(NAP)
+                self._rebase()
+                continue
+            at = self._heap[0][0] if self._heap else math.inf
+            if at > end or math.isinf(at):
+                self._advance(end)
+                return
+            if self._wait_for(at):
+                continue
+            at, _, _, action = heapq.heappop(self._heap)
+            if at > self._now():
+                self._advance(at)
+            action()
 
     def _push(self, at: float, order: int, action: Callable[[], None]) -> None:
         heapq.heappush(self._heap, (at, order, next(self._ticket), action))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-import sys
 import threading
 from collections.abc import Callable, Sequence
 
@@ -13,7 +12,7 @@ from armsight.devices.protocols import Clock
 from armsight.errors import LoopError
 from armsight.runtime.clocks import WallClock
 from armsight.runtime.component import Component
-from armsight.runtime.loop import SWITCH_INTERVAL, Inbox, do_round, make_meters
+from armsight.runtime.loop import Inbox, do_round, make_meters, short_pauses
 
 NAP = 0.004
 """Longest sleep of the supervising thread [s]."""
@@ -91,18 +90,16 @@ class WallLoop:
         end = math.inf if until is None else until
         self._stop.clear()
         self._failure = None
-        interval = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_INTERVAL)
-        try:
-            self._start_threads()
-            while not self._stop.is_set() and self.clock.now() < end:
-                self._inbox.run_all()
-                self._supervise()
-                self._run_calls()
-                self._inbox.bell.wait(NAP)
-        finally:
-            self._end_threads()
-            sys.setswitchinterval(interval)
+        with short_pauses():
+            try:
+                self._start_threads()
+                while not self._stop.is_set() and self.clock.now() < end:
+                    self._inbox.run_all()
+                    self._supervise()
+                    self._run_calls()
+                    self._inbox.bell.wait(NAP)
+            finally:
+                self._end_threads()
         if self._failure is not None:
             raise self._failure
 
