@@ -85,7 +85,11 @@ NOTES = (
     "is learned in a minute, and who knows nothing forgets nothing. The bare figures are "
     "`t6_training_minutes` and `t7_worsening`. `_joint_mm_guess` is what the best constant answer "
     "would score: a network that is not well "
-    "below it has learned nothing of where the robot is.",
+    "below it has learned nothing of where the robot is. `_nearest_mm` is what knowing the training "
+    "frames by heart could reach: where frames of a recording are split at random, most test frames "
+    "of a standing camera have one with nearly the same joints among the training frames.",
+    "Wild pictures have a lens each; they are taken through the network's own camera, as `recognise` "
+    "does with the intrinsics that it is given.",
     "Two grounds. *Trained on recordings* is the papers' way: as many frames of as few recordings, "
     "in each of which the camera stands still (but the Panda's) while the arm sweeps its joints; "
     "frames of seen recordings are what the papers' figures are on. *Trained on rooms* is ours: "
@@ -332,8 +336,9 @@ def _by_samples(bench: Bench) -> list[Row]:
             model = bench.model(f"{name}-{count}")
             assert model is not None
             for t in (t for t in bench.tries(model, robots) if t.own):
-                where = f"{count} samples of each robot; {_of(t)}"
-                training = model.card["training"]
+                training, used = model.card["training"], model.card["data"]["training_samples"]
+                fewer = ", or all that there are" if min(used.values()) < count else ""
+                where = f"{count} samples of each robot{fewer}; {_of(t)}"
                 rows += [
                     Row(f"{name}_samples_joint_median_mm", f"{name.upper()}: median joint error "
                         "against the number of samples", where, _median(t.scores.add), "mm",
