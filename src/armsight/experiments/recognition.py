@@ -85,11 +85,12 @@ NOTES = (
     "is learned in a minute, and who knows nothing forgets nothing. The bare figures are "
     "`t6_training_minutes` and `t7_worsening`. `_joint_mm_guess` is what the best constant answer "
     "would score: a network that is not well "
-    "below it has learned nothing of where the robot is. `_nearest_mm` is what knowing the training "
-    "frames by heart could reach: where frames of a recording are split at random, most test frames "
-    "of a standing camera have one with nearly the same joints among the training frames.",
-    "Wild pictures have a lens each; they are taken through the network's own camera, as `recognise` "
-    "does with the intrinsics that it is given.",
+    "below it has learned nothing of where the robot is. `_nearest_mm` is what knowing the "
+    "training frames by heart could reach: the camera of a recording stands, and its frames are "
+    "split at random, so that most test frames of the URs have a training frame with the very "
+    "same joints, but for the last, which moves no origin.",
+    "Wild pictures have a lens each; they are taken through the network's own camera, as "
+    "`recognise` does with the intrinsics that it is given.",
     "Two grounds. *Trained on recordings* is the papers' way: as many frames of as few recordings, "
     "in each of which the camera stands still (but the Panda's) while the arm sweeps its joints; "
     "frames of seen recordings are what the papers' figures are on. *Trained on rooms* is ours: "
