@@ -31,6 +31,7 @@ from armsight.experiments.frame import Progress
 from armsight.recognition.data import LabelledSet
 from armsight.recognition.inference.intrinsics import view_through
 from armsight.recognition.inference.model import Model
+from armsight.recognition.inference.no_robot import robot_share
 from armsight.recognition.networks.architecture import Architecture
 from armsight.recognition.training.figures import Answer, Scores, score
 from armsight.recognition.training.packed_set import PackedSet
@@ -169,7 +170,7 @@ def mask_shares(model: Model, labelled: LabelledSet, samples: Ints) -> Floats:
     for i in samples:
         sample = labelled[int(i)]
         image = view_through(sample.image, sample_camera(sample), model.K, a.width, a.height).image
-        found.append(float((model.run(image).mask >= 0.5).mean()))
+        found.append(robot_share(model.run(image).mask))
     return np.array(found)
 
 

@@ -14,6 +14,7 @@ from armsight.arrays import Floats, Floats32, Points, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.inference.intrinsics import View, project, view_through
 from armsight.recognition.inference.model import Model, validation_figure
+from armsight.recognition.inference.no_robot import robot_share
 from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.networks.architecture import JOINTS
 
@@ -107,10 +108,13 @@ class Recogniser:
         answer = self.model.run(view.image)
         best = int(np.argmax(answer.type))
         robot = a.robots[best]
-        share = float((answer.mask >= 0.5).mean())
+        share, least = robot_share(answer.mask), self.model.no_robot_share
         reason = ""
-        if share < self.model.no_robot_share:
-            reason = f"no robot found: {100 * share:.1f} % of the picture look like one"
+        if share < least:
+            reason = (
+                f"no robot found: {100 * share:.1f} % of the picture look like one, less than "
+                f"{100 * least:.1f}"
+            )
         expected = validation_figure(self.model.card, robot, "joint_mean_mm")
         notes = [*picture.notes, *self._notes(view, answer.mask, float(answer.type[best]))]
         if not expected < _BAD_MM:
