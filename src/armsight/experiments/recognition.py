@@ -491,8 +491,19 @@ def _how_trained(model: Model) -> str:
     return (
         f"{size}, {a.dense:g} of their dense units, {a.pools} poolings; {samples}; {stages}; "
         f"{t['seconds'] / 60:.0f} min on {t['threads']} thread(s) of {t['device']}"
-        f"{'' if card['finished'] else '; not finished'}."
+        f"{'' if card['finished'] else '; not finished'}{_begun_with(card.get('parent') or {})}."
     )
+
+
+def _begun_with(parent: dict[str, Any]) -> str:
+    """What a transfer began with, from the card; only the last training before is in it."""
+    try:
+        return (
+            f"; begun with weights of {parent['paper']}, {parent['data']['kind']}, "
+            f"{parent['training']['images_seen']} images shown"
+        )
+    except (KeyError, TypeError):
+        return ""
 
 
 def _or_nothing(tried: list[Tried]) -> list[Tried] | list[None]:
