@@ -35,7 +35,7 @@ SECONDS = 4.0
 """Length of an episode [s]; the arm is under way from 0.4 s on."""
 CAPS = (1.6, 2.0)
 """Greatest speed of the hands, in turn [m/s]."""
-SEARCH_SHARE = 20
+SEARCH_SHARE = 50
 """One search for so many episodes."""
 SCRIPTS = ("reach_in", "walk_in", "wave", "walk_by")
 VISITOR = "visitor"
@@ -237,7 +237,7 @@ def settings() -> dict[str, Any]:
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` episodes, and a twentieth as many searches."""
+    """``runs`` episodes, and a fiftieth as many searches."""
     searches = max(2, runs // SEARCH_SHARE)
 
     def first(stage: str, done: float) -> None:
