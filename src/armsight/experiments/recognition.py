@@ -371,7 +371,7 @@ def _nearest(bench: Bench, tried: dict[str, list[Tried]]) -> list[Row]:
                 Row(f"{name[:2]}_nearest_mm", f"{name[:2].upper()}: median joint error of the "
                     "nearest of so many training frames, chosen knowing the answer, for "
                     "comparison", f"{t.condition}; {robot}, of {len(picked)}",
-                    _median(np.array(errors)), "mm", len(asked))
+                    round(_median(np.array(errors)), 3), "mm", len(asked))
             )  # fmt: skip
     return rows
 
@@ -617,7 +617,8 @@ def distance_plot(tried: list[Tried]) -> Figure:
                 axis.plot(at, [_median(v) for _, _, v in bins], f"o{line}C{colour}", label=label)
     axis.set(xlabel="distance of the base [m]", ylabel="median joint error [mm]")
     axis.set_ylim(bottom=0)
-    axis.legend(fontsize=7)
+    # Beside it: there is no empty corner for so many lines.
+    axis.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axis.grid(alpha=0.3)
     return figure
 
