@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armsight.errors import RecognitionError
@@ -27,6 +27,7 @@ def rate(cut: float, without: np.ndarray, shown: np.ndarray) -> float:
     return float((without < cut).mean() + (shown >= cut).mean())
 
 
+@settings(deadline=None)
 @given(SHARES, SHARES)
 def test_no_other_share_tells_better(empty: list[float], arms: list[float]) -> None:
     without, shown = np.array(empty), np.array(arms)
