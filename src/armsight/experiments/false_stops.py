@@ -80,7 +80,7 @@ def stops(log: list[GuardStatus]) -> int:
 
 def settings() -> dict[str, Any]:
     """All that changes a run, besides its seed."""
-    return {"seconds": SECONDS, "errors": [JITTER_MS, ERROR_MM, ERROR_DEG], "version": 4}
+    return {"seconds": SECONDS, "errors": [JITTER_MS, ERROR_MM, ERROR_DEG], "version": 5}
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:

@@ -111,27 +111,45 @@ def align_camera(
         solids: the declared solids.
         gain: depth scale believed before.
     """
-    start = gain
     first = [make_pose(translation=[0.0, 0.0, z]) for z in STARTS]
     scored = [_sums(views, T_base_camera, T, gain, fields, solids, GATES[-1])[2] for T in first]
-    before = _median(scored[0])
-    delta = first[int(np.argmax([_support(r, GATES[-1]) for r in scored]))]
+    best = int(np.argmax([_support(r, GATES[-1]) for r in scored]))
+    # What a start explains does not tell what it leads to: a wrong one may slide along a table. So
+    # the believed pose is always followed as well, and the end that explains more is taken.
+    ends = []
+    for T in [first[0], first[best]][: 1 + (best > 0)]:
+        delta, scale = _refined(views, T_base_camera, T, gain, fields, solids)
+        A, _, residuals = _sums(views, T_base_camera, delta, scale, fields, solids, GATES[-1])
+        ends.append((_support(residuals, GATES[-1]), delta, scale, A, residuals))
+    _, delta, scale, A, residuals = max(ends, key=lambda end: end[0])
+    count = int(np.isfinite(residuals).sum())
+    weight = 1.0 / (SURFACE_ERROR**2 * CORRELATED)
+    covariance = np.asarray(np.linalg.inv(weight * A + np.diag(PRIOR**-2.0)), float)
+    before, after = _median(scored[0]), _median(residuals)
+    good = count >= LEAST_POINTS and after <= max(before, SURFACE_ERROR)
+    return Alignment(delta, scale, count, before, after, covariance, good)
+
+
+def _refined(
+    views: Sequence[View],
+    T_base_camera: Sequence[Pose],
+    delta: Pose,
+    gain: float,
+    fields: BodyFields,
+    solids: StaticGeometry,
+) -> tuple[Pose, float]:
+    """The correction and the depth scale to which a start leads."""
+    start = gain
+    weight = 1.0 / (SURFACE_ERROR**2 * CORRELATED)
     for gate in GATES:
-        A, b, residuals = _sums(views, T_base_camera, delta, gain, fields, solids, gate)
+        A, b, _ = _sums(views, T_base_camera, delta, gain, fields, solids, gate)
         believed = np.concatenate([log(delta), [gain - start]])
-        weight = 1.0 / (SURFACE_ERROR**2 * CORRELATED)
         step = np.linalg.solve(
             weight * A + np.diag(PRIOR**-2.0), weight * b - believed * PRIOR**-2.0
         )
         delta = delta @ exp(step[:6])
         gain += float(step[6])
-    A, _, residuals = _sums(views, T_base_camera, delta, gain, fields, solids, GATES[-1])
-    count = int(np.isfinite(residuals).sum())
-    weight = 1.0 / (SURFACE_ERROR**2 * CORRELATED)
-    covariance = np.asarray(np.linalg.inv(weight * A + np.diag(PRIOR**-2.0)), float)
-    after = _median(residuals)
-    good = count >= LEAST_POINTS and after <= max(before, SURFACE_ERROR)
-    return Alignment(delta, gain, count, before, after, covariance, good)
+    return delta, gain
 
 
 def _sums(
