@@ -53,7 +53,7 @@ def test_two_bones_keep_their_lengths(start, end, toward):
         start, end, toward
     )
     assert np.linalg.norm(reached - start) <= 0.55
-    if 0.06 < np.linalg.norm(end - start) < 0.54:
+    if 0.06 < np.linalg.norm(end - start) < 0.538:  # from 0.539 on it is drawn in gently
         assert np.allclose(reached, end, atol=1e-9)
 
 
