@@ -89,10 +89,17 @@ def dead(world):
     )
 
 
+def refused(world):
+    why = "no frame yet; last one refused: sits 140 mm from its calibration"
+    status = CameraStatus("cam", -np.inf, False, 0, 3, why)
+    return replace(world.snapshot, cameras=(status,))
+
+
 BAD_MAPS = {
     "stale camera": (stale, "ms old"),
     "dead camera": (dead, "cam is not trusted (cable is out)"),
     "camera missing": (lambda w: replace(w.snapshot, cameras=()), "sent nothing yet"),
+    "camera refused": (refused, "nothing usable (no frame yet; last one refused: sits 140 mm"),
     "future": (lambda w: replace(w.snapshot, stamp=w.now + 1.0), "in the future"),
     "backwards": (lambda w: replace(w.snapshot, sequence=0), "refused"),
     "gone": (lambda w: None, "no map yet"),

@@ -184,6 +184,8 @@ class FaultWatch:
         for name, limit in self._limit.items():
             status = seen.get(name)
             if status is None or not math.isfinite(status.stamp):
+                if status is not None and status.dropped:
+                    return slow, f"camera {name} has sent nothing usable ({status.reason})"
                 return slow, f"camera {name} has sent nothing yet"
             age = now - status.stamp
             if age > limit:
