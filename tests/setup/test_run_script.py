@@ -23,13 +23,15 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def call(checkout: Path, *words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    # Not the environment in which these tests run: the script would set that up for this checkout.
+    inherited = {k: v for k, v in os.environ.items() if k != "ARMSIGHT_VENV"}
     return subprocess.run(
         [str(checkout / "run"), *words],
         capture_output=True,
         text=True,
         check=False,
         cwd="/",
-        env={**os.environ, "ARMSIGHT_NO_APT": "1", **environment},
+        env={**inherited, "ARMSIGHT_NO_APT": "1", **environment},
     )
 
 
