@@ -193,7 +193,7 @@ class Report:
         load = os.getloadavg()[0]
         table = Table(title=f"{self.name}: {where}, load {load:.1f}, commit {commit()}")
         for column in ("key", "value", "spread", "must", "aim", "", "note"):
-            table.add_column(column, no_wrap=column != "note")
+            table.add_column(column, no_wrap=column == "key")
         for f in self.figures:
             spread = "" if f.low is None or f.high is None else f"{f.low:.3g} - {f.high:.3g}"
             verdict = {None: "", True: "[green]met[/]", False: "[red]missed[/]"}[f.met]
