@@ -31,9 +31,10 @@ from armsight.recognition.data.labels import label_row  # noqa: E402
 from armsight.recognition.data.manifest import Manifest  # noqa: E402
 from armsight.recognition.data.recipe import Recipe, find_recipe  # noqa: E402
 from armsight.recognition.data.rows import Drawn  # noqa: E402
+from armsight.recognition.data.sample import KNOWN_ROBOTS  # noqa: E402
 from armsight.recognition.data.shards import fill  # noqa: E402
 from armsight.recognition.data.things import Surface, Thing  # noqa: E402
-from armsight.robots.catalogue import ROBOT_NAMES, load_robot  # noqa: E402
+from armsight.robots.catalogue import load_robot  # noqa: E402
 from armsight.robots.meshes import read_mesh  # noqa: E402
 
 STREAM = 7_300_000
@@ -46,7 +47,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--set", choices=["paper-like", "wild"], default="paper-like")
-    parser.add_argument("--robots", nargs="+", default=list(ROBOT_NAMES))
+    parser.add_argument("--robots", nargs="+", default=list(KNOWN_ROBOTS))
     parser.add_argument("--count", type=int, default=100, help="of each robot")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--size", default="256x212")
@@ -63,7 +64,7 @@ def main() -> int:
         counts=dict.fromkeys(options.robots, options.count),
         scenes=0,
         shard_size=options.shard,
-        meshes={name: mesh_hash(name) for name in options.robots if name in ROBOT_NAMES},
+        meshes={name: mesh_hash(name) for name in options.robots if name in KNOWN_ROBOTS},
         settings={"samples": str(options.samples)},
     )
     # No recordings here: every picture has a place of its own.
@@ -119,7 +120,7 @@ def _set_up(manifest: Manifest, recipe: Recipe, robot: str, rng: np.random.Gener
     if robot == "unknown":
         arm = made_up_arm(rng)
     else:
-        arm = catalogue_arm(str(rng.choice(ROBOT_NAMES)) if robot == "none" else robot)
+        arm = catalogue_arm(str(rng.choice(KNOWN_ROBOTS)) if robot == "none" else robot)
     q = draw_configuration(arm, T_world_base, blocked, rng)
     if q is None:
         return None

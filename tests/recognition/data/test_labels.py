@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 import armsight.robots
 from armsight.recognition.data.keypoints import find_keypoints, robot_keypoints
 from armsight.recognition.data.labelled_set import LabelledSet
-from armsight.recognition.data.sample import Sample
+from armsight.recognition.data.sample import KNOWN_ROBOTS, Sample
 from armsight.robots import load_robot
-from armsight.robots.catalogue import ROBOT_NAMES
 from armsight.robots.meshes import read_mesh
 
 DATA = Path(armsight.robots.__file__).parent / "data"
@@ -98,7 +97,7 @@ def test_joints_follow_the_urdf(paper_like: LabelledSet) -> None:
 
 def test_jittered_joints_stay_near_the_urdf(wild: LabelledSet) -> None:
     for sample in wild:
-        if sample.robot in ROBOT_NAMES:
+        if sample.robot in KNOWN_ROBOTS:
             joints = np.array([T[:3, 3] for T in camera_from_links(sample)[1:]])
             error = np.linalg.norm(sample.joints_camera - joints, axis=1)
             # A millimetre along each axis, and all joints before add theirs.
@@ -179,7 +178,7 @@ def test_pictures_without_and_with_unknown_arms(wild: LabelledSet) -> None:
 
 def test_joints_stay_in_their_range(paper_like: LabelledSet, wild: LabelledSet) -> None:
     for sample in [*paper_like, *wild]:
-        if sample.robot in ROBOT_NAMES:
+        if sample.robot in KNOWN_ROBOTS:
             limits = load_robot(sample.robot).limits
             assert np.all(sample.q >= limits.lower - 1e-9)
             assert np.all(sample.q <= limits.upper + 1e-9)
@@ -201,7 +200,7 @@ def test_stored_keypoints_are_those_of_the_meshes(name: str) -> None:
     np.testing.assert_allclose(stored.point, found.point, atol=2e-4)
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize("name", KNOWN_ROBOTS)
 def test_keypoints_are_28_and_distinct(name: str) -> None:
     points = robot_keypoints(name)
     assert len(points.names) == len(set(points.names)) == 28

@@ -14,7 +14,7 @@ from armsight.recognition.data.order import Order, counts_of, make_order
 from armsight.recognition.data.recipe import PAPER_LIKE
 from armsight.recognition.data.recording import IN_FRAME, LEAST_IN_FRAME, frames_of, record
 from armsight.recognition.data.room import draw_room, draw_stand
-from armsight.robots.catalogue import ROBOT_NAMES
+from armsight.recognition.data.sample import KNOWN_ROBOTS
 
 KINECT = PinholeCamera.from_fov(128, 106, np.deg2rad(70), np.deg2rad(60))
 
@@ -38,7 +38,7 @@ def test_frames_are_dealt_as_in_the_papers(robot: str, count: int, expected: lis
     np.testing.assert_allclose(early, np.array(expected) / 10, atol=1.5)
 
 
-@pytest.mark.parametrize("robot", ROBOT_NAMES)
+@pytest.mark.parametrize("robot", KNOWN_ROBOTS)
 def test_a_recording_sweeps_what_is_free_and_seen(robot: str) -> None:
     arm = catalogue_arm(robot)
     for seed in range(40):

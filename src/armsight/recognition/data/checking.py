@@ -19,8 +19,8 @@ from armsight.recognition.data.keypoints import (
 from armsight.recognition.data.labelled_set import LabelledSet, read_shard
 from armsight.recognition.data.manifest import FILE, Manifest, read_manifest, shard_folder
 from armsight.recognition.data.rows import Row
-from armsight.recognition.data.sample import Sample
-from armsight.robots.catalogue import ROBOT_NAMES, load_robot
+from armsight.recognition.data.sample import KNOWN_ROBOTS, Sample
+from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import link_poses
 
 JITTER = 0.02
@@ -87,7 +87,7 @@ def check(folder: Path) -> CheckReport:
 
 def contradictions(sample: Sample) -> list[str]:
     """What in the labels of a sample contradicts itself, in words."""
-    if sample.robot not in ROBOT_NAMES:
+    if sample.robot not in KNOWN_ROBOTS:
         return []
     found = []
     robot = load_robot(sample.robot)

@@ -19,7 +19,8 @@ import numpy as np
 from armsight.arrays import Bytes, Floats, Ints, Mask, Points, Poses, Vector3
 from armsight.errors import DatasetError
 from armsight.geometry.pose import inverse, transform
-from armsight.robots.catalogue import ROBOT_NAMES, load_robot
+from armsight.recognition.data.sample import KNOWN_ROBOTS
+from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import link_poses
 from armsight.robots.meshes import Triangles, join_triangles, read_mesh
 from armsight.robots.robot import Robot
@@ -54,7 +55,7 @@ def robot_keypoints(name: str) -> KeyPoints:
     Raises:
         DatasetError: the file of the key points is broken.
     """
-    if name not in ROBOT_NAMES:
+    if name not in KNOWN_ROBOTS:
         return KeyPoints((), np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 3)))
     try:
         rows = json.loads(FILE.read_text(encoding="utf-8"))[name]
@@ -185,7 +186,7 @@ def _spread(
 
 def _write() -> None:
     data = {}
-    for name in ROBOT_NAMES:
+    for name in KNOWN_ROBOTS:
         found = find_keypoints(load_robot(name))
         data[name] = [
             {"name": n, "link": int(i), "other": int(o), "point": [float(x) + 0.0 for x in p]}

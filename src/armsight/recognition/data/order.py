@@ -14,8 +14,7 @@ from armsight.recognition.data.emphasis import NO_EMPHASIS, Emphasis, parse_emph
 from armsight.recognition.data.manifest import Manifest
 from armsight.recognition.data.recipe import PAPER_COUNTS, Recipe, find_recipe
 from armsight.recognition.data.recording import Place, frames_of
-from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES, UNKNOWN_ROBOT
-from armsight.robots.catalogue import ROBOT_NAMES
+from armsight.recognition.data.sample import KNOWN_ROBOTS, NO_ROBOT, ROBOT_TYPES, UNKNOWN_ROBOT
 from armsight.simulation.gl import mujoco
 
 SHARD_SIZE = 1000
@@ -119,7 +118,7 @@ def make_order(
         counts=dict(counts),
         scenes=recipe.scenes,
         shard_size=shard_size,
-        meshes={name: mesh_hash(name) for name in counts if name in ROBOT_NAMES},
+        meshes={name: mesh_hash(name) for name in counts if name in KNOWN_ROBOTS},
         settings={"emphasis": emphasis.text()} if emphasis.bins else {},
     )
     return Order(manifest)
@@ -137,7 +136,7 @@ def counts_of(robots: list[str], count: str, kind: str) -> dict[str, int]:
     Raises:
         UsageError: the count is neither a number above 0 nor ``papers``.
     """
-    names = robots or list(ROBOT_NAMES)
+    names = robots or list(KNOWN_ROBOTS)
     if count == "papers":
         lacking = [name for name in names if name not in PAPER_COUNTS]
         if lacking:

@@ -14,8 +14,9 @@ import numpy as np
 from armsight.arrays import Bytes, ColorImage, Pose
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
+from armsight.recognition.data.sample import KNOWN_ROBOTS
 from armsight.recognition.data.things import Lamp, Scene, Surface, Thing
-from armsight.robots.catalogue import ROBOT_NAMES, load_robot
+from armsight.robots.catalogue import load_robot
 from armsight.robots.meshes import read_mesh
 from armsight.robots.tools import TOOL_NAMES, load_tool
 from armsight.simulation.gl import OpenGLContext, mujoco
@@ -37,7 +38,7 @@ class Painter:
         ArmsightError: there is no OpenGL; says what to install.
     """
 
-    def __init__(self, robots: Sequence[str] = ROBOT_NAMES) -> None:
+    def __init__(self, robots: Sequence[str] = KNOWN_ROBOTS) -> None:
         self._model, self._mesh_of, offsets = _store(robots)
         self._offset = {name: offsets[k] for name, k in self._mesh_of.items()}
         self._gl = OpenGLContext()

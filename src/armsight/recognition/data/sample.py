@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats, JointVector, Mask, Points, Pose, Vector3
-from armsight.robots.catalogue import ROBOT_NAMES
 
+KNOWN_ROBOTS: tuple[str, ...] = ("ur3", "ur5", "ur10", "iiwa", "panda")
+"""The arms that are told apart, in the order of the networks' outputs: a list of its own, which
+does not grow with the catalogue."""
 NO_ROBOT = "none"
 """``Sample.robot`` of a picture without an arm."""
 UNKNOWN_ROBOT = "unknown"
-"""``Sample.robot`` of a picture of an arm that is none of the catalogue's."""
-ROBOT_TYPES: tuple[str, ...] = (*ROBOT_NAMES, NO_ROBOT, UNKNOWN_ROBOT)
+"""``Sample.robot`` of a picture of an arm that is none of the known."""
+ROBOT_TYPES: tuple[str, ...] = (*KNOWN_ROBOTS, NO_ROBOT, UNKNOWN_ROBOT)
 """What ``Sample.robot`` can be."""
 
 

@@ -24,10 +24,9 @@ from armsight.recognition.data.paintwork import draw_paintwork
 from armsight.recognition.data.recipe import Recipe
 from armsight.recognition.data.recording import Place, Recording, record
 from armsight.recognition.data.room import PAINT, Room, Stand, draw_room, draw_stand
-from armsight.recognition.data.sample import NO_ROBOT, UNKNOWN_ROBOT
+from armsight.recognition.data.sample import KNOWN_ROBOTS, NO_ROBOT, UNKNOWN_ROBOT
 from armsight.recognition.data.textures import draw_scratches
 from armsight.recognition.data.things import Scene, Thing, yaw_pose
-from armsight.robots.catalogue import ROBOT_NAMES
 
 TOPICS = (
     "room",
@@ -190,7 +189,7 @@ def _arm(robot: str, streams: Streams) -> Arm:
     if robot == UNKNOWN_ROBOT:
         return made_up_arm(streams.of_scene("arm"))
     if robot == NO_ROBOT:
-        return catalogue_arm(str(streams.of_sample("arm").choice(ROBOT_NAMES)))
+        return catalogue_arm(str(streams.of_sample("arm").choice(KNOWN_ROBOTS)))
     return catalogue_arm(robot)
 
 
