@@ -20,13 +20,14 @@ from common import Report
 from armsight.devices.camera_models import CAMERA_MODELS
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
+from armsight.devices.world import MovingSolid
 from armsight.geometry.pose import from_rpy, look_at, make_pose
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import CameraStatus, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.data import GuardMode, GuardStatus
+from armsight.recording.replay import bare_workcell
 from armsight.robots import load_robot
-from armsight.runtime.replay import bare_workcell
-from armsight.runtime.view import ComponentHealth, Mover, SessionView
+from armsight.runtime.view import ComponentHealth, SessionView
 from armsight.viewer import LivePage
 from armsight.workcell import Cell
 
@@ -105,7 +106,7 @@ class MadeUp:
             self.sequence, 0.03, 3, 1, (("risk", 0.0005), ("guard", 0.001)),
         )  # fmt: skip
         movers = tuple(
-            Mover(
+            MovingSolid(
                 f"person_{i}",
                 Solid(f"person_{i}", "sphere", (0.08, 0.0, 0.0), np.eye(4)),
                 make_pose(None, rng.normal(size=3)),

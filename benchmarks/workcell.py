@@ -18,8 +18,8 @@ from common import Report, peak_memory_mb
 
 from armsight.commands.cells import packaged
 from armsight.experiments.patrol_log import PatrolLog
-from armsight.motion.patrol import PatrolTask
 from armsight.runtime.session import Session
+from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
 
 CELL = "ur5_four_cameras"

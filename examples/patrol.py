@@ -6,8 +6,8 @@ python examples/patrol.py [SECONDS]
 import sys
 
 from armsight.commands.cells import packaged
-from armsight.motion.patrol import PatrolTask
 from armsight.runtime.session import Session
+from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from armsight.commands.cells import packaged
 from armsight.mapping.snapshot import OCCUPIED
-from armsight.runtime.recording import Recorder
-from armsight.runtime.replay import open_recording
+from armsight.recording.recorder import Recorder
+from armsight.recording.replay import open_recording
+from armsight.recording.replay_parts import replay_parts
 from armsight.runtime.session import Session
 from armsight.workcell import load_workcell, open_cell
 
@@ -22,7 +23,7 @@ def main(file: Path) -> None:
         recorder.close()
         live = (session.view().snapshot.state == OCCUPIED).sum()
     with open_recording(file) as cell:
-        session = Session(cell, None)
+        session = Session(cell, None, make=replay_parts)
         session.run(1.0)
         replayed = (session.view().snapshot.state == OCCUPIED).sum()
     print(f"occupied voxels, live {live}, replayed {replayed}; {file.stat().st_size / 1e6:.0f} MB")

@@ -242,7 +242,7 @@ def write(tool: Draft, folder: Path) -> None:
         "title": tool.title,
         "license": tool.license,
         "origin": tool.origin,
-        "T_flange_tip": np.round(tool.tip, 9).tolist(),
+        "T_flange_tcp": np.round(tool.tip, 9).tolist(),
         "mass": tool.mass,
         "center_of_mass": [round(float(v), 6) for v in tool.center_of_mass],
         "meshes": files,

@@ -46,7 +46,7 @@ def test_a_displaced_camera_is_found_within_the_error_it_states(cell, seed):
     twist = np.concatenate([rng.uniform(-0.02, 0.02, 3), rng.uniform(-0.012, 0.012, 3)])
     believed = INFO.T_mount_camera @ exp(twist)
     points = INFO.depth.deproject(depth).reshape(-1, 3)[::3].astype(float)
-    view = a.View(points[np.isfinite(points).all(axis=1)], pose.T_cells_base)
+    view = a.AlignmentView(points[np.isfinite(points).all(axis=1)], pose.T_cells_base)
     solids = rasterise(THINGS, fine_grid(CONFIG), 0.1)
     found = a.align_camera([view], [believed], body.fields, solids)
     assert found.good

@@ -8,7 +8,7 @@ from armsight.geometry.pose import from_rpy, look_at, transform
 from armsight.geometry.shapes import Solid
 from armsight.mapping.backdrop import Backdrop
 from armsight.mapping.kernels.image import VALID
-from armsight.mapping.lens import Lens
+from armsight.mapping.lens import DepthLens
 from armsight.mapping.snapshot import VoxelGrid
 from armsight.mapping.static_geometry import rasterise
 
@@ -36,7 +36,7 @@ def solids(rng):
 def test_settled_pixels_show_a_solid_or_nothing_in_the_map(seed):
     rng = np.random.default_rng(seed)
     things = solids(rng)
-    lens = Lens(CAMERA, 4.4)
+    lens = DepthLens(CAMERA, 4.4)
     backdrop = Backdrop(lens, RANGE, NOISE, rasterise(things, GRID, 0.05))
     T = np.ascontiguousarray(look_at(rng.uniform([-1.5, -1.5, 0.8], [1.5, 1.5, 1.6]), np.zeros(3)))
     label = np.full((80, 96), VALID, np.uint8)
@@ -62,7 +62,7 @@ def test_what_stands_before_a_wall_is_not_settled():
     wall = np.eye(4)
     wall[:3, 3] = [1.0, 0.0, 0.5]
     thing = Solid("wall", "box", (0.1, 3.0, 3.0), wall)
-    lens = Lens(CAMERA, 4.4)
+    lens = DepthLens(CAMERA, 4.4)
     backdrop = Backdrop(lens, RANGE, NOISE, rasterise([thing], GRID, 0.05))
     T = np.ascontiguousarray(look_at(np.array([-1.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.5])))
     label = np.full((80, 96), VALID, np.uint8)
@@ -75,7 +75,7 @@ def test_what_stands_before_a_wall_is_not_settled():
 
 
 def test_a_camera_that_moves_has_nothing_settled():
-    lens = Lens(CAMERA, 4.4)
+    lens = DepthLens(CAMERA, 4.4)
     backdrop = Backdrop(lens, RANGE, NOISE, rasterise(solids(np.random.default_rng(0)), GRID, 0.05))
     label = np.full((80, 96), VALID, np.uint8)
     far = np.full((80, 96), 3.9, np.float32)

@@ -9,7 +9,7 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import look_at
 from armsight.mapping import carving
 from armsight.mapping.carving import Carver
-from armsight.mapping.lens import Lens
+from armsight.mapping.lens import DepthLens
 from armsight.mapping.snapshot import VoxelGrid
 
 NOISE = np.array([1.5e-3, -0.5e-3, 0.6e-3])
@@ -42,7 +42,7 @@ def test_the_plan_frees_what_the_search_frees(
 ) -> None:
     voxels = GRIDS[grid]
     camera = PinholeCamera(160, 120, 130.0, 131.0, 79.2, 60.7, distortion)
-    lens = Lens(camera, 4.0)
+    lens = DepthLens(camera, 4.0)
     T = look_at(*EYES[eye])
     planned = Carver(lens, voxels, 0.3, NOISE)
     found = np.empty(int(np.prod(voxels.shape)), np.uint8)
@@ -62,7 +62,7 @@ def test_the_plan_frees_what_the_search_frees(
 def test_a_camera_that_moves_is_not_planned_and_one_that_was_moved_is_planned_anew() -> None:
     grid = GRIDS["odd"]
     camera = PinholeCamera(160, 120, 130.0, 131.0, 79.2, 60.7)
-    lens = Lens(camera, 4.0)
+    lens = DepthLens(camera, 4.0)
     lens.tabulate(*picture(camera, np.random.default_rng(0)))
     carver = Carver(lens, grid, 0.3, NOISE)
     found = np.empty(int(np.prod(grid.shape)), np.uint8)
@@ -83,7 +83,7 @@ def test_large_pictures_of_voxels_are_planned_and_large_grids_are_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     camera = PinholeCamera(640, 480, 3000.0, 3000.0, 319.5, 239.5)  # 8 cm are 160 pixels
-    lens = Lens(camera, 4.0)
+    lens = DepthLens(camera, 4.0)
     depth = np.full((480, 640), 3.0, np.float32)
     depth[:, 300:] = 1.5
     lens.tabulate(depth, np.ones(depth.shape, np.uint8))

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.motion.arm_model import ArmState
 from armsight.motion.data import GuardMode
-from armsight.motion.gate import Gate
 from armsight.motion.guard import Guard
 from armsight.motion.guard_config import ContactZone, GuardConfig
 from armsight.motion.nearest import Hazards
+from armsight.motion.separation_monitor import SeparationMonitor
 from armsight.robots import ROBOT_NAMES, load_robot
-from armsight.robots.kinematics import tip_pose
+from armsight.robots.kinematics import tcp_pose
 
 A = np.deg2rad([-55, -70, 85, -105, -90, 0])
 B = np.deg2rad([55, -70, 85, -105, -90, 0])
@@ -123,7 +123,7 @@ def law_holds(gate, q, motion, hazards):
 def test_commanded_closing_speed_never_exceeds_v_max(seed, name, count, T_r):
     rng = np.random.default_rng(seed)
     robot = load_robot(name)
-    gate = Gate(robot, GuardConfig(), robot.limits.acceleration)
+    gate = SeparationMonitor(robot, GuardConfig(), robot.limits.acceleration)
     q = rng.uniform(np.maximum(robot.limits.lower, -3), np.minimum(robot.limits.upper, 3))
     motion = rng.normal(size=robot.n) * rng.choice([0.05, 0.5, 2.0])
     points = rng.normal(size=(count, 3)) * rng.choice([0.3, 0.8, 1.5])
@@ -146,7 +146,7 @@ def test_no_chaser_reaches_an_arm_that_may_still_brake(seed, name, age):
     """A point goes for the sphere it can reach first; the arm brakes: played in small steps."""
     rng = np.random.default_rng(seed)
     robot = load_robot(name)
-    gate = Gate(robot, GuardConfig(), robot.limits.acceleration)
+    gate = SeparationMonitor(robot, GuardConfig(), robot.limits.acceleration)
     gate.set_reaction(0.2, 0.0)
     q = rng.uniform(np.maximum(robot.limits.lower, -3), np.minimum(robot.limits.upper, 3))
     v = rng.uniform(-0.5, 0.5, robot.n) * robot.limits.velocity
@@ -170,7 +170,7 @@ def test_no_chaser_reaches_an_arm_that_may_still_brake(seed, name, age):
 
 def test_arms_that_count_as_standing_are_in_time():
     robot = load_robot("ur5")
-    gate = Gate(robot, GuardConfig(), robot.limits.acceleration)
+    gate = SeparationMonitor(robot, GuardConfig(), robot.limits.acceleration)
     gate.set_reaction(0.2, 0.0)
     center, _ = gate.body.motion(robot.home, np.zeros(6))
     touching = Hazards.at(center[-1:], 0.0)
@@ -187,7 +187,7 @@ def test_arms_that_count_as_standing_are_in_time():
 def test_moving_away_is_always_allowed(seed):
     rng = np.random.default_rng(seed)
     robot = load_robot("ur5")
-    gate = Gate(robot, GuardConfig(), robot.limits.acceleration)
+    gate = SeparationMonitor(robot, GuardConfig(), robot.limits.acceleration)
     gate.set_reaction(0.15, 0.0173)
     q = rng.uniform(-3, 3, 6)
     center, _ = gate.body.motion(q, np.zeros(6))
@@ -249,14 +249,14 @@ def test_contact_zone_lets_the_tool_in_slowly_and_nothing_else():
     """A socket 5 cm before the tool: with a declared zone the tool may go on, at its speed."""
     robot = load_robot("ur5")
     q = robot.home
-    tip = tip_pose(robot, q)[:3, 3]
+    tip = tcp_pose(robot, q)[:3, 3]
     hazard = tip + np.array([0.0, 0.0, -0.06])
     hazards = Hazards.at(hazard[None], 0.0173)
     zone = ContactZone("socket", tuple(tip), 0.25, speed=0.05)
     motion = np.array([0.0, 0.3, 0.2, 0.1, 0.0, 0.0])
     still = {}
     for zones in ((), (zone,)):
-        gate = Gate(robot, GuardConfig(zones=zones), robot.limits.acceleration)
+        gate = SeparationMonitor(robot, GuardConfig(zones=zones), robot.limits.acceleration)
         gate.set_reaction(0.15, 0.0173)
         still[bool(zones)] = gate.judge(q, motion, hazards)
         tool = gate.body.link == robot.n

@@ -11,7 +11,7 @@ from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.mapping.snapshot import OCCUPIED, CameraStatus
 from armsight.motion.data import GuardMode, JointGoal
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.patrol import PatrolTask
+from armsight.tasks.patrol import PatrolTask
 
 A = np.deg2rad([-55, -70, 85, -105, -90, 0])
 B = np.deg2rad([55, -70, 85, -105, -90, 0])
@@ -248,10 +248,10 @@ def test_an_unanswered_request_is_repeated():
 
 
 def test_a_goal_in_collision_is_refused_with_what_blocks_it():
-    from armsight.robots.kinematics import tip_pose
+    from armsight.robots.kinematics import tcp_pose
 
     world = QuickCell(goals=[A])
-    at = tip_pose(world.robot, A)[:3, 3]
+    at = tcp_pose(world.robot, A)[:3, 3]
     index = tuple(world.grid.index(at[None])[0])
     world.state = world.state.copy()
     world.field = np.zeros_like(world.field)

@@ -22,7 +22,7 @@ from armsight.motion.keep_out import (
 from armsight.motion.nearest import Hazards
 from armsight.motion.plan import Plan
 from armsight.motion.planner import RrtConnectPlanner
-from armsight.motion.reflex import Approach, Reflex, Stage
+from armsight.motion.reflex import Approach, Reflex, ReflexStage
 from armsight.motion.route import Route, SpeedScale, rate_bounds
 from armsight.motion.trajectory import join, straight
 from armsight.robots import load_robot
@@ -145,7 +145,7 @@ def test_reflex_retraces_its_way_from_a_slow_hand():
     for _ in range(250):
         cell.tick()
         stages.add(cell.guard._reflex.stage)
-    assert Stage.RETRACE in stages
+    assert ReflexStage.RETRACE in stages
     assert not cell.moving_touches
 
 
@@ -158,19 +158,19 @@ def test_a_way_back_that_is_not_allowed_does_not_hold_the_arm_for_ever():
     center, velocity = (x[-1] for x in cell.guard.body.motion(cell.q, cell.v))
     way = velocity / np.linalg.norm(velocity)
     cell.balls = [Ball(lambda t: center + 0.35 * way, 0.05)]
-    while cell.guard._reflex.stage != Stage.RETRACE:
+    while cell.guard._reflex.stage != ReflexStage.RETRACE:
         cell.tick()
     here = cell.guard.body.motion(cell.q, cell.v)[0][-1]
     cell.balls.append(Ball(lambda t: here - 0.3 * way, 0.05))
     cell.run(cell.now + 2.0)
-    assert cell.guard._reflex.stage != Stage.RETRACE
+    assert cell.guard._reflex.stage != ReflexStage.RETRACE
     assert not cell.moving_touches
 
 
 def test_a_reflex_that_gives_up_starts_again_only_for_what_comes_nearer():
     reflex = Reflex(GuardConfig(), LIMITS)
     reflex.begin(0.1)
-    reflex.stage = Stage.FLEE
+    reflex.stage = ReflexStage.FLEE
     assert not reflex.stuck(0.0, at_rest=True)
     assert not reflex.stuck(0.5, at_rest=False)
     assert not reflex.stuck(1.0, at_rest=True)

@@ -8,7 +8,7 @@ import pytest
 from armsight.geometry.pose import make_pose
 from armsight.motion.ik import solve_ik
 from armsight.robots import ROBOT_NAMES, load_robot, load_tool
-from armsight.robots.kinematics import tip_pose
+from armsight.robots.kinematics import tcp_pose
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
@@ -18,13 +18,13 @@ def test_reachable_poses_are_reached_within_the_limits(name):
     solved = 0
     for _ in range(100):
         truth = rng.uniform(robot.limits.lower, robot.limits.upper)
-        T = tip_pose(robot, truth)
+        T = tcp_pose(robot, truth)
         found = solve_ik(robot, T, robot.home, rng, wanted=2)
         solved += bool(found)
         for q in found:
             assert (q >= robot.limits.lower).all()
             assert (q <= robot.limits.upper).all()
-            np.testing.assert_allclose(tip_pose(robot, q), T, atol=2e-6)
+            np.testing.assert_allclose(tcp_pose(robot, q), T, atol=2e-6)
     assert solved >= 99
 
 
@@ -32,7 +32,7 @@ def test_the_solution_nearest_to_the_seed_comes_first():
     robot = load_robot("ur5")
     rng = np.random.default_rng(0)
     truth = np.array([0.4, -1.2, 1.5, -1.8, -1.5, 0.3])
-    found = solve_ik(robot, tip_pose(robot, truth), truth + 0.05, rng, wanted=8)
+    found = solve_ik(robot, tcp_pose(robot, truth), truth + 0.05, rng, wanted=8)
     assert len(found) >= 4  # a UR arm has up to eight
     np.testing.assert_allclose(found[0], truth, atol=1e-5)
     distance = [np.abs(q - truth - 0.05).max() for q in found]
@@ -42,10 +42,10 @@ def test_the_solution_nearest_to_the_seed_comes_first():
 def test_a_tool_moves_the_tip():
     bare = load_robot("ur5")
     robot = bare.with_tool(load_tool("gripper"))
-    T = tip_pose(robot, robot.home)
-    assert not np.allclose(T, tip_pose(bare, bare.home))
+    T = tcp_pose(robot, robot.home)
+    assert not np.allclose(T, tcp_pose(bare, bare.home))
     q = solve_ik(robot, T, robot.home, np.random.default_rng(0))[0]
-    np.testing.assert_allclose(tip_pose(robot, q), T, atol=2e-6)
+    np.testing.assert_allclose(tcp_pose(robot, q), T, atol=2e-6)
 
 
 def test_out_of_reach_gives_nothing():
@@ -62,6 +62,6 @@ def test_what_is_no_pose_is_refused(bad):
 
 def test_same_seed_same_solutions():
     robot = load_robot("panda")
-    T = tip_pose(robot, robot.home)
+    T = tcp_pose(robot, robot.home)
     a, b = (solve_ik(robot, T, None, np.random.default_rng(5)) for _ in range(2))
     np.testing.assert_array_equal(a, b)

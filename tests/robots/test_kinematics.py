@@ -17,8 +17,8 @@ from armsight.robots.kinematics import (
     path_sphere_centers,
     point_jacobian,
     sphere_centers,
-    tip_jacobian,
-    tip_pose,
+    tcp_jacobian,
+    tcp_pose,
 )
 
 from .oracle import body_pose, mujoco_model, robot_path
@@ -75,12 +75,12 @@ def test_jacobians_are_the_derivatives(name):
         link = int(rng.integers(0, robot.n + 1))
         local = rng.uniform(-0.3, 0.3, 3)
         point = transform(link_poses(robot, q)[link], local[None])[0]
-        flange, tip = flange_jacobian(robot, q), tip_jacobian(robot, q)
+        flange, tip = flange_jacobian(robot, q), tcp_jacobian(robot, q)
         linear = point_jacobian(robot, q, link, point)
         for i in range(robot.n):
             d = np.zeros(robot.n)
             d[i] = step
-            for pose, J in ((flange_pose, flange), (tip_pose, tip)):
+            for pose, J in ((flange_pose, flange), (tcp_pose, tip)):
                 before, after = pose(robot, q - d), pose(robot, q + d)
                 moved = (after[:3, 3] - before[:3, 3]) / (2 * step)
                 turn = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec()

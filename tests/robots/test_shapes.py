@@ -14,10 +14,10 @@ from armsight.geometry.pose import transform
 from armsight.robots import ROBOT_NAMES, load_robot
 from armsight.robots.catalogue import DATA, robot_shapes
 from armsight.robots.covering import Axes, axis_distances, refine
-from armsight.robots.crowding import crowding, distance_field
-from armsight.robots.fitting import Fellows, FitOptions, complete, fit_body, measure, prepare
+from armsight.robots.fitting import FitOptions, NeighbourLinks, complete, fit_body, measure, prepare
 from armsight.robots.kinematics import link_poses, sphere_centers
 from armsight.robots.meshes import join_triangles, read_mesh, read_mesh_file
+from armsight.robots.near_links import crowding, distance_field
 from armsight.robots.shapes import read_shapes, shapes_json
 from armsight.robots.solids import sample_surface, thin, voxelise
 from armsight.robots.urdf import read_urdf
@@ -263,7 +263,7 @@ def test_inside_is_found_with_an_open_end_too(open_end):
 def test_a_box_is_covered_by_few_spheres():
     options = FitOptions(rounds=4, spacing=0.01, check_spacing=0.003, sphere_price=3e-9)
     triangles = box_mesh((0.30, 0.08, 0.08))
-    body = prepare(triangles, options, Fellows())
+    body = prepare(triangles, options, NeighbourLinks())
     axes, radius = fit_body(body, options, "balls")
     assert len(radius) <= 16
     points = sample_surface(triangles, 0.002)

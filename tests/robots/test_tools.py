@@ -10,7 +10,7 @@ import pytest
 from armsight.errors import RobotError
 from armsight.geometry.pose import transform
 from armsight.robots import TOOL_NAMES, load_robot, load_tool
-from armsight.robots.kinematics import flange_pose, sphere_centers, tip_pose
+from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_pose
 from armsight.robots.meshes import join_triangles, read_mesh
 from armsight.robots.solids import sample_surface
 from armsight.robots.tools import TOOLS_DATA, load_tool_folder, tool_sheet
@@ -36,7 +36,7 @@ def test_tool_sits_on_the_flange_and_its_tip_is_ahead(name):
     tool = load_tool(name)
     points = np.concatenate([read_mesh(m)[0] for m in tool.meshes])
     assert -0.03 <= points[:, 2].min() <= 0.001  # the Panda's hand wraps its flange
-    T = tool.T_flange_tip
+    T = tool.T_flange_tcp
     np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-8)
     np.testing.assert_allclose(T[:3, 2], [0, 0, 1], atol=1e-8)
     assert 0.03 < T[2, 3] < 0.25
@@ -48,7 +48,7 @@ def test_calibration_board_shows_t1s_pattern():
     tool = load_tool("calibration_board")
     dark = next(m for m in tool.meshes if max(m.color) < 0.1)
     vertices, _ = read_mesh(dark)
-    at_tip = transform(np.linalg.inv(tool.T_flange_tip), vertices)
+    at_tip = transform(np.linalg.inv(tool.T_flange_tcp), vertices)
     np.testing.assert_allclose(at_tip[:, :2].min(0), [-0.105, -0.075], atol=1e-5)
     np.testing.assert_allclose(at_tip[:, :2].max(0), [0.105, 0.075], atol=1e-5)
     assert abs(at_tip[:, 2]).max() < 0.001
@@ -63,8 +63,8 @@ def test_carrying_a_tool(name):
     arm, tool = load_robot("ur5"), load_tool(name)
     robot = arm.with_tool(tool)
     q = np.random.default_rng(0).uniform(-2, 2, 6)
-    np.testing.assert_allclose(tip_pose(robot, q), flange_pose(arm, q) @ tool.T_flange_tip)
-    np.testing.assert_array_equal(tip_pose(arm, q), flange_pose(arm, q))
+    np.testing.assert_allclose(tcp_pose(robot, q), flange_pose(arm, q) @ tool.T_flange_tcp)
+    np.testing.assert_array_equal(tcp_pose(arm, q), flange_pose(arm, q))
     own = len(arm.spheres.radius)
     np.testing.assert_allclose(
         sphere_centers(robot, q)[own:],
@@ -95,7 +95,7 @@ def test_unknown_and_broken_tools_are_named(tmp_path):
     path.write_text(json.dumps(data))
     with pytest.raises(RobotError, match=r"mesh .*pen_0.obj is missing"):
         load_tool_folder(tmp_path)
-    data["T_flange_tip"] = [1, 2]
+    data["T_flange_tcp"] = [1, 2]
     path.write_text(json.dumps(data))
     with pytest.raises(RobotError, match="is broken"):
         load_tool_folder(tmp_path)

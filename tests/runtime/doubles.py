@@ -102,6 +102,9 @@ class FakeWorld:
         for camera in self.cameras:
             camera.sent = 0
 
+    def bodies(self):
+        return ()
+
     def movers(self):
         return ()
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from armsight.commands.cells import packaged
-from armsight.motion.patrol import PatrolTask
 from armsight.runtime.session import Session
+from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
 
 AT_WORK = [name for name in packaged() if load_workcell(packaged()[name]).goals]

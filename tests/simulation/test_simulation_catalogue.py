@@ -6,7 +6,7 @@ import trimesh
 
 from armsight.geometry.pose import make_pose
 from armsight.robots import ROBOT_NAMES, load_robot
-from armsight.robots.kinematics import link_poses, tip_pose
+from armsight.robots.kinematics import link_poses, tcp_pose
 from armsight.simulation.hulls import convex_pieces, load_mesh
 from armsight.simulation.spec import ArmSpec, WorldSpec
 from armsight.simulation.world import SimulatedWorld
@@ -32,7 +32,7 @@ def test_arm_moves_as_its_kinematics_say(name):
             world.advance(world.clock.now() + 0.02)
         q = world._data.qpos[: robot.n].copy()
         assert np.allclose(world.truth.link_poses(), T_world_base @ link_poses(robot, q), atol=1e-4)
-        tip = T_world_base @ tip_pose(robot, q)
+        tip = T_world_base @ tcp_pose(robot, q)
         assert np.allclose(world.truth.tip_position(), tip[:3, 3], atol=1e-4)
         assert np.allclose(world.arm.read().position, q, atol=1e-3)
         assert not world.truth.contacts

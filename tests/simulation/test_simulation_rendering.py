@@ -15,7 +15,7 @@ from armsight.geometry.shapes import Solid
 from armsight.simulation import gl as gl_module
 from armsight.simulation.lens import render_lens
 from armsight.simulation.spec import WorldSpec
-from armsight.simulation.still_life import reach_of_spheres
+from armsight.simulation.static_background import reach_of_spheres
 from armsight.simulation.world import SimulatedWorld
 
 SOLIDS = (

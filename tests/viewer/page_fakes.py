@@ -10,12 +10,13 @@ import numpy as np
 from armsight.devices.camera_models import CAMERA_MODELS
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
+from armsight.devices.world import MovingSolid
 from armsight.geometry.pose import from_rpy, look_at, make_pose
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import CameraStatus, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.data import GuardMode, GuardStatus
 from armsight.robots import load_robot
-from armsight.runtime.view import ComponentHealth, Mover, SessionView
+from armsight.runtime.view import ComponentHealth, SessionView
 from armsight.workcell import Cell, Workcell
 
 GRID = VoxelGrid(np.array([-1.0, -1.0, -0.1]), 0.05, (40, 40, 24))
@@ -133,7 +134,7 @@ def make_view(now: float = 1.0, sequence: int = 1, **fields: Any) -> SessionView
     depth = rng.uniform(0.6, 3.0, (model.depth.height, model.depth.width)).astype(np.float32)
     kinds = (("sphere", (0.1, 0.0, 0.0)), ("cylinder", (0.06, 0.5, 0.0)), ("box", (0.2, 0.1, 0.3)))
     movers = tuple(
-        Mover(
+        MovingSolid(
             f"person/{kind}",
             Solid(kind, kind, size, np.eye(4), (0.9, 0.5, 0.2)),
             make_pose(None, p),

@@ -10,11 +10,12 @@ from page_fakes import FakeSession, make_guard, make_snapshot, make_view
 from page_watching import wait_for, watching
 from viser import _messages as wire
 
+from armsight.devices.world import MovingSurfaces
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Surface
 from armsight.motion.data import GuardMode
-from armsight.runtime.no_robot import no_robot
-from armsight.runtime.view import Body, SessionView
+from armsight.recording.no_robot import no_robot
+from armsight.runtime.view import SessionView
 from armsight.viewer import LivePage
 from armsight.viewer.page import draggable
 
@@ -256,7 +257,7 @@ def test_people_in_detail_replace_their_rough_solids(page: LivePage, session: Fa
         for i in range(3):
             pose = pose.copy()
             pose[0, 3] = 0.1 * i
-            body = Body("person/head", (surface,), pose)
+            body = MovingSurfaces("person/head", (surface,), pose)
             session.shown = replace(session.shown, bodies=(body,))
             page.update(1.0)
         assert set(page._scene.movers._handles) == {"sphere"}  # the ball alone

@@ -42,7 +42,7 @@ class Patrol:
         """Run the patrol; prints its figures at the end."""
         from armsight.commands.cells import find
         from armsight.commands.running import (
-            Wanted,
+            RunOptions,
             exit_code,
             run_session,
             say,
@@ -50,7 +50,7 @@ class Patrol:
         )
         from armsight.errors import UsageError
         from armsight.experiments.patrol_log import PatrolLog
-        from armsight.motion.patrol import PatrolTask
+        from armsight.tasks.patrol import PatrolTask
         from armsight.workcell import load_workcell, open_cell
 
         workcell = load_workcell(find(self.workcell))
@@ -63,7 +63,7 @@ class Patrol:
         with open_cell(workcell, self.seed) as cell:
             task = PatrolTask(workcell.goals, workcell.patrol.dwell_s)
             log = PatrolLog(cell, task)
-            wanted = Wanted(
+            wanted = RunOptions(
                 seconds=self.seconds,
                 page=None if self.headless else self.page,
                 record=self.record,

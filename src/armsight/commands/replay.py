@@ -42,9 +42,9 @@ class Replay:
     def run(self) -> int:
         """Replay without a task."""
         from armsight.commands.patrol import speed_of
-        from armsight.commands.running import Wanted, run_session, say, write_summary
+        from armsight.commands.running import RunOptions, run_session, say, write_summary
         from armsight.errors import RecordingError
-        from armsight.runtime.replay_parts import HoldAtEnd
+        from armsight.recording.replay_parts import HoldAtEnd, replay_parts
 
         if not self.source.exists():
             raise RecordingError(f"{self.source}: no such recording or folder of depth images")
@@ -53,11 +53,12 @@ class Replay:
             if note:
                 say(note)
             end = getattr(cell.world, "duration", None)
-            wanted = Wanted(
+            wanted = RunOptions(
                 seconds=self.seconds if self.seconds is not None or not self.headless else end,
                 page=None if self.headless else self.page,
                 speed=speed_of(self.speed, self.headless),
                 observers=() if self.headless else (HoldAtEnd(),),
+                make=replay_parts,
             )
             session = run_session(cell, None, wanted)
             summary = map_summary(session.view())
@@ -69,8 +70,8 @@ class Replay:
 
 
 def _open(source: Path) -> Cell:
-    from armsight.runtime.depth_folder import open_depth_folder
-    from armsight.runtime.replay import open_recording
+    from armsight.recording.depth_folder import open_depth_folder
+    from armsight.recording.replay import open_recording
 
     return open_depth_folder(source) if source.is_dir() else open_recording(source)
 

@@ -19,6 +19,7 @@ from armsight.commands.serving import Page
 if TYPE_CHECKING:
     from armsight.motion.data import Task
     from armsight.runtime.component import Component
+    from armsight.runtime.parts import MakeParts
     from armsight.runtime.session import Session
     from armsight.workcell import Cell
 
@@ -27,7 +28,7 @@ INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RunOptions:
     """What a run should do.
 
     Attributes:
@@ -37,6 +38,7 @@ class Wanted:
         seed: of everything random.
         speed: simulated seconds a second; inf as fast as possible.
         observers: more components that look on.
+        make: builds map, planner and guard, where not those of a live cell.
     """
 
     seconds: float | None = None
@@ -45,10 +47,12 @@ class Wanted:
     seed: int = 0
     speed: float = 1.0
     observers: Sequence[Component] = ()
+    make: MakeParts | None = None
 
 
-def run_session(cell: Cell, task: Task | None, wanted: Wanted) -> Session:
+def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
     """Run to the end (time, Ctrl-C, SIGTERM) and return the session for its figures."""
+    from armsight.runtime.parts import make_parts
     from armsight.runtime.session import Session
 
     with ExitStack() as stack:
@@ -57,9 +61,10 @@ def run_session(cell: Cell, task: Task | None, wanted: Wanted) -> Session:
             task,
             seed=wanted.seed,
             observers=wanted.observers,
+            make=wanted.make or make_parts,
         )
         if wanted.record is not None:
-            from armsight.runtime.recording import Recorder
+            from armsight.recording.recorder import Recorder
 
             recorder = Recorder(wanted.record, cell, wait=not session.wall)
             stack.callback(lambda: say(f"recorded {recorder.close()}"))

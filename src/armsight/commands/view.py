@@ -39,7 +39,7 @@ class View:
         """Run without a task."""
         from armsight.commands.cells import find
         from armsight.commands.patrol import speed_of
-        from armsight.commands.running import Wanted, exit_code, run_session
+        from armsight.commands.running import RunOptions, exit_code, run_session
         from armsight.errors import UsageError
         from armsight.workcell import load_workcell, open_cell
 
@@ -47,7 +47,7 @@ class View:
         if self.headless and self.seconds is None:
             raise UsageError("--headless needs --seconds: nobody would see when to end it")
         with open_cell(workcell, self.seed) as cell:
-            wanted = Wanted(
+            wanted = RunOptions(
                 seconds=self.seconds,
                 page=None if self.headless else self.page,
                 record=self.record,

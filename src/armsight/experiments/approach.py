@@ -95,8 +95,9 @@ class LedHand:
 
     def update(self, now: float) -> None:
         """Aim."""
-        world = self._cell.world
-        assert world is not None
+        from armsight.workcell import simulated_world
+
+        world = simulated_world(self._cell)
         place = (world.truth.link_poses()[self._link] @ self._local)[:3]
         if self._before is not None and now >= self._lead.begins:
             if self._lead.follows or not self._aimed:
@@ -108,9 +109,9 @@ class LedHand:
 
 def episode(seed: int, run: int) -> dict[str, Any]:
     """One episode; module-level, so that worker processes can import it."""
-    from armsight.motion.patrol import PatrolTask
     from armsight.runtime.session import Session
-    from armsight.workcell import open_cell
+    from armsight.tasks.patrol import PatrolTask
+    from armsight.workcell import open_cell, simulated_world
 
     rng = np.random.default_rng((seed, run))
     cap = CAPS[run % len(CAPS)]
@@ -130,8 +131,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
         hands = (LedHand(cell, lead),) if led else ()
         session = Session(cell, task, seed=run, observers=(watch, *hands))
         session.run(SECONDS)
-        assert cell.world is not None
-        truth = cell.world.truth
+        truth = simulated_world(cell).truth
         return {
             "cap": cap,
             "how": person.clip.split("/")[-2] if person.clip else person.script,

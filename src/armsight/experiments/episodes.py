@@ -127,11 +127,11 @@ class Watch:
 def least_moving_distance(cell: Cell) -> float:
     """Least true distance to a person while the arm moved faster than 0.05 m/s [m]; 3 if none."""
     from armsight.simulation.truth import MOVING
+    from armsight.workcell import simulated_world
 
-    assert cell.world is not None
     found = [
         s.distance
-        for s in cell.world.truth.separations
+        for s in simulated_world(cell).truth.separations
         if max(s.arm_speed, s.tip_speed) > MOVING and np.isfinite(s.distance)
     ]
     return float(min(found, default=3.0))

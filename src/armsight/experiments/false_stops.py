@@ -37,10 +37,10 @@ that of a Poisson rate.
 
 def episode(seed: int, run: int) -> dict[str, Any]:
     """One run; module-level, so that worker processes can import it."""
-    from armsight.motion.patrol import PatrolTask
     from armsight.runtime.config import SessionConfig
     from armsight.runtime.configure import mapping_config
     from armsight.runtime.session import Session
+    from armsight.tasks.patrol import PatrolTask
     from armsight.workcell import open_cell
 
     workcell = with_simulation(

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from armsight.mapping.snapshot import WorkspaceSnapshot
     from armsight.motion.guard_config import GuardConfig
-    from armsight.motion.patrol import PatrolTask
     from armsight.runtime.session import Session
+    from armsight.tasks.patrol import PatrolTask
 
 ROUNDS = 5
 """A-B-A in a row in one run, the map's memory kept from one to the next."""
@@ -201,12 +201,12 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     """Five times A-B-A under one condition; module-level, for worker processes."""
     from armsight.motion.collision import CollisionModel
     from armsight.motion.keep_out import SeparationPlanner
-    from armsight.motion.patrol import PatrolTask
     from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
     from armsight.runtime.config import SessionConfig
     from armsight.runtime.configure import guard_config
     from armsight.runtime.session import Session
-    from armsight.workcell import open_cell
+    from armsight.tasks.patrol import PatrolTask
+    from armsight.workcell import open_cell, simulated_world
     from armsight.workcell.schema import ObjectSection
 
     condition = list(CONDITIONS)[run % len(CONDITIONS)]
@@ -241,8 +241,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
             observers=(watch, obstacle, rounds),
         )
         session.run(START + ROUNDS * LIMIT)
-        assert cell.world is not None
-        touched = cell.world.truth.moving_contacts
+        touched = simulated_world(cell).truth.moving_contacts
         return {
             "condition": condition,
             "executions": rounds.executions(),

@@ -12,8 +12,8 @@ import numpy as np
 from armsight.motion.data import GuardMode
 
 if TYPE_CHECKING:
-    from armsight.motion.patrol import PatrolTask
     from armsight.runtime.session import Session
+    from armsight.tasks.patrol import PatrolTask
     from armsight.workcell import Cell
 
 
@@ -148,9 +148,11 @@ class PatrolLog:
         """True contacts and least distance."""
         if self._truth_told is not None:
             return self._truth_told
-        truth = getattr(self._cell.world, "truth", None)
-        if truth is None:
+        from armsight.simulation.world import SimulatedWorld
+
+        if not isinstance(self._cell.world, SimulatedWorld):
             return None, math.inf
+        truth = self._cell.world.truth
         return len(truth.moving_contacts), float(truth.min_distance)
 
 

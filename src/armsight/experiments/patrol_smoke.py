@@ -45,8 +45,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
 
 def _one(file: Path, seed: int, progress: Progress) -> tuple[PatrolLog, float]:
-    from armsight.motion.patrol import PatrolTask
     from armsight.runtime.session import Session
+    from armsight.tasks.patrol import PatrolTask
     from armsight.workcell import load_workcell, open_cell
 
     workcell = load_workcell(file)

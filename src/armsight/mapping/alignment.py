@@ -39,7 +39,7 @@ LEAST_POINTS = 400
 
 
 @dataclass(frozen=True)
-class View:
+class AlignmentView:
     """What alignment needs of one frame.
 
     Attributes:
@@ -97,7 +97,7 @@ class Alignment:
 
 
 def align_camera(
-    views: Sequence[View],
+    views: Sequence[AlignmentView],
     T_base_camera: Sequence[Pose],
     fields: BodyFields,
     solids: StaticGeometry,
@@ -132,7 +132,7 @@ def align_camera(
 
 
 def _refined(
-    views: Sequence[View],
+    views: Sequence[AlignmentView],
     T_base_camera: Sequence[Pose],
     delta: Pose,
     gain: float,
@@ -153,7 +153,7 @@ def _refined(
 
 
 def _sums(
-    views: Sequence[View],
+    views: Sequence[AlignmentView],
     T_base_camera: Sequence[Pose],
     delta: Pose,
     gain: float,
@@ -202,7 +202,11 @@ def _median(residuals: Floats) -> float:
 
 
 def mismatch(
-    view: View, T_base_camera: Pose, fields: BodyFields, solids: StaticGeometry, gain: float
+    view: AlignmentView,
+    T_base_camera: Pose,
+    fields: BodyFields,
+    solids: StaticGeometry,
+    gain: float,
 ) -> float:
     """How far known surfaces at arm's length (1.5 m) seem displaced in one frame [m].
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats, Floats32, Pose
 from armsight.mapping.kernels.image import VALID, trace_solids, unexplained
-from armsight.mapping.lens import Lens
+from armsight.mapping.lens import DepthLens
 from armsight.mapping.static_geometry import StaticGeometry
 
 
@@ -27,7 +27,7 @@ class Backdrop:
     """
 
     def __init__(
-        self, lens: Lens, range_: tuple[float, float], noise: Floats, static: StaticGeometry
+        self, lens: DepthLens, range_: tuple[float, float], noise: Floats, static: StaticGeometry
     ) -> None:
         self._lens = lens
         self._range = range_

@@ -13,7 +13,7 @@ from armsight.mapping.backdrop import Backdrop
 from armsight.mapping.carving import Carver
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.kernels.image import VALID, collect_hits, grade_hits, label_valid
-from armsight.mapping.lens import Lens
+from armsight.mapping.lens import DepthLens
 from armsight.mapping.mounting import Mounting
 from armsight.mapping.occupancy import Sight
 from armsight.mapping.self_filter import BodyPose, SelfFilter
@@ -82,7 +82,7 @@ class CameraStage:
         config: MappingConfig,
     ) -> None:
         self.info = info
-        self.lens = Lens(info.depth, 1.1 * info.range[1])
+        self.lens = DepthLens(info.depth, 1.1 * info.range[1])
         self.noise = np.array([info.noise.a, info.noise.b, info.noise.c], float)
         self.label: Bytes = np.zeros((info.depth.height, info.depth.width), np.uint8)
         self._filter = filter_

@@ -14,7 +14,7 @@ from armsight.mapping.kernels.carve_plan import (
     carve_as_planned,
     plan_carving,
 )
-from armsight.mapping.lens import Lens
+from armsight.mapping.lens import DepthLens
 from armsight.mapping.snapshot import VoxelGrid
 
 Lanes = tuple[NDArray[np.uint32], Bytes, Bytes, Shorts, Ints32]
@@ -40,7 +40,7 @@ class Carver:
     """
 
     def __init__(
-        self, lens: Lens, grid: VoxelGrid, near: float, noise: Floats, sigmas: float = 1.0
+        self, lens: DepthLens, grid: VoxelGrid, near: float, noise: Floats, sigmas: float = 1.0
     ) -> None:
         self._lens = lens
         self._grid = np.asarray(grid.origin, float), float(grid.voxel), np.asarray(grid.shape)

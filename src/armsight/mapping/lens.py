@@ -11,7 +11,7 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.mapping.kernels.image import LEVELS, build_tables, gather, pool, to_units
 
 
-class Lens:
+class DepthLens:
     """Rays of a depth lens, and its images pooled as an ideal lens would see them.
 
     A lens with distortion is hard to project a voxel through, exactly and quickly. So its image is

@@ -7,9 +7,9 @@ import numpy as np
 from armsight.arrays import DepthImage, Pose
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.pose import inverse, transform
-from armsight.mapping.alignment import Alignment, View, align_camera, mismatch
+from armsight.mapping.alignment import Alignment, AlignmentView, align_camera, mismatch
 from armsight.mapping.config import MappingConfig
-from armsight.mapping.lens import Lens
+from armsight.mapping.lens import DepthLens
 from armsight.mapping.self_filter import BodyPose, SelfFilter
 from armsight.mapping.static_geometry import StaticGeometry
 
@@ -41,7 +41,7 @@ class Mounting:
     def __init__(
         self,
         info: RgbdCameraInfo,
-        lens: Lens,
+        lens: DepthLens,
         filter_: SelfFilter,
         solids: StaticGeometry,
         config: MappingConfig,
@@ -127,7 +127,7 @@ class Mounting:
             return meters, c.aligned_rad
         return c.calibration_m, c.calibration_rad
 
-    def _view(self, depth: DepthImage, body: BodyPose, points: int) -> View:
+    def _view(self, depth: DepthImage, body: BodyPose, points: int) -> AlignmentView:
         """About as many points, evenly over the image; the arm only if it is (nearly) at rest."""
         step = max(int(np.sqrt(depth.size / points)), 1)
         z = depth[step // 2 :: step, step // 2 :: step]
@@ -136,7 +136,7 @@ class Mounting:
         z = z[known].astype(float)
         flat = np.column_stack([rays[known].astype(float) * z[:, None], z])
         moving = float(body.speed.max(initial=0.0)) * self._config.stamp_error > STILL
-        return View(flat, None if moving else body.T_cells_base)
+        return AlignmentView(flat, None if moving else body.T_cells_base)
 
 
 def _size(T: Pose) -> tuple[float, float]:

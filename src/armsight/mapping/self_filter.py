@@ -20,7 +20,7 @@ from armsight.mapping.kernels.body import (
     spread_distance,
     winding,
 )
-from armsight.mapping.lens import Lens
+from armsight.mapping.lens import DepthLens
 from armsight.mapping.snapshot import VoxelGrid
 from armsight.robots.kernels import carried_motion_into
 from armsight.robots.kinematics import link_poses
@@ -238,7 +238,7 @@ class SelfFilter:
         self,
         depth: DepthImage,
         label: Bytes,
-        lens: Lens,
+        lens: DepthLens,
         T_base_camera: Pose,
         body: BodyPose,
         tolerance: tuple[float, float],

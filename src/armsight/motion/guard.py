@@ -4,8 +4,8 @@ Each tick (design page "guard" 5.10): judge the input, follow the planned path o
 separation scale the motion, keep a verified stop in hand, and say what is done and why.
 
 Why nobody is touched by an arm that moves. Before a command is sent, the stop after it is looked at
-(:meth:`~armsight.motion.gate.Gate.stops_in_time`): the arm does what it is told for two ticks more,
-then every joint brakes as hard as it can; meanwhile every hazard comes straight at it with v_h,
+(:meth:`.SeparationMonitor.stops_in_time`): the arm does what it is told for two ticks more, then
+every joint brakes as hard as it can; meanwhile every hazard comes straight at it with v_h,
 beginning at the exposure of the oldest living camera's picture. If anybody could be within K of a
 part before that part stands, the command is not sent; the arm brakes now. That is in time: the
 command before was sent because braking *after* it would be, and nothing that a picture shows later
@@ -41,14 +41,19 @@ from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
 from armsight.motion.escape import leaves
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.faults import FaultWatch, Severity, Verdict
-from armsight.motion.gate import TICKS, Gate, after_decision, declared_reaction
 from armsight.motion.goals import Goals
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.nearest import Hazards, MovingBody, View
+from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.motion.plan import Plan
-from armsight.motion.reflex import FLEE, Reflex, Stage
+from armsight.motion.reflex import FLEE, Reflex, ReflexStage
 from armsight.motion.route import Route, SpeedScale, rate_bounds
 from armsight.motion.separation import ReactionTime
+from armsight.motion.separation_monitor import (
+    TICKS,
+    SeparationMonitor,
+    after_decision,
+    declared_reaction,
+)
 from armsight.robots.robot import Robot
 
 STANDING = 0.01
@@ -98,8 +103,8 @@ class _Tick:
     ahead: ArmState
     at_rest: bool
     command: JointVector
-    near: View
-    view: View
+    near: SeparationView
+    view: SeparationView
     pace: float = 0.0
     mode: GuardMode = GuardMode.IDLE
     reason: str = ""
@@ -138,7 +143,7 @@ class Guard:
         brake = robot.limits.acceleration * max(config.brake, config.acceleration)
         self._limits = limits
         self._arm = DelayedArm(config.start_delay, limits.acceleration, brake)
-        self._gate = Gate(robot, config, brake)
+        self._gate = SeparationMonitor(robot, config, brake)
         self._model = model or CollisionModel(robot)
         self._watch = FaultWatch(robot, cameras, config)
         self._after_decision = after_decision(config)
@@ -447,7 +452,7 @@ class Guard:
         """T2's reflex: come to rest, retrace or leave, hold until the danger is over."""
         reflex = self._reflex
         distance = tick.near.least
-        if reflex.stage == Stage.STOPPING:
+        if reflex.stage == ReflexStage.STOPPING:
             if not tick.at_rest:
                 self._come_to_rest(tick, GuardMode.REFLEX, "")
             elif tick.snapshot is not None:
@@ -461,16 +466,16 @@ class Guard:
                     tick.snapshot,
                 )
                 self._scale.reset()
-        if reflex.stage == Stage.RETRACE and reflex.route is not None:
+        if reflex.stage == ReflexStage.RETRACE and reflex.route is not None:
             self._follow(tick, reflex.route, 1.0)
             blocked = math.isfinite(reflex.route.blocked_at)
             if tick.at_rest and (reflex.route.done or blocked):
                 reflex.hold()
-        elif reflex.stage == Stage.FLEE:
+        elif reflex.stage == ReflexStage.FLEE:
             self._flee(tick)
         tick.mode = GuardMode.REFLEX
         tick.reason = f"{reflex.stage.value}: {self._who(tick)}"
-        stuck = reflex.stage != Stage.STOPPING and reflex.stuck(tick.now, tick.at_rest)
+        stuck = reflex.stage != ReflexStage.STOPPING and reflex.stuck(tick.now, tick.at_rest)
         if reflex.over(tick.now, distance) and tick.at_rest:
             reflex.end()
         elif stuck:

@@ -12,7 +12,7 @@ from armsight.robots.robot import Robot
 
 def solve_ik(
     robot: Robot,
-    T_base_tip: Pose,
+    T_base_tcp: Pose,
     seed_q: JointVector | None,
     rng: np.random.Generator,
     *,
@@ -26,7 +26,7 @@ def solve_ik(
 
     Args:
         robot: the arm; its tip is the tool's working point, or the flange.
-        T_base_tip: wanted pose.
+        T_base_tcp: wanted pose.
         seed_q: (n,) tried first; the home position when None.
         rng: draws the other starts.
         wanted: most solutions returned.
@@ -39,23 +39,23 @@ def solve_ik(
     Raises:
         ValueError: the pose is not a rigid transform, or ``wanted`` or ``starts`` is below 1.
     """
-    T = np.ascontiguousarray(T_base_tip, np.float64)
+    T = np.ascontiguousarray(T_base_tcp, np.float64)
     if (
         T.shape != (4, 4)
         or not np.isfinite(T).all()
         or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6)
     ):
-        raise ValueError("solve_ik: T_base_tip is not a rigid transform (4 x 4, rotation, finite)")
+        raise ValueError("solve_ik: T_base_tcp is not a rigid transform (4 x 4, rotation, finite)")
     if wanted < 1 or starts < 1:
         raise ValueError("solve_ik: wanted and starts must be at least 1")
     rotation, offset, turns = aligned_chain(robot)
-    T_last_tip = (
+    T_last_tcp = (
         robot.T_last_flange
         if robot.tool is None
-        else (robot.T_last_flange @ robot.tool.T_flange_tip)
+        else (robot.T_last_flange @ robot.tool.T_flange_tcp)
     )
-    aligned_tip = T_last_tip.copy()
-    aligned_tip[:3] = turns[-1].T @ T_last_tip[:3]
+    aligned_tip = T_last_tcp.copy()
+    aligned_tip[:3] = turns[-1].T @ T_last_tcp[:3]
     seed = robot.home if seed_q is None else np.asarray(seed_q, float)
     lower, upper = robot.limits.lower, robot.limits.upper
     seed = np.clip(np.where(np.isfinite(seed), seed, robot.home), lower, upper)

@@ -19,7 +19,7 @@ POSITION, ORIENTATION = 1e-7, 1e-7
 def _frames(
     rotation: Floats,
     offset: Floats,
-    T_last_tip: Pose,
+    T_last_tcp: Pose,
     q: JointVector,
     axes: Floats,
     origins: Floats,
@@ -35,8 +35,8 @@ def _frames(
             R[r, 0], R[r, 1] = c * a + s * b, c * b - s * a
         axes[i] = R[:, 2]
         origins[i] = p
-    return R @ np.ascontiguousarray(T_last_tip[:3, :3]), R @ np.ascontiguousarray(
-        T_last_tip[:3, 3]
+    return R @ np.ascontiguousarray(T_last_tcp[:3, :3]), R @ np.ascontiguousarray(
+        T_last_tcp[:3, 3]
     ) + p
 
 
@@ -80,7 +80,7 @@ def _error(
 def descend(
     rotation: Floats,
     offset: Floats,
-    T_last_tip: Pose,
+    T_last_tcp: Pose,
     lower: JointVector,
     upper: JointVector,
     T_goal: Pose,
@@ -93,7 +93,7 @@ def descend(
     p_goal = np.ascontiguousarray(T_goal[:3, 3])
     error, trial_error = np.empty(6), np.empty(6)
     J = np.empty((6, n))
-    R, p = _frames(rotation, offset, T_last_tip, q, axes, origins)
+    R, p = _frames(rotation, offset, T_last_tcp, q, axes, origins)
     far, off = _error(R, p, R_goal, p_goal, error)
     cost = (error * error).sum()
     damping = 1e-3
@@ -129,7 +129,7 @@ def descend(
             if size > 0.6:
                 step *= 0.6 / size
             trial = np.minimum(np.maximum(q + step, lower), upper)
-            R, p = _frames(rotation, offset, T_last_tip, trial, axes, origins)
+            R, p = _frames(rotation, offset, T_last_tcp, trial, axes, origins)
             trial_far, trial_off = _error(R, p, R_goal, p_goal, trial_error)
             trial_cost = (trial_error * trial_error).sum()
             if trial_cost < cost:
@@ -149,7 +149,7 @@ def descend(
 def solve(
     rotation: Floats,
     offset: Floats,
-    T_last_tip: Pose,
+    T_last_tcp: Pose,
     lower: JointVector,
     upper: JointVector,
     T_goal: Pose,
@@ -162,7 +162,7 @@ def solve(
     count = 0
     for s in range(starts.shape[0]):
         q = starts[s].copy()
-        if not descend(rotation, offset, T_last_tip, lower, upper, T_goal, q):
+        if not descend(rotation, offset, T_last_tcp, lower, upper, T_goal, q):
             continue
         new = True
         for k in range(count):

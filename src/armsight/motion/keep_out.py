@@ -23,10 +23,10 @@ from armsight.arrays import JointVector
 from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.snapshot import FREE, OCCUPIED, WorkspaceSnapshot
 from armsight.motion.data import PlanRequest
-from armsight.motion.gate import Gate, declared_reaction
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards
 from armsight.motion.plan import Plan, Planner
+from armsight.motion.separation_monitor import SeparationMonitor, declared_reaction
 from armsight.motion.trajectory import Trajectory
 from armsight.robots.robot import Robot
 
@@ -85,7 +85,7 @@ class SeparationPlanner:
         self._planner = planner
         self._config = config or KeepOutConfig()
         brake = robot.limits.acceleration * max(guard.brake, guard.acceleration)
-        self._gate = Gate(robot, guard, brake)
+        self._gate = SeparationMonitor(robot, guard, brake)
         self._reaction = declared_reaction(cameras, guard)
 
     def plan(

@@ -50,7 +50,7 @@ class Hazards:
 
 
 @dataclass(frozen=True)
-class View:
+class SeparationView:
     """What one pose and motion of the body looks like to separation.
 
     Attributes:
@@ -139,7 +139,7 @@ class MovingBody:
         hazards: Hazards,
         law: Law,
         parts: np.ndarray | None = None,
-    ) -> View:
+    ) -> SeparationView:
         """What separation says of a motion (n,) [rad/s] at (n,) [rad].
 
         Args:
@@ -167,9 +167,11 @@ class MovingBody:
                 stopping[parts], fastest, law, HORIZON, d, k, s, g,
             )  # fmt: skip
             distance[parts], nearest[parts], share[parts], limiting[parts] = d, k, s, g
-        return View(center, velocity, stopping, distance, nearest, share, limiting)
+        return SeparationView(center, velocity, stopping, distance, nearest, share, limiting)
 
-    def pair(self, view: View, hazards: Hazards, sphere: int) -> tuple[Vector3, Vector3] | None:
+    def pair(
+        self, view: SeparationView, hazards: Hazards, sphere: int
+    ) -> tuple[Vector3, Vector3] | None:
         """Surface points (body, hazard) in ``base`` of a sphere and its nearest hazard, or None."""
         index = int(view.nearest[sphere])
         if index < 0:

@@ -12,10 +12,10 @@ from armsight.arrays import JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.executed import Executed, thinned
-from armsight.motion.gate import Gate
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards
 from armsight.motion.route import Route
+from armsight.motion.separation_monitor import SeparationMonitor
 from armsight.motion.timing import time_parameterise
 from armsight.robots.robot import JointLimits
 
@@ -31,7 +31,7 @@ FLEE = 0.25
 """Speed at which the nearest part would leave, before separation scales it [m/s]."""
 
 
-class Stage(StrEnum):
+class ReflexStage(StrEnum):
     """What the reflex is doing."""
 
     NONE = "none"
@@ -80,7 +80,7 @@ class Reflex:
     def __init__(self, config: GuardConfig, limits: JointLimits) -> None:
         self._config = config
         self._limits = limits
-        self.stage = Stage.NONE
+        self.stage = ReflexStage.NONE
         self.route: Route | None = None
         self.approach = Approach()
         self.count = 0
@@ -92,11 +92,11 @@ class Reflex:
     @property
     def active(self) -> bool:
         """Whether a reflex is under way."""
-        return self.stage != Stage.NONE
+        return self.stage != ReflexStage.NONE
 
     def end(self) -> None:
         """The reflex is over."""
-        self.stage, self.route = Stage.NONE, None
+        self.stage, self.route = ReflexStage.NONE, None
         self._clear_since = math.inf
 
     def due(self, distance: float) -> bool:
@@ -113,7 +113,7 @@ class Reflex:
 
     def begin(self, distance: float) -> None:
         """Leave the plan."""
-        self.stage = Stage.STOPPING
+        self.stage = ReflexStage.STOPPING
         self.count += 1
         self._began_at = distance
         self._clear_since = self._still_since = math.inf
@@ -122,7 +122,7 @@ class Reflex:
         self,
         q: JointVector,
         executed: Executed,
-        gate: Gate,
+        gate: SeparationMonitor,
         hazards: Hazards,
         model: CollisionModel,
         snapshot: WorkspaceSnapshot,
@@ -130,14 +130,14 @@ class Reflex:
         """At rest at (n,) [rad]: retrace if that is proven free and leads away, else flee."""
         back = thinned(executed.retrace(q, self._config.retrace_share))
         if self._leads_away(back, q, gate, hazards) and model.path_valid(back, snapshot, q):
-            self.stage = Stage.RETRACE
+            self.stage = ReflexStage.RETRACE
             self.route = Route(time_parameterise(back, self._limits))
         else:
-            self.stage = Stage.FLEE
+            self.stage = ReflexStage.FLEE
 
     def hold(self) -> None:
         """There is no proven way to leave."""
-        self.stage, self.route = Stage.HOLD, None
+        self.stage, self.route = ReflexStage.HOLD, None
 
     def stuck(self, now: float, at_rest: bool) -> bool:
         """Whether the arm has stood for as long as patience lasts; looks at every tick."""
@@ -154,8 +154,8 @@ class Reflex:
         reflex for ever. Given up, a plan may lead it out; separation limits every part of that.
         """
         self._still_since = math.inf
-        if self.stage == Stage.RETRACE:
-            self.stage, self.route = Stage.FLEE, None
+        if self.stage == ReflexStage.RETRACE:
+            self.stage, self.route = ReflexStage.FLEE, None
         elif self.approach.speed <= 0.0:
             self._given_up_at = distance
             self.end()
@@ -171,7 +171,9 @@ class Reflex:
             self._clear_since = now
         return now - self._clear_since >= self._config.recovery
 
-    def _leads_away(self, back: JointPath, q: JointVector, gate: Gate, hazards: Hazards) -> bool:
+    def _leads_away(
+        self, back: JointPath, q: JointVector, gate: SeparationMonitor, hazards: Hazards
+    ) -> bool:
         if len(back) < 2 or np.abs(np.diff(back, axis=0)).sum() < SHORTEST:
             return False
         still = np.zeros_like(q)

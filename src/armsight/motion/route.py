@@ -20,7 +20,7 @@ LOOK_AHEAD = 0.02
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RouteSetpoint:
     """What a route asks for at one instant.
 
     Attributes:
@@ -78,14 +78,14 @@ class Route:
         gap = np.linalg.norm(self.trajectory.sample(near) - q, axis=1)
         self.phase = float(near[int(np.argmin(gap))])
 
-    def wanted(self, q: JointVector, lead: float = 0.0) -> Wanted:
+    def wanted(self, q: JointVector, lead: float = 0.0) -> RouteSetpoint:
         """What to do at (n,) positions [rad]; velocities are those ``lead`` [s] farther on."""
         t = self.trajectory
         velocity = t.velocity(self.phase + lead)
         acceleration = t.acceleration(self.phase + lead)
         if self.phase < LOOK_AHEAD:
             velocity = (t.position(self.phase + LOOK_AHEAD) - t.position(self.phase)) / LOOK_AHEAD
-        return Wanted(velocity, acceleration, t.position(self.phase) - q)
+        return RouteSetpoint(velocity, acceleration, t.position(self.phase) - q)
 
     def prove(self, model: CollisionModel, snapshot: WorkspaceSnapshot, at: JointVector) -> None:
         """Check what lies ahead against a snapshot, for a body that is at ``at`` now."""

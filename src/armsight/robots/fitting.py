@@ -15,8 +15,8 @@ from armsight.errors import RobotError
 from armsight.geometry.pose import inverse, transform
 from armsight.robots.chain import Chain, ChainLink
 from armsight.robots.covering import Axes, Surroundings, axis_distances, cover, refine
-from armsight.robots.crowding import ROOM, DistanceField, crowding, distance_field
 from armsight.robots.meshes import Triangles, geometry_triangles, join_triangles
+from armsight.robots.near_links import ROOM, LinkDistanceField, crowding, distance_field
 from armsight.robots.pairs import PairStatistics, pair_statistics
 from armsight.robots.shapes import BodyShapes, FitReport, make_capsules, make_spheres
 from armsight.robots.solids import VoxelSolid, outer_surface, sample_surface, thin, voxelise
@@ -40,7 +40,7 @@ class FitOptions:
         check_spacing: of the points that the finished fit is checked and completed with [m].
         margin: added to every radius, for what lies between two checked points [m].
         crowd: how many times worse overshoot is where other links always pass, see
-            :mod:`armsight.robots.crowding`; configurations: tried to see where that is.
+            :mod:`armsight.robots.near_links`; configurations: tried to see where that is.
         most_axes, most_points, most_around, most_crowded: candidates, points to cover, points to
             spare, and those of them where others pass, of a link.
         seed: of the search.
@@ -67,7 +67,7 @@ class FitOptions:
 
 
 @dataclass(frozen=True)
-class Fellow:
+class NeighbourLink:
     """A neighbour in the chain, which turns about the joint between.
 
     Attributes:
@@ -83,10 +83,10 @@ class Fellow:
 
 
 @dataclass(frozen=True)
-class Fellows:
+class NeighbourLinks:
     """The neighbours of a link. What they fill at every joint angle is no overshoot."""
 
-    members: tuple[Fellow, ...] = ()
+    members: tuple[NeighbourLink, ...] = ()
 
     def always(self, points: Points) -> NDArray[np.bool_]:
         """(n,) whether a neighbour covers the point whatever the joint's angle."""
@@ -102,7 +102,7 @@ class Fellows:
 
 
 @dataclass(frozen=True)
-class Body:
+class LinkBody:
     """A link made ready for fitting.
 
     Attributes:
@@ -118,7 +118,7 @@ class Body:
     points: Points
     check: Points
     solid: VoxelSolid
-    fellows: Fellows
+    fellows: NeighbourLinks
     around: Surroundings
     balls: Axes
     segments: Axes
@@ -128,10 +128,10 @@ class Body:
 def prepare(
     triangles: Triangles,
     options: FitOptions,
-    fellows: Fellows,
+    fellows: NeighbourLinks,
     floor: float | None = None,
     base: bool = False,
-) -> Body:
+) -> LinkBody:
     """Sample, voxelise, and list candidate axes of one link.
 
     Args:
@@ -162,7 +162,7 @@ def prepare(
         worse = 0.02 if base else 30.0
         around = replace(around, weight=np.where(below, worse * around.weight, around.weight))
     mount = floor if base else None
-    return Body(points, check, solid, fellows, around, balls, segments, mount)
+    return LinkBody(points, check, solid, fellows, around, balls, segments, mount)
 
 
 def _at_most(most: int, spacing: float, make: Callable[[float], Points]) -> Points:
@@ -173,7 +173,7 @@ def _at_most(most: int, spacing: float, make: Callable[[float], Points]) -> Poin
 
 
 def _surroundings(
-    surface: Points, solid: VoxelSolid, fellows: Fellows, most: int, far: float = 0.07
+    surface: Points, solid: VoxelSolid, fellows: NeighbourLinks, most: int, far: float = 0.07
 ) -> Surroundings:
     """A lattice of points outside a body, up to ``far`` away, that no neighbour always fills."""
     tree = cKDTree(thin(surface, 0.004))
@@ -214,7 +214,7 @@ def _segments(balls: Axes, solid: VoxelSolid, tree: cKDTree, most: int) -> Axes:
     return Axes(ends[a][order], ends[b][order], depth[order])
 
 
-def fit_body(body: Body, options: FitOptions, what: str) -> tuple[Axes, Floats]:
+def fit_body(body: LinkBody, options: FitOptions, what: str) -> tuple[Axes, Floats]:
     """Spheres (``balls``) or capsules (``segments``) that cover a link: axes and radii [m]."""
     spheres = what == "balls"
     candidates = body.balls if spheres else body.segments
@@ -266,7 +266,7 @@ def complete(points: Points, axes: Axes, radius: Floats) -> Floats:
 
 
 def measure(
-    body: Body, axes: Axes, radius: Floats, spacing: float = 0.004
+    body: LinkBody, axes: Axes, radius: Floats, spacing: float = 0.004
 ) -> tuple[Floats, Floats]:
     """How far surface points lie outside the shapes, and the shapes' surface outside the body.
 
@@ -345,11 +345,11 @@ def prepare_chain(
     lower: JointVector,
     upper: JointVector,
     options: FitOptions,
-) -> list[Body | None]:
+) -> list[LinkBody | None]:
     """Every link of an arm made ready for fitting; None for links without triangles."""
     n = len(chain.links) - 1
     solids = [voxelise(t, options.voxel) if len(t[1]) else None for t in triangles]
-    bodies: list[Body | None] = []
+    bodies: list[LinkBody | None] = []
     for i, own in enumerate(triangles):
         if not len(own[1]):
             bodies.append(None)
@@ -358,13 +358,15 @@ def prepare_chain(
         before = solids[i - 1] if i > 0 else None
         joint = chain.links[i].joint
         if before is not None and joint is not None:
-            members.append(Fellow(before, np.eye(4), chain.links[i].T_parent_joint, joint.axis))
+            members.append(
+                NeighbourLink(before, np.eye(4), chain.links[i].T_parent_joint, joint.axis)
+            )
         after = solids[i + 1] if i + 1 < len(solids) else None
         if after is not None and (joint := chain.links[i + 1].joint) is not None:
             T = inverse(chain.links[i + 1].T_parent_joint)
-            members.append(Fellow(after, T, np.eye(4), joint.axis))
+            members.append(NeighbourLink(after, T, np.eye(4), joint.axis))
         floor = _floor(chain, i, own)
-        bodies.append(prepare(own, options, Fellows(tuple(members)), floor, i == 0))
+        bodies.append(prepare(own, options, NeighbourLinks(tuple(members)), floor, i == 0))
     path = np.random.default_rng(options.seed).uniform(lower, upper, (options.configurations, n))
     fields = [None if solid is None else distance_field(solid, GAP + ROOM) for solid in solids]
     return [
@@ -374,13 +376,13 @@ def prepare_chain(
 
 
 def _spare_others(
-    body: Body,
+    body: LinkBody,
     link: int,
-    fields: list[DistanceField | None],
+    fields: list[LinkDistanceField | None],
     path: JointPath,
     chain: Chain,
     options: FitOptions,
-) -> Body:
+) -> LinkBody:
     """A link's body with the places where other links pass among those that overshoot spares."""
     cell = 0.004
     axes = [

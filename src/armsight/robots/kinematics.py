@@ -19,10 +19,10 @@ def flange_pose(robot: Robot, q: JointVector) -> Pose:
     return np.asarray(link_poses(robot, q)[-1] @ robot.T_last_flange)
 
 
-def tip_pose(robot: Robot, q: JointVector) -> Pose:
-    """``T_base_tip``: the tool's working point, or the flange without a tool."""
+def tcp_pose(robot: Robot, q: JointVector) -> Pose:
+    """``T_base_tcp``: the tool's working point, or the flange without a tool."""
     flange = flange_pose(robot, q)
-    return flange if robot.tool is None else np.asarray(flange @ robot.tool.T_flange_tip)
+    return flange if robot.tool is None else np.asarray(flange @ robot.tool.T_flange_tcp)
 
 
 def flange_jacobian(robot: Robot, q: JointVector) -> Floats:
@@ -32,12 +32,12 @@ def flange_jacobian(robot: Robot, q: JointVector) -> Floats:
     return np.asarray(kernels.jacobian(poses, robot.axis, robot.n, origin))
 
 
-def tip_jacobian(robot: Robot, q: JointVector) -> Floats:
+def tcp_jacobian(robot: Robot, q: JointVector) -> Floats:
     """(6, n) geometric Jacobian of the tip in base axes: linear [m/rad], then angular."""
     poses = link_poses(robot, q)
     T = poses[-1] @ robot.T_last_flange
     if robot.tool is not None:
-        T = T @ robot.tool.T_flange_tip
+        T = T @ robot.tool.T_flange_tcp
     return np.asarray(kernels.jacobian(poses, robot.axis, robot.n, T[:3, 3].copy()))
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from armsight.arrays import Floats, Ints, JointPath, JointVector, Points, Poses
-from armsight.robots.crowding import ROOM
 from armsight.robots.kernels import chain_poses_into
+from armsight.robots.near_links import ROOM
 from armsight.robots.robot import Spheres
 from armsight.robots.solids import VoxelSolid
 
@@ -27,7 +27,7 @@ class PairStatistics:
     Attributes:
         pairs: (p, 2) links that are not neighbours, the nearer to the base first.
         spheres_touch: (p,) share of configurations in which their spheres leave less room than
-            planners keep (:data:`~armsight.robots.crowding.ROOM`).
+            planners keep (:data:`~armsight.robots.near_links.ROOM`).
         least_gap: (p,) least gap between their spheres [m].
         meshes_touch: (p,) share in which their meshes come within a few millimetres.
         false_alarm: (p,) share in which they do although the meshes do not meet.

@@ -62,7 +62,7 @@ def tools_table() -> Table:
             name,
             sheet.title,
             f"{tool.mass:g}",
-            f"{1e3 * tool.T_flange_tip[2, 3]:.0f}",
+            f"{1e3 * tool.T_flange_tcp[2, 3]:.0f}",
             _fit(len(tool.spheres.radius), sheet.sphere_fit),
             sheet.license,
         )

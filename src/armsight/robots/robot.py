@@ -86,7 +86,7 @@ class Tool:
 
     Attributes:
         name: key of the catalogue.
-        T_flange_tip: the tool's working point.
+        T_flange_tcp: the tool's working point.
         spheres: link indices are ignored; centres in the flange's frame.
         capsules: likewise.
         meshes: likewise.
@@ -94,7 +94,7 @@ class Tool:
     """
 
     name: str
-    T_flange_tip: Pose
+    T_flange_tcp: Pose
     spheres: Spheres
     capsules: Capsules
     meshes: tuple[LinkMesh, ...]

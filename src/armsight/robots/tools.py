@@ -79,7 +79,7 @@ def load_tool_folder(folder: Path) -> Tool:
         )
         tool = Tool(
             name=folder.name,
-            T_flange_tip=np.array(data["T_flange_tip"], float).reshape(4, 4),
+            T_flange_tcp=np.array(data["T_flange_tcp"], float).reshape(4, 4),
             spheres=make_spheres([(0, row) for row in data["spheres"]]),
             capsules=make_capsules([(0, row) for row in data["capsules"]]),
             meshes=meshes,

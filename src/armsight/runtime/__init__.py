@@ -1,1 +1,1 @@
-"""The loop on a clock: components, snapshots between them, recording, replay, health."""
+"""The loop on a clock: components, what they hand each other, health."""

@@ -13,8 +13,6 @@ from armsight.motion.keep_out import SeparationPlanner
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.runtime.components import Guards, Maps
 from armsight.runtime.configure import guard_config, mapping_config
-from armsight.runtime.playback import Playback
-from armsight.runtime.replay_parts import replay_parts
 from armsight.runtime.warm_up import Progress, warm_up
 
 if TYPE_CHECKING:
@@ -38,11 +36,12 @@ class Parts:
     warm_up: Callable[[Progress], None] = lambda progress: None
 
 
+MakeParts = Callable[["Cell", "SessionConfig"], Parts]
+"""Builds the parts of a session on a cell."""
+
+
 def make_parts(cell: Cell, config: SessionConfig) -> Parts:
     """The parts for a cell: what ``config`` leaves open comes from the cell's file."""
-    world: object = cell.world
-    if isinstance(world, Playback):
-        return replay_parts(cell, config, world)
     infos = [camera.info for camera in cell.cameras]
     mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
     guard = config.guard or guard_config(cell.workcell, config)

@@ -14,6 +14,7 @@ import numpy as np
 
 from armsight.arrays import Vector3
 from armsight.devices.protocols import Arm, Clock, RgbdCamera
+from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, Task
@@ -30,11 +31,11 @@ from armsight.runtime.components import (
 )
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.lock import cell_lock
-from armsight.runtime.parts import Parts, make_parts
+from armsight.runtime.parts import MakeParts, make_parts
 from armsight.runtime.shared_devices import SharedArm, SharedCamera
 from armsight.runtime.signals import orderly_signals
 from armsight.runtime.simulated_loop import SimulatedLoop
-from armsight.runtime.view import Body, ComponentHealth, Mover, SessionView
+from armsight.runtime.view import ComponentHealth, SessionView
 from armsight.runtime.wall_loop import WallLoop
 from armsight.runtime.warm_up import Progress
 
@@ -63,7 +64,7 @@ class Session:
         config: periods, latencies, configuration of the parts.
         exclusive: refuse to run while another process runs this cell. None: only for real arms;
             simulated ones do not get in each other's way.
-        make: builds map, planner and guard; tests put doubles here.
+        make: builds map, planner and guard; ``replay_parts`` for a recording, doubles in tests.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class Session:
         observers: Sequence[Component] = (),
         config: SessionConfig | None = None,
         exclusive: bool | None = None,
-        make: Callable[[Cell, SessionConfig], Parts] = make_parts,
+        make: MakeParts = make_parts,
     ) -> None:
         self.cell = cell
         self.task = task
@@ -91,8 +92,8 @@ class Session:
         self._lock = threading.RLock()
         self._held = False
         self._speed = math.inf
-        self._movers: tuple[Mover, ...] = ()
-        self._bodies: tuple[Body, ...] = ()
+        self._movers: tuple[MovingSolid, ...] = ()
+        self._bodies: tuple[MovingSurfaces, ...] = ()
         self._loop_thread: int | None = None
         self._warm = self._begun = False
         self._loop: SimulatedLoop | WallLoop
@@ -391,15 +392,12 @@ class Session:
         if math.isfinite(last) and now - last > HEARTBEAT:
             self._arm.stop()
 
-    def _read_movers(self) -> tuple[tuple[Mover, ...], tuple[Body, ...]]:
+    def _read_movers(self) -> tuple[tuple[MovingSolid, ...], tuple[MovingSurfaces, ...]]:
         world = self.cell.world
         if world is None:
             return (), ()
         with self._lock:
-            movers = tuple(Mover(m.name, m.solid, m.T_world_solid) for m in world.movers())
-            if not hasattr(world, "bodies"):
-                return movers, ()
-            return movers, tuple(Body(b.name, b.surfaces, b.T_world_body) for b in world.bodies())
+            return world.movers(), world.bodies()
 
 
 def _advance_of(cell: Cell) -> Callable[[float], None] | None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from armsight.arrays import Pose
 from armsight.devices.data import JointState, RgbdFrame
-from armsight.geometry.shapes import Solid, Surface
+from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 
@@ -33,30 +32,6 @@ class ComponentHealth:
 
 
 @dataclass(frozen=True)
-class Mover:
-    """A part of a person or a moving thing, for drawing only; pose in ``world``."""
-
-    name: str
-    solid: Solid
-    T_world_solid: Pose
-
-
-@dataclass(frozen=True)
-class Body:
-    """A rigid part of a person as it looks, where a driver knows; pose in ``world``.
-
-    Attributes:
-        name: unique, such as ``visitor/left_forearm``.
-        surfaces: in the body's frame; the same objects every time.
-        T_world_body: where it is.
-    """
-
-    name: str
-    surfaces: tuple[Surface, ...]
-    T_world_body: Pose
-
-
-@dataclass(frozen=True)
 class SessionView:
     """One consistent look at a session.
 
@@ -79,5 +54,5 @@ class SessionView:
     guard: GuardStatus | None
     frames: tuple[RgbdFrame, ...] = ()
     health: tuple[ComponentHealth, ...] = ()
-    movers: tuple[Mover, ...] = field(default=())
-    bodies: tuple[Body, ...] = field(default=())
+    movers: tuple[MovingSolid, ...] = field(default=())
+    bodies: tuple[MovingSurfaces, ...] = field(default=())

@@ -15,7 +15,7 @@ from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame
 from armsight.errors import DeviceError
 from armsight.geometry.pose import exp
 from armsight.simulation.clock import SimulatedClock
-from armsight.simulation.darkroom import Darkroom
+from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import DepthPicture, Shot
 from armsight.simulation.sensor_errors import DepthSensor, interference_mask, structured
 from armsight.simulation.spec import CameraSpec
@@ -205,7 +205,7 @@ class SimulatedCamera:
         return self._timing.next_exposure
 
     def expose(
-        self, now: float, T_world_camera: Pose, take: Callable[..., Shot], darkroom: Darkroom
+        self, now: float, T_world_camera: Pose, take: Callable[..., Shot], renders: RenderThread
     ) -> None:
         """Open the shutter at ``now`` [s] from a true optical pose."""
         times = self._timing.expose(now)
@@ -221,8 +221,8 @@ class SimulatedCamera:
                 T = T_world_camera @ self.info.T_depth_color
                 color = take(T, self.info.color, "color")
             empty = self.faults.find("empty", now) is not None
-            picture = darkroom.submit(
-                lambda: self._develop(darkroom, shot, T_world_camera, sequence, now, color, empty)
+            picture = renders.submit(
+                lambda: self._develop(renders, shot, T_world_camera, sequence, now, color, empty)
             )
             self._frozen = picture
         keep = bool(self.rivals) or picture is self._frozen
@@ -230,7 +230,7 @@ class SimulatedCamera:
 
     def _develop(
         self,
-        darkroom: Darkroom,
+        renders: RenderThread,
         shot: Shot,
         T_world_camera: Pose,
         sequence: int,
@@ -238,8 +238,8 @@ class SimulatedCamera:
         color_shot: Shot | None,
         empty: bool,
     ) -> tuple[DepthImage, ColorImage | None]:
-        """Depth as the sensor gives it, and colour; runs in the darkroom."""
-        renderer, info = darkroom.renderer, self.info
+        """Depth as the sensor gives it, and colour; runs in the render thread."""
+        renderer, info = renders.renderer, self.info
         picture = renderer.depth(shot, info.depth)
         self.seen = (picture, T_world_camera)
         color = None
@@ -322,22 +322,22 @@ class SimulatedStereo:
         return self._timing.next_exposure
 
     def expose(
-        self, now: float, T_world_camera: Pose, take: Callable[..., Shot], darkroom: Darkroom
+        self, now: float, T_world_camera: Pose, take: Callable[..., Shot], renders: RenderThread
     ) -> None:
         """Open both shutters at ``now`` [s]."""
         times = self._timing.expose(now)
         if times is None or not self._wanted or self.info.color is None:
             return
         shot = take(T_world_camera, self.info.depth, "color")
-        picture = darkroom.submit(lambda: self._develop(darkroom, shot, T_world_camera))
+        picture = renders.submit(lambda: self._develop(renders, shot, T_world_camera))
         self._deliveries.add(_Delivery(*times, picture), now, cancel=True)
 
-    def _develop(self, darkroom: Darkroom, shot: Shot, T: Pose) -> tuple[ColorImage, ColorImage]:
+    def _develop(self, renders: RenderThread, shot: Shot, T: Pose) -> tuple[ColorImage, ColorImage]:
         assert self.info.color is not None
-        left = darkroom.renderer.color(shot, self.info.depth)
-        darkroom.renderer.aim(shot, T @ self.info.T_depth_color, self.info.color)
-        right = darkroom.renderer.color(shot, self.info.color)
-        darkroom.renderer.give_back(shot)
+        left = renders.renderer.color(shot, self.info.depth)
+        renders.renderer.aim(shot, T @ self.info.T_depth_color, self.info.color)
+        right = renders.renderer.color(shot, self.info.color)
+        renders.renderer.give_back(shot)
         return left, right
 
 

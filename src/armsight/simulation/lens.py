@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from armsight.arrays import Floats32, Pose
 from armsight.geometry.camera import PinholeCamera
-from armsight.simulation.still_life import Window
+from armsight.simulation.static_background import Window
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from armsight.arrays import Floats, Pose, Vector3
+from armsight.arrays import Floats, Vector3
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid, Surface
 from armsight.simulation.clips import load_clip
@@ -50,24 +49,6 @@ class Mover(Protocol):
     def drag(self, target: Vector3 | None) -> None:
         """Move towards a point of the world, or back to its own ways with None."""
         ...
-
-
-@dataclass(frozen=True)
-class MoverState:
-    """A solid of a moving thing, for drawing; pose in ``world``."""
-
-    name: str
-    solid: Solid
-    T_world_solid: Pose
-
-
-@dataclass(frozen=True)
-class BodyState:
-    """A rigid part of a person as the cameras see it; pose in ``world``."""
-
-    name: str
-    surfaces: tuple[Surface, ...]
-    T_world_body: Pose
 
 
 class Person:
@@ -277,10 +258,8 @@ def drawn_bodies(
 
 
 __all__ = [
-    "BodyState",
     "Hand",
     "Mover",
-    "MoverState",
     "MovingObject",
     "Person",
     "drawn_bodies",

@@ -17,7 +17,7 @@ from armsight.simulation.kernels import merge_buffers, resample_depth
 from armsight.simulation.lens import RenderLens, aim_scene, render_lens
 from armsight.simulation.looks import FAR, NEAR
 from armsight.simulation.model import COLOR_ONLY, DEPTH_ONLY, SEEN, CellModel
-from armsight.simulation.still_life import Buffers, Window, reach_of_spheres
+from armsight.simulation.static_background import Buffers, Window, reach_of_spheres
 
 GeomImage = NDArray[np.int16]
 """(h, w) index of the geom seen, -1 for none; ``CellModel.parts`` says what each is."""

@@ -78,7 +78,7 @@ class Truth:
         self._cell = cell
         self._data = data
         self._n = robot.n
-        tip = np.eye(4) if robot.tool is None else robot.tool.T_flange_tip
+        tip = np.eye(4) if robot.tool is None else robot.tool.T_flange_tcp
         self._T_last_tip = robot.T_last_flange @ tip
         contact = [i for i, part in enumerate(cell.parts) if part.kind == "arm"]
         touching = cell.model.geom_contype

@@ -10,6 +10,7 @@ import numpy as np
 
 from armsight.arrays import ColorImage, Pose, Vector3
 from armsight.devices.camera_models import camera_model
+from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
@@ -17,20 +18,18 @@ from armsight.simulation.arm import SimulatedArm
 from armsight.simulation.arm_errors import compliance, true_geometry
 from armsight.simulation.cameras import SimulatedCamera, SimulatedStereo, make_rivals
 from armsight.simulation.clock import SimulatedClock
-from armsight.simulation.darkroom import Darkroom
 from armsight.simulation.gl import mujoco
 from armsight.simulation.looks import cloth_colors
 from armsight.simulation.model import build_model
 from armsight.simulation.movers import (
-    BodyState,
     Hand,
-    MoverState,
     MovingObject,
     Trajectory,
     drawn_bodies,
     drawn_solids,
     make_person,
 )
+from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import Kind, Renderer, Shot
 from armsight.simulation.spec import WorldSpec
 from armsight.simulation.truth import Truth
@@ -91,7 +90,7 @@ class SimulatedWorld:
         self.renderer = Renderer(self._cell)
         if spec.cameras:
             self.renderer.open()
-        self._darkroom = Darkroom(self.renderer)
+        self._renders = RenderThread(self.renderer)
         self.truth = Truth(self._cell, spec.arm.robot, self._data)
         self._drawn = [drawn_solids(p.body, cloth_colors(p.name)) for p in self._people]
         self._looks = [drawn_bodies(p.body, cloth_colors(p.name)) for p in self._people]
@@ -110,7 +109,7 @@ class SimulatedWorld:
         self.arm.reset()
         for mover in self._movers.values():
             mover.reset()
-        self._darkroom.finish()
+        self._renders.finish()
         for camera in self._shutters:
             camera.reset()
         self.truth.reset()
@@ -143,23 +142,23 @@ class SimulatedWorld:
         self._step = step
         self.clock._set(max(until, self.clock.now()))
 
-    def movers(self) -> tuple[MoverState, ...]:
+    def movers(self) -> tuple[MovingSolid, ...]:
         """Every solid of people and moving objects where it is now, for drawing."""
         states = []
         for person, first, drawn in zip(self._people, self._cell.person_bodies, self._drawn):
             poses = [self._mocap_pose(first + i) for i in range(len(person.body.parts))]
             for index, solid in drawn:
-                states.append(MoverState(solid.name, solid, poses[index] @ solid.T_frame_solid))
+                states.append(MovingSolid(solid.name, solid, poses[index] @ solid.T_frame_solid))
         for item, first in zip(self.spec.objects, self._cell.object_bodies):
-            states.append(MoverState(item.solid.name, item.solid, self._mocap_pose(first)))
+            states.append(MovingSolid(item.solid.name, item.solid, self._mocap_pose(first)))
         return tuple(states)
 
-    def bodies(self) -> tuple[BodyState, ...]:
+    def bodies(self) -> tuple[MovingSurfaces, ...]:
         """What people look like, part by part, where they are now, for drawing."""
         states = []
         for looks, first in zip(self._looks, self._cell.person_bodies):
             for i, (name, surfaces) in enumerate(looks):
-                states.append(BodyState(name, surfaces, self._mocap_pose(first + i)))
+                states.append(MovingSurfaces(name, surfaces, self._mocap_pose(first + i)))
         return tuple(states)
 
     def drag(self, name: str, position_world: Vector3 | None) -> None:
@@ -193,7 +192,7 @@ class SimulatedWorld:
 
     def close(self) -> None:
         """Give OpenGL's memory back; may be repeated."""
-        self._darkroom.close()
+        self._renders.close()
 
     def __enter__(self) -> SimulatedWorld:
         return self
@@ -239,7 +238,7 @@ class SimulatedWorld:
         self._move_movers(now)
         self._settle()
         for camera in due:
-            camera.expose(now, self._camera_pose(camera), self._taker(camera), self._darkroom)
+            camera.expose(now, self._camera_pose(camera), self._taker(camera), self._renders)
 
     def _taker(self, camera: SimulatedCamera | SimulatedStereo) -> Callable[..., Shot]:
         fixed = camera.info.mounted_on == "base"

@@ -16,7 +16,7 @@ TILE = (288, 216)
 """Width and height of a tile of the mosaic [px]."""
 
 
-class CameraModel:
+class CameraFrustum:
     """One camera's frustum."""
 
     def __init__(self, scene: viser.SceneApi, name: str, info: RgbdCameraInfo) -> None:

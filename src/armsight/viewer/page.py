@@ -27,7 +27,7 @@ SILENT = 1.0
 """A loop that gave no sign for so long is said to stand still [s]."""
 
 
-class Watched(Protocol):
+class ShownSession(Protocol):
     """What the page needs of a session."""
 
     cell: Cell
@@ -75,7 +75,7 @@ class LivePage:
 
     def __init__(
         self,
-        session: Watched,
+        session: ShownSession,
         host: str = "127.0.0.1",
         port: int = 8080,
         token: str | None = None,

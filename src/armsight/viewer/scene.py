@@ -11,15 +11,16 @@ import viser
 
 from armsight.arrays import Floats, JointPath, Points
 from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.geometry.pose import to_wxyz, transform
 from armsight.mapping.snapshot import CameraStatus, WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 from armsight.robots.kernels import path_points
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
-from armsight.runtime.view import Body, Mover, SessionView
+from armsight.runtime.view import SessionView
 from armsight.viewer import colors
-from armsight.viewer.cameras import CameraModel
+from armsight.viewer.cameras import CameraFrustum
 from armsight.viewer.danger import voxels
 from armsight.viewer.nodes import Cloud, Cubes, Line
 from armsight.viewer.robot_model import RobotModel
@@ -92,7 +93,7 @@ class Scene:
         self.robot = RobotModel(api, f"{base}/robot", cell.robot)
         self._camera_root = api.add_frame(f"{base}/cameras", show_axes=False)
         self.cameras = {
-            camera.info.name: CameraModel(api, f"{base}/cameras/{camera.info.name}", camera.info)
+            camera.info.name: CameraFrustum(api, f"{base}/cameras/{camera.info.name}", camera.info)
             for camera in cell.cameras
         }
         self.movers = SolidGroup(api, "/movers")
@@ -114,7 +115,7 @@ class Scene:
         self._labels_on = True
         tip = self._robot.T_last_flange
         if self._robot.tool is not None:
-            tip = tip @ self._robot.tool.T_flange_tip
+            tip = tip @ self._robot.tool.T_flange_tcp
         self._tip = (np.array([self._robot.n]), np.ascontiguousarray(tip[None, :3, 3]))
         self._drawn_snapshot = -1
         self._drawn_path: object = None
@@ -200,7 +201,9 @@ class Scene:
                 camera.move(flange_pose(self._robot, q) @ camera.info.T_mount_camera)
             camera.show_health(None if status is None else status.alive)
 
-    def _update_movers(self, movers: tuple[Mover, ...], bodies: tuple[Body, ...]) -> None:
+    def _update_movers(
+        self, movers: tuple[MovingSolid, ...], bodies: tuple[MovingSurfaces, ...]
+    ) -> None:
         """People in detail where their looks are known, everything else as solids."""
         if self.people.visible:
             self.people.show(bodies)

@@ -10,9 +10,9 @@ import viser
 from numpy.typing import NDArray
 
 from armsight.arrays import Floats32, Pose, Vector3
+from armsight.devices.world import MovingSurfaces
 from armsight.geometry.pose import inverse, transform
 from armsight.geometry.shapes import ShapeKind, Solid, Surface
-from armsight.runtime.view import Body
 from armsight.viewer.colors import Color, for_instances
 from armsight.viewer.nodes import Posed, Shown, quaternions
 from armsight.viewer.primitives import CUBE, CYLINDER, SPHERE
@@ -81,7 +81,7 @@ class Bodies(Shown):
         self._filled = True
         self._parts: dict[str, tuple[tuple[Surface, ...], Posed]] = {}
 
-    def show(self, bodies: Sequence[Body]) -> None:
+    def show(self, bodies: Sequence[MovingSurfaces]) -> None:
         """Draw these; those that were there before and are not now, go."""
         names = {body.name for body in bodies}
         for gone in self._parts.keys() - names:
@@ -96,7 +96,7 @@ class Bodies(Shown):
                 self._parts[body.name] = known
             known[1].move(body.T_world_body, wxyz)
 
-    def _add(self, body: Body) -> Posed:
+    def _add(self, body: MovingSurfaces) -> Posed:
         node = f"{self._name}/{body.name}"
         frame = self._scene.add_frame(node, show_axes=False)
         for surface in body.surfaces:

@@ -5,7 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from armsight.workcell.build import Cell, camera_info_of, open_cell, robot_in, world_spec
+    from armsight.workcell.build import (
+        Cell,
+        camera_info_of,
+        open_cell,
+        robot_in,
+        simulated_world,
+        world_spec,
+    )
     from armsight.workcell.load import load_workcell, parse_workcell
     from armsight.workcell.schema import Workcell
 
@@ -17,6 +24,7 @@ __all__ = [
     "open_cell",
     "parse_workcell",
     "robot_in",
+    "simulated_world",
     "world_spec",
 ]
 
@@ -28,6 +36,7 @@ _HOME = {
     "open_cell": "build",
     "parse_workcell": "load",
     "robot_in": "build",
+    "simulated_world": "build",
     "world_spec": "build",
 }
 

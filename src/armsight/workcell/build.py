@@ -13,7 +13,8 @@ from armsight.arrays import JointVector, Pose
 from armsight.devices.camera_models import camera_info
 from armsight.devices.data import RgbdCameraInfo
 from armsight.devices.protocols import Arm, Clock, RgbdCamera
-from armsight.errors import ArmsightError, WorkcellError
+from armsight.devices.world import World
+from armsight.errors import ArmsightError, UsageError, WorkcellError
 from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Robot
@@ -42,7 +43,7 @@ class Cell:
         arm: commanded by the guard alone.
         cameras: in the file's order.
         static: declared solids, in the robot's ``base`` frame.
-        world: the simulation behind the devices, or None.
+        world: the simulation or the recording behind the devices, or None.
     """
 
     workcell: Workcell
@@ -52,12 +53,12 @@ class Cell:
     arm: Arm
     cameras: tuple[RgbdCamera, ...]
     static: tuple[Solid, ...]
-    world: SimulatedWorld | None = None
+    world: World | None = None
     _closed: bool = field(default=False, repr=False)
 
     @property
     def simulated(self) -> bool:
-        """Whether a simulation stands behind the devices."""
+        """Whether time is not the computer's: a simulation or a recording stands behind."""
         return self.world is not None
 
     def close(self) -> None:
@@ -126,6 +127,17 @@ def open_cell(workcell: Workcell, seed: int = 0, clock: Clock | None = None) -> 
         _close_all(opened[::-1])
         raise
     return Cell(workcell, robot, T_world_base, clock, arm, tuple(cameras), static)
+
+
+def simulated_world(cell: Cell) -> SimulatedWorld:
+    """The simulation behind a cell: for experiments and their scoring, never for a capability.
+
+    Raises:
+        UsageError: the cell is real or recorded.
+    """
+    if not isinstance(cell.world, SimulatedWorld):
+        raise UsageError(f"{cell.workcell.name}: only a simulated cell has a truth to score by")
+    return cell.world
 
 
 def robot_in(workcell: Workcell) -> Robot:

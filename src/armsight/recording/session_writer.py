@@ -15,15 +15,15 @@ from armsight.arrays import JointPath, Pose
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
-from armsight.robots.kinematics import link_poses, tip_pose
-from armsight.runtime import messages
-from armsight.runtime.changes import Changes
-from armsight.runtime.description import CellDescription, to_metadata
-from armsight.runtime.markers import encode_looks, encode_movers, encode_solids
-from armsight.runtime.mcap_file import McapWriter
-from armsight.runtime.messages import to_ns
-from armsight.runtime.robot_description import robot_description
-from armsight.runtime.status_messages import guard_to_status, health_to_statuses
+from armsight.recording import messages
+from armsight.recording.changes import Changes
+from armsight.recording.description import CellDescription, to_metadata
+from armsight.recording.markers import encode_looks, encode_movers, encode_solids
+from armsight.recording.mcap_file import McapWriter
+from armsight.recording.messages import to_ns
+from armsight.recording.robot_description import robot_description
+from armsight.recording.status_messages import guard_to_status, health_to_statuses
+from armsight.robots.kinematics import link_poses, tcp_pose
 from armsight.runtime.view import SessionView
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ class Scribe:
         data = messages.encode_trajectory(way, robot.joint_names, now)
         self._write(topic, messages.TRAJECTORY, data, now, now)
         few = way[:: 1 + len(way) // TIP_POINTS]
-        tips = np.array([tip_pose(robot, q)[:3, 3] for q in few]).reshape(-1, 3)
+        tips = np.array([tcp_pose(robot, q)[:3, 3] for q in few]).reshape(-1, 3)
         data = messages.encode_path(tips, now, "base")
         self._write(f"{topic}_tip", messages.PATH, data, now, now)
 
@@ -203,7 +203,7 @@ class Scribe:
         if "flange" not in robot.link_names:
             tree.append((robot.link_names[-1], "flange", robot.T_last_flange))
         if robot.tool is not None:
-            tree.append(("flange", "tool_tip", robot.tool.T_flange_tip))
+            tree.append(("flange", "tcp", robot.tool.T_flange_tcp))
         for info in self._infos.values():
             tree.append((info.mounted_on, depth_frame(info.name), info.T_mount_camera))
             if info.color is not None:

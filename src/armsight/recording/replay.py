@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -13,21 +13,21 @@ import tomlkit
 from armsight.arrays import ColorImage, JointPath
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
+from armsight.devices.world import MovingSurfaces
 from armsight.errors import ArmsightError, RecordingError
 from armsight.geometry.shapes import Surface
+from armsight.recording import messages
+from armsight.recording.description import CellDescription
+from armsight.recording.layout import FrameTree, Layout, layout_of
+from armsight.recording.markers import decode_looks, decode_movers
+from armsight.recording.mcap_file import McapReader
+from armsight.recording.messages import NANOSECONDS, to_seconds
+from armsight.recording.no_robot import NAME as NO_ROBOT
+from armsight.recording.no_robot import no_robot
+from armsight.recording.playback import Delivery, Moved, Playback, Source
+from armsight.recording.status_messages import GUARD, guard_from_status
 from armsight.robots import load_robot, load_tool
 from armsight.robots.robot import Robot
-from armsight.runtime import messages
-from armsight.runtime.description import CellDescription
-from armsight.runtime.layout import FrameTree, Layout, layout_of
-from armsight.runtime.markers import decode_looks, decode_movers
-from armsight.runtime.mcap_file import McapReader
-from armsight.runtime.messages import NANOSECONDS, to_seconds
-from armsight.runtime.no_robot import NAME as NO_ROBOT
-from armsight.runtime.no_robot import no_robot
-from armsight.runtime.playback import Delivery, Moved, Playback, Source
-from armsight.runtime.status_messages import GUARD, guard_from_status
-from armsight.runtime.view import Body
 from armsight.workcell import Cell, Workcell, parse_workcell, robot_in
 
 LATE_START = 60 * NANOSECONDS
@@ -37,8 +37,7 @@ LATE_START = 60 * NANOSECONDS
 def open_recording(path: str | Path) -> Cell:
     """Open an MCAP recording; its cameras and arm replay, and ignore what they are told.
 
-    The cell's ``world`` is a :class:`~armsight.runtime.playback.Playback`; its ``note`` says where
-    a recording was cut short.
+    The cell's ``world`` is a :class:`.Playback`; its ``note`` says where a recording was cut short.
 
     Raises:
         RecordingError: it cannot be read, or holds no depth images whose camera is known.
@@ -70,7 +69,7 @@ def recorded_cell(
         arm,
         cameras,
         description.static,
-        cast(Any, playback),
+        playback,
     )
 
 
@@ -196,7 +195,7 @@ class _Decoder:
         people = []
         for _, parent, child, T in messages.decode_transforms(message):
             if child in self._looks:
-                people.append(Body(child, self._looks[child], T))
+                people.append(MovingSurfaces(child, self._looks[child], T))
                 continue
             self._tree.set(parent, child, T)
             if not fixed:

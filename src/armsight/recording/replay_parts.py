@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from armsight.devices.data import JointState
+from armsight.errors import UsageError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
 from armsight.motion.guard import GuardDecision
 from armsight.motion.plan import Plan
+from armsight.recording.playback import Playback
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.configure import mapping_config
-from armsight.runtime.playback import Playback
+from armsight.runtime.parts import Parts
 
 if TYPE_CHECKING:
-    from armsight.runtime.parts import Parts
     from armsight.workcell import Cell
 
 HOLD_AFTER = 0.06
@@ -76,10 +77,15 @@ class NoPlanner:
         return Plan(request.sequence, none, None, np.inf, snapshot.sequence, 0.0, 0.0, words)
 
 
-def replay_parts(cell: Cell, config: SessionConfig, playback: Playback) -> Parts:
-    """The parts of a session on a recording."""
-    from armsight.runtime.parts import Parts
+def replay_parts(cell: Cell, config: SessionConfig) -> Parts:
+    """The parts of a session on a recording: ``Session(cell, None, make=replay_parts)``.
 
+    Raises:
+        UsageError: the cell is no recording.
+    """
+    playback = cell.world
+    if not isinstance(playback, Playback):
+        raise UsageError(f"{cell.workcell.name} is no recording; open one with open_recording")
     infos = [camera.info for camera in cell.cameras]
     mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
     workspace = WorkspaceMap(cell.robot, infos, cell.static, mapping)
@@ -114,7 +120,7 @@ class HoldAtEnd:
     def update(self, now: float) -> None:
         """Look whether it is time."""
         session = self._session
-        playback: Any = None if session is None else session.cell.world
+        playback = None if session is None else session.cell.world
         if session is None or not isinstance(playback, Playback):
             return
         end = playback.finished and now >= playback.last + HOLD_AFTER

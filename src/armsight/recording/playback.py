@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from armsight.arrays import Vector3
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
+from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
 from armsight.motion.data import GuardStatus
-from armsight.runtime.messages import to_ns, to_seconds
-from armsight.runtime.view import Body, Mover
+from armsight.recording.messages import to_ns, to_seconds
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class Moved:
         movers: rough solids; bodies: people in detail.
     """
 
-    movers: tuple[Mover, ...] | None = None
-    bodies: tuple[Body, ...] | None = None
+    movers: tuple[MovingSolid, ...] | None = None
+    bodies: tuple[MovingSurfaces, ...] | None = None
 
 
 Item = RgbdFrame | JointState | GuardStatus | Moved
@@ -90,8 +90,8 @@ class Playback:
         self.note = source.note
         self.last = source.span[0]
         self._cameras: Mapping[str, RecordedCamera] = {c.info.name: c for c in cameras}
-        self._movers: tuple[Mover, ...] = ()
-        self._bodies: tuple[Body, ...] = ()
+        self._movers: tuple[MovingSolid, ...] = ()
+        self._bodies: tuple[MovingSurfaces, ...] = ()
         self._rest = source.deliveries()
         self._next = next(self._rest, None)
 
@@ -124,11 +124,11 @@ class Playback:
             camera.deliver(None)
         self.clock.set(self.source.span[0])
 
-    def movers(self) -> tuple[Mover, ...]:
+    def movers(self) -> tuple[MovingSolid, ...]:
         """People and things that moved, as the recording's simulation knew them."""
         return self._movers
 
-    def bodies(self) -> tuple[Body, ...]:
+    def bodies(self) -> tuple[MovingSurfaces, ...]:
         """What people looked like, as the recording's simulation knew it."""
         return self._bodies
 

@@ -14,9 +14,9 @@ from recorded_cells import camera_info, make_joints, make_movers, make_status
 from armsight.devices.data import JointState
 from armsight.errors import RecordingError
 from armsight.geometry.pose import from_rpy
-from armsight.runtime import messages
-from armsight.runtime.markers import decode_movers, encode_movers, encode_solids
-from armsight.runtime.status_messages import GUARD, guard_from_status, guard_to_status
+from armsight.recording import messages
+from armsight.recording.markers import decode_movers, encode_movers, encode_solids
+from armsight.recording.status_messages import GUARD, guard_from_status, guard_to_status
 
 
 class Cdr:

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Protocol
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.errors import RecordingError
-from armsight.runtime.byte_queue import ByteQueue
-from armsight.runtime.changes import Changes
-from armsight.runtime.mcap_file import McapWriter
-from armsight.runtime.scribe import Scribe
+from armsight.recording.byte_queue import ByteQueue
+from armsight.recording.changes import Changes
+from armsight.recording.mcap_file import McapWriter
+from armsight.recording.session_writer import Scribe
 from armsight.runtime.view import SessionView
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ FLUSH_SECONDS = 1.0
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-class Watched(Protocol):
+class RecordedSession(Protocol):
     """What the recorder needs of a session."""
 
     def view(self) -> SessionView:
@@ -107,7 +107,7 @@ class Recorder:
         """The file's name once it is closed."""
         return self._writer.path
 
-    def attach(self, session: Watched) -> None:
+    def attach(self, session: RecordedSession) -> None:
         """Watch a session; its sensing calls :meth:`on_joints` and :meth:`on_frame`."""
         self._view = session.view
 

@@ -21,18 +21,20 @@ from recorded_cells import (
 from rosbags.highlevel import AnyReader
 
 from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import RecordingError
 from armsight.geometry.shapes import Surface
-from armsight.runtime.mcap_file import McapWriter
-from armsight.runtime.messages import TRANSFORMS
-from armsight.runtime.recording import Recorder
-from armsight.runtime.replay import open_recording
-from armsight.runtime.view import Body, Mover
+from armsight.recording.mcap_file import McapWriter
+from armsight.recording.messages import TRANSFORMS
+from armsight.recording.recorder import Recorder
+from armsight.recording.replay import open_recording
 
 SEED = 3
 
 
-def record(path: Path, rounds: int = 20) -> tuple[list[RgbdFrame], list[JointState], list[Mover]]:
+def record(
+    path: Path, rounds: int = 20
+) -> tuple[list[RgbdFrame], list[JointState], list[MovingSolid]]:
     """A made-up session of 20 rounds at 20 Hz."""
     rng = np.random.default_rng(SEED)
     cell = make_cell()
@@ -60,7 +62,9 @@ def record(path: Path, rounds: int = 20) -> tuple[list[RgbdFrame], list[JointSta
     return frames, states, movers
 
 
-def play(path: Path, rounds: int = 20) -> tuple[list[RgbdFrame], list[JointState], list[Mover]]:
+def play(
+    path: Path, rounds: int = 20
+) -> tuple[list[RgbdFrame], list[JointState], list[MovingSolid]]:
     frames, states, movers = [], [], []
     with open_recording(path) as cell:
         assert cell.world is not None
@@ -332,12 +336,12 @@ def test_people_come_back_as_they_looked(tmp_path: Path) -> None:
     recorder.attach(session)
     poses = [m.T_world_solid for m in make_movers(rng)]
     rough = tuple(
-        Mover(name, m.solid, m.T_world_solid)
+        MovingSolid(name, m.solid, m.T_world_solid)
         for name, m in zip(("helper/hand/0", "helper/hand/1", "ball"), make_movers(rng))
     )
     for i, pose in enumerate(poses):
         session.shown = empty_view(
-            0.2 * i, movers=rough, bodies=(Body("helper/hand", looks, pose),)
+            0.2 * i, movers=rough, bodies=(MovingSurfaces("helper/hand", looks, pose),)
         )
         recorder.update(0.2 * i)
     recorder.close()

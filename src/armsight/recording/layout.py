@@ -13,11 +13,11 @@ from armsight.devices.data import DepthNoise, RgbdCameraInfo
 from armsight.errors import RecordingError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse
-from armsight.runtime import messages
-from armsight.runtime.description import CellDescription, from_metadata
-from armsight.runtime.mcap_file import McapReader
-from armsight.runtime.no_robot import NAME as NO_ROBOT
-from armsight.runtime.scribe import depth_frame, depth_topic
+from armsight.recording import messages
+from armsight.recording.description import CellDescription, from_metadata
+from armsight.recording.mcap_file import McapReader
+from armsight.recording.no_robot import NAME as NO_ROBOT
+from armsight.recording.session_writer import depth_frame, depth_topic
 
 LOOK = 400
 """Messages of a foreign recording that are looked at to learn what is in it."""

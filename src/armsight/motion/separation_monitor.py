@@ -11,7 +11,7 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
 from armsight.motion.guard_config import ContactZone, GuardConfig
 from armsight.motion.guard_kernels import Law, in_reach, project, protective, stop_path
-from armsight.motion.nearest import Hazards, MovingBody, View
+from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.robots.kernels import chain_poses, jacobian
 from armsight.robots.robot import Robot
 
@@ -23,7 +23,7 @@ PIECES = 4
 """Looks at a stop in its course."""
 
 
-class Gate:
+class SeparationMonitor:
     """Applies separation to motions of one robot, in two ways.
 
     :meth:`judge` says how much of a motion is allowed, by the closed form and with the longest
@@ -49,11 +49,11 @@ class Gate:
         """Numbers of the law in use."""
         return self._law
 
-    def judge(self, q: JointVector, motion: JointVector, hazards: Hazards) -> View:
+    def judge(self, q: JointVector, motion: JointVector, hazards: Hazards) -> SeparationView:
         """What is allowed of a motion (n,) [rad/s] that begins to act at (n,) [rad]."""
         return self._view(q, motion, hazards, self._law)
 
-    def at_rest(self, q: JointVector, hazards: Hazards) -> View:
+    def at_rest(self, q: JointVector, hazards: Hazards) -> SeparationView:
         """How far hazards are from the body at (n,) [rad]; nothing moves, so nothing is limited."""
         return self.body.view(q, np.zeros(len(q)), hazards, self._law)
 
@@ -89,7 +89,7 @@ class Gate:
             rest &= ~inside
         return free(rest, hazards)
 
-    def protective_distance(self, view: View, state: ArmState, hazards: Hazards) -> float:
+    def protective_distance(self, view: SeparationView, state: ArmState, hazards: Hazards) -> float:
         """S_p of the part nearest to a hazard at the arm's present velocity [m]; 0 without one."""
         sphere = view.closest
         if view.nearest[sphere] < 0:
@@ -131,7 +131,9 @@ class Gate:
             return wanted
         return np.asarray(project(np.asarray(wanted, float), np.array(rows), np.array(bounds), 50))
 
-    def away(self, view: View, q: JointVector, hazards: Hazards, speed: float) -> JointVector:
+    def away(
+        self, view: SeparationView, q: JointVector, hazards: Hazards, speed: float
+    ) -> JointVector:
         """(n,) joint velocity that moves the nearest part away from its hazard at a speed [m/s]."""
         sphere = view.closest
         hazard = hazards.blocks.points[view.nearest[sphere]].astype(float)
@@ -144,14 +146,16 @@ class Gate:
         damped = J @ J.T + 0.01 * np.eye(3)
         return np.asarray(J.T @ np.linalg.solve(damped, speed * inverted))
 
-    def _view(self, q: JointVector, motion: JointVector, hazards: Hazards, law: Law) -> View:
+    def _view(
+        self, q: JointVector, motion: JointVector, hazards: Hazards, law: Law
+    ) -> SeparationView:
         if not self._config.zones:
             return self.body.view(q, motion, hazards, law)
         return self._view_in_zones(q, motion, hazards, law)
 
     def _view_in_zones(
         self, q: JointVector, motion: JointVector, hazards: Hazards, law: Law
-    ) -> View:
+    ) -> SeparationView:
         """Tool inside a declared zone: hazards inside it do not count, the zone's speed does."""
         view = self.body.view(q, motion, hazards, law)
         inside = {zone: self._inside(zone, view.center) for zone in self._config.zones}
@@ -166,7 +170,9 @@ class Gate:
                 share[parts] = np.minimum(rest.share[parts], zone.speed / speed)
             distance[parts] = rest.distance[parts]
             limiting[parts], nearest[parts] = -1, -1
-        return View(view.center, view.velocity, view.stopping, distance, nearest, share, limiting)
+        return SeparationView(
+            view.center, view.velocity, view.stopping, distance, nearest, share, limiting
+        )
 
     def _inside(self, zone: ContactZone, center: Points) -> Mask:
         """(m,) bool: parts of the tool that are inside a zone."""

@@ -19,7 +19,7 @@ BACKLOG = 16
 """Exposures that may wait; then the loop waits for the oldest."""
 
 
-class Darkroom:
+class RenderThread:
     """Develops exposures in order.
 
     Attributes:
@@ -28,7 +28,7 @@ class Darkroom:
 
     def __init__(self, renderer: Renderer, threaded: bool = True) -> None:
         self.renderer = renderer
-        self._pool = ThreadPoolExecutor(1, "darkroom") if threaded else None
+        self._pool = ThreadPoolExecutor(1, "armsight-render") if threaded else None
         self._waiting: list[Future[object]] = []
 
     def submit(self, develop: Callable[[], Result]) -> Future[Result]:

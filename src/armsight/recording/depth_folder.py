@@ -18,12 +18,12 @@ from armsight.arrays import DepthImage, Points, Pose
 from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo, RgbdFrame
 from armsight.errors import RecordingError
 from armsight.geometry.camera import PinholeCamera
-from armsight.runtime.description import CellDescription
-from armsight.runtime.no_robot import NAME as NO_ROBOT
-from armsight.runtime.no_robot import no_robot
-from armsight.runtime.playback import Delivery, Source
-from armsight.runtime.replay import bare_workcell, recorded_cell
-from armsight.runtime.upright import upright
+from armsight.recording.description import CellDescription
+from armsight.recording.gravity_alignment import upright
+from armsight.recording.no_robot import NAME as NO_ROBOT
+from armsight.recording.no_robot import no_robot
+from armsight.recording.playback import Delivery, Source
+from armsight.recording.replay import bare_workcell, recorded_cell
 from armsight.workcell import Cell
 
 CAMERA = "camera"

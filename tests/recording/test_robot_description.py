@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from armsight.geometry.pose import from_rpy
+from armsight.recording.no_robot import no_robot
+from armsight.recording.robot_description import robot_description
 from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot, load_tool
-from armsight.robots.kinematics import flange_pose, tip_pose
-from armsight.runtime.no_robot import no_robot
-from armsight.runtime.robot_description import robot_description
+from armsight.robots.kinematics import flange_pose, tcp_pose
 
 
 def chain(urdf: str, q: dict[str, float], leaf: str) -> np.ndarray:
@@ -45,7 +45,7 @@ def test_kinematics_survive(name: str) -> None:
         q = rng.uniform(robot.limits.lower, robot.limits.upper)
         angles = dict(zip(robot.joint_names, q))
         np.testing.assert_allclose(chain(urdf, angles, "flange"), flange_pose(robot, q), atol=1e-9)
-        np.testing.assert_allclose(chain(urdf, angles, "tool_tip"), tip_pose(robot, q), atol=1e-9)
+        np.testing.assert_allclose(chain(urdf, angles, "tcp"), tcp_pose(robot, q), atol=1e-9)
 
 
 def test_every_link_has_a_body_and_limits_are_told() -> None:

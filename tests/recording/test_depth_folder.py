@@ -16,9 +16,10 @@ from armsight.errors import RecordingError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, look_at, make_pose, transform
 from armsight.mapping.snapshot import FREE, OCCUPIED
-from armsight.runtime.depth_folder import open_depth_folder
+from armsight.recording.depth_folder import open_depth_folder
+from armsight.recording.gravity_alignment import upright
+from armsight.recording.replay_parts import replay_parts
 from armsight.runtime.session import Session
-from armsight.runtime.upright import upright
 
 LENS = PinholeCamera(160, 120, 150.0, 150.0, 80.0, 60.0)
 BOX = (np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.4]))
@@ -99,7 +100,7 @@ def test_the_map_holds_what_was_scanned(tmp_path: Path) -> None:
     with open_depth_folder(tmp_path / "scan", voxel=0.04) as cell:
         first = cell.cameras[0].info.T_mount_camera
         T = first @ inverse(look_at([1.4, 0.0, 0.9], [0.0, 0.0, 0.1]))
-        session = Session(cell, None)
+        session = Session(cell, None, make=replay_parts)
         session.run(cell.world.duration)
         snapshot = session.view().snapshot
     assert snapshot is not None
@@ -191,7 +192,7 @@ def test_the_real_kitchen_becomes_a_map(shared_data: Path) -> None:
         pytest.skip("no motion/depth_kitchen in ../shared/data")
     with open_depth_folder(folder, voxel=0.04) as cell:
         assert cell.cameras[0].info.depth.fx == 585.0
-        session = Session(cell, None)
+        session = Session(cell, None, make=replay_parts)
         session.run(cell.world.duration)
         snapshot = session.view().snapshot
     assert snapshot is not None

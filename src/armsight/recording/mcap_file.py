@@ -37,7 +37,7 @@ from mcap.writer import Writer
 
 from armsight import __version__
 from armsight.errors import RecordingError
-from armsight.runtime.messages import definition
+from armsight.recording.messages import definition
 
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_BYTES = 4 * 1024 * 1024

@@ -19,8 +19,8 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from armsight.errors import RecordingError
-from armsight.runtime import mcap_file, messages
-from armsight.runtime.mcap_file import McapReader, McapWriter, scan, seal
+from armsight.recording import mcap_file, messages
+from armsight.recording.mcap_file import McapReader, McapWriter, scan, seal
 
 
 def write(path: Path, count: int = 60, size: int = 300, close: bool = True) -> Path:
@@ -149,8 +149,8 @@ def test_a_killed_writer_leaves_what_it_flushed(tmp_path: Path) -> None:
         """
         import sys, time
         from pathlib import Path
-        from armsight.runtime import messages
-        from armsight.runtime.mcap_file import McapWriter
+        from armsight.recording import messages
+        from armsight.recording.mcap_file import McapWriter
         writer = McapWriter(Path(sys.argv[1]))
         for i in range(100000):
             data = messages.encode_string(str(i))
@@ -186,8 +186,8 @@ def test_a_full_disk_leaves_a_whole_file(tmp_path: Path) -> None:
         """
         import resource, sys, random
         from pathlib import Path
-        from armsight.runtime import messages
-        from armsight.runtime.mcap_file import McapWriter
+        from armsight.recording import messages
+        from armsight.recording.mcap_file import McapWriter
         limit = int(sys.argv[2])
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
         writer = McapWriter(Path(sys.argv[1]))

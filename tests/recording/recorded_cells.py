@@ -8,13 +8,14 @@ import numpy as np
 
 from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
+from armsight.devices.world import MovingSolid
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, look_at
 from armsight.geometry.shapes import Solid
 from armsight.motion.data import GuardMode, GuardStatus
+from armsight.recording.replay import bare_workcell
 from armsight.robots import load_robot
-from armsight.runtime.replay import bare_workcell
-from armsight.runtime.view import ComponentHealth, Mover, SessionView
+from armsight.runtime.view import ComponentHealth, SessionView
 from armsight.workcell import Cell
 
 CELL_FILE = """\
@@ -122,10 +123,10 @@ def make_joints(stamp: float, n: int, rng: np.random.Generator) -> JointState:
     return JointState(stamp, rng.normal(size=n), rng.normal(size=n), rng.normal(size=n))
 
 
-def make_movers(rng: np.random.Generator) -> tuple[Mover, ...]:
+def make_movers(rng: np.random.Generator) -> tuple[MovingSolid, ...]:
     kinds = (("box", (0.1, 0.2, 0.3)), ("cylinder", (0.05, 0.4, 0.0)), ("sphere", (0.12, 0.0, 0.0)))
     movers = []
     for i, (kind, size) in enumerate(kinds):
         pose = from_rpy(rng.normal(size=3), rng.normal(size=3))
-        movers.append(Mover(f"part{i}", Solid(f"part{i}", kind, size, pose), pose))  # type: ignore[arg-type]
+        movers.append(MovingSolid(f"part{i}", Solid(f"part{i}", kind, size, pose), pose))  # type: ignore[arg-type]
     return tuple(movers)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.geometry.shapes import ShapeKind, Solid, Surface
-from armsight.runtime.messages import (
+from armsight.recording.messages import (
     MARKERS,
     encode,
     header,
@@ -17,7 +18,6 @@ from armsight.runtime.messages import (
     pose_message,
     pose_of,
 )
-from armsight.runtime.view import Body, Mover
 
 _TYPES: dict[ShapeKind, int] = {"box": 1, "sphere": 2, "cylinder": 3}
 _KINDS: dict[int, ShapeKind] = {number: kind for kind, number in _TYPES.items()}
@@ -32,7 +32,7 @@ def encode_solids(solids: Sequence[Solid], stamp: float, frame: str, opacity: fl
     return encode(make(MARKERS, markers=markers))
 
 
-def encode_movers(movers: Sequence[Mover], stamp: float, *, fresh: bool) -> bytes:
+def encode_movers(movers: Sequence[MovingSolid], stamp: float, *, fresh: bool) -> bytes:
     """MarkerArray of movers in ``world``; ``fresh`` clears those that are gone."""
     markers = [
         _solid(i, mover.solid, mover.T_world_solid, stamp, "world", 1.0, mover.name)
@@ -43,7 +43,7 @@ def encode_movers(movers: Sequence[Mover], stamp: float, *, fresh: bool) -> byte
     return encode(make(MARKERS, markers=markers))
 
 
-def encode_looks(bodies: Sequence[Body], stamp: float) -> bytes:
+def encode_looks(bodies: Sequence[MovingSurfaces], stamp: float) -> bytes:
     """MarkerArray of triangles: each surface in the frame of its body, which ``/tf`` moves."""
     markers: list[Any] = []
     for body in bodies:
@@ -78,7 +78,7 @@ def decode_looks(message: Any) -> dict[str, tuple[Surface, ...]]:
     return looks
 
 
-def decode_movers(message: Any) -> tuple[Mover, ...]:
+def decode_movers(message: Any) -> tuple[MovingSolid, ...]:
     """The movers of a MarkerArray."""
     movers = []
     for marker in message.markers:
@@ -93,7 +93,7 @@ def decode_movers(message: Any) -> tuple[Mover, ...]:
         }[kind]
         color = (float(marker.color.r), float(marker.color.g), float(marker.color.b))
         pose = pose_of(marker.pose)
-        movers.append(Mover(marker.text, Solid(marker.text, kind, size, pose, color), pose))
+        movers.append(MovingSolid(marker.text, Solid(marker.text, kind, size, pose, color), pose))
     return tuple(movers)
 
 

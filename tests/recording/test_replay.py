@@ -14,12 +14,12 @@ from armsight.geometry.pose import inverse, look_at, make_pose
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.snapshot import OCCUPIED
 from armsight.motion.data import GuardMode
-from armsight.runtime import messages
+from armsight.recording import messages
+from armsight.recording.mcap_file import McapWriter
+from armsight.recording.recorder import Recorder
+from armsight.recording.replay import open_recording
+from armsight.recording.replay_parts import HoldAtEnd, replay_parts
 from armsight.runtime.config import SessionConfig
-from armsight.runtime.mcap_file import McapWriter
-from armsight.runtime.recording import Recorder
-from armsight.runtime.replay import open_recording
-from armsight.runtime.replay_parts import HoldAtEnd
 from armsight.runtime.session import Session
 from armsight.runtime.view import SessionView
 from armsight.workcell import Cell
@@ -76,7 +76,7 @@ def walls(path: Path, rounds: int = 8) -> None:
 
 def run(cell: Cell, seconds: float) -> dict[int, object]:
     watcher = Watcher()
-    session = Session(cell, None, observers=[watcher], config=SMALL)
+    session = Session(cell, None, make=replay_parts, observers=[watcher], config=SMALL)
     session.run(seconds)
     return watcher.seen
 
@@ -105,7 +105,9 @@ def test_a_recorded_replay_replays_the_same(tmp_path: Path) -> None:
     with open_recording(tmp_path / "a.mcap") as cell:
         recorder = Recorder(tmp_path / "b.mcap", cell)
         watcher = Watcher()
-        session = Session(cell, None, observers=[recorder, watcher], config=SMALL)
+        session = Session(
+            cell, None, make=replay_parts, observers=[recorder, watcher], config=SMALL
+        )
         session.run(0.9)
         recorder.close()
         deliveries = list(cell.world.source.deliveries())
@@ -137,7 +139,7 @@ def test_simulated_and_replayed_maps_agree(tmp_path: Path, gl: str) -> None:
         status = session.view().guard
     with open_recording(tmp_path / "a.mcap") as cell:
         assert cell.workcell.name == "ur5_four_cameras"
-        session = Session(cell, None, observers=[played])
+        session = Session(cell, None, make=replay_parts, observers=[played])
         session.run(0.5)
         view = session.view()
     assert live.seen.keys() == played.seen.keys()
@@ -158,7 +160,7 @@ def test_the_page_holds_at_the_end(tmp_path: Path) -> None:
     walls(tmp_path / "a.mcap", 3)
     with open_recording(tmp_path / "a.mcap") as cell:
         hold = HoldAtEnd()
-        session = Session(cell, None, observers=[hold], config=SMALL)
+        session = Session(cell, None, make=replay_parts, observers=[hold], config=SMALL)
         paused: list[float] = []
         pause = session.pause
 

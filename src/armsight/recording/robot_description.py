@@ -49,7 +49,7 @@ def robot_description(robot: Robot) -> str:
         )
     _fixed(root, robot, robot.link_names[-1], "flange", robot.T_last_flange)
     if robot.tool is not None:
-        _fixed(root, robot, "flange", "tool_tip", robot.tool.T_flange_tip)
+        _fixed(root, robot, "flange", "tcp", robot.tool.T_flange_tcp)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")
 

@@ -25,7 +25,7 @@ keep a little more than contact."""
 
 
 @dataclass(frozen=True)
-class DistanceField:
+class LinkDistanceField:
     """How far it is to a body, around it.
 
     Attributes:
@@ -39,14 +39,14 @@ class DistanceField:
     distance: Floats
 
 
-def distance_field(solid: VoxelSolid, far: float) -> DistanceField:
+def distance_field(solid: VoxelSolid, far: float) -> LinkDistanceField:
     """The field of a body up to ``far`` [m] around it."""
     pad = int(np.ceil(far / solid.voxel))
     inside = np.pad(solid.inside, pad)
     # Centres are measured to centres; the body begins half a voxel earlier.
     steps = np.maximum(ndimage.distance_transform_edt(~inside) - 0.5, 0.0)
     distance = (steps * solid.voxel).astype(np.float64)
-    return DistanceField(solid.origin - pad * solid.voxel, solid.voxel, distance)
+    return LinkDistanceField(solid.origin - pad * solid.voxel, solid.voxel, distance)
 
 
 def crowding(
@@ -54,7 +54,7 @@ def crowding(
     own: Floats,
     skin: Points,
     link: int,
-    fields: list[DistanceField | None],
+    fields: list[LinkDistanceField | None],
     path: JointPath,
     T_link_joint: Poses,
     axis: Points,

@@ -1,0 +1,1 @@
+"""Recordings: MCAP with ROS 2 types, replay, folders of posed depth images."""
