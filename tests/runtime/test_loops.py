@@ -9,7 +9,7 @@ import time
 import pytest
 
 from armsight.errors import DeviceError, LoopError
-from armsight.runtime.clocks import WallClock
+from armsight.devices.clock import WallClock
 from armsight.runtime.simulated_loop import SimulatedLoop
 from armsight.runtime.wall_loop import WallLoop
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from armsight.arrays import ColorImage, DepthImage, Floats, JointVector, Pose
 from armsight.geometry.camera import PinholeCamera
@@ -23,6 +24,37 @@ class JointState:
     position: JointVector
     velocity: JointVector
     effort: JointVector | None = None
+
+
+ArmMode = Literal["running", "ready", "off", "protective_stop", "emergency_stop", "fault"]
+"""``running`` obeys commands; ``ready`` could, once somebody starts it; the others cannot."""
+
+
+@dataclass(frozen=True)
+class ArmStatus:
+    """What the arm's own controller says of itself.
+
+    Attributes:
+        stamp: time of the reading [s].
+        mode: see :data:`ArmMode`.
+        speed: share of the commanded speed that the speed slider lets through, 0..1.
+        message: the controller's own words, or empty.
+    """
+
+    stamp: float
+    mode: ArmMode = "running"
+    speed: float = 1.0
+    message: str = ""
+
+    @property
+    def obeys(self) -> bool:
+        """Whether commands move the arm now."""
+        return self.mode == "running" and self.speed > 0.0
+
+    def __str__(self) -> str:
+        words = self.mode.replace("_", " ")
+        words += f", speed slider at {100 * self.speed:.0f} %" if self.speed != 1.0 else ""
+        return f"{words}: {self.message}" if self.message else words
 
 
 @dataclass(frozen=True)
@@ -72,6 +104,23 @@ class Wrench:
 
 
 @dataclass(frozen=True)
+class GripperState:
+    """Opening of a two-finger gripper.
+
+    Attributes:
+        stamp: time of the reading [s].
+        width: between the fingertips [m].
+        moving: whether the fingers move.
+        holding: whether they are held apart by something; None where the gripper does not say.
+    """
+
+    stamp: float
+    width: float
+    moving: bool = False
+    holding: bool | None = None
+
+
+@dataclass(frozen=True)
 class DepthNoise:
     """Random depth error that a consumer may assume: sigma(z) = a + b z + c z^2 [m]."""
 
@@ -100,6 +149,7 @@ class RgbdCameraInfo:
         latency: declared time from exposure to arrival [s].
         range: least and greatest distance [m].
         noise: random depth error.
+        guard: whether its pictures are evidence for the map and the guard.
     """
 
     name: str
@@ -113,3 +163,30 @@ class RgbdCameraInfo:
     latency: float
     range: tuple[float, float]
     noise: DepthNoise
+    guard: bool = True
+
+
+@dataclass(frozen=True)
+class StereoInfo:
+    """What is known of a stereo pair by sheet or calibration, never the simulator's truth.
+
+    Attributes:
+        name: unique in the cell.
+        model: key of the catalogue, or what the driver calls it.
+        left, right: lenses.
+        T_left_right: the right lens in the left lens's frame.
+        mounted_on: ``"base"`` or ``"flange"``.
+        T_mount_camera: the left lens in ``base`` or in ``flange``: the calibration.
+        rate: pairs a second [Hz].
+        latency: declared time from exposure to arrival [s].
+    """
+
+    name: str
+    model: str
+    left: PinholeCamera
+    right: PinholeCamera
+    T_left_right: Pose
+    mounted_on: str
+    T_mount_camera: Pose
+    rate: float
+    latency: float

@@ -19,7 +19,7 @@ from armsight.errors import UsageError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, Task
 from armsight.runtime.channels import Channels
-from armsight.runtime.clocks import WallClock
+from armsight.devices.clock import WallClock
 from armsight.runtime.component import Component
 from armsight.runtime.components import (
     GuardComponent,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from armsight.devices.protocols import Clock
 from armsight.errors import LoopError
-from armsight.runtime.clocks import WallClock
+from armsight.devices.clock import WallClock
 from armsight.runtime.component import Component
 from armsight.runtime.loop import Inbox, do_round, make_meters, short_pauses
 

@@ -29,6 +29,20 @@ class WallClock:
         with self._lock:
             return self._now()
 
+    def at(self, host: float) -> float:
+        """What this clock said, or would have said, when its source said ``host`` [s].
+
+        Readings of devices are dated with the source and told on this clock when they are taken
+        over, so that a pause between the two cannot make them look new.
+        """
+        with self._lock:
+            return self._now() - (self._source() - host)
+
+    @property
+    def source(self) -> Callable[[], float]:
+        """What counts the seconds."""
+        return self._source
+
     def pause(self) -> None:
         """Stand still until :meth:`resume`."""
         with self._lock:

@@ -1,0 +1,290 @@
+"""Cameras behind drivers: what they report and deliver is checked before anybody relies on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import ColorImage, DepthImage
+from armsight.devices.clock import WallClock
+from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
+from armsight.devices.driven_sensor import DrivenSensor
+from armsight.devices.line import DeviceHealth
+from armsight.devices.port import (
+    CameraDriver,
+    CameraReport,
+    CameraSettings,
+    DepthReading,
+    StereoDriver,
+    StereoReading,
+    StereoReport,
+)
+from armsight.errors import DeviceError
+from armsight.geometry.camera import PinholeCamera
+
+SILENT_FRAMES = 10
+"""A camera that misses so many frames in a row is lost."""
+SILENCE = 1.0
+"""But none is lost sooner than after this [s]."""
+
+
+class DrivenCamera:
+    """Implements :class:`armsight.devices.protocols.RgbdCamera` over a driver of the port."""
+
+    def __init__(
+        self,
+        settings: CameraSettings,
+        opener: Callable[[CameraSettings], CameraDriver],
+        describe: Callable[[CameraReport], RgbdCameraInfo],
+        clock: WallClock,
+    ) -> None:
+        """Open the camera.
+
+        Args:
+            settings: for the driver.
+            opener: the driver's class.
+            describe: what the cell makes of the driver's report: its place, its calibration.
+            clock: the cell's.
+
+        Raises:
+            DeviceError: it cannot be opened, or reports something that cannot be.
+        """
+        self._label = settings.name
+        self.name = f"camera '{settings.name}'"
+        self._wanted = self._told = False
+        self._sequence = -1
+        self._report: CameraReport | None = None
+        self._sensor: DrivenSensor[DepthReading, RgbdFrame] = DrivenSensor(
+            self.name,
+            lambda: opener(settings),
+            self._accept,
+            self._frame,
+            clock,
+            before=self._pass_on_color,
+        )
+        self._info = describe(self._known())
+        self._sensor.line.set_silence(max(SILENCE, SILENT_FRAMES / self._info.rate))
+
+    @property
+    def info(self) -> RgbdCameraInfo:
+        """What is known of it."""
+        return self._info
+
+    def read(self) -> RgbdFrame | None:
+        """The newest frame that has arrived since the last call, or None.
+
+        Raises:
+            DeviceError: the camera is lost; it is being opened again.
+        """
+        frame, at = self._sensor.take(), self._sensor.clock.at
+        return frame and replace(frame, stamp=at(frame.stamp), arrival=at(frame.arrival))
+
+    def want_color(self, wanted: bool) -> None:
+        """Ask for colour or spare it; the device's thread passes it on."""
+        self._wanted = wanted
+
+    def health(self) -> DeviceHealth:
+        """How it is."""
+        return self._sensor.health()
+
+    def close(self) -> None:
+        """Let go of it; may be repeated."""
+        self._sensor.close()
+
+    def _known(self) -> CameraReport:
+        assert self._report is not None
+        return self._report
+
+    def _accept(self, driver: Any) -> float:
+        report: CameraReport = driver.report
+        check_lens(self.name, "depth", report.depth)
+        if report.color is not None:
+            check_lens(self.name, "color", report.color)
+        near, far = report.range
+        if not 0.0 <= near < far < math.inf:
+            raise DeviceError(
+                f"{self.name}: its driver reports a range of {near:g} to {far:g} m, expected two "
+                "growing distances"
+            )
+        check_rate(self.name, report.rate, report.latency)
+        before = self._report
+        if before is not None and (before.depth, before.color) != (report.depth, report.color):
+            raise DeviceError(
+                f"{self.name}: came back with other intrinsics ({report.model}, before "
+                f"{before.model}); if it is another camera, start again and calibrate it"
+            )
+        self._report, self._told = report, False
+        return report.latency
+
+    def _pass_on_color(self, driver: Any) -> None:
+        if self._wanted != self._told:
+            self._told = self._wanted
+            driver.want_color(self._wanted)
+
+    def _frame(self, reading: DepthReading, stamp: float, arrival: float) -> RgbdFrame:
+        report = self._known()
+        depth = clean_depth(self.name, reading.depth, report.depth)
+        color = None
+        if self._wanted and reading.color is not None:
+            if report.color is None:
+                raise DeviceError(f"{self.name}: delivers colour but reports no colour lens")
+            color = checked_color(self.name, "color", reading.color, report.color)
+        self._sequence = counted(self._sequence, reading.sequence)
+        return RgbdFrame(self._label, self._sequence, stamp, arrival, depth, color)
+
+
+class DrivenStereo:
+    """Implements :class:`armsight.devices.protocols.StereoCamera` over a driver of the port."""
+
+    def __init__(
+        self,
+        settings: CameraSettings,
+        opener: Callable[[CameraSettings], StereoDriver],
+        describe: Callable[[StereoReport], StereoInfo],
+        clock: WallClock,
+    ) -> None:
+        """Open the pair; arguments and errors as of :class:`DrivenCamera`."""
+        self._label = settings.name
+        self.name = f"stereo '{settings.name}'"
+        self._wanted = False
+        self._sequence = -1
+        self._report: StereoReport | None = None
+        self._sensor: DrivenSensor[StereoReading, StereoFrame] = DrivenSensor(
+            self.name, lambda: opener(settings), self._accept, self._frame, clock
+        )
+        self._info = describe(self._known())
+        self._sensor.line.set_silence(max(SILENCE, SILENT_FRAMES / self._info.rate))
+
+    @property
+    def info(self) -> StereoInfo:
+        """What is known of it."""
+        return self._info
+
+    def read(self) -> StereoFrame | None:
+        """The newest pair that has arrived since the last call, or None; None while not wanted.
+
+        Raises:
+            DeviceError: the pair is lost; it is being opened again.
+        """
+        frame, at = self._sensor.take(), self._sensor.clock.at
+        if frame is None or not self._wanted:
+            return None
+        return replace(frame, stamp=at(frame.stamp), arrival=at(frame.arrival))
+
+    def want_pictures(self, wanted: bool) -> None:
+        """Ask for pairs or spare them."""
+        self._wanted = wanted
+
+    def health(self) -> DeviceHealth:
+        """How it is."""
+        return self._sensor.health()
+
+    def close(self) -> None:
+        """Let go of it; may be repeated."""
+        self._sensor.close()
+
+    def _known(self) -> StereoReport:
+        assert self._report is not None
+        return self._report
+
+    def _accept(self, driver: Any) -> float:
+        report: StereoReport = driver.report
+        check_lens(self.name, "left", report.left)
+        check_lens(self.name, "right", report.right)
+        check_rate(self.name, report.rate, report.latency)
+        before = self._report
+        if before is not None and (before.left, before.right) != (report.left, report.right):
+            raise DeviceError(
+                f"{self.name}: came back with other intrinsics ({report.model}, before "
+                f"{before.model}); if it is another pair, start again and calibrate it"
+            )
+        self._report = report
+        return report.latency
+
+    def _frame(self, reading: StereoReading, stamp: float, arrival: float) -> StereoFrame:
+        report = self._known()
+        left = checked_color(self.name, "left", reading.left, report.left)
+        right = checked_color(self.name, "right", reading.right, report.right)
+        self._sequence = counted(self._sequence, reading.sequence)
+        return StereoFrame(self._label, self._sequence, stamp, arrival, left, right)
+
+
+def check_lens(name: str, which: str, lens: PinholeCamera) -> None:
+    """Intrinsics that a lens can have.
+
+    Raises:
+        DeviceError: they cannot be.
+    """
+    numbers = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
+    inside = -lens.width < lens.cx < 2 * lens.width and -lens.height < lens.cy < 2 * lens.height
+    if not (
+        min(lens.width, lens.height) > 0
+        and all(math.isfinite(number) for number in numbers)
+        and min(lens.fx, lens.fy) > 1.0
+        and inside
+    ):
+        raise DeviceError(
+            f"{name}: its driver reports a {which} lens of {lens.width}x{lens.height} px with "
+            f"fx {lens.fx:g}, fy {lens.fy:g}, cx {lens.cx:g}, cy {lens.cy:g} px, which cannot be"
+        )
+
+
+def check_rate(name: str, rate: float, latency: float) -> None:
+    """A camera's rate [Hz] and latency [s].
+
+    Raises:
+        DeviceError: they cannot be.
+    """
+    if not 0.0 < rate <= 1000.0 or not 0.0 <= latency <= 2.0:
+        raise DeviceError(
+            f"{name}: its driver reports {rate:g} Hz and a latency of {latency:g} s, expected "
+            "up to 1000 Hz and 2 s"
+        )
+
+
+def clean_depth(name: str, depth: DepthImage, lens: PinholeCamera) -> DepthImage:
+    """A copy of depth [m] in which everything that is no distance is NaN.
+
+    Raises:
+        DeviceError: wrong shape or type, or numbers that look like millimetres.
+    """
+    depth = np.asarray(depth)
+    if depth.shape != (lens.height, lens.width) or depth.dtype != np.float32:
+        raise DeviceError(
+            f"{name}: depth is {depth.dtype} of shape {depth.shape}, expected float32 metres of "
+            f"shape ({lens.height}, {lens.width}) as its lens says"
+        )
+    with np.errstate(invalid="ignore"):
+        clean = np.where((depth > 0.0) & (depth < np.inf), depth, np.float32(np.nan))
+    with np.errstate(all="ignore"):
+        if np.any(clean > 100.0) and np.nanmedian(clean) > 100.0:
+            raise DeviceError(
+                f"{name}: depth has a median of {np.nanmedian(clean):.0f}, expected metres; "
+                "looks like millimetres"
+            )
+    clean.flags.writeable = False
+    return clean
+
+
+def checked_color(name: str, which: str, image: ColorImage, lens: PinholeCamera) -> ColorImage:
+    """A copy of a picture.
+
+    Raises:
+        DeviceError: wrong shape or type.
+    """
+    image = np.asarray(image)
+    if image.shape != (lens.height, lens.width, 3) or image.dtype != np.uint8:
+        raise DeviceError(
+            f"{name}: {which} is {image.dtype} of shape {image.shape}, expected uint8 RGB of "
+            f"shape ({lens.height}, {lens.width}, 3) as its lens says"
+        )
+    return image.copy()
+
+
+def counted(last: int, given: int | None) -> int:
+    """The next sequence number: the device's where it goes on, else one more than the last."""
+    return int(given) if given is not None and given > last else last + 1
