@@ -31,6 +31,10 @@ class DeviceError(ArmsightError):
     """A device is missing, dead, or says something that cannot be."""
 
 
+class DeviceLostError(DeviceError):
+    """A device is lost for good: nobody opens it again, and a run that needs it has to end."""
+
+
 class RecordingError(ArmsightError):
     """A recording cannot be read or written."""
 

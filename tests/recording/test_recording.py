@@ -47,10 +47,10 @@ def record(
         state = make_joints(now - 0.002, 6, rng)
         states.append(state)
         for _ in range(3):
-            recorder.on_joints(state, now)  # sensing looks more often than the arm speaks
+            recorder.on_reading(state, now)  # sensing looks more often than the arm speaks
         for camera in cell.cameras:
             frames.append(make_frame(camera.info, i, now - 0.03, rng))
-            recorder.on_frame(frames[-1], now)
+            recorder.on_reading(frames[-1], now)
         movers.append(make_movers(rng))
         session.shown = empty_view(
             now, joints=state, guard=make_status(now, 6, rng), movers=movers[-1]
@@ -198,7 +198,7 @@ def test_a_posed_frame_keeps_its_pose(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap", cell)
     pose = cell.cameras[0].info.T_mount_camera @ make_movers(rng)[0].T_world_solid
     frame = make_frame(cell.cameras[0].info, 0, 0.0, rng)
-    recorder.on_frame(RgbdFrame(**(vars(frame) | {"T_base_camera": pose})), 0.0)
+    recorder.on_reading(RgbdFrame(**(vars(frame) | {"T_base_camera": pose})), 0.0)
     recorder.close()
     with open_recording(tmp_path / "a.mcap") as again:
         assert again.world is not None
@@ -214,8 +214,8 @@ def test_a_late_clock_is_moved_to_zero(tmp_path: Path) -> None:
     epoch = 1_790_000_000.0
     cell.clock.set(epoch)  # type: ignore[attr-defined]
     recorder = Recorder(tmp_path / "a.mcap", cell)
-    recorder.on_joints(make_joints(epoch + 1.0, 6, rng), epoch + 1.0)
-    recorder.on_frame(make_frame(cell.cameras[0].info, 0, epoch + 1.0, rng), epoch + 1.05)
+    recorder.on_reading(make_joints(epoch + 1.0, 6, rng), epoch + 1.0)
+    recorder.on_reading(make_frame(cell.cameras[0].info, 0, epoch + 1.0, rng), epoch + 1.05)
     recorder.close()
     with open_recording(tmp_path / "a.mcap") as again:
         assert again.world is not None
@@ -254,7 +254,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     monkeypatch.setattr(McapWriter, "flush", lambda self: self._writer.flush())
     for i in range(200):
         now = 0.05 * i
-        recorder.on_frame(make_frame(cell.cameras[0].info, i, now, rng), now)
+        recorder.on_reading(make_frame(cell.cameras[0].info, i, now, rng), now)
         session.shown = empty_view(now)
         recorder.update(now)
         if i % 10 == 9:
@@ -280,10 +280,10 @@ def test_a_slow_disk_drops_and_counts_in_real_time(tmp_path: Path) -> None:
     recorder._put(0, lambda: bool(gate.wait(10.0)), 0.0)
     frames = [make_frame(cell.cameras[1].info, i, 0.1 * i, rng) for i in range(40)]
     for frame in frames:
-        recorder.on_frame(frame, frame.stamp)
+        recorder.on_reading(frame, frame.stamp)
     dropped = recorder.dropped
     assert 0 < dropped < 40
-    assert f"{dropped} frames not recorded" in recorder.problem
+    assert f"{dropped} readings not recorded" in recorder.problem
     gate.set()
     recorder.close()
     with open_recording(tmp_path / "a.mcap") as again:
@@ -296,7 +296,7 @@ def test_a_slow_disk_is_waited_for_under_the_simulated_clock(tmp_path: Path) -> 
     cell = make_cell()
     recorder = Recorder(tmp_path / "a.mcap", cell, waiting_bytes=50_000, wait=True)
     for i in range(100):
-        recorder.on_frame(make_frame(cell.cameras[1].info, i, 0.1 * i, rng), 0.1 * i)
+        recorder.on_reading(make_frame(cell.cameras[1].info, i, 0.1 * i, rng), 0.1 * i)
     recorder.close()
     assert recorder.dropped == 0
     with open_recording(tmp_path / "a.mcap") as again:
@@ -308,7 +308,7 @@ def test_a_bug_in_recording_closes_the_file(tmp_path: Path) -> None:
     cell = make_cell()
     recorder = Recorder(tmp_path / "a.mcap", cell)
     rng = np.random.default_rng(0)
-    recorder.on_frame(make_frame(cell.cameras[0].info, 0, 0.0, rng), 0.0)
+    recorder.on_reading(make_frame(cell.cameras[0].info, 0, 0.0, rng), 0.0)
     recorder._put(0, lambda: 1 // 0, 0.0)
     with pytest.raises(RecordingError, match="recording stopped"):
         recorder.close()
@@ -371,9 +371,9 @@ def test_a_reset_ends_the_recording_in_order(tmp_path: Path) -> None:
     cell = make_cell()
     recorder = Recorder(tmp_path / "a.mcap", cell)
     for i in range(30):
-        recorder.on_joints(make_joints(0.1 * i, 6, rng), 0.1 * i)
-    recorder.on_joints(make_joints(0.0, 6, rng), 0.0)
-    recorder.on_frame(make_frame(cell.cameras[0].info, 0, 0.05, rng), 0.05)
+        recorder.on_reading(make_joints(0.1 * i, 6, rng), 0.1 * i)
+    recorder.on_reading(make_joints(0.0, 6, rng), 0.0)
+    recorder.on_reading(make_frame(cell.cameras[0].info, 0, 0.05, rng), 0.05)
     assert recorder.problem == "recording ended at 2.9 s: the session was reset"
     assert recorder.close() == tmp_path / "a.mcap"
     with open_recording(tmp_path / "a.mcap") as again:

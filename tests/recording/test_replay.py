@@ -64,13 +64,13 @@ def walls(path: Path, rounds: int = 8) -> None:
         now = 0.1 * i
         for k in range(25):
             at = now + 0.004 * k
-            recorder.on_joints(type(make_joints(at, 6, rng))(at, cell.robot.home, np.zeros(6)), at)
+            recorder.on_reading(type(make_joints(at, 6, rng))(at, cell.robot.home, np.zeros(6)), at)
             if k == 10:
                 for info in infos:
                     rays = info.depth.rays
                     ball = np.hypot(rays[..., 0] - 0.02 * i, rays[..., 1]) < 0.1
                     depth = np.where(ball, 1.6, 2.2).astype(np.float32)
-                    recorder.on_frame(RgbdFrame(info.name, i, at - 0.03, at, depth), at)
+                    recorder.on_reading(RgbdFrame(info.name, i, at - 0.03, at, depth), at)
     recorder.close()
 
 
@@ -300,5 +300,5 @@ def test_views_of_other_observers_do_not_disturb(tmp_path: Path) -> None:
     recorder.update(0.0)
     recorder.close()
     recorder.update(1.0)
-    recorder.on_frame(make_frame(cell.cameras[0].info, 0, 1.0, np.random.default_rng(0)), 1.0)
+    recorder.on_reading(make_frame(cell.cameras[0].info, 0, 1.0, np.random.default_rng(0)), 1.0)
     assert recorder.problem == ""

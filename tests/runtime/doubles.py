@@ -39,6 +39,8 @@ class FakeArm:
     def advance(self, dt):
         self.q = self.q + dt * self.v
 
+    status = None
+
     def read(self):
         if self.lost:
             raise DeviceError("arm: no answer; check its cable")
@@ -171,6 +173,9 @@ def make_cell():
         arm=world.arm,
         cameras=world.cameras,
         world=world,
+        sensors=(),
+        mixed=False,
+        show_joints=None,
     )
 
 

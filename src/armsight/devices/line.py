@@ -18,13 +18,13 @@ from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from armsight.devices.clock_map import ClockMap
 from armsight.devices.newest import Newest
-from armsight.errors import ArmsightError, DeviceError
+from armsight.errors import ArmsightError, DeviceError, DeviceLostError
 
 log = logging.getLogger(__name__)
 
 OPEN_SECONDS = 15.0
 """A driver has to open its device in this time [s]: cameras load firmware."""
-STOP_SECONDS = 0.3
+STOP_SECONDS = 0.25
 """A stop or a close has to return in this time [s]."""
 BACKOFF = (0.5, 8.0)
 """A lost device is opened again after this [s], then twice that, up to the second figure."""
@@ -123,6 +123,7 @@ class Line(Generic[Driver, Reading]):
         self._calls: deque[_Call] = deque()
         self._generation = 0
         self._hung: set[int] = set()
+        self._beside: dict[str, threading.Thread] = {}
         self._driver: Driver | None = None
         self._stage: Stage = "opening"
         self._reason = ""
@@ -167,7 +168,7 @@ class Line(Generic[Driver, Reading]):
             self._lose(f"{self.name}: nothing new for {self._silence:g} s", hung=False)
         with self._lock:
             if self._reason:
-                raise DeviceError(self._reason)
+                raise self._error(self._reason)
             if self._stage == "closed":
                 raise DeviceError(f"{self.name} is closed")
 
@@ -187,7 +188,7 @@ class Line(Generic[Driver, Reading]):
             with self._lock:
                 doing = what if self._doing is None else self._doing[0]
             self._lose(f"{self.name}: {doing} has not returned for {seconds:g} s", hung=True)
-            raise DeviceError(self._reason)
+            raise self._error(self._reason)
         if call.error is not None:
             raise call.error
         return call.result
@@ -199,9 +200,12 @@ class Line(Generic[Driver, Reading]):
             DeviceError: it raised, or did not return within :data:`STOP_SECONDS`.
         """
         with self._lock:
-            driver = self._driver
+            driver, before = self._driver, self._beside.get(what)
         if driver is None:
             return
+        hangs = f"{self.name}: {what} has not returned for {STOP_SECONDS:g} s; it is left to itself"
+        if before is not None and before.is_alive():
+            raise DeviceError(hangs)
         errors: list[BaseException] = []
 
         def run() -> None:
@@ -214,9 +218,8 @@ class Line(Generic[Driver, Reading]):
         thread.start()
         thread.join(STOP_SECONDS)
         if thread.is_alive():
-            raise DeviceError(
-                f"{self.name}: {what} has not returned for {STOP_SECONDS:g} s; it is left to itself"
-            )
+            self._beside[what] = thread
+            raise DeviceError(hangs)
         if errors:
             raise DeviceError(_told(self.name, what, errors[0])) from errors[0]
 
@@ -377,7 +380,7 @@ class Line(Generic[Driver, Reading]):
             driver = self._driver
             if self._reopen:
                 self._driver = None
-            self._fail_calls(DeviceError(reason))
+            self._fail_calls(self._error(reason))
         log.warning("%s", reason)
         if self._reopen and driver is not None:
             self._enter(mine, "close()", self._deadline)
@@ -396,7 +399,7 @@ class Line(Generic[Driver, Reading]):
             driver = self._driver
             if self._reopen:
                 self._driver = None
-            self._fail_calls(DeviceError(reason))
+            self._fail_calls(self._error(reason))
             self._lock.notify_all()
             hopeless = len(self._hung) >= ABANDONED
             if hopeless:
@@ -408,6 +411,9 @@ class Line(Generic[Driver, Reading]):
             threading.Thread(target=_quietly_close, args=(self.name, driver), daemon=True).start()
         if not hopeless:
             self._start(BACKOFF[0])
+
+    def _error(self, reason: str) -> DeviceError:
+        return DeviceError(reason) if self._reopen else DeviceLostError(reason)
 
     def _fail_calls(self, error: DeviceError) -> None:
         while self._calls:

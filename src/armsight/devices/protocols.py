@@ -8,7 +8,16 @@ from __future__ import annotations
 from typing import Protocol
 
 from armsight.arrays import JointVector
-from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame, StereoFrame, Wrench
+from armsight.devices.data import (
+    ArmStatus,
+    GripperState,
+    JointState,
+    RgbdCameraInfo,
+    RgbdFrame,
+    StereoFrame,
+    StereoInfo,
+    Wrench,
+)
 
 
 class Clock(Protocol):
@@ -27,11 +36,17 @@ class Arm(Protocol):
         """Names in the URDF's order."""
         ...
 
+    @property
+    def status(self) -> ArmStatus | None:
+        """The controller's newest word on itself; None where it says nothing."""
+        ...
+
     def read(self) -> JointState | None:
         """The newest reading that has arrived, or None before the first.
 
         Raises:
-            DeviceError: the arm is lost.
+            DeviceLostError: the arm is lost for good.
+            DeviceError: it does not answer just now.
         """
         ...
 
@@ -46,7 +61,11 @@ class Arm(Protocol):
         ...
 
     def stop(self) -> None:
-        """Brake as fast as the drives allow and hold. Always works, may be repeated."""
+        """Brake as fast as the drives allow and hold; may be repeated, from any thread.
+
+        Raises:
+            DeviceError: it cannot be told. The arm's own watchdog has to stop it.
+        """
         ...
 
 
@@ -75,30 +94,58 @@ class StereoCamera(Protocol):
     """Two colour lenses side by side."""
 
     @property
-    def info(self) -> RgbdCameraInfo:
-        """What is known of the left lens; ``T_depth_color`` is the right lens in the left."""
+    def info(self) -> StereoInfo:
+        """What is known of it."""
         ...
 
     def read(self) -> StereoFrame | None:
-        """The newest pair that has arrived since the last call, or None."""
+        """The newest pair that has arrived since the last call, or None; None while not wanted.
+
+        Raises:
+            DeviceError: the pair is lost.
+        """
+        ...
+
+    def want_pictures(self, wanted: bool) -> None:
+        """Ask for pairs from now on, or spare them: they cost bandwidth, and simulated ones time.
+
+        None are wanted at first.
+        """
         ...
 
 
 class ForceSensor(Protocol):
-    """Force and torque at the flange."""
+    """Force and torque at the flange, the tool's weight included."""
 
     def read(self) -> Wrench | None:
-        """The newest reading, or None before the first."""
+        """The newest reading that has arrived since the last call, or None.
+
+        Raises:
+            DeviceError: the sensor is lost.
+        """
         ...
 
 
 class Gripper(Protocol):
     """A two-finger gripper."""
 
-    def move(self, width: float) -> None:
-        """Open or close to a width [m]."""
+    @property
+    def opening(self) -> float:
+        """Greatest width [m]."""
         ...
 
-    def width(self) -> float:
-        """Present width [m]."""
+    def move(self, width: float) -> None:
+        """Begin to open or close to a width [m].
+
+        Raises:
+            DeviceError: there is no such width, or the gripper is lost.
+        """
+        ...
+
+    def read(self) -> GripperState | None:
+        """The newest state that has arrived since the last call, or None.
+
+        Raises:
+            DeviceError: the gripper is lost.
+        """
         ...

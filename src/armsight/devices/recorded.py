@@ -5,12 +5,24 @@ A recorded arm cannot be moved: it takes every command and says that it sent non
 
 from __future__ import annotations
 
-import threading
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from armsight.arrays import JointVector
-from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
+from armsight.devices.data import (
+    ArmStatus,
+    GripperState,
+    JointState,
+    RgbdCameraInfo,
+    RgbdFrame,
+    StereoFrame,
+    StereoInfo,
+    Wrench,
+)
+from armsight.devices.newest import Newest
+
+Reading = TypeVar("Reading")
 
 
 class RecordedClock:
@@ -34,6 +46,12 @@ class RecordedArm:
     def __init__(self, joint_names: tuple[str, ...]) -> None:
         self._joint_names = joint_names
         self._state: JointState | None = None
+        self._status: ArmStatus | None = None
+
+    @property
+    def status(self) -> ArmStatus | None:
+        """The controller's word at that time, or None where none was recorded."""
+        return self._status
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -41,8 +59,14 @@ class RecordedArm:
         return self._joint_names
 
     def deliver(self, state: JointState | None) -> None:
-        """A reading arrives; None forgets the last one."""
+        """A reading arrives; None forgets everything."""
         self._state = state
+        if state is None:
+            self._status = None
+
+    def deliver_status(self, status: ArmStatus) -> None:
+        """The controller's word arrives."""
+        self._status = status
 
     def read(self) -> JointState | None:
         """The newest reading that has arrived."""
@@ -56,29 +80,71 @@ class RecordedArm:
         """Nothing moves anyway."""
 
 
-class RecordedCamera:
+class RecordedSensor(Generic[Reading]):
+    """A device whose readings are delivered and read once."""
+
+    def __init__(self) -> None:
+        self._newest: Newest[Reading] = Newest()
+
+    def deliver(self, reading: Reading | None) -> None:
+        """A reading arrives; None forgets one that was not read."""
+        if reading is None:
+            self._newest.clear()
+        else:
+            self._newest.put(reading)
+
+    def read(self) -> Reading | None:
+        """The newest reading that has arrived since the last call, or None."""
+        return self._newest.take()
+
+
+class RecordedCamera(RecordedSensor[RgbdFrame]):
     """A camera that sees what it saw."""
 
     def __init__(self, info: RgbdCameraInfo) -> None:
+        super().__init__()
         self._info = info
-        self._lock = threading.Lock()
-        self._frame: RgbdFrame | None = None
 
     @property
     def info(self) -> RgbdCameraInfo:
         """What was known of it."""
         return self._info
 
-    def deliver(self, frame: RgbdFrame | None) -> None:
-        """A frame arrives; None forgets one that was not read."""
-        with self._lock:
-            self._frame = frame
-
-    def read(self) -> RgbdFrame | None:
-        """The newest frame that has arrived since the last call, or None."""
-        with self._lock:
-            frame, self._frame = self._frame, None
-            return frame
-
     def want_color(self, wanted: bool) -> None:
         """Colour is there or not: the recording cannot be asked."""
+
+
+class RecordedStereo(RecordedSensor[StereoFrame]):
+    """A stereo pair that sees what it saw."""
+
+    def __init__(self, info: StereoInfo) -> None:
+        super().__init__()
+        self._info = info
+
+    @property
+    def info(self) -> StereoInfo:
+        """What was known of it."""
+        return self._info
+
+    def want_pictures(self, wanted: bool) -> None:
+        """Pairs are there or not: the recording cannot be asked."""
+
+
+class RecordedWrench(RecordedSensor[Wrench]):
+    """A force sensor that feels what it felt."""
+
+
+class RecordedGripper(RecordedSensor[GripperState]):
+    """A gripper that moves as it did."""
+
+    def __init__(self, opening: float) -> None:
+        super().__init__()
+        self._opening = opening
+
+    @property
+    def opening(self) -> float:
+        """Greatest width [m]."""
+        return self._opening
+
+    def move(self, width: float) -> None:
+        """Nothing moves: it is a recording."""

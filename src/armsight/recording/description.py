@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Pose
-from armsight.devices.data import DepthNoise, RgbdCameraInfo
+from armsight.devices.data import DepthNoise, RgbdCameraInfo, StereoInfo
 from armsight.errors import RecordingError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.shapes import Solid
@@ -22,6 +22,7 @@ from armsight.geometry.shapes import Solid
 VERSION = "1"
 CELL = "armsight.cell"
 CAMERA = "armsight.camera/"
+STEREO = "armsight.stereo/"
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,9 @@ class CellDescription:
         cameras: what was known of each.
         static: declared solids in ``base``.
         started: wall-clock time of the recording's start, ISO 8601, or empty.
+        stereo: what was known of each stereo pair.
+        wrench: whether there was a force sensor.
+        gripper: greatest width of the gripper [m], or None without one.
     """
 
     robot: str
@@ -44,6 +48,9 @@ class CellDescription:
     cameras: tuple[RgbdCameraInfo, ...]
     static: tuple[Solid, ...]
     started: str = ""
+    stereo: tuple[StereoInfo, ...] = ()
+    wrench: bool = False
+    gripper: float | None = None
 
 
 def to_metadata(description: CellDescription) -> dict[str, dict[str, str]]:
@@ -58,8 +65,22 @@ def to_metadata(description: CellDescription) -> dict[str, dict[str, str]]:
             "cameras": json.dumps([camera.name for camera in description.cameras]),
             "static": json.dumps([_solid_to_dict(solid) for solid in description.static]),
             "started": description.started,
+            "stereo": json.dumps([pair.name for pair in description.stereo]),
+            "wrench": json.dumps(description.wrench),
+            "gripper": json.dumps(description.gripper),
         }
     }
+    for pair in description.stereo:
+        records[STEREO + pair.name] = {
+            "model": pair.model,
+            "left": _lens_to_json(pair.left),
+            "right": _lens_to_json(pair.right),
+            "T_left_right": _json(pair.T_left_right),
+            "mounted_on": pair.mounted_on,
+            "T_mount_camera": _json(pair.T_mount_camera),
+            "rate": repr(float(pair.rate)),
+            "latency": repr(float(pair.latency)),
+        }
     for camera in description.cameras:
         records[CAMERA + camera.name] = {
             "model": camera.model,
@@ -72,6 +93,7 @@ def to_metadata(description: CellDescription) -> dict[str, dict[str, str]]:
             "latency": repr(float(camera.latency)),
             "range": json.dumps([float(value) for value in camera.range]),
             "noise": json.dumps([camera.noise.a, camera.noise.b, camera.noise.c]),
+            "guard": json.dumps(camera.guard),
         }
     return records
 
@@ -100,6 +122,11 @@ def from_metadata(records: Mapping[str, Mapping[str, str]]) -> CellDescription |
             tuple(_camera(name, records[CAMERA + name]) for name in names),
             tuple(_solid_from_dict(solid) for solid in json.loads(cell["static"])),
             cell.get("started", ""),
+            tuple(
+                _pair(name, records[STEREO + name]) for name in json.loads(cell.get("stereo", "[]"))
+            ),
+            bool(json.loads(cell.get("wrench", "false"))),
+            json.loads(cell.get("gripper", "null")),
         )
     except (KeyError, ValueError, TypeError) as error:
         raise RecordingError(
@@ -121,6 +148,21 @@ def _camera(name: str, record: Mapping[str, str]) -> RgbdCameraInfo:
         float(record["latency"]),
         (nearest, farthest),
         DepthNoise(*json.loads(record["noise"])),
+        bool(json.loads(record.get("guard", "true"))),
+    )
+
+
+def _pair(name: str, record: Mapping[str, str]) -> StereoInfo:
+    return StereoInfo(
+        name,
+        record["model"],
+        _lens_from_json(record["left"]),
+        _lens_from_json(record["right"]),
+        _pose(record["T_left_right"]),
+        record["mounted_on"],
+        _pose(record["T_mount_camera"]),
+        float(record["rate"]),
+        float(record["latency"]),
     )
 
 

@@ -17,7 +17,7 @@ from armsight.recording import messages
 from armsight.recording.description import CellDescription, from_metadata
 from armsight.recording.mcap_file import McapReader
 from armsight.recording.no_robot import NAME as NO_ROBOT
-from armsight.recording.session_writer import depth_frame, depth_topic
+from armsight.recording.topics import color_topic, depth_frame, depth_topic, stereo_topic
 
 LOOK = 400
 """Messages of a foreign recording that are looked at to learn what is in it."""
@@ -70,6 +70,7 @@ class Layout:
         base: the frame that poses are wanted in.
         moving: every pose comes from the transforms, not only those that are recorded directly.
         tree: the transforms known at the start.
+        stereo: topic to the name of the pair, and ``left`` or ``right``.
     """
 
     description: CellDescription
@@ -80,6 +81,7 @@ class Layout:
     base: str = "base"
     moving: bool = False
     tree: FrameTree = field(default_factory=FrameTree)
+    stereo: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
 def layout_of(reader: McapReader) -> Layout:
@@ -95,9 +97,14 @@ def layout_of(reader: McapReader) -> Layout:
     return Layout(
         description,
         {depth_topic(info): info.name for info in cameras},
-        {f"/{info.name}/color/image_raw": info.name for info in cameras},
+        {color_topic(info.name): info.name for info in cameras},
         "/joint_states",
         {info.name: depth_frame(info.name) for info in cameras},
+        stereo={
+            stereo_topic(pair.name, side): (pair.name, side)
+            for pair in description.stereo
+            for side in ("left", "right")
+        },
     )
 
 

@@ -31,6 +31,7 @@ FLOAT = "std_msgs/msg/Float64"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 PATH = "nav_msgs/msg/Path"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 
 NANOSECONDS = 1_000_000_000

@@ -8,10 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from armsight.arrays import Vector3
-from armsight.devices.data import JointState, RgbdFrame
-from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
+from armsight.devices.data import ArmStatus, JointState, RgbdFrame
+from armsight.devices.recorded import (
+    RecordedArm,
+    RecordedCamera,
+    RecordedClock,
+    RecordedSensor,
+)
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
 from armsight.motion.data import GuardStatus
@@ -30,20 +36,17 @@ class Moved:
     bodies: tuple[MovingSurfaces, ...] | None = None
 
 
-Item = RgbdFrame | JointState | GuardStatus | Moved
-
-
 @dataclass(frozen=True)
 class Delivery:
     """What came into the session at one moment.
 
     Attributes:
         at: on the recording's clock [ns].
-        item: a frame, a joint reading, a tick of the guard, or what moved.
+        item: a reading of a device, a tick of the guard, or what moved.
     """
 
     at: int
-    item: Item
+    item: Any
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ class Playback:
         clock: RecordedClock,
         arm: RecordedArm,
         cameras: Sequence[RecordedCamera],
+        sensors: Mapping[tuple[type, str], RecordedSensor[Any]] | None = None,
     ) -> None:
         self.source = source
         self.clock = clock
@@ -89,6 +93,7 @@ class Playback:
         self.guard: GuardStatus | None = None
         self.note = source.note
         self.last = source.span[0]
+        self._sensors = dict(sensors or {})
         self._cameras: Mapping[str, RecordedCamera] = {c.info.name: c for c in cameras}
         self._movers: tuple[MovingSolid, ...] = ()
         self._bodies: tuple[MovingSurfaces, ...] = ()
@@ -122,6 +127,8 @@ class Playback:
         self.arm.deliver(None)
         for camera in self.cameras:
             camera.deliver(None)
+        for sensor in self._sensors.values():
+            sensor.deliver(None)
         self.clock.set(self.source.span[0])
 
     def movers(self) -> tuple[MovingSolid, ...]:
@@ -144,13 +151,19 @@ class Playback:
         """Let go of the file."""
         self.source.close()
 
-    def _deliver(self, item: Item) -> None:
+    def _deliver(self, item: Any) -> None:
         if isinstance(item, RgbdFrame):
             self._cameras[item.camera].deliver(item)
         elif isinstance(item, JointState):
             self.arm.deliver(item)
+        elif isinstance(item, ArmStatus):
+            self.arm.deliver_status(item)
         elif isinstance(item, GuardStatus):
             self.guard = item
-        else:
+        elif isinstance(item, Moved):
             self._movers = self._movers if item.movers is None else item.movers
             self._bodies = self._bodies if item.bodies is None else item.bodies
+        else:
+            sensor = self._sensors.get((type(item), getattr(item, "camera", "")))
+            if sensor is not None:
+                sensor.deliver(item)

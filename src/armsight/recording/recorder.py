@@ -14,14 +14,15 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.data import JointState
 from armsight.errors import RecordingError
 from armsight.recording.byte_queue import ByteQueue
 from armsight.recording.changes import Changes
 from armsight.recording.mcap_file import McapWriter
 from armsight.recording.session_writer import Scribe
+from armsight.recording.streams import BY_READING
 from armsight.runtime.view import SessionView
 
 if TYPE_CHECKING:
@@ -108,23 +109,23 @@ class Recorder:
         return self._writer.path
 
     def attach(self, session: RecordedSession) -> None:
-        """Watch a session; its sensing calls :meth:`on_joints` and :meth:`on_frame`."""
+        """Watch a session; its sensing calls :meth:`on_reading`."""
         self._view = session.view
 
     # -- called by sensing ----------------------------------------------------------------------
 
-    def on_joints(self, state: JointState, now: float) -> None:
-        """Record a joint reading that came in at ``now`` [s]; one seen before is ignored."""
-        if state.stamp > self._joints:
-            self._joints = state.stamp
-            self._put(256, lambda: self._scribe.joints(state, now), now)
-
-    def on_frame(self, frame: RgbdFrame, now: float) -> None:
-        """Record a frame that came in at ``now`` [s]."""
-        size = frame.depth.nbytes + (0 if frame.color is None else frame.color.nbytes)
-        if not self._put(size, lambda: self._scribe.frame(frame, now), now):
+    def on_reading(self, reading: Any, now: float) -> None:
+        """Record what a device said and that came in at ``now`` [s]; joints seen before are not."""
+        if isinstance(reading, JointState):
+            if reading.stamp <= self._joints:
+                return
+            self._joints = reading.stamp
+        stream = BY_READING.get(type(reading))
+        if stream is None:
+            return
+        if not self._put(stream.size(reading), lambda: self._scribe.reading(reading, now), now):
             self.dropped += 1
-            self.problem = f"{self.dropped} frames not recorded: the disk is too slow"
+            self.problem = f"{self.dropped} readings not recorded: the disk is too slow"
 
     # -- called by the loop ---------------------------------------------------------------------
 

@@ -7,18 +7,26 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomlkit
 
-from armsight.arrays import ColorImage, JointPath
-from armsight.devices.data import JointState, RgbdFrame
-from armsight.devices.recorded import RecordedArm, RecordedCamera, RecordedClock
+from armsight.arrays import JointPath
+from armsight.devices.data import GripperState, StereoFrame, Wrench
+from armsight.devices.recorded import (
+    RecordedArm,
+    RecordedCamera,
+    RecordedClock,
+    RecordedGripper,
+    RecordedSensor,
+    RecordedStereo,
+    RecordedWrench,
+)
 from armsight.devices.world import MovingSurfaces
 from armsight.errors import ArmsightError, RecordingError
 from armsight.geometry.shapes import Surface
 from armsight.recording import messages
+from armsight.recording.codec import Decoding
 from armsight.recording.description import CellDescription
-from armsight.recording.layout import FrameTree, Layout, layout_of
+from armsight.recording.layout import Layout, layout_of
 from armsight.recording.markers import decode_looks, decode_movers
 from armsight.recording.mcap_file import McapReader
 from armsight.recording.messages import NANOSECONDS, to_seconds
@@ -26,6 +34,7 @@ from armsight.recording.no_robot import NAME as NO_ROBOT
 from armsight.recording.no_robot import no_robot
 from armsight.recording.playback import Delivery, Moved, Playback, Source
 from armsight.recording.status_messages import GUARD, guard_from_status
+from armsight.recording.streams import STREAMS
 from armsight.robots import load_robot, load_tool
 from armsight.robots.robot import Robot
 from armsight.workcell import Cell, Workcell, parse_workcell, robot_in
@@ -60,7 +69,17 @@ def recorded_cell(
     clock = RecordedClock(source.span[0])
     arm = RecordedArm(robot.joint_names)
     cameras = tuple(RecordedCamera(info) for info in description.cameras)
-    playback = Playback(source, clock, arm, cameras)
+    stereo = tuple(RecordedStereo(info) for info in description.stereo)
+    wrench = RecordedWrench() if description.wrench else None
+    gripper = None if description.gripper is None else RecordedGripper(description.gripper)
+    sensors: dict[tuple[type, str], RecordedSensor[Any]] = {
+        (StereoFrame, pair.info.name): pair for pair in stereo
+    }
+    if wrench is not None:
+        sensors[Wrench, ""] = wrench
+    if gripper is not None:
+        sensors[GripperState, ""] = gripper
+    playback = Playback(source, clock, arm, cameras, sensors)
     return Cell(
         workcell,
         robot,
@@ -70,6 +89,9 @@ def recorded_cell(
         cameras,
         description.static,
         playback,
+        stereo=stereo,
+        wrench=wrench,
+        gripper=gripper,
     )
 
 
@@ -142,48 +164,31 @@ class _Decoder:
     """Turns messages into deliveries, remembering what belongs to those that follow."""
 
     def __init__(self, layout: Layout, joint_names: Sequence[str], shift: int) -> None:
-        self._layout = layout
-        self._joint_names = joint_names
-        self._shift = to_seconds(shift)
-        self._colors: dict[str, tuple[float, ColorImage]] = {}
-        self._counts: dict[str, int] = {}
-        self._moved: set[str] = set()
+        self._memory = Decoding(layout, tuple(joint_names), to_seconds(shift), layout.tree)
+        self._streams = {topic: stream for stream in STREAMS for topic in stream.topics(layout)}
         self._path: JointPath | None = None
         self._executed: JointPath | None = None
-        self._tree: FrameTree = layout.tree
         self._looks: dict[str, tuple[Surface, ...]] = {}
 
     def wants(self, topic: str) -> bool:
         """Whether a topic is replayed."""
-        return (
-            topic in self._layout.depth
-            or topic in self._layout.color
-            or topic == self._layout.joints
-            or topic in ("/guard/status", "/guard/path", "/guard/executed", "/tf", "/tf_static")
-            or topic in ("/movers", "/people")
-        )
+        return topic in self._streams or topic in _SESSION
 
     def take(self, topic: str, message: Any, record: Any) -> Any:
         """The delivery that a message makes, if any."""
-        layout = self._layout
-        if topic in layout.depth:
-            return self._frame(layout.depth[topic], message, record)
-        if topic in layout.color:
-            stamp = messages.stamp_of(message)
-            self._colors[layout.color[topic]] = (stamp, messages.decode_color(message))
-        elif topic == layout.joints:
-            state = messages.decode_joint_state(message, self._joint_names)
-            return None if state is None else self._shifted(state)
-        elif topic in ("/tf", "/tf_static"):
+        if topic in self._streams:
+            return self._streams[topic].decode(topic, message, record, self._memory)
+        if topic in ("/tf", "/tf_static"):
             return self._transforms(message, fixed=topic == "/tf_static")
-        elif topic == "/guard/path":
+        if topic == "/guard/path":
             self._path = _or_none(messages.decode_trajectory(message))
         elif topic == "/guard/executed":
             self._executed = _or_none(messages.decode_trajectory(message))
         elif topic == "/guard/status":
             _, reason, values = messages.decode_diagnostics(message).get(GUARD, (0, "", {}))
             status = guard_from_status(reason, values, self._path, self._executed)
-            return None if status is None else replace(status, stamp=status.stamp - self._shift)
+            if status is not None:
+                return replace(status, stamp=status.stamp - self._memory.shift)
         elif topic == "/movers":
             return Moved(movers=decode_movers(message))
         elif topic == "/people":
@@ -197,32 +202,22 @@ class _Decoder:
             if child in self._looks:
                 people.append(MovingSurfaces(child, self._looks[child], T))
                 continue
-            self._tree.set(parent, child, T)
+            self._memory.tree.set(parent, child, T)
             if not fixed:
-                self._moved.add(child)
+                self._memory.moved.add(child)
         return Moved(bodies=tuple(people)) if people else None
 
-    def _shifted(self, state: JointState) -> JointState:
-        return replace(state, stamp=state.stamp - self._shift) if self._shift else state
 
-    def _frame(self, camera: str, message: Any, record: Any) -> RgbdFrame:
-        stamp = messages.stamp_of(message)
-        color_stamp, color = self._colors.pop(camera, (np.nan, None))
-        place = self._layout.posed.get(camera)
-        pose = None
-        if place is not None and (self._layout.moving or place in self._moved):
-            pose = self._tree.pose(self._layout.base, place)
-        count = self._counts.get(camera, -1) + 1
-        self._counts[camera] = count
-        return RgbdFrame(
-            camera,
-            record.sequence or count,
-            stamp - self._shift,
-            to_seconds(record.log_time) - self._shift,
-            messages.decode_depth(message),
-            color if color_stamp == stamp else None,
-            pose,
-        )
+_SESSION = (
+    "/guard/status",
+    "/guard/path",
+    "/guard/executed",
+    "/tf",
+    "/tf_static",
+    "/movers",
+    "/people",
+)
+"""Topics of the session, not of a device, that are replayed."""
 
 
 def _or_none(path: JointPath) -> JointPath | None:

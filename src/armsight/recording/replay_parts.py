@@ -86,7 +86,7 @@ def replay_parts(cell: Cell, config: SessionConfig) -> Parts:
     playback = cell.world
     if not isinstance(playback, Playback):
         raise UsageError(f"{cell.workcell.name} is no recording; open one with open_recording")
-    infos = [camera.info for camera in cell.cameras]
+    infos = cell.guard_cameras
     mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
     workspace = WorkspaceMap(cell.robot, infos, cell.static, mapping)
     return Parts(workspace, NoPlanner(), RecordedGuard(playback, cell.robot.n))

@@ -7,22 +7,25 @@ table is in ``docs/recording.md``.
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from armsight.arrays import JointPath, Pose
-from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
+from armsight.devices.data import JointState
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 from armsight.recording import messages
 from armsight.recording.changes import Changes
+from armsight.recording.codec import Known
 from armsight.recording.description import CellDescription, to_metadata
 from armsight.recording.markers import encode_looks, encode_movers, encode_solids
 from armsight.recording.mcap_file import McapWriter
 from armsight.recording.messages import to_ns
 from armsight.recording.robot_description import robot_description
 from armsight.recording.status_messages import guard_to_status, health_to_statuses
+from armsight.recording.streams import BY_READING
+from armsight.recording.topics import color_frame, depth_frame, stereo_frame
 from armsight.robots.kinematics import link_poses, tcp_pose
 from armsight.runtime.view import SessionView
 
@@ -35,21 +38,6 @@ EXECUTED_PERIOD = 0.5
 """Between records of the driven path, which grows all the time [s]."""
 TIP_POINTS = 100
 """About the most points of a recorded path of the tip."""
-
-
-def depth_frame(camera: str) -> str:
-    """Name of the frame of a camera's depth lens."""
-    return f"{camera}_depth_optical_frame"
-
-
-def color_frame(camera: str) -> str:
-    """Name of the frame of a camera's colour lens."""
-    return f"{camera}_color_optical_frame"
-
-
-def depth_topic(info: RgbdCameraInfo) -> str:
-    """ROS calls an image rectified only when its lens has no distortion left."""
-    return f"/{info.name}/depth/{'image_rect_raw' if info.depth.is_ideal else 'image_raw'}"
 
 
 class Scribe:
@@ -67,7 +55,8 @@ class Scribe:
         self._robot = cell.robot
         self._writer = writer
         self._infos = {camera.info.name: camera.info for camera in cell.cameras}
-        self._topics = {name: depth_topic(info) for name, info in self._infos.items()}
+        self._pairs = {pair.info.name: pair.info for pair in cell.stereo}
+        self._known = Known(cell.robot.joint_names, self._infos, self._pairs)
         self._changes = Changes()
 
     def _write(
@@ -92,37 +81,18 @@ class Scribe:
             latched=latched,
         )
 
-    def frame(self, frame: RgbdFrame, now: float) -> None:
-        """Write an exposure: pose if it has one, lenses, colour, depth."""
-        info = self._infos[frame.camera]
-        place, stamp = depth_frame(info.name), frame.stamp
-        if frame.T_base_camera is not None:
-            tree = [("base", place, frame.T_base_camera)]
-            data = messages.encode_transforms(tree, stamp)
-            self._write("/tf", messages.TRANSFORMS, data, now, stamp)
-        lens = messages.encode_camera_info(info.depth, stamp, place)
-        self._write(f"/{info.name}/depth/camera_info", messages.CAMERA_INFO, lens, now, stamp)
-        if frame.color is not None and info.color is not None:
-            place = color_frame(info.name)
-            lens = messages.encode_camera_info(info.color, stamp, place)
-            self._write(f"/{info.name}/color/camera_info", messages.CAMERA_INFO, lens, now, stamp)
+    def reading(self, reading: Any, now: float) -> None:
+        """Write whatever a device said."""
+        stream = BY_READING[type(reading)]
+        for message in stream.encode(reading, self._known):
             self._write(
-                f"/{info.name}/color/image_raw",
-                messages.IMAGE,
-                messages.encode_color(frame.color, stamp, place),
+                message.topic,
+                message.kind,
+                message.data,
                 now,
-                stamp,
-                sequence=frame.sequence,
+                message.stamp,
+                sequence=message.sequence,
             )
-        # Depth comes last: when a reader meets it, everything else of the exposure is there.
-        self._write(
-            self._topics[info.name],
-            messages.IMAGE,
-            messages.encode_depth(frame.depth, stamp, depth_frame(info.name)),
-            now,
-            stamp,
-            sequence=frame.sequence,
-        )
 
     def movers(self, view: SessionView, now: float) -> None:
         """Write where people and things are, and once what people look like."""
@@ -192,6 +162,9 @@ class Scribe:
             tuple(self._infos.values()),
             cell.static,
             datetime.now(UTC).isoformat(timespec="seconds"),
+            tuple(self._pairs.values()),
+            wrench=cell.wrench is not None,
+            gripper=None if cell.gripper is None else cell.gripper.opening,
         )
         text = cell.workcell.text if cell.workcell is not None else ""
         attachments = {"workcell.toml": text.encode()} if text else {}
@@ -209,17 +182,16 @@ class Scribe:
             if info.color is not None:
                 place = color_frame(info.name)
                 tree.append((depth_frame(info.name), place, info.T_depth_color))
+        for pair in self._pairs.values():
+            left, right = (stereo_frame(pair.name, side) for side in ("left", "right"))
+            tree.append((pair.mounted_on, left, pair.T_mount_camera))
+            tree.append((left, right, pair.T_left_right))
         self._latch("/tf_static", messages.TRANSFORMS, messages.encode_transforms(tree, now), now)
         text = robot_description(robot)
         self._latch("/robot_description", messages.STRING, messages.encode_string(text), now)
         data = encode_solids(cell.static, now, "base")
         self._latch("/workcell/solids", messages.MARKERS, data, now)
         self._writer.flush()
-
-    def joints(self, state: JointState, now: float) -> None:
-        """Write a joint reading."""
-        data = messages.encode_joint_state(state, self._robot.joint_names)
-        self._write("/joint_states", messages.JOINT_STATE, data, now, state.stamp)
 
     def cloud(self, snapshot: WorkspaceSnapshot, now: float) -> None:
         """Write the map's merged cloud."""

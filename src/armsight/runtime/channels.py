@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
@@ -14,6 +14,8 @@ from armsight.runtime.slot import Slot
 
 if TYPE_CHECKING:
     from armsight.motion.plan import Plan
+
+R = TypeVar("R")
 
 
 class SharedJointHistory(JointHistory):
@@ -54,12 +56,13 @@ class FrameBox:
         self._newest: dict[str, RgbdFrame] = {}
         self.dropped = 0
 
-    def put(self, frame: RgbdFrame) -> None:
-        """Leave a frame."""
+    def put(self, frame: RgbdFrame, for_map: bool = True) -> None:
+        """Leave a frame, for the map and for whoever looks, or for those alone."""
         with self._lock:
-            self.dropped += len(self._waiting) == self._waiting.maxlen
-            self._waiting.append(frame)
             self._newest[frame.camera] = frame
+            if for_map:
+                self.dropped += len(self._waiting) == self._waiting.maxlen
+                self._waiting.append(frame)
 
     def take(self) -> list[RgbdFrame]:
         """All waiting frames, oldest first; they are gone from the box."""
@@ -74,12 +77,37 @@ class FrameBox:
             return tuple(self._newest[name] for name in sorted(self._newest))
 
 
+class Readings:
+    """The newest reading of every kind besides joints and depth: wrench, gripper, arm status ..."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._newest: dict[tuple[type, str], Any] = {}
+
+    def put(self, reading: Any) -> None:
+        """Replace the newest of its type, and of its camera where it has one."""
+        with self._lock:
+            self._newest[type(reading), getattr(reading, "camera", "")] = reading
+
+    def newest(self, kind: type[R], camera: str = "") -> R | None:
+        """The newest of a type (and of a camera, for pictures), or None."""
+        with self._lock:
+            found: R | None = self._newest.get((kind, camera))
+            return found
+
+    def all(self) -> tuple[Any, ...]:
+        """The newest of every kind."""
+        with self._lock:
+            return tuple(self._newest.values())
+
+
 class Channels:
     """All that flows between the components of one session."""
 
     def __init__(self) -> None:
         self.history = SharedJointHistory()
         self.frames = FrameBox()
+        self.readings = Readings()
         self.joints: Slot[JointState] = Slot()
         self.snapshot: Slot[WorkspaceSnapshot] = Slot()
         self.request: Slot[PlanRequest] = Slot()

@@ -1,4 +1,4 @@
-"""The four working parts of a session: sensing, mapping, planning, and the guard.
+"""Three working parts of a session: mapping, planning, and the guard.
 
 They wrap the pure objects of ``mapping`` and ``motion``; only here do these meet time and threads.
 A round's compute time is charged to the simulated clock, either as declared or as measured.
@@ -9,13 +9,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
-from armsight.devices.protocols import Arm, RgbdCamera
+from armsight.devices.protocols import Arm
 from armsight.errors import DeviceError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, JointGoal, PlanRequest, Task
@@ -71,19 +71,6 @@ class Latency:
         return self.declared if self.charge == "declared" else seconds
 
 
-@runtime_checkable
-class SensorTap(Protocol):
-    """Sees every reading as it comes in, in sensing's thread: it must be quick and never raise."""
-
-    def on_joints(self, state: JointState, now: float) -> None:
-        """The newest joint reading at ``now`` [s]; the same one may come again."""
-        ...
-
-    def on_frame(self, frame: RgbdFrame, now: float) -> None:
-        """A new frame came in at ``now`` [s]."""
-        ...
-
-
 class Beside(Protocol):
     """Computes something beside the loop; see :meth:`SimulatedLoop.beside`."""
 
@@ -119,53 +106,6 @@ def _nothing(_at: float) -> None:
 
 def _at_once(_at: float, action: Callable[[], None]) -> None:
     action()
-
-
-class SensingComponent:
-    """Reads the joints and every camera. A device that raises is counted dead, not fatal."""
-
-    name = "sensing"
-
-    def __init__(
-        self, channels: Channels, arm: Arm, cameras: Sequence[RgbdCamera], period: float = 0.004
-    ) -> None:
-        self.period = period
-        self.charge = 0.0
-        self.problem = ""
-        self.on_frames: Callable[[float], None] = _nothing
-        self.taps: list[SensorTap] = []
-        self._channels = channels
-        self._arm = arm
-        self._cameras = tuple(cameras)
-
-    def update(self, now: float) -> None:
-        """Pass on what has arrived."""
-        problems = []
-        try:
-            joints = self._arm.read()
-        except DeviceError as error:
-            joints = None
-            problems.append(str(error))
-        if joints is not None:
-            self._channels.history.add(joints)
-            self._channels.joints.publish(joints, now)
-            for tap in self.taps:
-                tap.on_joints(joints, now)
-        fresh = False
-        for camera in self._cameras:
-            try:
-                frame = camera.read()
-            except DeviceError as error:
-                problems.append(str(error))
-                continue
-            if frame is not None:
-                self._channels.frames.put(frame)
-                fresh = True
-                for tap in self.taps:
-                    tap.on_frame(frame, now)
-        self.problem = "; ".join(problems)
-        if fresh:
-            self.on_frames(now)
 
 
 class MappingComponent:

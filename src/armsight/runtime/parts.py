@@ -42,7 +42,7 @@ MakeParts = Callable[["Cell", "SessionConfig"], Parts]
 
 def make_parts(cell: Cell, config: SessionConfig) -> Parts:
     """The parts for a cell: what ``config`` leaves open comes from the cell's file."""
-    infos = [camera.info for camera in cell.cameras]
+    infos = cell.guard_cameras
     mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
     guard = config.guard or guard_config(cell.workcell, config)
     speed, acceleration = guard.planned

@@ -13,26 +13,25 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from armsight.arrays import Vector3
+from armsight.devices.clock import WallClock
 from armsight.devices.protocols import Arm, Clock, RgbdCamera
 from armsight.devices.world import MovingSolid, MovingSurfaces
-from armsight.errors import UsageError
+from armsight.errors import DeviceError, LoopError, UsageError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, Task
 from armsight.runtime.channels import Channels
-from armsight.devices.clock import WallClock
 from armsight.runtime.component import Component
 from armsight.runtime.components import (
     GuardComponent,
     Latency,
     MappingComponent,
     PlanningComponent,
-    SensingComponent,
-    SensorTap,
 )
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.lock import cell_lock
 from armsight.runtime.parts import MakeParts, make_parts
-from armsight.runtime.shared_devices import SharedArm, SharedCamera
+from armsight.runtime.sensing import SensingComponent, Sensor, SensorTap
+from armsight.runtime.shared_devices import UntouchedArm, shared_arm, shared_camera, shared_sensors
 from armsight.runtime.signals import orderly_signals
 from armsight.runtime.simulated_loop import SimulatedLoop
 from armsight.runtime.view import ComponentHealth, SessionView
@@ -65,6 +64,7 @@ class Session:
         exclusive: refuse to run while another process runs this cell. None: only for real arms;
             simulated ones do not get in each other's way.
         make: builds map, planner and guard; ``replay_parts`` for a recording, doubles in tests.
+        look_only: send no command to the arm at all, not even to stop.
     """
 
     def __init__(
@@ -78,6 +78,7 @@ class Session:
         config: SessionConfig | None = None,
         exclusive: bool | None = None,
         make: MakeParts = make_parts,
+        look_only: bool = False,
     ) -> None:
         self.cell = cell
         self.task = task
@@ -87,8 +88,9 @@ class Session:
         self._make = make
         self._observers = list(observers)
         self._advance = _advance_of(cell)
-        self._wall = wall or self._advance is None
-        self._exclusive = (self._advance is None) if exclusive is None else exclusive
+        self._real = self._advance is None or cell.mixed
+        self._wall = wall or self._real
+        self._exclusive = self._real if exclusive is None else exclusive
         self._lock = threading.RLock()
         self._held = False
         self._speed = math.inf
@@ -101,11 +103,17 @@ class Session:
         self._clock: Clock = cell.clock
         self._arm: Arm = cell.arm
         self._cameras: Sequence[RgbdCamera] = cell.cameras
+        self._sensors: Sequence[Sensor] = cell.sensors
         if self._wall and self._advance is not None:
-            self._clock = clock = WallClock(cell.clock.now())
+            # The devices of a mixed cell are dated with its own clock, which can be paused.
+            clock = cell.clock if isinstance(cell.clock, WallClock) else WallClock(cell.clock.now())
             clock.pause()
-            self._arm = SharedArm(cell.arm, self._lock)
-            self._cameras = [SharedCamera(c, self._lock) for c in cell.cameras]
+            self._clock = clock
+            self._arm = shared_arm(cell.arm, self._lock)
+            self._cameras = [shared_camera(c, self._lock) for c in cell.cameras]
+            self._sensors = shared_sensors(cell.sensors, self._lock)
+        if look_only:
+            self._arm = UntouchedArm(self._arm)
         self._build()
 
     # -- outside view ---------------------------------------------------------------------------
@@ -149,6 +157,7 @@ class Session:
             snapshot=channels.snapshot.read(now),
             guard=channels.status.read(now),
             frames=channels.frames.newest(),
+            readings=channels.readings.all(),
             health=self.health(),
             movers=self._movers,
             bodies=self._bodies,
@@ -179,7 +188,7 @@ class Session:
     def pause(self) -> None:
         """Simulated: time stands still. Real: the arm stops and holds, the map goes on."""
         self._held = True
-        if self._advance is None:
+        if self._real:
             self._guard.held = True
         else:
             self._loop.pause(True)
@@ -227,7 +236,7 @@ class Session:
         Raises:
             UsageError: the cell is real; its time cannot be turned back.
         """
-        if self.cell.world is None:
+        if self._real:
             raise UsageError("only a simulated cell can be reset")
         if self._loop_thread is None:
             self._reset()
@@ -273,7 +282,7 @@ class Session:
             stack.callback(setattr, self, "_loop_thread", None)
             self._loop_thread = threading.get_ident()
             stack.enter_context(orderly_signals(self.stop))
-            stack.callback(self._arm.stop)  # runs first on the way out, whatever the way
+            stack.push(self._stop_at_end)  # runs first on the way out, whatever the way
             stack.enter_context(self._clock_running())
             self._loop.run(None if seconds is None else self.now() + seconds)
             while self._reset_wanted and not self.ended_by:
@@ -292,7 +301,7 @@ class Session:
         trace: TracebackType | None,
     ) -> None:
         self.stop("closed")
-        self._arm.stop()
+        self._stop_at_end(kind, error, trace)
 
     # -- inside ---------------------------------------------------------------------------------
 
@@ -316,7 +325,9 @@ class Session:
         charge: Literal["declared", "measured", "real"] = "real" if self._wall else config.charge
         self._channels = channels = Channels()
         self._parts = parts = self._make(self.cell, config)
-        sensing = SensingComponent(channels, self._arm, self._cameras, config.sensing_period)
+        sensing = SensingComponent(
+            channels, self._arm, self._cameras, self._sensors, config.sensing_period
+        )
         sensing.taps = [o for o in self._observers if isinstance(o, SensorTap)]
         for observer in self._observers:
             if hasattr(observer, "attach"):
@@ -366,8 +377,8 @@ class Session:
             self._guard.call_at = loop.call_at
         if isinstance(loop, SimulatedLoop) and charge == "declared":
             mapping.beside = planning.beside = loop.beside
-        self._guard.held = self._held and self._advance is None
-        if self._held and self._advance is not None:
+        self._guard.held = self._held and self._real
+        if self._held and not self._real:
             self._loop.pause(True)
 
     def _reset(self) -> None:
@@ -382,11 +393,29 @@ class Session:
             reset_task()
         self._build()
 
+    def _stop_at_end(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Tell the arm to stop; an arm that cannot be told is an error beside the run's own."""
+        try:
+            self._arm.stop()
+        except DeviceError as second:
+            if error is None:
+                raise
+            if str(second) not in str(error):
+                raise LoopError(f"{error}; moreover {second}") from error
+
     def _supervise(self) -> None:
         """Under the wall clock: move a simulated world along, and watch the guard's heart."""
         now = self.now()
         if self._advance is not None:
+            joints = self._channels.joints.read(now)
             with self._lock:
+                if self.cell.show_joints is not None and joints is not None:
+                    self.cell.show_joints(joints.position)
                 self._advance(now)
         last = self._loop.meters["guard"].report().last
         if math.isfinite(last) and now - last > HEARTBEAT:

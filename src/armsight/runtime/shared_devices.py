@@ -1,14 +1,22 @@
-"""Devices of a simulated world that several threads use: one lock for all of them.
+"""Devices for several threads, and an arm for those who only look.
 
-Only needed when a simulated cell runs under the wall clock; a real driver locks for itself.
+The devices of a simulated world that runs under the wall clock share one lock; a device behind a
+driver has a thread of its own and needs none.
 """
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from armsight.arrays import JointVector
-from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
+from armsight.devices.data import ArmStatus, GripperState, JointState, RgbdCameraInfo, RgbdFrame
+from armsight.devices.driven_arm import DrivenArm
+from armsight.devices.driven_cameras import DrivenCamera, DrivenStereo
+from armsight.devices.driven_hand import DrivenGripper, DrivenWrench
 from armsight.devices.protocols import Arm, RgbdCamera
 
 
@@ -24,6 +32,12 @@ class SharedArm:
         """Names in the URDF's order."""
         return self._arm.joint_names
 
+    @property
+    def status(self) -> ArmStatus | None:
+        """The controller's word."""
+        with self._lock:
+            return self._arm.status
+
     def read(self) -> JointState | None:
         """The newest reading."""
         with self._lock:
@@ -38,6 +52,34 @@ class SharedArm:
         """Brake and hold."""
         with self._lock:
             self._arm.stop()
+
+
+class UntouchedArm:
+    """An arm that is read and never told anything: looking is not touching."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names in the URDF's order."""
+        return self._arm.joint_names
+
+    @property
+    def status(self) -> ArmStatus | None:
+        """The controller's word."""
+        return self._arm.status
+
+    def read(self) -> JointState | None:
+        """The newest reading."""
+        return self._arm.read()
+
+    def command_velocity(self, velocity: JointVector) -> JointVector:
+        """Nothing is sent: (n,) zeros [rad/s]."""
+        return np.zeros(len(self.joint_names))
+
+    def stop(self) -> None:
+        """Nothing is sent."""
 
 
 class SharedCamera:
@@ -61,3 +103,52 @@ class SharedCamera:
         """Ask for colour or spare it."""
         with self._lock:
             self._camera.want_color(wanted)
+
+
+class SharedSensor:
+    """A stereo pair, a force sensor or a gripper behind a lock: its readings."""
+
+    def __init__(self, sensor: Any, lock: threading.RLock) -> None:
+        self._sensor = sensor
+        self._lock = lock
+
+    def read(self) -> Any:
+        """The newest reading since the last call."""
+        with self._lock:
+            return self._sensor.read()
+
+
+class SharedGripper(SharedSensor):
+    """A gripper behind a lock."""
+
+    @property
+    def opening(self) -> float:
+        """Greatest width [m]."""
+        return float(self._sensor.opening)
+
+    def move(self, width: float) -> None:
+        """Begin to open or close."""
+        with self._lock:
+            self._sensor.move(width)
+
+    def read(self) -> GripperState | None:
+        """The newest state."""
+        with self._lock:
+            state: GripperState | None = self._sensor.read()
+            return state
+
+
+def shared_arm(arm: Arm, lock: threading.RLock) -> Arm:
+    """The arm, behind the lock if it needs one."""
+    return arm if isinstance(arm, DrivenArm) else SharedArm(arm, lock)
+
+
+def shared_camera(camera: RgbdCamera, lock: threading.RLock) -> RgbdCamera:
+    """The camera, behind the lock if it needs one."""
+    return camera if isinstance(camera, DrivenCamera) else SharedCamera(camera, lock)
+
+
+def shared_sensors(sensors: Sequence[Any], lock: threading.RLock) -> list[Any]:
+    """Other sensors, behind the lock where they need one."""
+    own = (DrivenStereo, DrivenWrench, DrivenGripper)
+    return [s if isinstance(s, own) else SharedSensor(s, lock) for s in sensors]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
+
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,7 @@ class SessionView:
         joints: newest reading.
         snapshot: newest map; guard: newest guard status.
         frames: newest frame of each camera.
+        readings: newest of every other kind: arm status, wrench, gripper, stereo pairs.
         health: of every component.
         movers: people and things that move, where a driver can show them.
         bodies: what people look like in detail, where a driver knows; they are among the movers
@@ -53,6 +57,11 @@ class SessionView:
     snapshot: WorkspaceSnapshot | None
     guard: GuardStatus | None
     frames: tuple[RgbdFrame, ...] = ()
+    readings: tuple[Any, ...] = ()
     health: tuple[ComponentHealth, ...] = ()
     movers: tuple[MovingSolid, ...] = field(default=())
     bodies: tuple[MovingSurfaces, ...] = field(default=())
+
+    def reading(self, kind: type[R]) -> R | None:
+        """The newest reading of a type, or None."""
+        return next((r for r in self.readings if isinstance(r, kind)), None)

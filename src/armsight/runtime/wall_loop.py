@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import itertools
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 
-from armsight.devices.protocols import Clock
-from armsight.errors import LoopError
 from armsight.devices.clock import WallClock
+from armsight.devices.protocols import Clock
+from armsight.errors import DeviceError, LoopError
 from armsight.runtime.component import Component
 from armsight.runtime.loop import Inbox, do_round, make_meters, short_pauses
 
 NAP = 0.004
 """Longest sleep of the supervising thread [s]."""
 JOIN_SECONDS = 2.0
-"""How long the end of a run waits for each thread [s]."""
+"""How long the end of a run waits for its threads [s]; one that hangs is left to itself."""
 
 
 class WallLoop:
@@ -124,8 +126,9 @@ class WallLoop:
         self._threads_stop.set()
         for bell in self._bells.values():
             bell.set()
+        end = time.monotonic() + JOIN_SECONDS
         for thread in self._threads:
-            thread.join(JOIN_SECONDS)
+            thread.join(max(0.0, end - time.monotonic()))
         self._threads = []
 
     def _work(self, component: Component) -> None:
@@ -152,8 +155,9 @@ class WallLoop:
             try:
                 do_round(component, meter, now)
             except LoopError as error:
-                self._on_failure()
                 if self._failure is None:
                     self._failure = error
                 self.stop()
+                with contextlib.suppress(DeviceError):  # told again, and heard, when the run ends
+                    self._on_failure()
                 return

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from armsight.arrays import Floats, JointVector
-from armsight.devices.data import JointState
+from armsight.devices.data import ArmMode, ArmStatus, JointState
 from armsight.errors import DeviceError
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.kernels import drive_step
@@ -74,6 +74,7 @@ class SimulatedArm:
         self._braking = True
         self._heard = -np.inf
         self._failed = ""
+        self._mode: ArmMode = "running"
         self.reference_position = home.copy()
         self.reference_velocity = np.zeros(n)
         self._readings = np.zeros((HISTORY, 3, n))
@@ -91,6 +92,11 @@ class SimulatedArm:
     def joint_names(self) -> tuple[str, ...]:
         """Names in the URDF's order."""
         return self._spec.robot.joint_names
+
+    @property
+    def status(self) -> ArmStatus:
+        """The controller's word on itself."""
+        return ArmStatus(self._clock.now(), self._mode)
 
     def read(self) -> JointState | None:
         """The newest reading that has arrived, or None before the first."""
@@ -115,6 +121,8 @@ class SimulatedArm:
             DeviceError: the arm is lost, or the command is not n finite numbers.
         """
         self._check()
+        if self._mode != "running":
+            raise DeviceError(f"arm {self._spec.robot.name}: refuses commands ({self.status})")
         wanted = np.asarray(velocity, float)
         if wanted.shape != self._target.shape or not np.all(np.isfinite(wanted)):
             raise DeviceError(
@@ -135,6 +143,12 @@ class SimulatedArm:
     def fail(self, problem: str = "connection lost") -> None:
         """Break the connection, for tests: reads and commands raise, the watchdog stops the arm."""
         self._failed = problem
+
+    def protective_stop(self, stopped: bool = True) -> None:
+        """Let the arm's own controller stop it, for tests: it brakes and refuses commands."""
+        self._mode = "protective_stop" if stopped else "running"
+        if stopped:
+            self.stop()
 
     def mend(self) -> None:
         """Undo :meth:`fail`."""

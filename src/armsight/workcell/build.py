@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 
@@ -12,7 +12,7 @@ import numpy as np
 from armsight.arrays import JointVector, Pose
 from armsight.devices.camera_models import camera_info
 from armsight.devices.data import RgbdCameraInfo
-from armsight.devices.protocols import Arm, Clock, RgbdCamera
+from armsight.devices.protocols import Arm, Clock, ForceSensor, Gripper, RgbdCamera, StereoCamera
 from armsight.devices.world import World
 from armsight.errors import ArmsightError, UsageError, WorkcellError
 from armsight.geometry.pose import inverse
@@ -44,6 +44,10 @@ class Cell:
         cameras: in the file's order.
         static: declared solids, in the robot's ``base`` frame.
         world: the simulation or the recording behind the devices, or None.
+        stereo: stereo pairs, in the file's order.
+        wrench: the force sensor at the flange, or None; gripper: likewise.
+        mixed: a simulation stands behind some of the devices, and time is the computer's.
+        show_joints: shows a real arm's joints to the simulation behind the cameras, or None.
     """
 
     workcell: Workcell
@@ -55,11 +59,27 @@ class Cell:
     static: tuple[Solid, ...]
     world: World | None = None
     _closed: bool = field(default=False, repr=False)
+    stereo: tuple[StereoCamera, ...] = ()
+    wrench: ForceSensor | None = None
+    gripper: Gripper | None = None
+    mixed: bool = False
+    show_joints: Callable[[JointVector], None] | None = None
 
     @property
     def simulated(self) -> bool:
         """Whether time is not the computer's: a simulation or a recording stands behind."""
-        return self.world is not None
+        return self.world is not None and not self.mixed
+
+    @property
+    def sensors(self) -> tuple[StereoCamera | ForceSensor | Gripper, ...]:
+        """Everything that is read besides the arm and the depth cameras."""
+        hand = (self.wrench, self.gripper)
+        return (*self.stereo, *(device for device in hand if device is not None))
+
+    @property
+    def guard_cameras(self) -> list[RgbdCameraInfo]:
+        """The cameras whose pictures are evidence for the map and the guard."""
+        return [camera.info for camera in self.cameras if camera.info.guard]
 
     def close(self) -> None:
         """Stop the arm and let go of every device; may be repeated."""

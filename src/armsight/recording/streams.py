@@ -1,0 +1,136 @@
+"""The table of streams: every kind of reading, its topics, its ROS 2 types, the way there and back.
+
+A new kind of reading is one row here; sensing, recorder and replay know no kind by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from armsight.devices.data import ArmMode, ArmStatus, GripperState, JointState, Wrench
+from armsight.recording import messages
+from armsight.recording.codec import Decoding, Known, Message, Stream
+from armsight.recording.messages import encode, header, make, stamp_of, vector_message
+from armsight.recording.picture_streams import RGBD, STEREO
+
+JOINTS_TOPIC = "/joint_states"
+ARM_TOPIC = "/arm/status"
+WRENCH_TOPIC = "/wrench"
+GRIPPER_TOPIC = "/gripper/status"
+
+
+def _one(
+    reading: type,
+    topic: str,
+    kind: str,
+    write: Callable[[Any], bytes],
+    read: Callable[[Any], Any],
+) -> Stream:
+    """The row of a reading that is one message on one topic."""
+
+    def encode_one(value: Any, known: Known) -> Iterable[Message]:
+        return (Message(topic, kind, write(value), value.stamp),)
+
+    def decode_one(_topic: str, message: Any, record: Any, memory: Decoding) -> Any:
+        value = read(message)
+        return None if value is None else replace(value, stamp=value.stamp - memory.shift)
+
+    return Stream(reading, lambda layout: (topic,), encode_one, decode_one)
+
+
+def _encode_joints(state: JointState, known: Known) -> Iterable[Message]:
+    data = messages.encode_joint_state(state, known.joint_names)
+    return (Message(JOINTS_TOPIC, messages.JOINT_STATE, data, state.stamp),)
+
+
+def _decode_joints(topic: str, message: Any, record: Any, memory: Decoding) -> JointState | None:
+    state = messages.decode_joint_state(message, memory.joint_names)
+    return None if state is None else replace(state, stamp=state.stamp - memory.shift)
+
+
+def _arm_to_bytes(status: ArmStatus) -> bytes:
+    level = 0 if status.obeys else 2
+    values = {"mode": status.mode, "speed": repr(float(status.speed))}
+    return messages.encode_diagnostics([(level, "arm", status.message, values)], status.stamp)
+
+
+def _arm_from_message(message: Any) -> ArmStatus | None:
+    _, text, values = messages.decode_diagnostics(message).get("arm", (0, "", {}))
+    try:
+        return ArmStatus(
+            stamp_of(message), cast(ArmMode, values["mode"]), float(values["speed"]), text
+        )
+    except (KeyError, ValueError):
+        return None
+
+
+def _wrench_to_bytes(wrench: Wrench) -> bytes:
+    return encode(
+        make(
+            messages.WRENCH,
+            header=header(wrench.stamp, "flange"),
+            wrench=make(
+                "geometry_msgs/msg/Wrench",
+                force=vector_message(wrench.force),
+                torque=vector_message(wrench.torque),
+            ),
+        )
+    )
+
+
+def _wrench_from_message(message: Any) -> Wrench:
+    force, torque = message.wrench.force, message.wrench.torque
+    return Wrench(
+        stamp_of(message),
+        np.array([force.x, force.y, force.z]),
+        np.array([torque.x, torque.y, torque.z]),
+    )
+
+
+def _gripper_to_bytes(state: GripperState) -> bytes:
+    values = {
+        "width": repr(float(state.width)),
+        "moving": str(state.moving),
+        "holding": str(state.holding),
+    }
+    return messages.encode_diagnostics([(0, "gripper", "", values)], state.stamp)
+
+
+def _gripper_from_message(message: Any) -> GripperState | None:
+    _, _, values = messages.decode_diagnostics(message).get("gripper", (0, "", {}))
+    try:
+        holding = {"True": True, "False": False}.get(values["holding"])
+        return GripperState(
+            stamp_of(message), float(values["width"]), values["moving"] == "True", holding
+        )
+    except (KeyError, ValueError):
+        return None
+
+
+STREAMS: tuple[Stream, ...] = (
+    Stream(
+        JointState,
+        lambda layout: (layout.joints,) if layout.joints else (),
+        _encode_joints,
+        _decode_joints,
+    ),
+    RGBD,
+    STEREO,
+    _one(ArmStatus, ARM_TOPIC, messages.DIAGNOSTICS, _arm_to_bytes, _arm_from_message),
+    _one(Wrench, WRENCH_TOPIC, messages.WRENCH, _wrench_to_bytes, _wrench_from_message),
+    _one(
+        GripperState,
+        GRIPPER_TOPIC,
+        messages.DIAGNOSTICS,
+        _gripper_to_bytes,
+        _gripper_from_message,
+    ),
+)
+"""Every row."""
+
+BY_READING: dict[type, Stream] = {stream.reading: stream for stream in STREAMS}
+"""The row of each kind of reading."""
