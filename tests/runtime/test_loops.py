@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from armsight.errors import DeviceError, LoopError
 from armsight.devices.clock import WallClock
+from armsight.errors import DeviceError, LoopError
 from armsight.runtime.simulated_loop import SimulatedLoop
 from armsight.runtime.wall_loop import WallLoop
 
