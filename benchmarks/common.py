@@ -30,7 +30,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from armsight.experiments.machine import commit, machine
+from armsight.machine import commit, machine
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ import time
 import numpy as np
 from common import Report
 
-from armsight.commands.cells import packaged
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.motion.data import JointGoal
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.parts import make_parts
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 
 RATE = 30.0
 WARM = 40

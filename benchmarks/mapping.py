@@ -15,7 +15,6 @@ import numpy as np
 from common import Report
 from stills import Stills, obstacle_lost, robot_left
 
-from armsight.commands.cells import packaged
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.geometry.shapes import Solid
@@ -24,6 +23,7 @@ from armsight.mapping.snapshot import OCCUPIED
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.runtime.configure import mapping_config
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 
 RATE = 30.0
 SEED = 1000

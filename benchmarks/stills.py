@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.commands.cells import packaged
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.geometry.pose import inverse, make_pose, transform
@@ -23,6 +22,7 @@ from armsight.simulation.sensor_errors import DepthSensor
 from armsight.simulation.spec import MovingObjectSpec
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 
 BALL = 0.05
 """Radius of the ball [m]."""

@@ -16,11 +16,11 @@ import time
 import numpy as np
 from common import Report, peak_memory_mb
 
-from armsight.commands.cells import packaged
-from armsight.experiments.patrol_log import PatrolLog
+from armsight.recording.patrol_log import PatrolLog
 from armsight.runtime.session import Session
 from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 
 CELL = "ur5_four_cameras"
 

@@ -5,10 +5,10 @@ python examples/patrol.py [SECONDS]
 
 import sys
 
-from armsight.commands.cells import packaged
 from armsight.runtime.session import Session
 from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 
 
 def main(seconds: float) -> None:

@@ -6,13 +6,13 @@ python examples/replay.py [FILE.mcap]
 import sys
 from pathlib import Path
 
-from armsight.commands.cells import packaged
 from armsight.mapping.snapshot import OCCUPIED
 from armsight.recording.recorder import Recorder
 from armsight.recording.replay import open_recording
 from armsight.recording.replay_parts import replay_parts
 from armsight.runtime.session import Session
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 
 
 def main(file: Path) -> None:

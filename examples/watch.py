@@ -5,10 +5,10 @@ python examples/watch.py [WORKCELL]
 
 import sys
 
-from armsight.commands.cells import find
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
 from armsight.runtime.session import Session
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import find
 
 
 def main(file: str) -> None:

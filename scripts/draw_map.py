@@ -13,12 +13,12 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from armsight.commands.cells import packaged
 from armsight.devices.history import JointHistory
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.runtime.configure import mapping_config
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 
 UNTIL = 6.3
 """The person's hand is in the cell then [s]."""

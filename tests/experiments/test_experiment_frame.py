@@ -20,8 +20,8 @@ from armsight.experiments.frame import (
     write_atomically,
     write_json,
 )
-from armsight.experiments.machine import commit, machine
 from armsight.experiments.rows import Row, bootstrap, poisson_bounds, wilson
+from armsight.machine import commit, machine
 
 ROW_KEYS = [
     "key",

@@ -97,8 +97,9 @@ def test_bad_ply(tmp_path, data, words):
         cloud.read_ply(path)
 
 
-def test_missing_folder(tmp_path):
-    with pytest.raises(ArmsightError, match="cannot write"):
+def test_file_in_the_way_and_missing_file(tmp_path):
+    (tmp_path / "no").touch()
+    with pytest.raises(ArmsightError, match="cannot be written"):
         cloud.write_ply(tmp_path / "no" / "x.ply", np.zeros((1, 3)))
     with pytest.raises(ArmsightError, match="cannot read"):
         cloud.read_ply(tmp_path / "none.ply")

@@ -144,5 +144,6 @@ def test_missing_file_and_folder(tmp_path):
     with pytest.raises(ArmsightError, match="cannot read"):
         read_bt(tmp_path / "none.bt")
     empty = BinaryOctree(0.1, np.zeros((0, 3), int), np.zeros(0, int), np.zeros(0, bool))
-    with pytest.raises(ArmsightError, match="cannot write"):
+    (tmp_path / "no").touch()
+    with pytest.raises(ArmsightError, match="cannot be written"):
         write_bt(tmp_path / "no" / "x.bt", empty)

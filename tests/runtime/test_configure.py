@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from armsight.commands.cells import packaged
 from armsight.experiments.episodes import with_simulation
 from armsight.geometry.pose import from_rpy, inverse, transform
 from armsight.mapping.layers import far_grid, fine_grid
@@ -11,6 +10,7 @@ from armsight.runtime.configure import LOWEST, SIDEWAYS, mapping_config
 from armsight.runtime.session import Session
 from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 from armsight.workcell.schema import ObjectSection
 
 CELL = load_workcell(packaged()["ur5_four_cameras"])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from armsight.commands.cells import packaged
 from armsight.runtime.session import Session
 from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
+from armsight.workcell.packaged import packaged
 
 AT_WORK = [name for name in packaged() if load_workcell(packaged()[name]).goals]
 

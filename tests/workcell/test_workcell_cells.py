@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armsight.commands.cells import folder, packaged
 from armsight.errors import DeviceError, WorkcellError
 from armsight.geometry.pose import inverse, transform
 from armsight.workcell import (
@@ -19,6 +18,7 @@ from armsight.workcell import (
 )
 from armsight.workcell import drivers as drivers_module
 from armsight.workcell.document import renewed
+from armsight.workcell.packaged import folder, packaged
 
 ROOT = Path(__file__).resolve().parents[2]
 INVERTED = """

@@ -8,9 +8,9 @@ import tomlkit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from armsight.commands.cells import packaged
 from armsight.errors import WorkcellError
 from armsight.workcell import parse_workcell
+from armsight.workcell.packaged import packaged
 
 CELL = tomllib.loads(packaged()["ur5_four_cameras"].read_text(encoding="utf-8"))
 

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +23,7 @@ from armsight.calibration.findings import Finding
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import to_quaternion
+from armsight.writing import write_text
 
 SUMMARY = "calibration.json"
 
@@ -207,7 +206,7 @@ def write_results(
     files: list[Path] = []
 
     def put(name: str, text: str) -> None:
-        write_text(folder / name, text)
+        write_text(folder / name, text, CalibrationError)
         files.append(folder / name)
 
     for index, lens in enumerate(calibration.problem.lenses):
@@ -236,23 +235,6 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def write_text(file: Path, text: str) -> None:
-    """Write a file whole or not at all.
-
-    Raises:
-        CalibrationError: the folder or the file cannot be written.
-    """
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        os.chmod(name, 0o644)
-        os.replace(name, file)
-    except OSError as error:
-        raise CalibrationError(f"{file}: cannot be written: {error.strerror or error}") from None
 
 
 def update_workcell(file: Path, calibration: Calibration, T_world_base: Pose) -> str:

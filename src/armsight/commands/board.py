@@ -30,7 +30,7 @@ class Board:
         """Write the file."""
         from armsight.calibration.boards import parse_board
         from armsight.calibration.printing import board_pdf
-        from armsight.experiments.frame import write_atomically
+        from armsight.writing import write_atomically
 
         board = parse_board(self.kind)
         write_atomically(self.pdf, board_pdf(board, self.paper))

@@ -80,9 +80,10 @@ class Calibrate:
 
     def _recorded(self) -> int:
         from armsight.calibration import report
-        from armsight.calibration.export import write_results, write_text
+        from armsight.calibration.export import write_results
         from armsight.calibration.recorded_set import load, solve_set
         from armsight.robots import load_robot
+        from armsight.writing import write_text
 
         assert self.from_ is not None
         robot = load_robot(self.robot) if self.robot is not None else None
@@ -126,15 +127,16 @@ class Calibrate:
         import numpy as np
 
         from armsight.calibration import report, views_file
-        from armsight.calibration.export import update_workcell, write_results, write_text
+        from armsight.calibration.export import update_workcell, write_results
         from armsight.calibration.live.drive import drive
         from armsight.calibration.live.log import ProcedureOptions
         from armsight.calibration.live.procedure import procedure
-        from armsight.commands.cells import find
         from armsight.errors import CalibrationError
         from armsight.experiments.calibration_cell import open_calibration_cell
         from armsight.workcell import load_workcell
         from armsight.workcell.drivers import SIMULATED
+        from armsight.workcell.packaged import find
+        from armsight.writing import write_text
 
         assert self.workcell is not None
         file = find(self.workcell)

@@ -29,9 +29,9 @@ class Check:
         """Check every file; 1 if any has a problem."""
         from rich.console import Console
 
-        from armsight.commands.cells import find
         from armsight.errors import ArmsightError, UsageError
         from armsight.workcell import load_workcell
+        from armsight.workcell.packaged import find
 
         if not self.files:
             raise UsageError("name at least one file: armsight check FILE")

@@ -26,6 +26,6 @@ class Demo:
 
     def run(self) -> int:
         """Patrol the packaged cell."""
-        from armsight.commands.cells import DEFAULT
+        from armsight.workcell.packaged import DEFAULT
 
         return Patrol(DEFAULT, seconds=self.seconds, seed=self.seed, page=self.page).run()

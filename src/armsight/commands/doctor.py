@@ -87,7 +87,7 @@ def findings(port: int) -> Iterator[Finding]:
 
 def _version() -> Finding:
     from armsight import __version__
-    from armsight.experiments.machine import commit
+    from armsight.machine import commit
 
     return Finding("info", "armsight", f"{__version__}, commit {commit()}")
 
@@ -105,7 +105,7 @@ def _python() -> Finding:
 def _cores() -> Finding:
     import os
 
-    from armsight.experiments.machine import processor, usable_cores
+    from armsight.machine import processor, usable_cores
 
     cores, load = usable_cores(), os.getloadavg()[0]
     found = f"{cores} of {processor()}, load {load:.1f}"
@@ -117,7 +117,7 @@ def _cores() -> Finding:
 
 
 def _memory() -> Finding:
-    from armsight.experiments.machine import memory_gib
+    from armsight.machine import memory_gib
 
     size = memory_gib()
     if size < 3.5:
@@ -167,9 +167,9 @@ def _opengl() -> Finding:
 def _rendering() -> Finding:
     import time
 
-    from armsight.commands.cells import DEFAULT, packaged
     from armsight.errors import ArmsightError
     from armsight.workcell import load_workcell, open_cell
+    from armsight.workcell.packaged import DEFAULT, packaged
 
     try:
         with open_cell(load_workcell(packaged()[DEFAULT])) as cell:
@@ -209,8 +209,8 @@ def _kernels() -> Finding:
 
 
 def _cells() -> Finding:
-    from armsight.commands.cells import packaged
     from armsight.workcell import load_workcell
+    from armsight.workcell.packaged import packaged
 
     names = [load_workcell(file).name for file in packaged().values()]
     return Finding("good" if names else "missing", "cells", ", ".join(names) or "none packaged")

@@ -29,13 +29,13 @@ class New:
         """Write the file, whole or not at all."""
         import os
 
-        from armsight.commands.cells import folder
         from armsight.commands.running import say
         from armsight.errors import UsageError
-        from armsight.experiments.frame import write_atomically
         from armsight.robots import ROBOT_NAMES
         from armsight.workcell import parse_workcell
+        from armsight.workcell.packaged import folder
         from armsight.workcell.problems import nearest
+        from armsight.writing import write_text
 
         if self.robot not in ROBOT_NAMES:
             raise UsageError(f'unknown robot "{self.robot}"; {nearest(self.robot, ROBOT_NAMES)}')
@@ -46,7 +46,7 @@ class New:
         text = text.replace('name = "blank"', f'name = "{self.name or cell_name(file)}"')
         text = text.replace('model = "ur5"', f'model = "{self.robot}"')
         parse_workcell(text, str(file))  # a bad --name is told before anything is written
-        write_atomically(file, text.encode())
+        write_text(file, text)
         say(f"wrote {file}; edit it, then: armsight check {file}")
         return 0
 

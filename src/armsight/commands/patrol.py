@@ -40,7 +40,6 @@ class Patrol:
 
     def run(self) -> int:
         """Run the patrol; prints its figures at the end."""
-        from armsight.commands.cells import find
         from armsight.commands.running import (
             RunOptions,
             exit_code,
@@ -49,9 +48,10 @@ class Patrol:
             write_summary,
         )
         from armsight.errors import UsageError
-        from armsight.experiments.patrol_log import PatrolLog
+        from armsight.recording.patrol_log import PatrolLog
         from armsight.tasks.patrol import PatrolTask
         from armsight.workcell import load_workcell, open_cell
+        from armsight.workcell.packaged import find
 
         workcell = load_workcell(find(self.workcell))
         if len(workcell.goals) < 2:

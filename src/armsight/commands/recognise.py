@@ -134,7 +134,7 @@ class Recognise:
 
         from PIL import Image
 
-        from armsight.experiments.frame import write_atomically
+        from armsight.writing import write_atomically
 
         assert self.out is not None
         buffer = io.BytesIO()
@@ -142,12 +142,12 @@ class Recognise:
         write_atomically(self.out / name, buffer.getvalue())
 
     def _finish(self, answers: list[Recognition]) -> None:
-        from armsight.experiments.frame import write_atomically
         from armsight.recognition.inference.recogniser import as_line
+        from armsight.writing import write_text
 
         if self.out is not None:
             text = "".join(f"{as_line(a)}\n" for a in answers)
-            write_atomically(self.out / "recognised.jsonl", text.encode())
+            write_text(self.out / "recognised.jsonl", text)
             print(f"written to {self.out}", file=sys.stderr)
 
 

@@ -18,10 +18,10 @@ class Robots:
         from rich.console import Console
         from rich.table import Table
 
-        from armsight.commands.cells import packaged
         from armsight.devices.camera_models import CAMERA_MODELS
         from armsight.robots.report import robots_table, tools_table
         from armsight.workcell.drivers import driver_names
+        from armsight.workcell.packaged import packaged
 
         out = Console()
         cameras = Table(

@@ -142,10 +142,10 @@ def say(text: str) -> None:
 
 def write_summary(file: Path, summary: dict[str, Any]) -> None:
     """Write figures as JSON, whole or not at all; ``-`` is stdout."""
-    from armsight.experiments.frame import write_atomically
+    from armsight.writing import write_text
 
     text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
     if str(file) == "-":
         sys.stdout.write(text)
     else:
-        write_atomically(file, text.encode())
+        write_text(file, text)

@@ -37,11 +37,11 @@ class View:
 
     def run(self) -> int:
         """Run without a task."""
-        from armsight.commands.cells import find
         from armsight.commands.patrol import speed_of
         from armsight.commands.running import RunOptions, exit_code, run_session
         from armsight.errors import UsageError
         from armsight.workcell import load_workcell, open_cell
+        from armsight.workcell.packaged import find
 
         workcell = load_workcell(find(self.workcell))
         if self.headless and self.seconds is None:

@@ -30,7 +30,6 @@ from armsight.calibration.problem import Freedom
 from armsight.calibration.solver import solve
 from armsight.calibration.spheres import procrustes_ransac
 from armsight.calibration.views import travel_seconds
-from armsight.commands.cells import find
 from armsight.errors import CalibrationError
 from armsight.experiments.cache import RunCache
 from armsight.experiments.calibration_cell import (
@@ -46,6 +45,7 @@ from armsight.experiments.rows import Row
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, make_pose
 from armsight.workcell import load_workcell
+from armsight.workcell.packaged import find
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

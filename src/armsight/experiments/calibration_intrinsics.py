@@ -32,13 +32,13 @@ from armsight.calibration.problem import (
 from armsight.calibration.solver import Solution, solve
 from armsight.calibration.start import find_start
 from armsight.calibration.views import travel_seconds
-from armsight.commands.cells import find
 from armsight.experiments.cache import RunCache
 from armsight.experiments.calibration_cell import CalibrationCell, open_calibration_cell
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.geometry.pose import inverse, make_pose
 from armsight.workcell import load_workcell
+from armsight.workcell.packaged import find
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -82,8 +82,8 @@ def _not_yet() -> dict[str, Any]:
 
 def packaged_cell() -> Workcell:
     """The cell of these experiments as its file has it."""
-    from armsight.commands.cells import packaged
     from armsight.workcell import load_workcell
+    from armsight.workcell.packaged import packaged
 
     return load_workcell(packaged()[CELL])
 

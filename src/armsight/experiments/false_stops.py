@@ -11,9 +11,9 @@ import numpy as np
 
 from armsight.experiments.episodes import Watch, packaged_cell, run_episodes, with_simulation
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.patrol_log import kind
 from armsight.experiments.rows import Row, poisson_bounds
 from armsight.motion.data import GuardMode, GuardStatus
+from armsight.recording.patrol_log import kind
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

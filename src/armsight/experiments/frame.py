@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from armsight.errors import ArmsightError
-from armsight.experiments.machine import commit, machine
 from armsight.experiments.rows import Row
+from armsight.machine import commit, machine
+from armsight.writing import write_atomically, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -162,7 +160,7 @@ def write_json(result: Result, file: Path) -> None:
         ArmsightError: the file cannot be written.
     """
     text = json.dumps(result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    write_atomically(file, text.encode())
+    write_text(file, text)
 
 
 def publish(result: Result, folder: Path) -> tuple[Path, ...]:
@@ -180,7 +178,7 @@ def publish(result: Result, folder: Path) -> tuple[Path, ...]:
         _save(draw(), plots[-1])
     write_json(result, folder / f"{name}.json")
     page = folder / f"{name}.md"
-    write_atomically(page, _page(result, plots).encode())
+    write_text(page, _page(result, plots))
     return (folder / f"{name}.json", *plots, page)
 
 
@@ -217,27 +215,3 @@ def _page(result: Result, plots: Sequence[Path]) -> str:
 
 def _first_of_each_key(result: Result) -> list[Row]:
     return list({row.key: row for row in reversed(result.outcome.rows)}.values())[::-1]
-
-
-def write_atomically(file: Path, data: bytes) -> None:
-    """Write a file through a temporary one beside it, so that no reader sees half of it.
-
-    Raises:
-        ArmsightError: the folder cannot be made or written, or the disk is full.
-    """
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-    except OSError as error:
-        raise ArmsightError(f"{file}: cannot be written: {error.strerror or error}") from None
-    temporary = Path(name)
-    try:
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.chmod(0o644)
-        temporary.replace(file)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise ArmsightError(f"{file}: cannot be written: {error.strerror or error}") from None

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.patrol_log import PatrolLog
 from armsight.experiments.rows import Row, contact_row
+from armsight.recording.patrol_log import PatrolLog
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,8 +29,8 @@ simulation's truth; a contact counts when the touching part of the arm was faste
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """Patrol for 60 simulated seconds, once a run, with seeds ``seed``, ``seed + 1``, ..."""
-    from armsight.commands.cells import packaged
     from armsight.workcell import load_workcell
+    from armsight.workcell.packaged import packaged
 
     file = packaged()[CELL]
     workcell = load_workcell(file)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from armsight.arrays import ColorImage, Floats, Mask, Points, Vector3
 from armsight.errors import ArmsightError
+from armsight.writing import write_atomically
 
 
 def within_sphere(points: Points, center: Vector3, radius: float) -> Mask:
@@ -106,18 +105,7 @@ def write_ply(path: Path, points: Points, colors: ColorImage | None = None) -> N
     properties = [f"property {kinds[kind]} {name}" for name, kind in fields]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(p)}", *properties]
     data = ("\n".join([*header, "end_header"]) + "\n").encode() + rows.tobytes()
-    target = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-            os.replace(name, target)
-        except BaseException:
-            os.unlink(name)
-            raise
-    except OSError as error:
-        raise ArmsightError(f"cannot write {target}: {error.strerror}") from None
+    write_atomically(path, data)
 
 
 _PLY_TYPES = {

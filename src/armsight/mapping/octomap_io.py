@@ -9,8 +9,6 @@ about the origin.
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +17,7 @@ import numpy as np
 from armsight.arrays import Bytes, Ints, Points
 from armsight.errors import ArmsightError
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from armsight.writing import write_atomically
 
 DEPTH = 16
 """Levels below the root; OctoMap's files always have these."""
@@ -143,18 +142,7 @@ def write_bt(path: Path, tree: BinaryOctree) -> None:
     words, nodes = _encode(tree)
     header = MAGIC + b"\n# (feel free to add / change comments, but leave the first line as it is!)"
     header += f"\n#\nid OcTree\nsize {nodes}\nres {tree.resolution:.12g}\ndata\n".encode()
-    target = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(header + words)
-            os.replace(name, target)
-        except BaseException:
-            os.unlink(name)
-            raise
-    except OSError as error:
-        raise ArmsightError(f"cannot write {target}: {error.strerror}") from None
+    write_atomically(path, header, words)
 
 
 def _encode(tree: BinaryOctree) -> tuple[bytes, int]:

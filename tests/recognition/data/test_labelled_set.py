@@ -199,7 +199,8 @@ def test_show_draws_one_picture(wild: LabelledSet, tmp_path: Path) -> None:
     assert cv2.imread(str(tmp_path / "samples.png")).shape == picture.shape
     with pytest.raises(UsageError, match=r"png or \.jpg"):
         write_picture(tmp_path / "samples.gif", picture)
+    (tmp_path / "no").touch()
     with pytest.raises(ArmsightError, match="cannot be written"):
-        write_picture(tmp_path / "none" / "samples.png", picture)
+        write_picture(tmp_path / "no" / "samples.png", picture)
     with pytest.raises(UsageError, match="cannot be shown"):
         show(wild, 0)

@@ -13,7 +13,6 @@ written as ``shards/00000.part`` and renamed.
 
 from __future__ import annotations
 
-import os
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +21,7 @@ from typing import Any
 import tomlkit
 
 from armsight.errors import DatasetError
+from armsight.writing import write_text
 
 FORMAT = 1
 """Version of the layout on disk."""
@@ -95,14 +95,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
             document[name] = table
         else:
             document[name] = value
-    path = folder / FILE
-    part = path.with_suffix(".part")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        part.write_text(tomlkit.dumps(document), encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot be written ({error.strerror})") from None
+    write_text(folder / FILE, tomlkit.dumps(document), DatasetError)
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -13,6 +12,7 @@ from armsight.errors import DatasetError, UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.data.labelled_set import LabelledSet
 from armsight.recognition.data.sample import Sample
+from armsight.writing import write_atomically
 
 LINK_COLORS = np.array(
     [
@@ -91,12 +91,7 @@ def write_picture(path: Path, picture: ColorImage) -> None:
     if path.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise UsageError(f"{path}: name a picture that ends in .png or .jpg")
     data = cv2.imencode(path.suffix.lower(), np.ascontiguousarray(picture[..., ::-1]))[1]
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(data.tobytes())
-        os.replace(part, path)
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot be written ({error.strerror})") from None
+    write_atomically(path, data.tobytes(), error=DatasetError)
 
 
 def _tinted(sample: Sample) -> Bytes:

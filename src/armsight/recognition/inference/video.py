@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -10,37 +11,30 @@ import numpy as np
 
 from armsight.arrays import ColorImage
 from armsight.errors import RecognitionError
+from armsight.writing import replacing
 
 _RATE = 15.0
 
 
 def write_video(file: Path, frames: Iterator[ColorImage]) -> int:
-    """Write frames of one size as MP4, whole or not at all; how many there were.
+    """Write frames of one size as MP4, whole or not at all; none of none. How many there were.
 
     Raises:
         RecognitionError: the folder or the file cannot be written.
     """
-    part = file.with_name(f".{file.stem}.part.mp4")
-    writer: cv2.VideoWriter | None = None
+    first = next(frames, None)
+    if first is None:
+        return 0
     count = 0
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        for frame in frames:
-            if writer is None:
-                size = (frame.shape[1], frame.shape[0])
-                code = cv2.VideoWriter.fourcc(*"mp4v")
-                writer = cv2.VideoWriter(str(part), code, _RATE, size)
-                if not writer.isOpened():
-                    raise RecognitionError(f"{file}: cannot be written")
-            writer.write(np.ascontiguousarray(frame[..., ::-1]))
-            count += 1
-        if writer is not None:
+    with replacing(file, RecognitionError) as part:
+        size = (first.shape[1], first.shape[0])
+        writer = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, size)
+        try:
+            if not writer.isOpened():
+                raise RecognitionError(f"{file}: cannot be written")
+            for frame in chain((first,), frames):
+                writer.write(np.ascontiguousarray(frame[..., ::-1]))
+                count += 1
+        finally:
             writer.release()
-            part.replace(file)
-    except OSError as error:
-        raise RecognitionError(f"{file}: cannot be written ({error.strerror or error})") from None
-    finally:
-        if writer is not None:
-            writer.release()
-        part.unlink(missing_ok=True)
     return count

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armsight.recognition.training.tensors_file import write_whole
+from armsight.errors import RecognitionError
+from armsight.writing import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,7 +56,7 @@ def draw(curve: Sequence[dict[str, Any]], stages: Sequence[str], file: Path) -> 
         return False
     picture = io.BytesIO()
     figure(curve, stages).savefig(picture, format="png", dpi=110, metadata={"Software": None})
-    write_whole(file, picture.getvalue())
+    write_atomically(file, picture.getvalue(), error=RecognitionError)
     return True
 
 

@@ -27,10 +27,10 @@ from armsight.recognition.training.export import answers, check_parity, to_onnx
 from armsight.recognition.training.figures import score
 from armsight.recognition.training.onnx_file import LARGEST
 from armsight.recognition.training.packed_set import PackedSet
-from armsight.recognition.training.tensors_file import write_whole
 from armsight.recognition.training.trainer import Trainer, start_at_mean
 from armsight.recognition.training.transfer import extend, start_new_joints
 from armsight.recognition.training.weights import Card, load_weights, save_weights
+from armsight.writing import write_atomically, write_text
 
 _PARITY_IMAGES = 8
 _TIMED = 21
@@ -163,13 +163,13 @@ def finish(trainer: Trainer, wanted: Wanted, finished: bool, parent: Card, say: 
     card = make_card(trainer, finished, validation_figures(trainer), parent)
     card["training"]["ms_per_image"] = round(milliseconds(trainer), 3)
     save_weights(out / "weights.safetensors", network, card)
-    write_whole(out / "CARD.md", card_text(out.name, card, config.architecture).encode())
+    write_text(out / "CARD.md", card_text(out.name, card, config.architecture), RecognitionError)
     file = out / "network.onnx"
     half = wanted.half
     if not half and 4 * sum(p.numel() for p in network.parameters()) > LARGEST:
         half = True
         say("the network is larger than an ONNX file may be: its dense weights in half precision")
-    write_whole(file, to_onnx(network, card, half))
+    write_atomically(file, to_onnx(network, card, half), error=RecognitionError)
     if importlib.util.find_spec("onnxruntime") is None:
         say(f"wrote {file}; not compared with torch, since there is no onnxruntime here")
         return
@@ -218,6 +218,6 @@ def milliseconds(trainer: Trainer) -> float:
 def _draw(trainer: Trainer, out: Path) -> None:
     curve = trainer.progress.curve
     text = json.dumps(curve, separators=(",", ":"))
-    write_whole(out / "curve.json", text.encode())
+    write_text(out / "curve.json", text, RecognitionError)
     if curve:
         curves.draw(curve, [s.name for s in trainer.config.stages], out / "curve.png")

@@ -8,7 +8,6 @@ so that training works where only torch and numpy are; the library is the oracle
 from __future__ import annotations
 
 import json
-import os
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armsight.errors import RecognitionError
+from armsight.writing import write_atomically
 
 Array = NDArray[Any]
 
@@ -64,29 +64,7 @@ def write_tensors(
     text = json.dumps(header, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 8)
     parts = (arrays[name].reshape(-1).view(np.uint8).data for name in order)
-    write_whole(file, struct.pack("<Q", len(text)) + text, *parts)
-
-
-def write_whole(file: Path, *parts: bytes | memoryview) -> None:
-    """Write bytes whole or not at all, through a temporary file beside the final one.
-
-    Raises:
-        RecognitionError: the folder cannot be written, or the disk is full.
-    """
-    part = file.with_name(f".{file.name}.{os.getpid()}.part")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with part.open("wb") as stream:
-                for data in parts:
-                    stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise RecognitionError(f"{file}: cannot be written ({error.strerror or error})") from None
+    write_atomically(file, struct.pack("<Q", len(text)) + text, *parts, error=RecognitionError)
 
 
 def read_tensors(file: Path) -> tuple[dict[str, Array], dict[str, str]]:

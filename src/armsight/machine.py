@@ -49,7 +49,7 @@ def machine() -> str:
 def commit() -> str:
     """Short commit of the working copy, with ``+`` when it has changes; else the version."""
     git = shutil.which("git")
-    root = Path(__file__).resolve().parents[3]
+    root = Path(__file__).resolve().parents[2]
     if git is None or not (root / ".git").exists():
         return f"v{__version__}"
 

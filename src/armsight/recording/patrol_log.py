@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from armsight.errors import UsageError
 from armsight.motion.data import GuardMode
 
 if TYPE_CHECKING:
@@ -148,11 +149,12 @@ class PatrolLog:
         """True contacts and least distance."""
         if self._truth_told is not None:
             return self._truth_told
-        from armsight.simulation.world import SimulatedWorld
+        from armsight.workcell import simulated_world
 
-        if not isinstance(self._cell.world, SimulatedWorld):
+        try:
+            truth = simulated_world(self._cell).truth
+        except UsageError:  # real or recorded: nobody knows
             return None, math.inf
-        truth = self._cell.world.truth
         return len(truth.moving_contacts), float(truth.min_distance)
 
 
