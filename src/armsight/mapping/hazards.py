@@ -147,6 +147,15 @@ class UnseenPeople:
         self._owed -= steps
         return steps
 
+    @property
+    def possible(self) -> tuple[Words, int]:
+        """The set packed to bits, as of the last update, and its rim; not to be written to."""
+        return self._possible, self._rim
+
+    def nobody(self) -> None:
+        """Somebody said that nobody is here: people come from the outside only."""
+        self._possible.fill(0)
+
     def mark_enclosed(self, state: Bytes) -> None:
         """Turn UNKNOWN to ENCLOSED, in place, where nobody can be."""
         replace_outside(self._possible, self._rim, UNKNOWN, ENCLOSED, state)

@@ -58,6 +58,21 @@ class CameraStatus:
 
 
 @dataclass(frozen=True)
+class Emptiness:
+    """What became of the word that nobody is in the cell.
+
+    Attributes:
+        said: it was said and holds: things are told from people.
+        waiting: it was said, and is not taken yet.
+        reason: why it is not taken, or was refused; empty when all is well.
+    """
+
+    said: bool = False
+    waiting: bool = False
+    reason: str = ""
+
+
+@dataclass(frozen=True)
 class WorkspaceSnapshot:
     """The workspace as known at one time. Arrays are read-only and never change after publishing.
 
@@ -79,6 +94,9 @@ class WorkspaceSnapshot:
             hide someone. Separation counts the distance to these, less ``hazard_radius``.
         hazard_radius: half diagonal of a hazard's cube [m].
         hazard_unknown: (m,) bool, true where the hazard is unseen rather than seen.
+        things: (t, 3) float32 centres in ``base`` [m] of occupied voxels that are known to be no
+            person: solid, but no hazards.
+        emptiness: what became of the word that nobody is in the cell.
         cloud: (k, 3) float32 newest merged, cleaned cloud in ``base``, for the page.
         cameras: health, one entry a camera.
         timings: (stage, seconds) of the last update, in order.
@@ -101,3 +119,5 @@ class WorkspaceSnapshot:
     cameras: tuple[CameraStatus, ...]
     timings: tuple[tuple[str, float], ...] = field(default=())
     distance_counts_unknown: bool = False
+    things: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))
+    emptiness: Emptiness = Emptiness()

@@ -23,8 +23,9 @@ from armsight.mapping.kernels.flood import face_points
 from armsight.mapping.layers import far_grid, fine_grid
 from armsight.mapping.occupancy import Occupancy
 from armsight.mapping.self_filter import BodyPose, SelfFilter
-from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.mapping.snapshot import Emptiness, WorkspaceSnapshot
 from armsight.mapping.static_geometry import StaticGeometry, rasterise
+from armsight.mapping.things import PATIENCE, TOUCHES, Things
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 
@@ -56,6 +57,7 @@ class _Layer:
         self.occupancy = Occupancy(
             static.grid, cameras, static.filled, config.hold, config.weak_window
         )
+        self.things = Things(static.grid, static.filled, TOUCHES if around is not None else 1)
         self.unseen: UnseenPeople = UnseenPeople(
             static.grid,
             static.filled,
@@ -117,6 +119,9 @@ class WorkspaceMap:
         self._alive = np.zeros(len(names), np.uint8)
         self._snapshot: WorkspaceSnapshot | None = None
         self._sequence = -1
+        self._emptiness = Emptiness()
+        self._waiting_until = np.inf
+        self._solid_things: Floats32 = np.empty((0, 3), np.float32)
         threads = max(config.threads, 1)
         self._pool = ThreadPoolExecutor(threads, "mapping") if threads > 1 else None
 
@@ -154,10 +159,12 @@ class WorkspaceMap:
         hazards, unknown = self._hazards(state, alive, now)
         # Before the field: space that hides nobody, such as the arm's own, is not solid.
         self._fine.unseen.mark_enclosed(state)
+        self._fine.things.keep(state)
         lap("hazards")
         distance, last, cloud = self._field_and_cloud(state)
         lap("field and cloud")
-        for array in (state, hazards, unknown, last, cloud):
+        things = self._solid_things
+        for array in (state, hazards, unknown, last, cloud, things):
             array.flags.writeable = False
         self._now = now
         self._sequence += 1
@@ -178,8 +185,41 @@ class WorkspaceMap:
             cameras=tuple(h.status(now) for h in self._health),
             timings=tuple(timings),
             distance_counts_unknown=self.config.unknown_is_solid,
+            things=things,
+            emptiness=self._emptiness,
         )
         return self._snapshot
+
+    def declare_empty(self) -> None:
+        """Somebody says that nobody is in the cell: what stands there now is no person.
+
+        Taken by an update in which all cameras are alive and nothing has moved for a second;
+        ``snapshot.emptiness`` says what became of it. Safe from any thread.
+        """
+        self._emptiness = Emptiness(waiting=True, reason="looking whether the cell is at rest")
+        self._waiting_until = np.inf
+
+    def _take_word(self, alive: Bytes, now: float) -> None:
+        """Whether the word that the cell is empty can be believed."""
+        if np.isinf(self._waiting_until):
+            self._waiting_until = now + PATIENCE
+        why = "" if alive.all() else "not all cameras give pictures"
+        for layer in (self._fine, self._far):
+            seen = layer.occupancy
+            at = -1 if why else layer.things.moving(seen.clusters(2), seen.occupied, now)
+            if at >= 0:
+                place = layer.grid.center(np.array([np.unravel_index(at, layer.grid.shape)]))[0]
+                x, y, z = place
+                why = f"something moves near ({x:.2f}, {y:.2f}, {z:.2f}) m"
+        if why:
+            over = now > self._waiting_until
+            words = f"the cell is not taken for empty: {why}" if over else why
+            self._emptiness = Emptiness(waiting=not over, reason=words)
+            return
+        for layer in (self._fine, self._far):
+            layer.things.begin(layer.occupancy.dynamic, layer.occupancy.occupied, now)
+            layer.unseen.nobody()
+        self._emptiness = Emptiness(said=True)
 
     def _turn_back(self, seconds: float) -> None:
         """The clock was turned back: begin anew, but keep what was seen occupied until seen gone.
@@ -192,6 +232,9 @@ class WorkspaceMap:
             stage.mounting.restart()
         for layer in (self._fine, self._far):
             layer.occupancy.turn_back(seconds)
+            layer.things.end()
+        if self._emptiness.said:
+            self._emptiness = Emptiness(reason="the clock was turned back; say it again")
 
     def _nothing_new(self, alive: Bytes, now: float) -> bool:
         """Whether a round without frames would find what the last one found.
@@ -297,10 +340,13 @@ class WorkspaceMap:
         """Where people are or could be: centres of fine voxels, and which are unseen."""
         elapsed = now - self._now if np.isfinite(self._now) else 0.0
         fine, far = self._fine, self._far
+        if self._emptiness.waiting:
+            self._take_word(alive, now)
         parts: list[tuple[Floats32, bool]] = []
         if self.config.has_far_layer:
-            parts = self._far_hazards(far.occupancy.state(alive), elapsed)
-        seen = fine.occupancy.clusters(self.config.cluster)
+            parts = self._far_hazards(far.occupancy.state(alive), elapsed, now)
+        seen = self._people(fine, state, fine.occupancy.clusters(self.config.cluster), now)
+        self._solid_things = self._centers(fine.things.solid(fine.occupancy.dynamic))
         unseen, _ = fine.unseen.update(state, seen, self._body_near, elapsed)
         unseen = unseen[fine.occupancy.occupied[unseen] == 0]
         parts.append((self._centers(seen), False))
@@ -309,13 +355,23 @@ class WorkspaceMap:
         unknown = np.concatenate([np.full(len(p), u) for p, u in parts])
         return points, unknown
 
-    def _far_hazards(self, state: Bytes, elapsed: float) -> list[tuple[Floats32, bool]]:
+    def _people(self, layer: _Layer, state: Bytes, clusters: Ints32, now: float) -> Ints32:
+        """Those clusters that are not known to be things."""
+        seen = layer.occupancy
+        may = layer.things.update(
+            state, seen.dynamic, clusters, seen.occupied, *layer.unseen.possible, now
+        )
+        return clusters[may]
+
+    def _far_hazards(self, state: Bytes, elapsed: float, now: float) -> list[tuple[Floats32, bool]]:
         """The same of the coarse layer, outside the fine one, as faces of fine voxels."""
         far = self._far
         shape = np.asarray(far.grid.shape)
         parts = self.config.far_parts
-        dynamic = far.occupancy.clusters(self.config.far_cluster)
+        dynamic = self._people(far, state, far.occupancy.clusters(self.config.far_cluster), now)
         index, faces = far.unseen.update(state, dynamic, None, elapsed)
+        far.unseen.mark_enclosed(state)
+        far.things.keep(state)
         seen = far.occupancy.occupied[index] != 0
         whole = np.full(len(dynamic), 63, np.uint8)
         lower = np.asarray(self.grid.origin, float)

@@ -1,0 +1,303 @@
+"""Things told from people by their history, never by their looks.
+
+Whatever is occupied and not declared counts as a person unless it is known to be a thing:
+
+* *It was there when nobody was.* Somebody said that the cell is empty, nothing had moved for a
+  second, and since then the piece has neither moved nor been touched.
+* *It could not hide anybody.* What becomes visible where, a moment before, nobody could be.
+* *It was left behind.* A person (a piece too large to be a thing, or one that goes on out of the
+  map) held it; now all that is not seen free around it, hollows and shadows included, is smaller
+  than any person and enclosed by seen-free space and declared solids; and it rests since.
+
+A thing ends, and counts as a person again with all that could be behind it, as soon as something
+that may be a person, seen or unseen, is within two voxels of it, or when it moves by more than one
+voxel. See ``docs/guard.md`` for what follows from that, and what it assumes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armsight.arrays import Bytes, Floats, Ints32, Mask, Shorts, Words
+from armsight.mapping.kernels.pieces import (
+    belongs,
+    enclosed_piece,
+    forget_free,
+    label_pieces,
+    newcomers,
+    note_onsets,
+    small_pieces,
+    touched,
+    touched_unseen,
+)
+from armsight.mapping.snapshot import ENCLOSED, VoxelGrid
+
+MOST_THINGS = 4096
+GRACE = 0.3
+"""Noise may lose a voxel for so long [s] without it being new when it comes back."""
+GONE = 2.0
+"""A thing's voxel that has been seen free for so long [s] is no part of it any more."""
+SETTLE = 1.0
+"""After the cell was said to be empty, noise still adds voxels beside a thing for so long [s]."""
+STILL = 1.0
+"""What was left behind must have been at rest for so long [s]; so must an empty cell."""
+PATIENCE = 5.0
+"""The word that the cell is empty is refused when something goes on moving for so long [s]."""
+SMALLEST_PERSON = 0.04
+"""No person fits wholly into less space than this [m^3], not seen free by any camera.
+
+An adult of 45 kg has 0.045 m^3, and unseen voxels along the outline come on top.
+"""
+TOUCH = 2
+"""Voxels within which something that may be a person touches a thing."""
+NEWCOMERS = 5
+"""As many new voxels in a cluster are movement, fewer are noise."""
+NEAR = 0.15
+"""Nothing newly visible is a thing this close to somebody [m]: as far as a hand goes in a frame."""
+TOUCHES = 3
+"""As many voxels must do so, in the fine layer: noise beside a surface does not end a thing."""
+
+
+class Things:
+    """The things of one grid.
+
+    Args:
+        grid: where the voxels lie.
+        static: (nx, ny, nz) uint8, 1 where declared solids are.
+        touches: as many voxels of somebody near a thing end it.
+    """
+
+    def __init__(self, grid: VoxelGrid, static: Bytes, touches: int = TOUCHES) -> None:
+        size = int(np.prod(grid.shape))
+        self._grid = grid
+        self._shape = np.asarray(grid.shape, np.int64)
+        self._static = np.ascontiguousarray(static).reshape(-1)
+        self._seen: Floats = np.full(size, -np.inf)
+        self._onset: Floats = np.full(size, -np.inf)
+        self._brought: Bytes = np.zeros(size, np.uint8)
+        self._core: Shorts = np.zeros(size, np.uint16)
+        self._active: Bytes = np.zeros(MOST_THINGS, np.uint8)
+        self._next = 1
+        self._cores: Ints32 = np.zeros(0, np.int32)
+        self._mark: Ints32 = np.zeros(size, np.int32)
+        self._round = 2
+        self._limit = max(int(SMALLEST_PERSON / grid.voxel**3), 1)
+        self._queue: Ints32 = np.zeros(max(size, self._limit + 32), np.int32)
+        self._fresh: Ints32 = np.zeros(size, np.int32)
+        self._thing: Shorts = np.zeros(size, np.uint16)
+        self._touches: Ints32 = np.zeros(MOST_THINGS, np.int32)
+        self._least = touches
+        self._before: Bytes = np.zeros(size, np.uint8)
+        self._settling = -np.inf
+        self._now = -np.inf
+        self.telling = False
+
+    def moving(self, clusters: Ints32, occupied: Bytes, now: float) -> int:
+        """Flat index of a voxel where something came within the last second, or -1."""
+        old = np.zeros(len(occupied), np.uint8)
+        old[clusters] = self._onset[clusters] <= now - STILL
+        count = newcomers(clusters, len(clusters), occupied, old, self._shape, self._fresh)
+        return int(self._fresh[count // 2]) if count >= NEWCOMERS else -1
+
+    def begin(self, listed: Ints32, occupied: Bytes, now: float) -> None:
+        """Nobody is in the cell: whatever is there now is a thing."""
+        self._core.fill(0)
+        self._active.fill(0)
+        self._next = 1
+        self._cores = listed.copy()
+        self._number(listed, occupied)
+        self._settling = now + SETTLE
+        self.telling = True
+
+    def end(self) -> None:
+        """Nothing is a thing any more (the clock was turned back, say)."""
+        self._core.fill(0)
+        self._active.fill(0)
+        self._cores = np.zeros(0, np.int32)
+        self._seen.fill(-np.inf)
+        self._onset.fill(-np.inf)
+        self._before = np.zeros_like(self._before)
+        self.telling = False
+
+    def update(
+        self,
+        state: Bytes,
+        listed: Ints32,
+        clusters: Ints32,
+        occupied: Bytes,
+        possible: Words,
+        rim: int,
+        now: float,
+    ) -> Mask:
+        """Which of ``clusters`` may be people.
+
+        Args:
+            state: (nx, ny, nz) state of the voxels.
+            listed: flat indices of the voxels occupied by something undeclared.
+            clusters: those of them that are no stray measurements.
+            occupied: flat uint8, 1 where ``listed``.
+            possible: where somebody could be unseen, as of the last update, packed to bits.
+            rim: of that set.
+            now: time [s].
+
+        Returns:
+            (m,) bool, true for those of ``clusters`` that count as people.
+        """
+        self._now = now
+        count = len(listed)
+        news = note_onsets(
+            listed,
+            count,
+            now,
+            GRACE,
+            self._seen,
+            self._onset,
+            self._brought,
+            self._before,
+            self._fresh,
+        )
+        if not self.telling:
+            return np.ones(len(clusters), bool)
+        flat = state.reshape(-1)
+        left = forget_free(self._cores, len(self._cores), flat, now, GONE, self._seen, self._core)
+        self._cores = self._cores[:left]
+        people = self._people(clusters)
+        self._reveal(self._fresh[:news], clusters[people], occupied)
+        thing = self._thing[:count]
+        self._tell(listed, thing)
+        if now < self._settling:
+            self._settle(listed, thing)
+        if touched_unseen(listed, thing, count, possible, rim, self._active, self._shape):
+            people = self._people(clusters)
+        while self._touch(clusters[people]):
+            people = self._people(clusters)
+        if self._left_behind(flat, clusters[people], occupied, now):
+            people = self._people(clusters)
+        return people
+
+    def solid(self, listed: Ints32) -> Ints32:
+        """Those of the last update's ``listed`` that belong to things."""
+        if not self.telling:
+            return listed[:0]
+        return listed[self._thing_of(listed) != 0]
+
+    def keep(self, state: Bytes) -> None:
+        """Remember where nobody could be: ``state`` with its enclosed voxels marked."""
+        self._before = state.reshape(-1)
+
+    # -- inside ---------------------------------------------------------------------------------
+
+    def _tell(self, voxels: Ints32, out: Shorts) -> None:
+        """To which thing each voxel belongs; 0 for none."""
+        belongs(
+            voxels,
+            len(voxels),
+            self._now,
+            GRACE,
+            self._seen,
+            self._core,
+            self._active,
+            self._shape,
+            out,
+        )
+
+    def _thing_of(self, voxels: Ints32) -> Shorts:
+        out = np.zeros(len(voxels), np.uint16)
+        self._tell(voxels, out)
+        return out
+
+    def _people(self, clusters: Ints32) -> Mask:
+        return np.asarray(self._thing_of(clusters) == 0)
+
+    def _number(self, voxels: Ints32, occupied: Bytes) -> None:
+        """Make things of the pieces of voxels that belong to none yet."""
+        room = MOST_THINGS - 1
+        if self._next >= room:
+            return  # they stay people: safe
+        ended = label_pieces(
+            voxels, len(voxels), occupied, self._shape, self._core, self._next, self._queue
+        )
+        if ended > room:  # thousands of pieces at once are noise, not things
+            self._core[voxels[self._core[voxels] >= self._next]] = 0
+            return
+        self._active[self._next : ended] = 1
+        self._next = ended
+
+    def _settle(self, listed: Ints32, thing: Shorts) -> None:
+        """The skin of things becomes a part of them."""
+        skin = (thing != 0) & (self._core[listed] == 0)
+        self._core[listed[skin]] = thing[skin]
+        self._cores = np.concatenate([self._cores, listed[skin]])
+
+    def _reveal(self, fresh: Ints32, people: Ints32, occupied: Bytes) -> None:
+        """What comes to light where nobody could be is a thing."""
+        new = fresh[(self._before[fresh] == ENCLOSED) & (self._core[fresh] == 0)]
+        if not len(new):
+            return
+        others = np.setdiff1d(people, new)
+        if len(others):
+            a, b = self._centers(new), self._centers(others)
+            near = np.array([np.min(np.abs(b - p).max(axis=1)) <= NEAR for p in a], bool)
+            new = new[~near]
+        alone = np.zeros(len(occupied), np.uint8)
+        alone[new] = 1
+        self._number(new, alone)
+        self._cores = np.concatenate([self._cores, new])
+
+    def _touch(self, people: Ints32) -> int:
+        """End what somebody touches; how many things."""
+        return touched(
+            people,
+            len(people),
+            TOUCH,
+            self._least,
+            self._core,
+            self._active,
+            self._touches,
+            self._shape,
+        )
+
+    def _left_behind(self, flat: Bytes, people: Ints32, occupied: Bytes, now: float) -> bool:
+        """Make things of what people left; note what they hold. True if there is a new one."""
+        self._round += 3
+        if self._round > 2**30:
+            self._mark.fill(0)
+            self._round = 3
+        large, number, again = self._round, self._round + 1, self._round + 2
+        starts = np.empty(len(people), np.int32)
+        space = (flat, self._static, self._shape, self._limit, self._mark)
+        count = small_pieces(
+            people, len(people), *space, number, large, self._brought, starts, self._queue
+        )
+        found = False
+        for v in starts[:count]:
+            size = enclosed_piece(int(v), *space, again, large, self._queue)
+            piece = self._queue[:size]
+            matter = piece[occupied[piece] != 0].copy()
+            if self._at_rest(matter, occupied, now) and self._was_held(matter, occupied):
+                self._number_piece(matter)
+                found = True
+        return found
+
+    def _at_rest(self, matter: Ints32, occupied: Bytes, now: float) -> bool:
+        old = (self._onset <= now - STILL).view(np.uint8)
+        return self._strangers(matter, occupied, old) < NEWCOMERS
+
+    def _was_held(self, matter: Ints32, occupied: Bytes) -> bool:
+        """Whether all of it was in somebody's hands, or came to light with what was."""
+        return self._strangers(matter, occupied, self._brought) < NEWCOMERS
+
+    def _strangers(self, matter: Ints32, occupied: Bytes, trait: Bytes) -> int:
+        return newcomers(matter, len(matter), occupied, trait, self._shape, self._fresh)
+
+    def _number_piece(self, matter: Ints32) -> None:
+        if self._next >= MOST_THINGS - 1:
+            return
+        self._core[matter] = self._next
+        self._active[self._next] = 1
+        self._cores = np.concatenate([self._cores, matter])
+        self._next += 1
+
+    def _centers(self, flat: Ints32) -> Floats:
+        index = np.stack(np.unravel_index(flat, self._grid.shape), axis=1)
+        return np.asarray(self._grid.center(index), float)
