@@ -103,6 +103,7 @@ class Things:
         """Nobody is in the cell: whatever is there now is a thing."""
         self._core.fill(0)
         self._active.fill(0)
+        self._brought.fill(0)
         self._next = 1
         self._cores = listed.copy()
         self._number(listed, occupied)
@@ -162,16 +163,19 @@ class Things:
         left = forget_free(self._cores, len(self._cores), flat, now, GONE, self._seen, self._core)
         self._cores = self._cores[:left]
         people = self._people(clusters)
-        self._reveal(self._fresh[:news], clusters[people], occupied)
+        if self._reveal(self._fresh[:news], clusters[people]):
+            people = self._people(clusters)
         thing = self._thing[:count]
         self._tell(listed, thing)
         if now < self._settling:
             self._settle(listed, thing)
         if touched_unseen(listed, thing, count, possible, rim, self._active, self._shape):
-            people = self._people(clusters)
-        while self._touch(clusters[people]):
+            self._forget_ended()
             people = self._people(clusters)
         if self._left_behind(flat, clusters[people], occupied, now):
+            people = self._people(clusters)
+        while self._touch(clusters[people]):  # a thing that ended may touch another
+            self._forget_ended()
             people = self._people(clusters)
         return people
 
@@ -229,20 +233,21 @@ class Things:
         self._core[listed[skin]] = thing[skin]
         self._cores = np.concatenate([self._cores, listed[skin]])
 
-    def _reveal(self, fresh: Ints32, people: Ints32, occupied: Bytes) -> None:
-        """What comes to light where nobody could be is a thing."""
+    def _reveal(self, fresh: Ints32, people: Ints32) -> bool:
+        """What comes to light where nobody could be is a thing. True if there is some."""
         new = fresh[(self._before[fresh] == ENCLOSED) & (self._core[fresh] == 0)]
         if not len(new):
-            return
+            return False
         others = np.setdiff1d(people, new)
         if len(others):
             a, b = self._centers(new), self._centers(others)
             near = np.array([np.min(np.abs(b - p).max(axis=1)) <= NEAR for p in a], bool)
             new = new[~near]
-        alone = np.zeros(len(occupied), np.uint8)
+        alone = np.zeros(len(self._core), np.uint8)
         alone[new] = 1
         self._number(new, alone)
         self._cores = np.concatenate([self._cores, new])
+        return len(new) > 0
 
     def _touch(self, people: Ints32) -> int:
         """End what somebody touches; how many things."""
@@ -256,6 +261,16 @@ class Things:
             self._touches,
             self._shape,
         )
+
+    def _forget_ended(self) -> None:
+        """What has just been a thing is in somebody's hands, and has to come to rest anew."""
+        core = self._core[self._cores]
+        ended = (core != 0) & (self._active[core] == 0)
+        voxels = self._cores[ended]
+        self._core[voxels] = 0
+        self._onset[voxels] = self._now
+        self._brought[voxels] = 1
+        self._cores = self._cores[~ended]
 
     def _left_behind(self, flat: Bytes, people: Ints32, occupied: Bytes, now: float) -> bool:
         """Make things of what people left; note what they hold. True if there is a new one."""

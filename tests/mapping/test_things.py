@@ -1,0 +1,245 @@
+"""Things told from people, in made-up scenes with known truth: each rule, and each way round it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armsight.mapping.hazards import UnseenPeople
+from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from armsight.mapping.things import STILL, Things
+
+GRID = VoxelGrid(np.zeros(3), 0.02, (60, 60, 50))
+STEP = 1.0 / 15
+Blob = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+BOX: Blob = ((30, 36), (30, 36), (1, 7))
+PERSON: Blob = ((40, 58), (25, 45), (1, 48))  # 36 x 40 x 94 cm: larger than any thing
+
+
+class Scene:
+    """Perfect sight: free everywhere but in what is there and what is said to be hidden."""
+
+    def __init__(self) -> None:
+        self.table = np.zeros(GRID.shape, np.uint8)
+        self.table[:, :, 0] = 1
+        self.things = Things(GRID, self.table)
+        self.unseen = UnseenPeople(GRID, self.table, 2.0, 0.08)
+        self.now = 0.0
+        self.people = np.zeros(GRID.shape, bool)
+
+    def look(self, *blobs: Blob, hidden: tuple[Blob, ...] = (), seconds: float = STEP) -> None:
+        """Let the scene stand as it is for a while; ``people`` is what counts as such."""
+        for _ in range(max(round(seconds / STEP), 1)):
+            self.now += STEP
+            self._update(blobs, hidden)
+
+    def _update(self, blobs: tuple[Blob, ...], hidden: tuple[Blob, ...]) -> None:
+        occupied = np.zeros(GRID.shape, np.uint8)
+        state = np.full(GRID.shape, FREE, np.uint8)
+        for (a, b), (c, d), (e, f) in hidden:
+            state[a:b, c:d, e:f] = UNKNOWN
+        for (a, b), (c, d), (e, f) in blobs:
+            state[a:b, c:d, e:f] = UNKNOWN  # nobody sees what is inside
+            occupied[a:b, c:d, e:f] = 1
+            occupied[a + 1 : b - 1, c + 1 : d - 1, e + 1 : f - 1] = 0
+        state[occupied != 0] = OCCUPIED
+        state[self.table != 0] = OCCUPIED
+        listed = np.flatnonzero(occupied).astype(np.int32)
+        self.occupied, self.listed = occupied.reshape(-1), listed
+        possible, rim = self.unseen.possible
+        may = self.things.update(state, listed, listed, self.occupied, possible, rim, self.now)
+        self.people = np.zeros(GRID.shape, bool)
+        self.people.reshape(-1)[listed[may]] = True
+        self.unseen.update(state, listed[may], None, STEP)
+        self.unseen.mark_enclosed(state)
+        self.things.keep(state)
+
+    def say_empty(self) -> None:
+        self.things.begin(self.listed, self.occupied, self.now)
+        self.unseen.nobody()
+
+    def is_person(self, blob: Blob) -> bool:
+        """Whether what is seen of a blob counts as a person, all of it or none."""
+        (a, b), (c, d), (e, f) = blob
+        seen = self.occupied.reshape(GRID.shape)[a:b, c:d, e:f] != 0
+        counted = self.people[a:b, c:d, e:f][seen]
+        assert counted.all() or not counted.any()
+        return bool(counted.all())
+
+
+def moved(blob: Blob, x: int) -> Blob:
+    return ((blob[0][0] + x, blob[0][1] + x), blob[1], blob[2])
+
+
+def with_box() -> Scene:
+    scene = Scene()
+    scene.look(BOX, seconds=2.0)
+    scene.say_empty()
+    scene.look(BOX, seconds=2.0)
+    assert not scene.is_person(BOX)
+    return scene
+
+
+def test_without_a_word_everything_counts_as_a_person() -> None:
+    scene = Scene()
+    scene.look(BOX, seconds=30.0)
+    assert scene.is_person(BOX)
+
+
+def test_what_was_there_when_nobody_was_is_a_thing_for_as_long_as_it_rests() -> None:
+    scene = with_box()
+    scene.look(BOX, seconds=60.0)
+    assert not scene.is_person(BOX)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 60.0])
+def test_who_came_in_is_a_person_however_still(seconds: float) -> None:
+    scene = with_box()
+    scene.look(BOX, PERSON, seconds=seconds)
+    assert scene.is_person(PERSON)
+    assert not scene.is_person(BOX), "nobody touches it"
+
+
+def test_a_lone_hand_that_came_by_itself_never_becomes_a_thing() -> None:
+    scene = with_box()
+    hand: Blob = ((50, 55), (10, 15), (10, 14))
+    for x in range(8):
+        scene.look(BOX, moved(hand, -x))
+    scene.look(BOX, moved(hand, -7), seconds=60.0)
+    assert scene.is_person(moved(hand, -7))
+
+
+@pytest.mark.parametrize("gap", [0, 1])
+def test_what_is_touched_is_a_person_at_once(gap: int) -> None:
+    scene = with_box()
+    arm: Blob = ((36 + gap, 60), (32, 35), (3, 6))
+    scene.look(BOX, arm)
+    assert scene.is_person(BOX)
+
+
+def test_who_is_near_without_touching_does_not_end_a_thing() -> None:
+    scene = with_box()
+    scene.look(BOX, ((40, 60), (32, 35), (3, 6)), seconds=2.0)
+    assert not scene.is_person(BOX)
+
+
+def test_what_moves_is_a_person() -> None:
+    scene = with_box()
+    for x in range(1, 5):
+        scene.look(moved(BOX, x))
+    assert scene.is_person(moved(BOX, 4))
+    scene.look(moved(BOX, 4), seconds=60.0)
+    assert scene.is_person(moved(BOX, 4)), "nobody was seen to leave it there"
+
+
+def test_noise_of_a_voxel_does_not_end_a_thing() -> None:
+    scene = with_box()
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        specks = []
+        for _ in range(30):
+            at = [int(rng.integers(low, high)) for low, high in BOX]
+            side, axis = int(rng.integers(2)), int(rng.integers(3))
+            at[axis] = BOX[axis][1] if side else max(BOX[axis][0] - 1, 1)
+            specks.append(((at[0], at[0] + 1), (at[1], at[1] + 1), (at[2], at[2] + 1)))
+        scene.look(BOX, *specks)
+        assert not scene.people.any()
+
+
+def test_where_a_thing_was_a_person_counts() -> None:
+    """The place is not remembered for ever: somebody may come to stand there."""
+    scene = with_box()
+    scene.look(seconds=4.0)
+    scene.look(BOX)
+    assert scene.is_person(BOX)
+
+
+def held(by: Blob, thing: Blob = BOX) -> tuple[Blob, ...]:
+    """A person and a thing, joined by an arm."""
+    return by, thing, ((thing[0][1] - 1, by[0][0] + 1), (32, 35), (3, 6))
+
+
+def test_what_was_put_down_is_a_thing_once_it_rested() -> None:
+    scene = Scene()
+    scene.look(seconds=2.0)
+    scene.say_empty()
+    scene.look(*held(PERSON), seconds=2.0)
+    assert scene.is_person(BOX)
+    scene.look(BOX, PERSON, seconds=STILL + 3 * STEP)
+    assert not scene.is_person(BOX)
+    assert scene.is_person(PERSON)
+    scene.look(BOX, seconds=1.0)
+    assert not scene.people.any()
+
+
+def test_what_is_still_held_by_a_string_or_a_hidden_hand_is_none() -> None:
+    scene = Scene()
+    scene.look(seconds=2.0)
+    scene.say_empty()
+    scene.look(*held(PERSON), seconds=2.0)
+    string: Blob = ((35, 41), (33, 34), (5, 6))
+    scene.look(BOX, PERSON, hidden=(string,), seconds=10.0)
+    assert scene.is_person(BOX)
+
+
+def test_who_stays_behind_crouching_is_too_large_for_a_thing() -> None:
+    """Two came, one left: what is left could be the other."""
+    scene = Scene()
+    scene.look(seconds=2.0)
+    scene.say_empty()
+    crouching: Blob = ((20, 36), (26, 44), (1, 24))  # 32 x 36 x 46 cm
+    scene.look(*held(PERSON, crouching), seconds=2.0)
+    scene.look(crouching, seconds=60.0)
+    assert scene.is_person(crouching)
+
+
+def test_a_small_thing_before_a_hollow_that_holds_somebody_is_none() -> None:
+    scene = Scene()
+    scene.look(seconds=2.0)
+    scene.say_empty()
+    scene.look(*held(PERSON), seconds=2.0)
+    hollow: Blob = ((36, 56), (26, 46), (1, 30))
+    scene.look(BOX, hidden=(hollow,), seconds=60.0)
+    assert scene.is_person(BOX)
+
+
+def test_a_thing_that_somebody_unseen_could_push_is_none() -> None:
+    """From the map's edge through unseen space to the thing's back: as fast as somebody goes."""
+    scene = with_box()
+    way: Blob = ((36, 60), (28, 38), (1, 9))
+    scene.look(BOX, hidden=(way,))
+    assert not scene.is_person(BOX), "not yet there"
+    scene.look(BOX, hidden=(way,), seconds=0.5)
+    assert scene.is_person(BOX)
+
+
+def test_what_comes_to_light_where_nobody_could_be_is_a_thing() -> None:
+    """Half of a box is hidden, by the arm say, when the cell is said to be empty."""
+    scene = Scene()
+    shadow: Blob = ((33, 36), (30, 36), (1, 7))
+    half: Blob = ((30, 33), (30, 36), (1, 7))
+    scene.look(half, hidden=(shadow,), seconds=2.0)
+    scene.say_empty()
+    scene.look(half, hidden=(shadow,), seconds=2.0)
+    scene.look(BOX, seconds=1.0)
+    assert not scene.people.any()
+
+
+def test_what_comes_to_light_beside_somebody_is_none() -> None:
+    scene = Scene()
+    pocket: Blob = ((44, 50), (30, 36), (1, 7))
+    scene.look(hidden=(pocket,), seconds=2.0)
+    scene.say_empty()
+    scene.look(hidden=(pocket,), seconds=1.0)
+    near: Blob = ((51, 60), (25, 45), (1, 40))
+    scene.look(pocket, near)
+    assert scene.is_person(pocket)
+
+
+def test_a_cell_in_which_something_moves_is_not_empty() -> None:
+    scene = Scene()
+    scene.look(BOX, seconds=2.0)
+    assert scene.things.moving(scene.listed, scene.occupied, scene.now) < 0
+    scene.look(BOX, PERSON)
+    at = scene.things.moving(scene.listed, scene.occupied, scene.now)
+    assert np.unravel_index(at, GRID.shape)[0] >= 40
