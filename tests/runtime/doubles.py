@@ -122,6 +122,9 @@ class FakeMap:
         self.calls.append((now, [f.sequence for f in frames], joints.latest))
         return SimpleNamespace(sequence=len(self.calls), stamp=now)
 
+    def declare_empty(self):
+        self.calls.append("empty")
+
 
 class FakePlanner:
     def plan(self, request, snapshot, time_limit, rng):

@@ -21,6 +21,8 @@ class Patrol:
     Attributes:
         workcell: a workcell file, or the name of a packaged cell.
         seconds: how long on the cell's clock; until Ctrl-C if left out.
+        cell_is_empty: you have looked, and nobody is in the cell: what stands there is no person,
+            and the arm works around it.
         headless: no page, and as fast as the machine can.
         json: write the run's figures here; `-` is standard output.
         record: record everything into this new file (.mcap).
@@ -31,6 +33,7 @@ class Patrol:
 
     workcell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")]
     seconds: float | None = None
+    cell_is_empty: bool = False
     headless: bool = False
     json: Path | None = None
     record: Path | None = None
@@ -70,6 +73,7 @@ class Patrol:
                 seed=self.seed,
                 speed=speed_of(self.speed, self.headless),
                 observers=(log,),
+                cell_is_empty=self.cell_is_empty,
             )
             session = run_session(cell, task, wanted)
             summary, lines = log.summary(session), log.lines(session)

@@ -38,6 +38,7 @@ class RunOptions:
         seed: of everything random.
         speed: simulated seconds a second; inf as fast as possible.
         observers: more components that look on.
+        cell_is_empty: somebody has looked: nobody is in the cell when it starts.
         make: builds map, planner and guard, where not those of a live cell.
     """
 
@@ -47,6 +48,7 @@ class RunOptions:
     seed: int = 0
     speed: float = 1.0
     observers: Sequence[Component] = ()
+    cell_is_empty: bool = False
     make: MakeParts | None = None
 
 
@@ -61,6 +63,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             task,
             seed=wanted.seed,
             observers=wanted.observers,
+            cell_is_empty=wanted.cell_is_empty,
             make=wanted.make or make_parts,
         )
         if wanted.record is not None:

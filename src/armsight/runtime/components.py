@@ -35,6 +35,10 @@ class Maps(Protocol):
         """Take in frames and say what the workspace looks like."""
         ...
 
+    def declare_empty(self) -> None:
+        """Somebody says that nobody is in the cell."""
+        ...
+
 
 class Guards(Protocol):
     """What :class:`GuardComponent` needs of a guard."""

@@ -63,6 +63,8 @@ class Session:
         config: periods, latencies, configuration of the parts.
         exclusive: refuse to run while another process runs this cell. None: only for real arms;
             simulated ones do not get in each other's way.
+        cell_is_empty: somebody has looked, and nobody is in the cell when it starts: what stands
+            there is no person, see ``docs/guard.md``.
         make: builds map, planner and guard; ``replay_parts`` for a recording, doubles in tests.
         look_only: send no command to the arm at all, not even to stop.
     """
@@ -77,6 +79,7 @@ class Session:
         observers: Sequence[Component] = (),
         config: SessionConfig | None = None,
         exclusive: bool | None = None,
+        cell_is_empty: bool = False,
         make: MakeParts = make_parts,
         look_only: bool = False,
     ) -> None:
@@ -86,6 +89,7 @@ class Session:
         self.config = config or SessionConfig()
         self.ended_by = ""
         self._make = make
+        self._cell_is_empty = cell_is_empty
         self._observers = list(observers)
         self._advance = _advance_of(cell)
         self._real = self._advance is None or cell.mixed
@@ -230,6 +234,10 @@ class Session:
 
         self.post(move)
 
+    def declare_empty(self) -> None:
+        """Somebody says that nobody is in the cell; ``snapshot().emptiness`` has the answer."""
+        self.post(self._parts.workspace.declare_empty)
+
     def reset(self) -> None:
         """Back to time 0 with an empty map, soon: the same seed runs the same again.
 
@@ -325,6 +333,8 @@ class Session:
         charge: Literal["declared", "measured", "real"] = "real" if self._wall else config.charge
         self._channels = channels = Channels()
         self._parts = parts = self._make(self.cell, config)
+        if self._cell_is_empty:
+            parts.workspace.declare_empty()
         sensing = SensingComponent(
             channels, self._arm, self._cameras, self._sensors, config.sensing_period
         )

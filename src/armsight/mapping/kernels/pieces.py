@@ -1,7 +1,7 @@
 """Compiled loops that tell things from people: onsets of voxels, touches, enclosed pieces.
 
-Voxels are flat indices of an (nx, ny, nz) grid; ``core`` holds for each the number of the thing that
-it belongs to (0: none), ``active`` by number whether that thing still is one.
+Voxels are flat indices of an (nx, ny, nz) grid; ``core`` holds for each the number of the thing
+that it belongs to (0: none), ``active`` by number whether that thing still is one.
 """
 
 from __future__ import annotations
