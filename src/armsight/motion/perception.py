@@ -1,0 +1,89 @@
+"""What a perceiver is: frames, with the joints at their exposure, become an observation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from armsight.arrays import Pose
+from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
+from armsight.geometry.camera import PinholeCamera
+
+
+@dataclass(frozen=True)
+class CameraUse:
+    """What one subscriber wants of a camera.
+
+    Attributes:
+        camera: its name in the cell; empty for every camera.
+        color_rate: colour pictures a second [Hz]; 0 for none. Colour costs a driver bandwidth and
+            the simulation much time, so it is taken only as often as somebody asks.
+        color_scale: edge of the colour picture in shares of the lens's own, above 0 to 1.
+    """
+
+    camera: str = ""
+    color_rate: float = 0.0
+    color_scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class PosedFrame:
+    """A frame with where its camera was.
+
+    Attributes:
+        frame: one exposure.
+        info: of the camera.
+        joints: of the arm at the exposure, interpolated; None where none are known.
+        T_base_camera: the depth lens in ``base`` at the exposure; None for a camera on an arm whose
+            joints are not known.
+        color_lens: the lens that fits ``frame.color`` at the size it came in; None without colour.
+    """
+
+    frame: RgbdFrame
+    info: RgbdCameraInfo
+    joints: JointState | None
+    T_base_camera: Pose | None
+    color_lens: PinholeCamera | None = None
+
+    @property
+    def T_base_color(self) -> Pose | None:
+        """The colour lens in ``base`` at the exposure, or None where it is not known."""
+        if self.T_base_camera is None:
+            return None
+        T: Pose = self.T_base_camera @ self.info.T_depth_color
+        return T
+
+
+class Evidence(Protocol):
+    """What a perceiver publishes: an immutable record that says when it was so."""
+
+    @property
+    def stamp(self) -> float:
+        """Exposure of the oldest frame that it rests on [s]."""
+        ...
+
+
+class Perceiver(Protocol):
+    """Turns frames into observations. A component of its own; knows no thread and no clock.
+
+    It may have a ``latency``: what a round takes on the simulated clock [s], 0.02 if it does not
+    say. It may have a ``reset()``, called when a simulated cell begins anew. One that raises loses
+    that round and says so; one that hangs publishes nothing any more.
+
+    Attributes:
+        name: unique in the session; a task finds the observation by it.
+        period: least time between two rounds [s]; a round begins when a frame has come.
+        cameras: which frames it wants.
+    """
+
+    name: str
+    period: float
+    cameras: Sequence[CameraUse]
+
+    def update(self, frames: Sequence[PosedFrame]) -> Evidence | None:
+        """The newest frame of each camera that sent one since the last round, by exposure.
+
+        Returns None when there is nothing to say of them: the observation before stays the newest.
+        """
+        ...

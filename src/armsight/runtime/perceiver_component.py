@@ -1,0 +1,131 @@
+"""A perceiver in the loop: frames in, one immutable observation out, computed beside the loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.history import JointHistory
+from armsight.errors import UsageError
+from armsight.motion.perception import Evidence, Perceiver
+from armsight.robots.robot import Robot
+from armsight.runtime.foreign import ForeignThread, Outcome
+from armsight.runtime.latency import Latency
+from armsight.runtime.posing import NewestFrames, posed
+from armsight.runtime.slot import Slot
+
+LATENCY = 0.02
+"""What a round is charged if the perceiver does not say [s]."""
+
+
+class PerceiverComponent:
+    """Runs one perceiver whenever a frame has come and its period has passed.
+
+    Attributes:
+        problem: why its last round gave nothing, in words; empty when all is well.
+        newest: what it published.
+        on_result: told when a new observation is visible [s].
+        on_seconds: told how long a round computed [s].
+        call_at: the simulated loop's; None under the wall clock, where a round takes its time.
+
+    Args:
+        perceiver: somebody else's; it may raise and hang.
+        robot: whose joints the frames are posed with; cameras: of the cell, by name.
+        history: joints of the last seconds.
+        charge: how compute time is charged, see :class:`Latency`.
+        patience: a call that takes longer on the wall clock [s] is given up.
+
+    Raises:
+        UsageError: its period, its latency or a camera's name is not possible.
+    """
+
+    def __init__(
+        self,
+        perceiver: Perceiver,
+        robot: Robot,
+        cameras: Mapping[str, RgbdCameraInfo],
+        history: JointHistory,
+        charge: Callable[[float], Latency],
+        patience: float,
+    ) -> None:
+        self.name = f"perceiver/{perceiver.name}"
+        self.period = checked_period(f"perceiver {perceiver.name}", perceiver)
+        self.charge = 0.0
+        self.problem = ""
+        self.newest: Slot[Evidence] = Slot()
+        self.frames = NewestFrames(perceiver.cameras)
+        self.on_result: Callable[[float], None] = lambda at: None
+        self.on_seconds: Callable[[float], None] = lambda seconds: None
+        self.call_at: Callable[[float, Callable[[], None]], None] | None = None
+        self.perceiver = perceiver
+        self._robot, self._cameras, self._history = robot, cameras, history
+        self._latency = charge(checked_latency(f"perceiver {perceiver.name}", perceiver, LATENCY))
+        self._thread = ForeignThread(self.name, patience)
+        self._began = -math.inf
+        for use in perceiver.cameras:
+            if use.camera and use.camera not in cameras:
+                known = ", ".join(sorted(cameras)) or "none"
+                raise UsageError(
+                    f"perceiver {perceiver.name}: no camera '{use.camera}' in this cell; "
+                    f"there are: {known}"
+                )
+
+    def update(self, now: float) -> None:
+        """Begin a round if there is a frame for it."""
+        self.charge = 0.0
+        if self._thread.hung or not self.frames.waiting or now < self._began + self.period - 1e-9:
+            return
+        self._began = now
+        frames = [
+            posed(f, self._cameras[f.camera], self._robot, self._history)
+            for f in self.frames.take()
+            if f.camera in self._cameras
+        ]
+        wait = self._thread.begin(lambda: self.perceiver.update(frames))
+        if self.call_at is not None and self._latency.charge == "declared":
+            self.charge = self._latency.declared
+            at = now + self.charge
+            self.call_at(at, lambda: self._finish(wait(), at))
+            return
+        outcome = wait()
+        self.charge = self._latency.of(outcome.seconds)
+        self._finish(outcome, now + self.charge)
+
+    def _finish(self, outcome: Outcome[Any], at: float) -> None:
+        self.on_seconds(outcome.seconds)
+        self.problem = outcome.fault
+        evidence = outcome.value
+        if evidence is None:
+            return
+        stamp = getattr(evidence, "stamp", None)
+        if not isinstance(stamp, (int, float)) or not math.isfinite(stamp):
+            self.problem = f"its {type(evidence).__name__} has no finite stamp"
+            return
+        self.newest.publish(evidence, at)
+        self.on_result(at)
+
+
+def checked_period(what: str, part: Any) -> float:
+    """The period of a task or a perceiver [s].
+
+    Raises:
+        UsageError: it is no time between 1 ms and 10 s.
+    """
+    period = getattr(part, "period", None)
+    if not isinstance(period, (int, float)) or not 0.001 <= period <= 10.0:
+        raise UsageError(f"{what}: period is {period}; expected 0.001 to 10 seconds")
+    return float(period)
+
+
+def checked_latency(what: str, part: Any, default: float) -> float:
+    """The declared latency of a task or a perceiver [s].
+
+    Raises:
+        UsageError: it is no time between 0 and 10 s.
+    """
+    latency = getattr(part, "latency", default)
+    if not isinstance(latency, (int, float)) or not 0.0 <= latency <= 10.0:
+        raise UsageError(f"{what}: latency is {latency}; expected 0 to 10 seconds")
+    return float(latency)

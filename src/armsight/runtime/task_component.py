@@ -1,0 +1,224 @@
+"""The task in the loop: one observation in, one intent out, at its own pace, beside the guard."""
+
+from __future__ import annotations
+
+import math
+import queue
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armsight.devices.data import RgbdCameraInfo
+from armsight.errors import UsageError
+from armsight.motion.face import Curve, Face, ShownFace, Trace, face_fault
+from armsight.motion.intents import Intent, Rest
+from armsight.motion.task import Observation, Perceived, Task
+from armsight.robots.robot import Robot
+from armsight.runtime.channels import Channels
+from armsight.runtime.foreign import ForeignThread, Outcome
+from armsight.runtime.latency import Latency
+from armsight.runtime.perceiver_component import (
+    PerceiverComponent,
+    checked_latency,
+    checked_period,
+)
+from armsight.runtime.posing import NewestFrames, posed
+
+LATENCY = 0.002
+"""What a round is charged if the task does not say [s]."""
+SILENT = 0.25
+"""A task is not taken at its word any more when it has said nothing for so long [s] ..."""
+ROUNDS = 3.0
+"""... and for so many of its periods and latencies, for one that is slow by design."""
+FACE_PERIOD = 0.05
+"""Seconds between two looks at the task's face [s]."""
+TRACE_SECONDS = 30.0
+"""How long the past of a curve is kept [s]."""
+
+
+@dataclass(frozen=True)
+class TaskWord:
+    """What a task said last.
+
+    Attributes:
+        stamp: time of the round in which it was said [s].
+        intent: what it wants; fault: what is wrong with the task, in words, or empty.
+    """
+
+    stamp: float
+    intent: Intent | None
+    fault: str = ""
+
+
+class TaskComponent:
+    """Runs one task. It raises nothing: a task that fails ends, and the arm comes to rest.
+
+    Attributes:
+        problem: what is wrong, in words; empty when all is well.
+        failure: why the task has ended for good, in words; empty while it lives.
+        held: the task is not asked while this is true.
+        on_seconds, call_at: as in :class:`PerceiverComponent`.
+
+    Args:
+        task: somebody else's; it may raise and hang.
+        channels: of the session.
+        robot: the arm; cameras: of the cell, by name.
+        perceivers: of the session.
+        charge: how compute time is charged, see :class:`Latency`.
+        patience: a call that takes longer on the wall clock [s] is given up.
+
+    Raises:
+        UsageError: its period, its latency or what it subscribes to is not possible.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        channels: Channels,
+        robot: Robot,
+        cameras: Mapping[str, RgbdCameraInfo],
+        perceivers: Sequence[PerceiverComponent],
+        charge: Callable[[float], Latency],
+        patience: float,
+    ) -> None:
+        self.name = f"task/{task.name}"
+        self.period = checked_period(f"task {task.name}", task)
+        self.charge = 0.0
+        self.problem = ""
+        self.failure = ""
+        self.held = False
+        self.on_seconds: Callable[[float], None] = lambda seconds: None
+        self.call_at: Callable[[float, Callable[[], None]], None] | None = None
+        self.task = task
+        self.frames = NewestFrames(task.subscriptions.cameras)
+        self._channels, self._robot, self._cameras = channels, robot, cameras
+        self._perceivers = [_of_name(name, task, perceivers) for name in sorted(
+            set(task.subscriptions.perceivers)
+        )]
+        self._latency = charge(checked_latency(f"task {task.name}", task, LATENCY))
+        self._thread = ForeignThread(self.name, patience)
+        self._pressed: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._face_due = -math.inf
+        self._past: dict[tuple[str, str], deque[tuple[float, float]]] = {}
+        for use in task.subscriptions.cameras:
+            if use.camera and use.camera not in cameras:
+                known = ", ".join(sorted(cameras)) or "none"
+                raise UsageError(
+                    f"task {task.name}: no camera '{use.camera}' in this cell; there are: {known}"
+                )
+
+    @property
+    def silent_after(self) -> float:
+        """When its word has become too old to be taken [s]."""
+        return max(SILENT, ROUNDS * (self.period + self._latency.declared))
+
+    def press(self, button: str) -> None:
+        """A person pressed a button of the task's face; from any thread."""
+        self._pressed.put(button)
+
+    def intent(self, now: float) -> Intent | None:
+        """What the guard is to pursue at ``now`` [s]: the task's word, or rest with the reason."""
+        if self.held:
+            return None
+        word = self._channels.word.read(now)
+        if word is None:
+            return None
+        if word.fault:
+            return Rest(word.fault, fault=True)
+        age = now - word.stamp
+        if age > self.silent_after:
+            return Rest(f"task {self.task.name} has said nothing for {age:.2f} s", fault=True)
+        return word.intent
+
+    def update(self, now: float) -> None:
+        """Begin a round."""
+        self.charge = 0.0
+        if self.failure or self.held:
+            return
+        observation = self._observe(now)
+        pressed = self._take_pressed()
+        shown = now >= self._face_due - 1e-9
+        if shown:
+            self._face_due = now + FACE_PERIOD
+        wait = self._thread.begin(lambda: self._round(observation, pressed, shown))
+        if self.call_at is not None and self._latency.charge == "declared" and self._latency.declared:
+            self.charge = self._latency.declared
+            at = now + self.charge
+            self.call_at(at, lambda: self._finish(wait(), now, at))
+            return
+        outcome = wait()
+        self.charge = self._latency.of(outcome.seconds)
+        self._finish(outcome, now, now + self.charge)
+
+    def _round(
+        self, observation: Observation, pressed: Sequence[str], shown: bool
+    ) -> tuple[Intent | None, Any]:
+        """One round in the task's own thread: buttons, what it wants, and its face."""
+        for button in pressed:
+            self.task.press(button)  # type: ignore[attr-defined]
+        wanted = self.task.update(observation)
+        face = getattr(self.task, "face", None)
+        return wanted, face() if shown and face is not None else None
+
+    def _finish(self, outcome: Outcome[tuple[Intent | None, Any]], began: float, at: float) -> None:
+        self.on_seconds(outcome.seconds)
+        if outcome.value is None:
+            self.failure = self.problem = f"task {self.task.name} failed: {outcome.fault}"
+            self._channels.word.publish(TaskWord(began, None, self.failure), at)
+            return
+        wanted, face = outcome.value
+        self._channels.word.publish(TaskWord(began, wanted), at)
+        if face is not None:
+            self._show(face, began, at)
+
+    def _show(self, face: Any, now: float, at: float) -> None:
+        fault = face_fault(face)
+        self.problem = f"task {self.task.name}: {fault}" if fault else ""
+        if not fault:
+            traces = tuple(self._trace(curve, now) for curve in face.curves)
+            self._channels.face.publish(ShownFace(self.task.name, now, face, traces), at)
+
+    def _trace(self, curve: Curve, now: float) -> Trace:
+        past = self._past.setdefault((curve.name, curve.unit), deque())
+        past.append((now, float(curve.value)))
+        while past[0][0] < now - TRACE_SECONDS:
+            past.popleft()
+        times, values = np.array(past).T
+        return Trace(curve.name, curve.unit, times, values)
+
+    def _observe(self, now: float) -> Observation:
+        channels, wanted = self._channels, self.task.subscriptions
+        frames = [
+            posed(f, self._cameras[f.camera], self._robot, channels.history)
+            for f in self.frames.newest()
+            if f.camera in self._cameras
+        ]
+        found = [(p.perceiver.name, p.newest.read(now)) for p in self._perceivers]
+        return Observation(
+            now=now,
+            robot=self._robot,
+            joints=channels.joints.read(now),
+            guard=channels.status.read(now),
+            snapshot=channels.snapshot.read(now) if wanted.snapshot else None,
+            frames=tuple(frames),
+            perceived=tuple(Perceived(name, e) for name, e in found if e is not None),
+        )
+
+    def _take_pressed(self) -> list[str]:
+        names = []
+        while not self._pressed.empty():
+            names.append(self._pressed.get())
+        return names if hasattr(self.task, "press") else []
+
+
+def _of_name(
+    name: str, task: Task, perceivers: Sequence[PerceiverComponent]
+) -> PerceiverComponent:
+    for component in perceivers:
+        if component.perceiver.name == name:
+            return component
+    known = ", ".join(sorted(p.perceiver.name for p in perceivers)) or "none"
+    raise UsageError(f"task {task.name}: no perceiver '{name}' runs in this session; there are: {known}")
