@@ -15,7 +15,7 @@ from common import Report
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
-from armsight.motion.data import JointGoal
+from armsight.motion.intents import JointIntent
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.parts import make_parts
 from armsight.workcell import load_workcell, open_cell
@@ -63,7 +63,7 @@ def replay(cell, parts, frames, rounds):
     """Seconds of each round: whole, map, guard on the wall; whole of the processors."""
     history = JointHistory()
     home, zero = np.asarray(cell.robot.home, float), np.zeros(cell.robot.n)
-    goal = JointGoal("A", next(iter(cell.workcell.goals.values())))
+    goal = JointIntent("A", next(iter(cell.workcell.goals.values())))
     whole, mapped, ticked, cpu = [], [], [], []
     for k in range(rounds):
         turn, index = divmod(k, len(frames))

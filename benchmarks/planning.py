@@ -17,7 +17,8 @@ from common import Report
 from scenes import ball, box, snapshot_of
 
 from armsight.motion.collision import CollisionModel
-from armsight.motion.data import JointGoal, PlanRequest
+from armsight.motion.data import PlanRequest
+from armsight.motion.intents import JointIntent
 from armsight.motion.ompl_planner import OmplPlanner
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.robots import load_robot
@@ -47,7 +48,7 @@ def questions(model: CollisionModel, wanted: int):
             if model.valid(a, scene) and model.valid(b, scene):
                 if not model.edge_valid(a, b, scene):
                     wanted -= 1
-                    yield scene, PlanRequest(seed, a, JointGoal("b", b))
+                    yield scene, PlanRequest(seed, a, JointIntent("b", b))
                 break
 
 

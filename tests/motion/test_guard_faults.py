@@ -9,8 +9,10 @@ from armsight.devices.data import JointState
 from armsight.errors import UsageError
 from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.mapping.snapshot import OCCUPIED, CameraStatus
-from armsight.motion.data import GuardMode, JointGoal
+from armsight.motion.data import GuardMode
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.intents import JointIntent
+from armsight.motion.task import Observation
 from armsight.tasks.patrol import PatrolTask
 
 A = np.deg2rad([-55, -70, 85, -105, -90, 0])
@@ -171,10 +173,10 @@ def test_a_late_tick_slows(moving):
 @pytest.mark.parametrize(
     ("goal", "message"),
     [
-        (JointGoal("X", np.full(6, np.nan)), "not finite"),
-        (JointGoal("X", np.full(6, 7.0)), "outside its limits"),
-        (JointGoal("X", np.zeros(5)), "has 5 joints"),
-        (JointGoal("X", np.zeros(6), speed=0.0), "speed"),
+        (JointIntent("X", np.full(6, np.nan)), "not finite"),
+        (JointIntent("X", np.full(6, 7.0)), "outside its limits"),
+        (JointIntent("X", np.zeros(5)), "has 5 joints"),
+        (JointIntent("X", np.zeros(6), speed=0.0), "speed"),
     ],
 )
 def test_bad_goals_are_refused_at_rest(moving, goal, message):
@@ -285,7 +287,8 @@ def test_patrol_visits_in_turn_and_needs_two_goals():
     world = QuickCell()
     task = PatrolTask({"A": A, "B": B}, dwell=0.3)
     for _ in range(int(9 / 0.008)):
-        world.tick(goal=task.update(world.now, world.log[-1] if world.log else None))
+        seen = Observation(world.now, world.robot, guard=world.log[-1] if world.log else None)
+        world.tick(goal=task.update(seen))
     assert task.visits >= 2
     assert np.diff(task.times)[0] > 0.3
     task.reset()

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.mapping.snapshot import OCCUPIED
-from armsight.motion.data import JointGoal, PlanRequest
+from armsight.motion.data import PlanRequest
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.intents import JointIntent
 from armsight.motion.keep_out import (
     KeepOutConfig,
     SeparationPlanner,
@@ -230,7 +231,7 @@ def test_remembered_places_are_hazards_until_they_are_forgotten():
 def test_a_way_around_a_remembered_place_is_taken_if_it_costs_little():
     cell = QuickCell()
     start, goal = np.deg2rad([[-60, -70, 85, -105, -90, 0], [60, -70, 85, -105, -90, 0]])
-    request = PlanRequest(0, start, JointGoal("B", goal))
+    request = PlanRequest(0, start, JointIntent("B", goal))
     snapshot = cell.snapshot_at(100.0)
     before, places = was_occupied(snapshot, (0.85, -0.1, 0.2), (1.05, 0.1, 0.4), age=5.0)
     hazards = Hazards.at(places, snapshot.hazard_radius)
@@ -281,7 +282,7 @@ def test_paths_keep_below_the_lid_unless_a_goal_does_not():
     planner = SeparationPlanner(Asked(), cell.robot, [cell.info], cell.config)
     snapshot = cell.snapshot_at(0.0)
     for end in (start, goal):  # the second is upright: its wrist is 0.14 m below the box's top
-        request = PlanRequest(0, start, JointGoal("G", end))
+        request = PlanRequest(0, start, JointIntent("G", end))
         planner.plan(request, snapshot, 0.05, np.random.default_rng(0))
     low, high = ((s.state == OCCUPIED).sum(axis=2).max() * cell.grid.voxel for s in asked)
     assert low == pytest.approx(0.2)
@@ -315,7 +316,7 @@ def test_a_short_wait_beats_a_long_way_round_until_it_has_lasted():
 
     def chosen(held):
         planner = SeparationPlanner(Two(), cell.robot, [cell.info], cell.config)
-        request = PlanRequest(0, start, JointGoal("G", goal), None, held)
+        request = PlanRequest(0, start, JointIntent("G", goal), None, held)
         return planner.plan(request, snapshot, 0.05, np.random.default_rng(0)).trajectory
 
     assert around.duration > through.duration + 3.0

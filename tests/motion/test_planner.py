@@ -12,7 +12,8 @@ from scipy.special import exp1
 from armsight.mapping.danger import danger_table
 from armsight.motion.collision import CollisionModel
 from armsight.motion.cost import path_cost
-from armsight.motion.data import JointGoal, PlanRequest
+from armsight.motion.data import PlanRequest
+from armsight.motion.intents import JointIntent
 from armsight.motion.ompl_planner import OmplPlanner
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner, joined_to
 from armsight.robots import ROBOT_NAMES, load_robot
@@ -27,7 +28,7 @@ EMPTY = make_snapshot()
 
 
 def ask(start=A, goal=B, warm=None, number=7):
-    return PlanRequest(number, start, JointGoal("B", goal), warm)
+    return PlanRequest(number, start, JointIntent("B", goal), warm)
 
 
 def plan(snapshot, request=None, seed=0, planner=None, limit=1.0):

@@ -10,7 +10,9 @@ import numpy as np
 from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo, RgbdFrame
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
-from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
+from armsight.motion.data import GuardMode, GuardStatus, PlanRequest
+from armsight.motion.intents import JointIntent
+from armsight.motion.task import Subscriptions
 from armsight.runtime.parts import Parts
 
 
@@ -80,8 +82,8 @@ class FakeCamera:
             np.full((3, 4), np.nan, np.float32),
         )  # fmt: skip
 
-    def want_color(self, wanted):
-        pass
+    def want_color(self, rate, scale=1.0):
+        self.color = (rate, scale)
 
 
 class FakeWorld:
@@ -161,10 +163,14 @@ class FakeGuard:
 class GoTo:
     name = "go"
 
-    def __init__(self, position=(1.0, -1.0)):
-        self.goal = JointGoal("G", np.array(position))
+    period = 0.008
+    latency = 0.0
+    subscriptions = Subscriptions(snapshot=True)
 
-    def update(self, now, status):
+    def __init__(self, position=(1.0, -1.0)):
+        self.goal = JointIntent("G", np.array(position))
+
+    def update(self, observation):
         return self.goal
 
 
@@ -179,6 +185,7 @@ def make_cell():
         sensors=(),
         mixed=False,
         show_joints=None,
+        robot=SimpleNamespace(name="fake", n=2),
     )
 
 

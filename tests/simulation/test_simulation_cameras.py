@@ -74,12 +74,12 @@ def test_color_on_demand(arm_spec):
     with SimulatedWorld(WorldSpec(arm_spec, cameras=(spec,))) as world:
         world.advance(0.2)
         assert world.cameras[0].read().color is None
-        world.cameras[0].want_color(True)
+        world.cameras[0].want_color(30.0)
         world.advance(0.5)
         color = world.cameras[0].read().color
         assert color.shape == (108, 192, 3)
         assert color.std() > 5
-        world.cameras[0].want_color(False)
+        world.cameras[0].want_color(0.0)
         world.advance(0.8)
         assert world.cameras[0].read().color is None
 

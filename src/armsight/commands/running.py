@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
-    from armsight.motion.data import Task
+    from armsight.motion.task import Task
     from armsight.runtime.component import Component
     from armsight.runtime.parts import MakeParts
     from armsight.runtime.session import Session

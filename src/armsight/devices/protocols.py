@@ -85,8 +85,15 @@ class RgbdCamera(Protocol):
         """
         ...
 
-    def want_color(self, wanted: bool) -> None:
-        """Ask for colour beside depth from now on, or spare it."""
+    def want_color(self, rate: float, scale: float = 1.0) -> None:
+        """Ask for colour beside depth from the next exposure on, or spare it.
+
+        Args:
+            rate: pictures wanted a second at least [Hz]; 0 spares colour, more than the camera's
+                rate means every exposure.
+            scale: edge of the picture in shares of the colour lens's own, above 0 to 1. A device
+                that cannot scale may send more; the picture's own size tells.
+        """
         ...
 
 

@@ -110,7 +110,7 @@ class RecordedCamera(RecordedSensor[RgbdFrame]):
         """What was known of it."""
         return self._info
 
-    def want_color(self, wanted: bool) -> None:
+    def want_color(self, rate: float, scale: float = 1.0) -> None:
         """Colour is there or not: the recording cannot be asked."""
 
 

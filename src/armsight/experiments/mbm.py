@@ -27,7 +27,8 @@ from armsight.experiments.seen_space import PARTS, Seen, snapshot_of, space_seen
 from armsight.geometry.camera import PinholeCamera
 from armsight.mapping.snapshot import FREE, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
-from armsight.motion.data import JointGoal, PlanRequest
+from armsight.motion.data import PlanRequest
+from armsight.motion.intents import JointIntent
 from armsight.motion.nearest import MovingBody
 from armsight.motion.obstacles import CollisionConfig
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
@@ -199,7 +200,7 @@ def planner_of(robot: str, solid: bool, improvement: float) -> RrtConnectPlanner
     planner = RrtConnectPlanner(arm, model, config, clock=time.thread_time)
     grid, nothing = grid_of(robot), np.zeros((0, 3), np.float32)
     empty = snapshot_of(Seen(grid, np.full(grid.shape, FREE, np.uint8), nothing, nothing), solid)
-    request = PlanRequest(0, problem.start, JointGoal("goal", problem.goal))
+    request = PlanRequest(0, problem.start, JointIntent("goal", problem.goal))
     planner.plan(request, empty, TIME, np.random.default_rng(0))
     return planner
 
@@ -212,7 +213,7 @@ def _plan(
     seed: tuple[int, int],
 ) -> dict[str, Any]:
     """Two plans of one beginning: without better paths, and with them."""
-    request = PlanRequest(0, problem.start, JointGoal("goal", problem.goal))
+    request = PlanRequest(0, problem.start, JointIntent("goal", problem.goal))
     result: dict[str, Any] = {}
     for name, improvement in (("motion_s", 0.0), ("improved_s", PlannerConfig().improvement)):
         planner = planner_of(problem.robot, solid, improvement)

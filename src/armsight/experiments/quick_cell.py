@@ -17,12 +17,15 @@ from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo
 from armsight.geometry.camera import PinholeCamera
 from armsight.mapping.snapshot import FREE, CameraStatus, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
-from armsight.motion.data import GuardStatus, JointGoal
-from armsight.motion.guard import Guard, GuardDecision
+from armsight.motion.data import GuardStatus
+from armsight.motion.guard import Guard
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.intents import Intent, JointIntent
 from armsight.motion.keep_out import SeparationPlanner
 from armsight.motion.plan import Plan
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
+from armsight.motion.pose_planner import PosePlanner
+from armsight.motion.tick import GuardDecision
 from armsight.robots import load_robot
 from armsight.robots.robot import Robot
 from armsight.simulation.kernels import drive_step
@@ -104,7 +107,9 @@ class QuickCell:
         speed, acceleration = self.config.planned
         speeds = PlannerConfig(speed=speed, acceleration=acceleration)
         planner = RrtConnectPlanner(self.robot, CollisionModel(self.robot), speeds)
-        self.planner = SeparationPlanner(planner, self.robot, [self.info], self.config)
+        among_people = SeparationPlanner(planner, self.robot, [self.info], self.config)
+        limits = self.robot.limits.scaled(speed, acceleration)
+        self.planner = PosePlanner(among_people, self.robot, limits)
         self.now = 0.0
         self.q = np.array(self.robot.home, float)
         self.v = np.zeros(self.robot.n)
@@ -139,7 +144,7 @@ class QuickCell:
         self,
         joints: JointState | None = KEEP,
         snapshot: WorkspaceSnapshot | None = KEEP,
-        goal: JointGoal | None = KEEP,
+        goal: Intent | None = KEEP,
         clock: float | None = None,
     ) -> GuardDecision:
         """One tick of the guard; what it is given may be replaced, to see what it does then."""
@@ -229,7 +234,7 @@ class QuickCell:
         while self.plans and self.plans[0][0] <= self.now + 1e-9:
             self.plan = self.plans.pop(0)[1]
 
-    def _next_goal(self) -> JointGoal | None:
+    def _next_goal(self) -> JointIntent | None:
         if not self.goals:
             return None
         last = self.log[-1] if self.log else None
@@ -237,7 +242,7 @@ class QuickCell:
             self.visits.append(self.now)
             self._goal += 1
         k = self._goal % len(self.goals)
-        return JointGoal(f"G{k}", self.goals[k])
+        return JointIntent(f"G{k}", self.goals[k])
 
     def _look(self) -> None:
         """Distance of the moving body to the balls, and the speed of its fastest point."""

@@ -1,29 +1,13 @@
-"""What tasks ask of the guard, and what the guard says of itself."""
+"""What the guard says of itself, and what it asks of the planner."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
 
 from armsight.arrays import JointPath, JointVector, Vector3
-
-
-@dataclass(frozen=True)
-class JointGoal:
-    """Bring the joints to a configuration.
-
-    Attributes:
-        name: for the page and the log, such as ``A``.
-        position: (n,) [rad].
-        tolerance: reached when every joint is this close [rad].
-        speed: share of the cell's allowed speed, 0..1.
-    """
-
-    name: str
-    position: JointVector
-    tolerance: float = 0.01
-    speed: float = 1.0
+from armsight.motion.intents import JointIntent, PoseIntent
 
 
 class GuardMode(StrEnum):
@@ -32,6 +16,7 @@ class GuardMode(StrEnum):
     IDLE = "idle"  # no goal
     PLANNING = "planning"  # holds still until a path is ready
     PREDICTIVE = "predictive"  # follows a planned path at full allowed speed
+    VELOCITY = "velocity"  # moves as a task's velocity says
     SLOWED = "slowed"  # follows it, scaled down by separation
     STOPPED = "stopped"  # holds: someone is too close, or data is late; see the reason
     REFLEX = "reflex"  # retraces or flees
@@ -57,6 +42,8 @@ class GuardStatus:
         snapshot_sequence: the snapshot this tick looked at; -1 before the first.
         snapshot_age: age of its stalest camera at the tick [s].
         replans: plans made so far; reflexes: reflexes started so far.
+        wanted: (n,) joint velocities that a velocity intent asks for [rad/s]; None without one.
+        evidence_age: of the velocity intent at the tick [s]; NaN without one.
         timings: (stage, seconds).
     """
 
@@ -77,17 +64,9 @@ class GuardStatus:
     snapshot_age: float
     replans: int = 0
     reflexes: int = 0
+    wanted: JointVector | None = None
+    evidence_age: float = math.nan
     timings: tuple[tuple[str, float], ...] = field(default=())
-
-
-class Task(Protocol):
-    """A job. It asks the guard for goals and never sees the arm."""
-
-    name: str
-
-    def update(self, now: float, status: GuardStatus | None) -> JointGoal | None:
-        """The goal to pursue now, or None to rest; called once a guard tick, must be quick."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -97,13 +76,24 @@ class PlanRequest:
     Attributes:
         sequence: counts requests; the answer carries it.
         start: (n,) [rad] where the arm will be at rest when the plan begins.
-        goal: where to.
+        goal: where to: joint positions, or a pose of the TCP.
         warm: (k, n) a path that was good a moment ago, or None.
         held: how long the arm has stood on its way to this goal [s].
     """
 
     sequence: int
     start: JointVector
-    goal: JointGoal
+    goal: JointIntent | PoseIntent
     warm: JointPath | None = None
     held: float = 0.0
+
+    @property
+    def target(self) -> JointVector:
+        """(n,) where to [rad].
+
+        Raises:
+            TypeError: the goal is a pose, which :class:`~.PosePlanner` has to solve first.
+        """
+        if not isinstance(self.goal, JointIntent):
+            raise TypeError(f"goal {self.goal.name} is a pose; plan to it by PosePlanner")
+        return self.goal.position

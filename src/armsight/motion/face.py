@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -169,11 +169,12 @@ _VECTORS = {ArrowMark: ("start", "end"), EllipsoidMark: ("radii",), RegionMark: 
 _POSED = (FrameMark, EllipsoidMark, RegionMark)
 
 
-def face_fault(face: object) -> str:
+def face_fault(face: Any) -> str:
     """What is wrong with a face, in words; empty when it can be shown. Never raises."""
     if not isinstance(face, Face):
         return f"face() returned {type(face).__name__}; expected a Face"
-    if not (isinstance(face.state, str) and isinstance(face.reason, str)):
+    words: tuple[Any, ...] = (face.state, face.reason)
+    if not all(isinstance(word, str) for word in words):
         return "state and reason must be text"
     for field in fields(Face)[2:]:
         parts = getattr(face, field.name)
@@ -201,7 +202,7 @@ def _parts_fault(kind: str, parts: object) -> str:
     return ""
 
 
-def _part_fault(part: object) -> str:
+def _part_fault(part: Any) -> str:
     if isinstance(part, Figure | Curve):
         float(part.value)
         return "" if isinstance(part.unit, str) else "its unit must be text"
@@ -215,7 +216,7 @@ def _part_fault(part: object) -> str:
     return _mark_fault(part)
 
 
-def _mark_fault(mark: object) -> str:
+def _mark_fault(mark: Any) -> str:
     if not isinstance(mark, PointsMark | ArrowMark | FrameMark | EllipsoidMark | RegionMark):
         return f"{type(mark).__name__} cannot be shown"
     if isinstance(mark, PointsMark):

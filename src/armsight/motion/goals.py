@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
 from armsight.arrays import JointPath, JointVector
-from armsight.motion.data import JointGoal, PlanRequest
+from armsight.geometry.pose import angle_between
+from armsight.motion.data import PlanRequest
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.intents import JointIntent, PoseIntent, refusal
 from armsight.motion.plan import Plan
+from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 
 STARTS_HERE = 0.02
 """A plan may begin this far from where the arm rests [rad]."""
+Goal: TypeAlias = JointIntent | PoseIntent
+"""Where a planned motion leads."""
 ANSWER_TIME = 3.0
 """A request that nobody answered is repeated after this time [s]."""
 
@@ -33,7 +39,7 @@ class Goals:
     def __init__(self, robot: Robot, config: GuardConfig) -> None:
         self._robot = robot
         self._config = config
-        self.goal: JointGoal | None = None
+        self.goal: Goal | None = None
         self.reached = False
         self.refusal = ""
         self.trouble = ""
@@ -45,23 +51,17 @@ class Goals:
         self._again = -math.inf
         self._seen = -1
 
-    def set(self, goal: JointGoal | None) -> bool:
+    def set(self, goal: Goal | None) -> bool:
         """Take over what the task wants; true if it is another goal than before."""
         known = self.goal
         if goal is None:
             self.goal, self.reached, self.refusal, self.trouble = None, False, "", ""
             self._pending = None
             return known is not None
-        if known is not None and (
-            goal is known
-            or (
-                goal.name == known.name
-                and np.array_equal(goal.position, known.position, equal_nan=True)
-            )
-        ):
+        if known is not None and (goal is known or _same(goal, known)):
             return False
         self.goal, self.reached, self.trouble, self.held = goal, False, "", 0.0
-        self.refusal = self._judge(goal)
+        self.refusal = refusal(goal, self._robot)
         self._pending = None
         self._again = -math.inf
         return True
@@ -79,7 +79,11 @@ class Goals:
     def is_at(self, q: JointVector) -> bool:
         """Whether (n,) positions are within the goal's tolerance."""
         goal = self.goal
-        return goal is not None and bool(np.abs(q - goal.position).max() <= goal.tolerance)
+        if goal is None:
+            return False
+        if isinstance(goal, JointIntent):
+            return bool(np.abs(q - goal.position).max() <= goal.tolerance)
+        return not self._pose_miss(goal, q)
 
     def ask(self, now: float, start: JointVector, warm: JointPath | None) -> PlanRequest | None:
         """A request for a plan from (n,) [rad], if it is time for one."""
@@ -119,24 +123,6 @@ class Goals:
         self._asked = self._again = -math.inf
         self._pending = None
 
-    def _judge(self, goal: JointGoal) -> str:
-        q = np.asarray(goal.position, float)
-        limits, n = self._robot.limits, self._robot.n
-        if q.shape != (n,):
-            return f"goal {goal.name} has {q.size} joints; {self._robot.name} has {n}"
-        if not np.isfinite(q).all():
-            return f"goal {goal.name} is not finite: give {n} numbers in rad"
-        if not 0.0 < goal.speed <= 1.0:
-            return f"goal {goal.name} asks for speed {goal.speed}; expected above 0, at most 1"
-        outside = np.maximum(limits.lower - q, q - limits.upper)
-        if outside.max() > 0.0:
-            j = int(np.argmax(outside))
-            return (
-                f"goal {goal.name}: {self._robot.joint_names[j]} at {q[j]:.3f} rad is outside its "
-                f"limits {limits.lower[j]:.3f}..{limits.upper[j]:.3f}"
-            )
-        return ""
-
     def _fault(self, plan: Plan, at: JointVector) -> str:
         assert self.goal is not None
         name = self.goal.name
@@ -150,7 +136,30 @@ class Goals:
         gap = float(np.abs(ends[0] - at).max())
         if gap > STARTS_HERE:
             return f"goal {name}: the plan starts {gap:.3f} rad from where the arm is"
-        miss = float(np.abs(ends[1] - self.goal.position).max())
-        if miss > max(self.goal.tolerance, 1e-6):
-            return f"goal {name}: the plan ends {miss:.3f} rad from the goal"
+        if isinstance(self.goal, PoseIntent):
+            miss = self._pose_miss(self.goal, ends[1])
+            return f"goal {name}: the plan ends {miss} from the goal" if miss else ""
+        away = float(np.abs(ends[1] - self.goal.position).max())
+        if away > max(self.goal.tolerance, 1e-6):
+            return f"goal {name}: the plan ends {away:.3f} rad from the goal"
         return ""
+
+    def _pose_miss(self, goal: PoseIntent, q: JointVector) -> str:
+        """By how much the TCP misses a pose at (n,) [rad], in words; empty within tolerance."""
+        T, wanted = tcp_pose(self._robot, q), np.asarray(goal.T_base_tcp, float)
+        away = float(np.linalg.norm(T[:3, 3] - wanted[:3, 3]))
+        turned = angle_between(T, wanted)
+        if away <= goal.tolerance and turned <= goal.tolerance_rad:
+            return ""
+        return f"{1e3 * away:.1f} mm, {turned:.3f} rad"
+
+
+def _same(a: Goal, b: Goal) -> bool:
+    """Whether two goals lead to the same place under the same name."""
+    if type(a) is not type(b) or a.name != b.name:
+        return False
+    p, q = ((g.position if isinstance(g, JointIntent) else g.T_base_tcp) for g in (a, b))
+    try:
+        return np.array_equal(np.asarray(p, float), np.asarray(q, float), equal_nan=True)
+    except (TypeError, ValueError):  # no numbers: refused when it came, and still the same wish
+        return p is q

@@ -106,16 +106,7 @@ class SeparationPlanner:
             return best
         worse = hazards if before is snapshot else Hazards.of(before)
 
-        stay = max(config.stay, request.held)
-
-        def expected(trajectory: Trajectory) -> float:
-            now = min(self.predicted_time(trajectory, hazards), trajectory.duration + stay)
-            if worse is hazards:
-                return now
-            again = min(self.predicted_time(trajectory, worse), now + config.stay)
-            return (1.0 - config.returns) * now + config.returns * again
-
-        best_time = expected(best.trajectory)
+        best_time = self._expected(best.trajectory, request, hazards, worse)
         spent = best.optimisation_s
         further = min(time_limit, config.further)
         fields: dict[bool, NDArray[np.float64] | None] = {}
@@ -124,7 +115,7 @@ class SeparationPlanner:
             enough = best_time <= config.good * best.trajectory.duration
             if enough or len(tried) >= config.most:
                 break
-            ends = min(self._distance(q, those) for q in (request.start, request.goal.position))
+            ends = min(self._distance(q, those) for q in (request.start, request.target))
             distance = round(min(wanted, ends - config.slack), 3)
             key = (crowd is snapshot, distance)
             if distance < config.least or key in tried:
@@ -137,10 +128,30 @@ class SeparationPlanner:
             spent += other.planning_s + other.optimisation_s
             if other.trajectory is None:
                 continue
-            other_time = expected(other.trajectory)
+            other_time = self._expected(other.trajectory, request, hazards, worse)
             if other_time < best_time:
                 best, best_time = other, other_time
         return replace(best, optimisation_s=spent)
+
+    def expected_time(
+        self, trajectory: Trajectory, request: PlanRequest, snapshot: WorkspaceSnapshot
+    ) -> float:
+        """Seconds that a motion would take: the mean of now and with remembered places taken."""
+        now = Hazards.of(snapshot)
+        before = with_remembered(snapshot, self._config.memory)
+        worse = now if before is snapshot else Hazards.of(before)
+        return self._expected(trajectory, request, now, worse)
+
+    def _expected(
+        self, trajectory: Trajectory, request: PlanRequest, hazards: Hazards, worse: Hazards
+    ) -> float:
+        config = self._config
+        stay = max(config.stay, request.held)
+        now = min(self.predicted_time(trajectory, hazards), trajectory.duration + stay)
+        if worse is hazards:
+            return now
+        again = min(self.predicted_time(trajectory, worse), now + config.stay)
+        return (1.0 - config.returns) * now + config.returns * again
 
     def _under_the_lid(
         self, request: PlanRequest, snapshot: WorkspaceSnapshot
@@ -148,8 +159,7 @@ class SeparationPlanner:
         """The surroundings closed by a lid, as high as start and goal need it."""
         body, still = self._gate.body, np.zeros(len(request.start))
         ends = [
-            body.motion(np.asarray(q, float), still)[0]
-            for q in (request.start, request.goal.position)
+            body.motion(np.asarray(q, float), still)[0] for q in (request.start, request.target)
         ]
         highest = max(float((center[:, 2] + body.radius).max()) for center in ends)
         grid = snapshot.grid

@@ -78,7 +78,7 @@ class OmplPlanner:
         """See :class:`~armsight.motion.plan.Planner`; ``warm`` is not used."""
         began = self._clock()
         start = np.array(request.start, float)
-        goal = np.array(request.goal.position, float)
+        goal = np.array(request.target, float)
         reason = refusal(self.model, start, goal, snapshot)
         if reason:
             return failed(request, snapshot, self.robot.n, reason, self._clock() - began)

@@ -122,7 +122,7 @@ class RrtConnectPlanner:
             return failed(request, snapshot, self.robot.n, reason, seconds)
 
         start = self.model.inside_limits(np.array(request.start, float))
-        goal = np.array(request.goal.position, float)
+        goal = np.array(request.target, float)
         way_out = np.zeros((0, self.robot.n))
         reason = refusal(self._roomy, start, goal, snapshot)
         if reason.startswith("start") and start.shape == goal.shape == (self.robot.n,):

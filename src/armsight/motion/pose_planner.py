@@ -1,4 +1,4 @@
-"""Plans to a pose of the TCP: every inverse solution is weighed, the one that is there soonest wins.
+"""Plans to a pose of the TCP: of all inverse solutions the one that is there soonest wins.
 
 The time that counts is what separation would let the arm have, not the length of the way: an elbow
 that turns towards somebody loses to one that turns away (:mod:`armsight.motion.keep_out`).

@@ -29,9 +29,11 @@ def acceleration_towards(
     up to ``(n + 1) a dt - u n (n + 1) / 2``.
 
     Args:
-        v, a: velocity [rad/s] and acceleration [rad/s^2] of the tick before.
+        v: velocity of the tick before [rad/s].
+        a: acceleration of the tick before [rad/s^2].
         target: wanted velocity [rad/s].
-        most: greatest acceleration [rad/s^2]; jerk: greatest change of it [rad/s^3].
+        most: greatest acceleration [rad/s^2].
+        jerk: greatest change of it [rad/s^3].
         seconds: length of the tick [s].
     """
     left = target - v
@@ -75,6 +77,7 @@ def ramp(
     acceleration: JointVector,
     jerk: JointVector,
     seconds: float,
+    period: float,
 ) -> JointVector:
     """(n,) velocities to command now, on the way to a target, within every limit of every joint.
 
@@ -84,10 +87,15 @@ def ramp(
     Args:
         target: (n,) wanted [rad/s].
         q: (n,) where the joints are when the command acts [rad].
-        v, a: (n,) commanded a tick ago [rad/s], and its acceleration [rad/s^2].
-        lower, upper: (n,) ends of travel [rad].
-        speed, acceleration, jerk: (n,) limits.
+        v: (n,) commanded a tick ago [rad/s].
+        a: (n,) acceleration of that command [rad/s^2].
+        lower: (n,) ends of travel below [rad].
+        upper: (n,) ends of travel above [rad].
+        speed: (n,) greatest velocity [rad/s].
+        acceleration: (n,) greatest acceleration [rad/s^2].
+        jerk: (n,) greatest jerk [rad/s^3].
         seconds: since the last command [s].
+        period: until the next, and from then on [s].
     """
     n = target.shape[0]
     wanted = np.empty(n)
@@ -112,7 +120,9 @@ def ramp(
         if (wanted[j] - v[j]) * a[j] < 0.0 or abs(a[j]) > share * A:
             best = quick
         rest = acceleration_towards(v[j], a[j], 0.0, A, J, dt)
-        out[j] = v[j] + dt * _stopping_in(q[j], v[j], best, rest, lower[j], upper[j], A, J, dt)
+        out[j] = v[j] + dt * _stopping_in(
+            q[j], v[j], best, rest, lower[j], upper[j], A, J, dt, period
+        )
     return out
 
 
@@ -126,12 +136,13 @@ def _fits(
     most: float,
     jerk: float,
     seconds: float,
+    period: float,
 ) -> tuple[bool, bool]:
     """Whether a joint that accelerates with ``a`` for a tick still stops below and above."""
     after = v + a * seconds
-    up, down = stop_extent(after, a, most, jerk, seconds)
-    top = q + max(v, after, 0.0) * seconds + up
-    bottom = q + min(v, after, 0.0) * seconds - down
+    up, down = stop_extent(after, a, most, jerk, period)
+    top = q + max(v, after, 0.0) * period + up
+    bottom = q + min(v, after, 0.0) * period - down
     return bottom >= lower, top <= upper
 
 
@@ -146,9 +157,10 @@ def _stopping_in(
     most: float,
     jerk: float,
     seconds: float,
+    period: float,
 ) -> float:
     """The acceleration nearest to the best one from which the joint stops within its travel."""
-    above, below = _fits(q, v, best, lower, upper, most, jerk, seconds)
+    above, below = _fits(q, v, best, lower, upper, most, jerk, seconds, period)
     if best > rest and below:
         return best
     if best < rest and above:
@@ -158,7 +170,7 @@ def _stopping_in(
     good, bad = rest, best
     for _ in range(HALVINGS):
         middle = 0.5 * (good + bad)
-        above, below = _fits(q, v, middle, lower, upper, most, jerk, seconds)
+        above, below = _fits(q, v, middle, lower, upper, most, jerk, seconds, period)
         if below if best > rest else above:
             good = middle
         else:

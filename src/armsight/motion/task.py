@@ -13,7 +13,7 @@ from armsight.motion.intents import Intent
 from armsight.motion.perception import CameraUse, Evidence, PosedFrame
 from armsight.robots.robot import Robot
 
-E = TypeVar("E")
+E = TypeVar("E", bound=Evidence)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Observation:
     def newest(self, kind: type[E]) -> E | None:
         """The newest observation of a type, whoever made it, or None."""
         found = [p.evidence for p in self.perceived if isinstance(p.evidence, kind)]
-        return max(found, key=lambda evidence: evidence.stamp, default=None)  # type: ignore[attr-defined, return-value]
+        return max(found, key=lambda evidence: evidence.stamp, default=None)
 
 
 class Task(Protocol):

@@ -10,9 +10,10 @@ from armsight.devices.data import JointState
 from armsight.errors import UsageError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.workspace_map import WorkspaceMap
-from armsight.motion.data import GuardMode, GuardStatus, JointGoal, PlanRequest
-from armsight.motion.guard import GuardDecision
+from armsight.motion.data import GuardMode, GuardStatus, PlanRequest
+from armsight.motion.intents import Intent
 from armsight.motion.plan import Plan
+from armsight.motion.tick import GuardDecision
 from armsight.recording.playback import Playback
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.configure import mapping_config
@@ -37,7 +38,7 @@ class RecordedGuard:
         now: float,
         joints: JointState | None,
         snapshot: WorkspaceSnapshot | None,
-        goal: JointGoal | None,
+        intent: Intent | None,
         plan: Plan | None,
     ) -> GuardDecision:
         """The recorded status of this time, or an idle one where none was recorded."""

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, PlanRequest
+from armsight.motion.face import ShownFace
+from armsight.motion.intents import Intent
+from armsight.runtime.posing import NewestFrames
 from armsight.runtime.slot import Slot
 
 if TYPE_CHECKING:
@@ -48,16 +52,23 @@ class SharedJointHistory(JointHistory):
 
 
 class FrameBox:
-    """Frames on their way to the map; the oldest is dropped when nobody takes them."""
+    """Frames on their way to the map; the oldest is dropped when nobody takes them.
+
+    Attributes:
+        dropped: frames that nobody took; readers: who else gets every frame.
+    """
 
     def __init__(self, capacity: int = 16) -> None:
         self._lock = threading.Lock()
         self._waiting: deque[RgbdFrame] = deque(maxlen=capacity)
         self._newest: dict[str, RgbdFrame] = {}
         self.dropped = 0
+        self.readers: list[NewestFrames] = []
 
     def put(self, frame: RgbdFrame, for_map: bool = True) -> None:
         """Leave a frame, for the map and for whoever looks, or for those alone."""
+        for box in self.readers:
+            box.put(frame)
         with self._lock:
             self._newest[frame.camera] = frame
             if for_map:
@@ -101,6 +112,20 @@ class Readings:
             return tuple(self._newest.values())
 
 
+@dataclass(frozen=True)
+class TaskWord:
+    """What a task said last.
+
+    Attributes:
+        stamp: time of the round in which it was said [s].
+        intent: what it wants; fault: what is wrong with the task, in words, or empty.
+    """
+
+    stamp: float
+    intent: Intent | None
+    fault: str = ""
+
+
 class Channels:
     """All that flows between the components of one session."""
 
@@ -113,3 +138,5 @@ class Channels:
         self.request: Slot[PlanRequest] = Slot()
         self.plan: Slot[Plan] = Slot()
         self.status: Slot[GuardStatus] = Slot()
+        self.word: Slot[TaskWord] = Slot()
+        self.face: Slot[ShownFace] = Slot()

@@ -1,4 +1,4 @@
-"""Three working parts of a session: mapping, planning, and the guard.
+"""Three working parts of every session: mapping, planning, and the guard.
 
 They wrap the pure objects of ``mapping`` and ``motion``; only here do these meet time and threads.
 A round's compute time is charged to the simulated clock, either as declared or as measured.
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -18,12 +18,13 @@ from armsight.devices.history import JointHistory
 from armsight.devices.protocols import Arm
 from armsight.errors import DeviceError
 from armsight.mapping.snapshot import WorkspaceSnapshot
-from armsight.motion.data import GuardStatus, JointGoal, PlanRequest, Task
+from armsight.motion.intents import Intent
 from armsight.runtime.channels import Channels
+from armsight.runtime.latency import Latency
 
 if TYPE_CHECKING:
-    from armsight.motion.guard import GuardDecision
     from armsight.motion.plan import Plan, Planner
+    from armsight.motion.tick import GuardDecision
 
 
 class Maps(Protocol):
@@ -48,31 +49,13 @@ class Guards(Protocol):
         now: float,
         joints: JointState | None,
         snapshot: WorkspaceSnapshot | None,
-        goal: JointGoal | None,
+        intent: Intent | None,
         plan: Plan | None,
     ) -> GuardDecision:
         """One tick: the command, the state, and perhaps a request to the planner."""
         ...
 
 
-@dataclass(frozen=True)
-class Latency:
-    """How long a stage takes on the simulated clock.
-
-    Attributes:
-        declared: seconds charged when ``charge`` is ``declared`` [s].
-        charge: ``declared`` makes runs repeatable bit for bit; ``measured`` charges the compute
-            time of this machine; under the wall clock time passes by itself (``real``).
-    """
-
-    declared: float
-    charge: Literal["declared", "measured", "real"] = "declared"
-
-    def of(self, seconds: float) -> float:
-        """Seconds to charge for a round that took ``seconds`` of computing."""
-        if self.charge == "real":
-            return 0.0
-        return self.declared if self.charge == "declared" else seconds
 
 
 class Beside(Protocol):
@@ -215,7 +198,11 @@ class PlanningComponent:
 
 
 class GuardComponent:
-    """Ticks the guard and alone commands the arm."""
+    """Ticks the guard and alone commands the arm.
+
+    Attributes:
+        held: nothing is pursued while this is true; the arm comes to rest and holds.
+    """
 
     name = "guard"
 
@@ -224,7 +211,7 @@ class GuardComponent:
         channels: Channels,
         guard: Guards,
         arm: Arm,
-        task: Task | None,
+        intent: Callable[[float], Intent | None],
         latency: Latency,
         period: float = 0.008,
     ) -> None:
@@ -237,23 +224,18 @@ class GuardComponent:
         self._channels = channels
         self._guard = guard
         self._arm = arm
-        self._task = task
+        self._intent = intent
         self._latency = latency
-        self._status: GuardStatus | None = None
-        self._requested: PlanRequest | None = None
 
     def update(self, now: float) -> None:
-        """Ask the task, step the guard, command the arm, publish the status."""
+        """Read what is wanted, step the guard, command the arm, publish the status."""
         began = time.perf_counter()
         channels = self._channels
-        goal = None
-        if self._task is not None and not self.held:
-            goal = self._task.update(now, self._status)
         decision = self._guard.step(
             now,
             channels.joints.read(now),
             channels.snapshot.read(now),
-            goal,
+            None if self.held else self._intent(now),
             channels.plan.read(now),
         )
         seconds = time.perf_counter() - began
@@ -277,8 +259,7 @@ class GuardComponent:
             self.problem = str(error)
             sent = np.zeros_like(decision.command)
             status = replace(status, reason=self.problem)
-        self._status = replace(status, command=sent, timings=timings)
-        self._channels.status.publish(self._status, at)
+        self._channels.status.publish(replace(status, command=sent, timings=timings), at)
         if decision.request is not None:
             self._channels.request.publish(decision.request, at)
             self.on_request(at)

@@ -24,6 +24,8 @@ class SessionConfig:
             clock when ``charge`` is ``declared`` [s]. The defaults are a little above what was
             measured on two cores.
         charge: ``declared`` (repeatable bit for bit) or ``measured`` compute time.
+        patience: a call of a task or a perceiver that takes longer on the wall clock is given up
+            for good [s]; compiling or loading a network at the first call may take a while.
         planning_time: the planner's time limit [s].
         mapping, guard, planner: configuration of the parts; None takes the workcell's or defaults.
     """
@@ -36,6 +38,7 @@ class SessionConfig:
     planning_latency: float = 0.1
     guard_latency: float = 0.002
     charge: Literal["declared", "measured"] = "declared"
+    patience: float = 60.0
     planning_time: float = 0.05
     mapping: MappingConfig | None = field(default=None)
     guard: GuardConfig | None = field(default=None)

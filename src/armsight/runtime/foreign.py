@@ -79,7 +79,9 @@ class ForeignThread:
             if done.wait(max(left, 0.0)):
                 return box[0]
             self.hung = True
-            return Outcome(None, f"did not return within {self._patience:g} s", self._patience, True)
+            return Outcome(
+                None, f"did not return within {self._patience:g} s", self._patience, True
+            )
 
         return wait
 

@@ -11,6 +11,7 @@ from armsight.motion.collision import CollisionModel
 from armsight.motion.guard import Guard
 from armsight.motion.keep_out import SeparationPlanner
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
+from armsight.motion.pose_planner import PosePlanner
 from armsight.runtime.components import Guards, Maps
 from armsight.runtime.configure import guard_config, mapping_config
 from armsight.runtime.warm_up import Progress, warm_up
@@ -49,11 +50,13 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
     planning = PlannerConfig(speed=speed, acceleration=acceleration)
 
     def make() -> tuple[WorkspaceMap, Planner, Guard]:
-        planner = config.planner or SeparationPlanner(
-            RrtConnectPlanner(cell.robot, CollisionModel(cell.robot), planning),
-            cell.robot,
-            infos,
-            guard,
+        robot = cell.robot
+        planner = config.planner or PosePlanner(
+            SeparationPlanner(
+                RrtConnectPlanner(robot, CollisionModel(robot), planning), robot, infos, guard
+            ),
+            robot,
+            robot.limits.scaled(speed, acceleration),
         )
         return (
             WorkspaceMap(cell.robot, infos, cell.static, mapping),

@@ -27,7 +27,7 @@ class PerceiverComponent:
         problem: why its last round gave nothing, in words; empty when all is well.
         newest: what it published.
         on_result: told when a new observation is visible [s].
-        on_seconds: told how long a round computed [s].
+        on_seconds: told how long a round computed beside the loop [s].
         call_at: the simulated loop's; None under the wall clock, where a round takes its time.
 
     Args:
@@ -87,14 +87,19 @@ class PerceiverComponent:
         if self.call_at is not None and self._latency.charge == "declared":
             self.charge = self._latency.declared
             at = now + self.charge
-            self.call_at(at, lambda: self._finish(wait(), at))
+
+            def finish() -> None:
+                outcome = wait()
+                self.on_seconds(outcome.seconds)
+                self._finish(outcome, at)
+
+            self.call_at(at, finish)
             return
         outcome = wait()
         self.charge = self._latency.of(outcome.seconds)
         self._finish(outcome, now + self.charge)
 
     def _finish(self, outcome: Outcome[Any], at: float) -> None:
-        self.on_seconds(outcome.seconds)
         self.problem = outcome.fault
         evidence = outcome.value
         if evidence is None:

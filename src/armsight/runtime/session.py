@@ -18,22 +18,26 @@ from armsight.devices.protocols import Arm, Clock, RgbdCamera
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import DeviceError, LoopError, UsageError
 from armsight.mapping.snapshot import WorkspaceSnapshot
-from armsight.motion.data import GuardStatus, Task
+from armsight.motion.data import GuardStatus
+from armsight.motion.perception import CameraUse, Perceiver
+from armsight.motion.task import Task, perceivers_of
 from armsight.runtime.channels import Channels
 from armsight.runtime.component import Component
 from armsight.runtime.components import (
     GuardComponent,
-    Latency,
     MappingComponent,
     PlanningComponent,
 )
 from armsight.runtime.config import SessionConfig
+from armsight.runtime.latency import Latency
 from armsight.runtime.lock import cell_lock
 from armsight.runtime.parts import MakeParts, make_parts
+from armsight.runtime.perceiver_component import PerceiverComponent
 from armsight.runtime.sensing import SensingComponent, Sensor, SensorTap
 from armsight.runtime.shared_devices import UntouchedArm, shared_arm, shared_camera, shared_sensors
 from armsight.runtime.signals import orderly_signals
 from armsight.runtime.simulated_loop import SimulatedLoop
+from armsight.runtime.task_component import TaskComponent
 from armsight.runtime.view import ComponentHealth, SessionView
 from armsight.runtime.wall_loop import WallLoop
 from armsight.runtime.warm_up import Progress
@@ -54,7 +58,8 @@ class Session:
 
     Args:
         cell: from :func:`armsight.workcell.open_cell`; the caller closes it.
-        task: what to do, or None to watch only (the arm holds still).
+        task: what to do, or None to watch only (the arm holds still). A session has one task.
+        perceivers: that run beside those which the task brings along.
         seed: of the planner's randomness; the world has its own.
         wall: run a simulated cell under the wall clock, in threads. Real cells always are.
         observers: further components (page, recorder, experiment) that read :meth:`view`. One
@@ -74,6 +79,7 @@ class Session:
         cell: Cell,
         task: Task | None,
         *,
+        perceivers: Sequence[Perceiver] = (),
         seed: int = 0,
         wall: bool = False,
         observers: Sequence[Component] = (),
@@ -85,6 +91,7 @@ class Session:
     ) -> None:
         self.cell = cell
         self.task = task
+        self.perceivers = (*perceivers, *perceivers_of(task))
         self.seed = seed
         self.config = config or SessionConfig()
         self.ended_by = ""
@@ -163,6 +170,7 @@ class Session:
             frames=channels.frames.newest(),
             readings=channels.readings.all(),
             health=self.health(),
+            face=channels.face.read(now),
             movers=self._movers,
             bodies=self._bodies,
         )
@@ -193,14 +201,14 @@ class Session:
         """Simulated: time stands still. Real: the arm stops and holds, the map goes on."""
         self._held = True
         if self._real:
-            self._guard.held = True
+            self._hold(True)
         else:
             self._loop.pause(True)
 
     def resume(self) -> None:
         """Go on after :meth:`pause`."""
         self._held = False
-        self._guard.held = False
+        self._hold(False)
         self._loop.pause(False)
 
     def set_speed(self, speed: float) -> None:
@@ -237,6 +245,16 @@ class Session:
     def declare_empty(self) -> None:
         """Somebody says that nobody is in the cell; ``snapshot().emptiness`` has the answer."""
         self.post(self._parts.workspace.declare_empty)
+
+    @property
+    def task_failure(self) -> str:
+        """Why the task has ended for good, in words; empty while it lives or there is none."""
+        return "" if self._task is None else self._task.failure
+
+    def press(self, button: str) -> None:
+        """A person pressed a button on the task's face."""
+        if self._task is not None:
+            self._task.press(button)
 
     def reset(self) -> None:
         """Back to time 0 with an empty map, soon: the same seed runs the same again.
@@ -356,18 +374,24 @@ class Session:
             config.planning_time,
             config.planning_period,
         )
+        perceivers = self._make_perceivers(lambda seconds: Latency(seconds, charge))
+        self._task = self._make_task(perceivers, lambda seconds: Latency(seconds, charge))
         self._guard = GuardComponent(
             channels,
             parts.guard,
             self._arm,
-            self.task,
+            self._task.intent if self._task is not None else lambda now: None,
             Latency(config.guard_latency, charge),
             config.guard_period,
         )
+        foreign: list[PerceiverComponent | TaskComponent] = [*perceivers]
+        if self._task is not None:
+            foreign.append(self._task)
         self._components: list[Component] = [
             sensing,
             mapping,
             planning,
+            *foreign,
             self._guard,
             *self._observers,
         ]
@@ -379,17 +403,87 @@ class Session:
                 self.cell.clock.now, self._advance, self._components, self._speed
             )
         loop = self._loop
-        sensing.on_frames = lambda at: loop.wake("mapping", at)
-        mapping.on_snapshot = lambda at: loop.wake("guard", at)
+        sensing.on_frames = lambda at: self._frames_came(perceivers, at)
+        mapping.on_snapshot = planning.on_plan = self._wake_guard
         self._guard.on_request = lambda at: loop.wake("planning", at)
-        planning.on_plan = lambda at: loop.wake("guard", at)
+        for part in foreign:
+            part.on_seconds = loop.meters[part.name].more
+            if not self._wall:
+                part.call_at = loop.call_at
+        self._want_color()
         if not self._wall:
             self._guard.call_at = loop.call_at
         if isinstance(loop, SimulatedLoop) and charge == "declared":
             mapping.beside = planning.beside = loop.beside
-        self._guard.held = self._held and self._real
+        self._hold(self._held and self._real)
         if self._held and not self._real:
             self._loop.pause(True)
+
+    def _make_perceivers(self, charge: Callable[[float], Latency]) -> list[PerceiverComponent]:
+        infos = {c.info.name: c.info for c in self._cameras}
+        names = [p.name for p in self.perceivers]
+        if len(set(names)) < len(names):
+            raise UsageError(f"two perceivers have the same name: {', '.join(sorted(names))}")
+        made = [
+            PerceiverComponent(
+                p, self.cell.robot, infos, self._channels.history, charge, self.config.patience
+            )
+            for p in self.perceivers
+        ]
+        self._channels.frames.readers += [p.frames for p in made]
+        return made
+
+    def _make_task(
+        self, perceivers: Sequence[PerceiverComponent], charge: Callable[[float], Latency]
+    ) -> TaskComponent | None:
+        if self.task is None:
+            return None
+        infos = {c.info.name: c.info for c in self._cameras}
+        made = TaskComponent(
+            self.task,
+            self._channels,
+            self.cell.robot,
+            infos,
+            perceivers,
+            charge,
+            self.config.patience,
+        )
+        self._channels.frames.readers.append(made.frames)
+        wanted = self.task.subscriptions.perceivers
+        for perceiver in perceivers:
+            if perceiver.perceiver.name in wanted:
+                perceiver.on_result = lambda at: self._loop.wake(made.name, at)
+        return made
+
+    def _frames_came(self, perceivers: Sequence[PerceiverComponent], at: float) -> None:
+        self._loop.wake("mapping", at)
+        for perceiver in perceivers:
+            if perceiver.frames.waiting:
+                self._loop.wake(perceiver.name, at)
+
+    def _wake_guard(self, at: float) -> None:
+        """A round of the guard beside its period; a task that wants the map is asked before."""
+        if self._task is not None and self._task.task.subscriptions.snapshot:
+            self._loop.wake(self._task.name, at)
+        self._loop.wake("guard", at)
+
+    def _want_color(self) -> None:
+        """Ask each camera for as much colour as its subscribers want together."""
+        uses: list[CameraUse] = [u for p in self.perceivers for u in p.cameras]
+        if self.task is not None:
+            uses += self.task.subscriptions.cameras
+        for camera in self._cameras:
+            those = [u for u in uses if u.color_rate > 0 and u.camera in ("", camera.info.name)]
+            if those:
+                camera.want_color(
+                    max(u.color_rate for u in those), max(u.color_scale for u in those)
+                )
+
+    def _hold(self, held: bool) -> None:
+        """Real time: the arm holds still and the task is not asked."""
+        self._guard.held = held
+        if self._task is not None:
+            self._task.held = held
 
     def _reset(self) -> None:
         self._reset_wanted = False
@@ -398,9 +492,9 @@ class Session:
         world.reset()
         if isinstance(self._clock, WallClock):
             self._clock.restart()
-        reset_task = getattr(self.task, "reset", None)
-        if reset_task is not None:
-            reset_task()
+        for part in (self.task, *self.perceivers):
+            if hasattr(part, "reset"):
+                part.reset()
         self._build()
 
     def _stop_at_end(

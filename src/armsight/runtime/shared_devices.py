@@ -99,10 +99,10 @@ class SharedCamera:
         with self._lock:
             return self._camera.read()
 
-    def want_color(self, wanted: bool) -> None:
+    def want_color(self, rate: float, scale: float = 1.0) -> None:
         """Ask for colour or spare it."""
         with self._lock:
-            self._camera.want_color(wanted)
+            self._camera.want_color(rate, scale)
 
 
 class SharedSensor:

@@ -6,18 +6,17 @@ import math
 import queue
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from armsight.devices.data import RgbdCameraInfo
 from armsight.errors import UsageError
-from armsight.motion.face import Curve, Face, ShownFace, Trace, face_fault
+from armsight.motion.face import Curve, ShownFace, Trace, face_fault
 from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Perceived, Task
 from armsight.robots.robot import Robot
-from armsight.runtime.channels import Channels
+from armsight.runtime.channels import Channels, TaskWord
 from armsight.runtime.foreign import ForeignThread, Outcome
 from armsight.runtime.latency import Latency
 from armsight.runtime.perceiver_component import (
@@ -39,20 +38,6 @@ TRACE_SECONDS = 30.0
 """How long the past of a curve is kept [s]."""
 
 
-@dataclass(frozen=True)
-class TaskWord:
-    """What a task said last.
-
-    Attributes:
-        stamp: time of the round in which it was said [s].
-        intent: what it wants; fault: what is wrong with the task, in words, or empty.
-    """
-
-    stamp: float
-    intent: Intent | None
-    fault: str = ""
-
-
 class TaskComponent:
     """Runs one task. It raises nothing: a task that fails ends, and the arm comes to rest.
 
@@ -60,7 +45,8 @@ class TaskComponent:
         problem: what is wrong, in words; empty when all is well.
         failure: why the task has ended for good, in words; empty while it lives.
         held: the task is not asked while this is true.
-        on_seconds, call_at: as in :class:`PerceiverComponent`.
+        on_seconds: told how long a round computed beside the loop [s].
+        call_at: the simulated loop's; None under the wall clock, where a round takes its time.
 
     Args:
         task: somebody else's; it may raise and hang.
@@ -95,9 +81,9 @@ class TaskComponent:
         self.task = task
         self.frames = NewestFrames(task.subscriptions.cameras)
         self._channels, self._robot, self._cameras = channels, robot, cameras
-        self._perceivers = [_of_name(name, task, perceivers) for name in sorted(
-            set(task.subscriptions.perceivers)
-        )]
+        self._perceivers = [
+            _of_name(name, task, perceivers) for name in sorted(set(task.subscriptions.perceivers))
+        ]
         self._latency = charge(checked_latency(f"task {task.name}", task, LATENCY))
         self._thread = ForeignThread(self.name, patience)
         self._pressed: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -144,10 +130,20 @@ class TaskComponent:
         if shown:
             self._face_due = now + FACE_PERIOD
         wait = self._thread.begin(lambda: self._round(observation, pressed, shown))
-        if self.call_at is not None and self._latency.charge == "declared" and self._latency.declared:
+        if (
+            self.call_at is not None
+            and self._latency.charge == "declared"
+            and self._latency.declared
+        ):
             self.charge = self._latency.declared
             at = now + self.charge
-            self.call_at(at, lambda: self._finish(wait(), now, at))
+
+            def finish() -> None:
+                outcome = wait()
+                self.on_seconds(outcome.seconds)
+                self._finish(outcome, now, at)
+
+            self.call_at(at, finish)
             return
         outcome = wait()
         self.charge = self._latency.of(outcome.seconds)
@@ -164,7 +160,6 @@ class TaskComponent:
         return wanted, face() if shown and face is not None else None
 
     def _finish(self, outcome: Outcome[tuple[Intent | None, Any]], began: float, at: float) -> None:
-        self.on_seconds(outcome.seconds)
         if outcome.value is None:
             self.failure = self.problem = f"task {self.task.name} failed: {outcome.fault}"
             self._channels.word.publish(TaskWord(began, None, self.failure), at)
@@ -214,11 +209,11 @@ class TaskComponent:
         return names if hasattr(self.task, "press") else []
 
 
-def _of_name(
-    name: str, task: Task, perceivers: Sequence[PerceiverComponent]
-) -> PerceiverComponent:
+def _of_name(name: str, task: Task, perceivers: Sequence[PerceiverComponent]) -> PerceiverComponent:
     for component in perceivers:
         if component.perceiver.name == name:
             return component
     known = ", ".join(sorted(p.perceiver.name for p in perceivers)) or "none"
-    raise UsageError(f"task {task.name}: no perceiver '{name}' runs in this session; there are: {known}")
+    raise UsageError(
+        f"task {task.name}: no perceiver '{name}' runs in this session; there are: {known}"
+    )

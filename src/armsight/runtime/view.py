@@ -9,6 +9,7 @@ from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
+from armsight.motion.face import ShownFace
 
 R = TypeVar("R")
 
@@ -45,6 +46,7 @@ class SessionView:
         frames: newest frame of each camera.
         readings: newest of every other kind: arm status, wrench, gripper, stereo pairs.
         health: of every component.
+        face: what the task shows of itself; None without a task, or one that shows nothing.
         movers: people and things that move, where a driver can show them.
         bodies: what people look like in detail, where a driver knows; they are among the movers
             as well, roughly.
@@ -59,6 +61,7 @@ class SessionView:
     frames: tuple[RgbdFrame, ...] = ()
     readings: tuple[Any, ...] = ()
     health: tuple[ComponentHealth, ...] = ()
+    face: ShownFace | None = None
     movers: tuple[MovingSolid, ...] = field(default=())
     bodies: tuple[MovingSurfaces, ...] = field(default=())
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
-from armsight.motion.data import JointGoal, PlanRequest
+from armsight.motion.data import PlanRequest
+from armsight.motion.intents import JointIntent
 from armsight.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def warm_up(
     workspace, planner, guard = make()
     home = np.asarray(robot.home, float)
     history = JointHistory()
-    goal = JointGoal("warm-up", home + 0.3)
+    goal = JointIntent("warm-up", home + 0.3)
     plan = None
     for k in range(ROUNDS):
         now = 1.0 + 0.1 * k

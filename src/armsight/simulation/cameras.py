@@ -13,6 +13,7 @@ import numpy as np
 from armsight.arrays import Bytes, ColorImage, DepthImage, Pose
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame
 from armsight.errors import DeviceError
+from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.render_thread import RenderThread
@@ -172,7 +173,8 @@ class SimulatedCamera:
         self._timing.reset()
         self._deliveries = _Deliveries()
         self._frozen: Future[Any] | None = None
-        self._color_wanted = False
+        self._color_rate, self._color_lens = 0.0, self.info.color
+        self._color_due = -np.inf
         self.seen: tuple[DepthPicture, Pose] | None = None
 
     @property
@@ -193,9 +195,20 @@ class SimulatedCamera:
         depth, color = found.picture.result()
         return RgbdFrame(self.info.name, found.sequence, found.stamp, found.arrival, depth, color)
 
-    def want_color(self, wanted: bool) -> None:
-        """Ask for colour beside depth from the next exposure on, or spare it."""
-        self._color_wanted = wanted
+    def want_color(self, rate: float, scale: float = 1.0) -> None:
+        """Ask for colour beside depth from the next exposure on; a rate of 0 spares it.
+
+        Raises:
+            DeviceError: the rate is below 0, or the scale not above 0 and at most 1.
+        """
+        if not (rate >= 0.0 and 0.0 < scale <= 1.0):
+            raise DeviceError(
+                f"camera '{self.info.name}': colour at {rate} Hz and scale {scale}; "
+                "expected a rate of 0 or more and a scale above 0, at most 1"
+            )
+        self._color_rate = rate
+        full = self.info.color
+        self._color_lens = full.scaled(scale) if full is not None and scale < 1.0 else full
 
     # What the world does with it ---------------------------------------------------------------
 
@@ -216,13 +229,17 @@ class SimulatedCamera:
             picture = self._frozen
         else:
             shot = take(T_world_camera, self.info.depth)
-            color = None
-            if self._color_wanted and self.info.color is not None:
-                T = T_world_camera @ self.info.T_depth_color
-                color = take(T, self.info.color, "color")
+            color, lens = None, self._color_lens
+            if lens is not None and self._color_rate > 0.0 and now >= self._color_due - 1e-9:
+                # From the time it was due, not from now: exposures do not fit the rate exactly.
+                late = now - self._color_due < 1.0 / self._color_rate
+                self._color_due = (self._color_due if late else now) + 1.0 / self._color_rate
+                color = take(T_world_camera @ self.info.T_depth_color, lens, "color")
             empty = self.faults.find("empty", now) is not None
             picture = renders.submit(
-                lambda: self._develop(renders, shot, T_world_camera, sequence, now, color, empty)
+                lambda: self._develop(
+                    renders, shot, T_world_camera, sequence, now, color, lens, empty
+                )
             )
             self._frozen = picture
         keep = bool(self.rivals) or picture is self._frozen
@@ -236,6 +253,7 @@ class SimulatedCamera:
         sequence: int,
         now: float,
         color_shot: Shot | None,
+        color_lens: PinholeCamera | None,
         empty: bool,
     ) -> tuple[DepthImage, ColorImage | None]:
         """Depth as the sensor gives it, and colour; runs in the render thread."""
@@ -244,8 +262,8 @@ class SimulatedCamera:
         self.seen = (picture, T_world_camera)
         color = None
         renderer.give_back(shot)
-        if color_shot is not None and info.color is not None:
-            color = renderer.color(color_shot, info.color)
+        if color_shot is not None and color_lens is not None:
+            color = renderer.color(color_shot, color_lens)
             renderer.give_back(color_shot)
         if empty:
             depth = np.full_like(picture.depth, np.nan)

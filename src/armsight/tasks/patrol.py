@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 from armsight.arrays import JointVector
 from armsight.errors import UsageError
-from armsight.motion.data import GuardStatus, JointGoal
+from armsight.motion.intents import JointIntent
+from armsight.motion.task import Observation, Subscriptions
 
 
 class PatrolTask:
@@ -27,6 +28,9 @@ class PatrolTask:
     """
 
     name = "patrol"
+    period = 0.008
+    latency = 0.0  # it computes nothing
+    subscriptions = Subscriptions(snapshot=True)  # a new map starts a round here as in the guard
 
     def __init__(
         self,
@@ -40,7 +44,7 @@ class PatrolTask:
                 f"a patrol needs at least two goals, found {len(goals)}; "
                 "name them in the workcell file under [patrol.goals_deg]"
             )
-        self._goals = [JointGoal(name, q, tolerance, speed) for name, q in goals.items()]
+        self._goals = [JointIntent(name, q, tolerance, speed) for name, q in goals.items()]
         self._dwell = dwell
         self.reset()
 
@@ -51,14 +55,14 @@ class PatrolTask:
         self._arrived = math.inf
 
     @property
-    def goal(self) -> JointGoal:
+    def goal(self) -> JointIntent:
         """The goal pursued now."""
         return self._goals[self.visits % len(self._goals)]
 
-    def update(self, now: float, status: GuardStatus | None) -> JointGoal | None:
+    def update(self, observation: Observation) -> JointIntent:
         """The goal to pursue now; the next one once the arm has rested at this one."""
-        here = self.goal
-        if status is not None and status.goal == here.name and status.reached:
+        now, guard, here = observation.now, observation.guard, self.goal
+        if guard is not None and guard.goal == here.name and guard.reached:
             if math.isinf(self._arrived):
                 self._arrived = now
                 self.times.append(now)

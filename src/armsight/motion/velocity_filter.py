@@ -1,0 +1,149 @@
+"""What every velocity passes before it is commanded, whoever asked for it: path, reflex or task.
+
+Four questions, in this order: how much of the motion does separation allow (:meth:`judge`, and
+:meth:`conform` for one that may slide along); is the stop after it proven free
+(:meth:`stop_is_free`); does every joint stay within its limits (:meth:`within_limits`); would a
+stop after it end before anybody could be there (:meth:`stops_in_time`).
+:mod:`armsight.motion.guard` says why that is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armsight.arrays import JointVector
+from armsight.devices.data import RgbdCameraInfo
+from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.arm_model import DelayedArm
+from armsight.motion.collision import CollisionModel
+from armsight.motion.escape import leaves
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.nearest import Hazards, SeparationView
+from armsight.motion.separation import ReactionTime
+from armsight.motion.separation_monitor import (
+    TICKS,
+    SeparationMonitor,
+    after_decision,
+    declared_reaction,
+)
+from armsight.motion.tick import Tick
+from armsight.robots.robot import Robot
+
+
+class VelocityFilter:
+    """Limits, separation and the verified stop of one arm, against the newest map.
+
+    Attributes:
+        limits: of commanded motions; arm: its delayed drives; monitor: of separation.
+        model: collision checks; hazards: of the newest map; reaction: T_r as measured.
+
+    Args:
+        robot: the arm with its tool; cameras: whose pictures are waited for.
+        config: settings; model: collision checks.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        cameras: Sequence[RgbdCameraInfo],
+        config: GuardConfig,
+        model: CollisionModel,
+    ) -> None:
+        self.robot, self.config, self.model = robot, config, model
+        self.limits = robot.limits.scaled(config.speed, config.acceleration)
+        brake = robot.limits.acceleration * max(config.brake, config.acceleration)
+        self.arm = DelayedArm(config.start_delay, self.limits.acceleration, brake)
+        self.monitor = SeparationMonitor(robot, config, brake)
+        self.hazards = Hazards.at(np.empty((0, 3)), 0.0)
+        self.reaction = ReactionTime(declared_reaction(cameras, config), config.reaction_window)
+        self._after_decision = after_decision(config)
+        self._snapshot: WorkspaceSnapshot | None = None
+        self._proof: tuple[WorkspaceSnapshot | None, JointVector] | None = None
+
+    def see(self, snapshot: WorkspaceSnapshot) -> None:
+        """A new map."""
+        self._snapshot = snapshot
+        self.hazards = Hazards.of(snapshot)
+
+    def forget_times(self) -> None:
+        """The clock jumped: what was sent and measured says nothing any more."""
+        self.arm.forget()
+        self.reaction.clear()
+
+    def measure(self, now: float, age: float | None) -> None:
+        """The oldest picture of the map in use has an age [s] at ``now`` [s]; None without one."""
+        if age is not None:
+            self.reaction.add(now, age + self._after_decision)
+        self.monitor.set_reaction(self.reaction.value, self.hazards.radius)
+
+    def judge(self, tick: Tick, motion: JointVector) -> SeparationView:
+        """What separation allows of a motion (n,) [rad/s] from where the arm will be."""
+        return self.monitor.judge(tick.ahead.position, motion, self.hazards)
+
+    def conform(self, tick: Tick, wanted: JointVector) -> JointVector:
+        """The motion nearest to a wanted one that closes in on no limiting hazard too fast."""
+        return self.monitor.conform(wanted, tick.ahead.position, self.hazards)
+
+    def stop_is_free(self, tick: Tick) -> bool:
+        """Whether the hard stop after this command is proven free: the stop kept in hand.
+
+        Where the arm touches something already, a speck of noise or what has come to it: whether
+        the stop touches nothing more.
+        """
+        if tick.snapshot is None:
+            return False
+        after = self.arm.after(tick.ahead, tick.command, self.config.period)
+        stop = self.arm.stop_path(after)
+        pose = self._proof_pose(tick)
+        return self.model.path_valid(stop, tick.snapshot, pose) or leaves(
+            self.model, stop, tick.snapshot, pose
+        )
+
+    def within_limits(self, tick: Tick) -> JointVector:
+        """Slow the whole motion so that no joint is too fast or could not stop at its limit."""
+        command = tick.command
+        limits, q = self.robot.limits, tick.ahead.position
+        room = np.where(command > 0.0, limits.upper - q, q - limits.lower)
+        room = np.maximum(room - np.abs(tick.ahead.velocity) * self.config.period, 0.0)
+        most = np.minimum(self.limits.velocity, np.sqrt(2.0 * self.arm.acceleration * room))
+        excess = float((np.abs(command) / np.maximum(most, 1e-6)).max(initial=0.0))
+        return command / excess if excess > 1.0 else command
+
+    def stops_in_time(self, tick: Tick) -> bool:
+        """Whether the arm would stand before anybody is there if it brakes after this command."""
+        held = TICKS * self.config.period
+        after = self.arm.after(tick.ahead, tick.command, held)
+        T_r = tick.verdict.age + held + self.config.start_delay
+        return self.monitor.stops_in_time(after, T_r, self.hazards)
+
+    def unseen(self, index: int) -> bool:
+        """Whether a hazard, by its place in the blocks, is unseen space."""
+        if self._snapshot is None:
+            return False
+        return bool(self._snapshot.hazard_unknown[self.hazards.blocks.order[index]])
+
+    def who(self, view: SeparationView) -> str:
+        """What limits a motion, in words."""
+        sphere = int(np.argmin(view.share)) if np.isfinite(view.share).any() else view.closest
+        index = int(view.limiting[sphere])
+        if index < 0:
+            index = int(view.nearest[sphere])
+        if index < 0 or self._snapshot is None:
+            return "nothing near"
+        hazard = self.hazards.blocks.points[index]
+        body = self.monitor.body
+        away = float(np.linalg.norm(hazard - view.center[sphere])) - float(
+            body.radius[sphere] + self.hazards.radius
+        )
+        link = self.robot.link_names[int(body.link[sphere])]
+        kind = "unseen space" if self.unseen(index) else "something"
+        x, y, z = hazard
+        return f"{kind} {max(away, 0.0):.2f} m from {link}, at ({x:.2f}, {y:.2f}, {z:.2f})"
+
+    def _proof_pose(self, tick: Tick) -> JointVector:
+        """Where the body stood when the snapshot was first seen: one set of obstacles for all."""
+        if self._proof is None or self._proof[0] is not tick.snapshot:
+            self._proof = (tick.snapshot, tick.here.position.copy())
+        return self._proof[1]
