@@ -26,6 +26,7 @@ from armsight.commands.recognise import Recognise
 from armsight.commands.record import Record
 from armsight.commands.replay import Replay
 from armsight.commands.robots import Robots
+from armsight.commands.run import Run, run_with
 from armsight.commands.train import Train
 from armsight.commands.transfer import Transfer
 from armsight.commands.view import View
@@ -36,6 +37,7 @@ COMMANDS = (
     Check,
     New,
     Patrol,
+    Run,
     Calibrate,
     Board,
     Record,
@@ -56,6 +58,7 @@ DESCRIPTION = """armsight: a robot arm that knows its surroundings.
   armsight new my_cell.toml                      start a cell of your own, then check it:
   armsight check my_cell.toml
   armsight patrol my_cell.toml --seconds 120 --headless --json result.json
+  armsight run my_cell.toml --task my_module:MyTask   a task of your own, guarded
   armsight calibrate ur5_calibration             find cameras and lenses by the board on the arm
   armsight recognise photo.jpg                   type, mask, base and joints of a robot in it
   armsight experiment patrol-smoke               a table beside the papers' figures
@@ -63,10 +66,15 @@ DESCRIPTION = """armsight: a robot arm that knows its surroundings.
 armsight COMMAND --help explains a command; --version tells the version; --debug shows the trace of
 an error. armsight is no certified safety function: never rely on it alone beside a person."""
 
-# Built from the tuple, so that a command is named once.
-_Command: Any = Union[  # noqa: UP007
-    tuple(Annotated[c, tyro.conf.subcommand(c.__name__.lower())] for c in COMMANDS)
-]
+
+def _commands(words: Sequence[str]) -> Any:
+    """All commands for the parser; ``run`` with the options of the task that the words name."""
+    wanted = [run_with(words[1:]) if c is Run and words[0] == "run" else c for c in COMMANDS]
+    # Built from the tuple, so that a command is named once.
+    return Union[  # noqa: UP007
+        tuple(Annotated[c, tyro.conf.subcommand(c.__name__.lower())] for c in wanted)
+    ]
+
 
 INTERRUPTED = 130
 
@@ -90,7 +98,7 @@ def run(arguments: Sequence[str]) -> int:
 
     try:
         command = tyro.cli(
-            _Command,
+            _commands(words),
             prog="armsight",
             description=DESCRIPTION,
             args=words,

@@ -65,3 +65,7 @@ class ViewerError(ArmsightError):
 
 class RecognitionError(ArmsightError):
     """A network, its weights, its training or a picture given to it is not as it has to be."""
+
+
+class TaskError(ArmsightError):
+    """A task is unknown, broken, failed, or cannot run in this cell; names it and says why."""

@@ -145,6 +145,7 @@ class FakeGuard:
         if now >= self.fail_at:
             raise RuntimeError("on purpose")
         self.seen.append((now, joints, snapshot, goal, plan))
+        goal = goal if isinstance(goal, JointIntent) else None
         request = None
         command = np.zeros(2)
         if goal is not None and joints is not None:

@@ -4,11 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from armsight.arrays import JointVector
 from armsight.errors import UsageError
 from armsight.motion.intents import JointIntent
 from armsight.motion.task import Observation, Subscriptions
+
+if TYPE_CHECKING:
+    from armsight.workcell import Cell
+
+
+@dataclass(frozen=True)
+class PatrolOptions:
+    """Visit the cell's goals ([patrol.goals_deg]) in turn, again and again.
+
+    Attributes:
+        dwell: rest at each goal [s]; the cell's own if left out.
+        goal_speed: share of the allowed speed, above 0 to 1.
+    """
+
+    dwell: float | None = None
+    goal_speed: float = 1.0
+
+    def make(self, cell: Cell) -> PatrolTask:
+        """The patrol of a cell."""
+        patrol = cell.workcell.patrol
+        dwell = patrol.dwell_s if self.dwell is None else self.dwell
+        return PatrolTask(cell.workcell.goals, dwell, self.goal_speed)
 
 
 class PatrolTask:

@@ -1,0 +1,157 @@
+"""``armsight run``: any task in any cell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from armsight.commands.serving import Page
+
+if TYPE_CHECKING:
+    from armsight.runtime.session import Session
+
+
+@dataclass(frozen=True)
+class Run:
+    """Run a task in a cell, guarded. The task's own options follow: run CELL --task NAME --help.
+
+    Example: armsight run ur5_four_cameras --task patrol --dwell 1 --seconds 60 --headless
+
+    Attributes:
+        workcell: a workcell file, or the name of a packaged cell.
+        task: name of a task, or module:Class of one of your own; `patrol` comes with armsight.
+        seconds: how long on the cell's clock; until Ctrl-C if left out.
+        headless: no page, and as fast as the machine can.
+        json: write the run's figures here; `-` is standard output.
+        record: record everything into this new file (.mcap).
+        seed: of everything random.
+        speed: simulated seconds a second; 0 for as fast as the machine can.
+        page: where the live page is served.
+    """
+
+    workcell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")]
+    task: str
+    seconds: float | None = None
+    headless: bool = False
+    json: Path | None = None
+    record: Path | None = None
+    seed: int = 0
+    speed: float | None = None
+    page: Page = field(default_factory=Page)
+
+    def run(self) -> int:
+        """Run the task; prints how it ended."""
+        from armsight.commands.cells import find
+        from armsight.commands.patrol import speed_of
+        from armsight.commands.running import (
+            RunOptions,
+            exit_code,
+            run_session,
+            say,
+            write_summary,
+        )
+        from armsight.errors import TaskError, UsageError
+        from armsight.tasks.catalogue import load_options, make_task
+        from armsight.workcell import load_workcell, open_cell
+
+        options = getattr(self, "task_options", None)
+        if options is None:
+            options = load_options(self.task)()
+        workcell = load_workcell(find(self.workcell))
+        if self.headless and self.seconds is None:
+            raise UsageError("--headless needs --seconds: nobody would see when to end it")
+        with open_cell(workcell, self.seed) as cell:
+            task = make_task(self.task, options, cell)
+            wanted = RunOptions(
+                seconds=self.seconds,
+                page=None if self.headless else self.page,
+                record=self.record,
+                seed=self.seed,
+                speed=speed_of(self.speed, self.headless),
+                observers=(EndsWithTask(),) if self.headless else (),
+            )
+            session = run_session(cell, task, wanted)
+            summary = _summary(session)
+        for key, value in summary.items():
+            say(f"{key:18}{value}")
+        if self.json is not None:
+            write_summary(self.json, summary)
+        if session.task_failure:
+            raise TaskError(session.task_failure)
+        return exit_code(session, self.seconds)
+
+
+class EndsWithTask:
+    """Ends a run that nobody watches when its task has failed for good."""
+
+    name = "task watch"
+    period = 0.1
+
+    def __init__(self) -> None:
+        self._session: Session | None = None
+
+    def attach(self, session: Session) -> None:
+        """The session to end."""
+        self._session = session
+
+    def update(self, now: float) -> None:
+        """Look whether the task still lives."""
+        if self._session is not None and self._session.task_failure:
+            self._session.stop("task failed")
+
+
+def run_with(words: Sequence[str]) -> type[Run]:
+    """The command for the words after ``run``, with the options of the task that they name.
+
+    Raises:
+        TaskError: the task is not there, or two are asked for.
+    """
+    from armsight.errors import TaskError
+    from armsight.tasks.catalogue import load_options, one_task
+
+    names = list(_values(words, "--task"))
+    if not names:
+        return Run  # says itself what it lacks
+    name = one_task(names)
+    options = load_options(name)
+    ours = {f.name for f in fields(Run)} | {f.name for f in fields(Page)}
+    taken = sorted(ours & {f.name for f in fields(options) if f.init})
+    if taken:
+        raise TaskError(
+            f"task {name}: its option {taken[0]} is one of armsight run; give it another name"
+        )
+    made = make_dataclass(
+        "Run", [("task_options", options)], bases=(Run,), frozen=True, kw_only=True
+    )
+    made.__doc__ = f"{(options.__doc__ or Run.__doc__ or name).strip()}"
+    return made
+
+
+def _values(words: Sequence[str], flag: str) -> Sequence[str]:
+    found = [b for a, b in pairwise(words) if a == flag]
+    return [*found, *(w.partition("=")[2] for w in words if w.startswith(f"{flag}="))]
+
+
+def _summary(session: Session) -> dict[str, Any]:
+    """How a run ended, as JSON knows it."""
+    guard, face = session.status(), session.view().face
+    truth = getattr(session.cell.world, "truth", None)
+    figures = {f.name: f.value for f in face.face.figures} if face is not None else {}
+    return {
+        "workcell": session.cell.workcell.name,
+        "task": session.task.name if session.task is not None else "",
+        "seed": session.seed,
+        "seconds": round(session.now(), 3),
+        "ended_by": session.ended_by,
+        "failure": session.task_failure,
+        "guard": guard.mode.value if guard is not None else "",
+        "reason": guard.reason if guard is not None else "",
+        "contacts": None if truth is None else len(truth.moving_contacts),
+        "state": face.face.state if face is not None else "",
+        "figures": {name: float(value) for name, value in figures.items() if value == value},
+    }

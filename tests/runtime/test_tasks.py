@@ -1,0 +1,341 @@
+"""Tasks and perceivers in a session: what they see, when, and what becomes of bad ones."""
+
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from doubles import FakeGuard, FakeMap, FakePlanner, GoTo, make_cell
+
+from armsight.errors import UsageError
+from armsight.motion.face import Button, Curve, Face, Figure
+from armsight.motion.intents import JointIntent, Rest, VelocityIntent
+from armsight.motion.perception import CameraUse
+from armsight.motion.task import Subscriptions
+from armsight.runtime.components import GuardComponent
+from armsight.runtime.config import SessionConfig
+from armsight.runtime.parts import Parts
+from armsight.runtime.session import Session
+
+
+def session_of(task, cell=None, guard=None, patience=5.0, **kwargs):
+    guard = guard or FakeGuard()
+    parts = Parts(FakeMap(), FakePlanner(), guard)
+    session = Session(
+        cell or make_cell(), task, make=lambda c, k: parts,
+        config=SessionConfig(patience=patience), **kwargs,
+    )  # fmt: skip
+    return session, guard
+
+
+class Scripted:
+    """Does what a function says at each round."""
+
+    name = "scripted"
+    period = 0.02
+
+    def __init__(self, act, subscriptions=None, latency=0.004):
+        self.act, self.latency = act, latency
+        self.subscriptions = subscriptions or Subscriptions()
+        self.seen = []
+        self.resets = 0
+
+    def update(self, observation):
+        self.seen.append(observation)
+        return self.act(observation)
+
+    def reset(self):
+        self.resets += 1
+
+
+@dataclass(frozen=True)
+class Count:
+    stamp: float
+    frames: int
+
+
+class Counter:
+    """Counts frames."""
+
+    name = "counter"
+    period = 0.01
+    latency = 0.03
+    cameras = (CameraUse("c", color_rate=5.0, color_scale=0.5),)
+
+    def __init__(self):
+        self.rounds = []
+
+    def update(self, frames):
+        self.rounds.append(frames)
+        return Count(frames[-1].frame.stamp, len(self.rounds))
+
+
+def test_a_task_runs_at_its_own_period_and_its_word_is_late_by_its_latency():
+    goal = JointIntent("G", np.array([1.0, -1.0]))
+    task = Scripted(lambda o: goal if o.now >= 0.1 else None)
+    session, guard = session_of(task)
+    session.run(0.5)
+    assert [o.now for o in task.seen][:25] == pytest.approx(np.arange(25) * 0.02)
+    first = next(s[0] for s in guard.seen if s[3] is not None)
+    assert first == pytest.approx(0.104, abs=0.008)
+    assert first >= 0.104
+
+
+def test_the_task_never_delays_the_guard():
+    """A round that takes 50 ms of the clock every 20 ms: the guard ticks as without a task."""
+    task = Scripted(lambda o: None, latency=0.05)
+    session, slow = session_of(task)
+    session.run(0.5)
+    alone, free = session_of(None)
+    alone.run(0.5)
+    assert [s[0] for s in slow.seen] == [s[0] for s in free.seen]
+    assert len(task.seen) == pytest.approx(10, abs=1)
+    missed = {h.name: h.missed for h in session.health()}
+    assert missed["task/scripted"] >= 10
+    assert missed["guard"] == 0
+
+
+def test_the_new_port_gives_the_commands_of_a_task_inside_the_tick(monkeypatch):
+    """The oracle: the task asked by the guard's own round, as before the port."""
+
+    def run(inside):
+        cell = make_cell()
+        goal = {"k": 0}
+
+        class Visits(GoTo):
+            def update(self, o):
+                # Changes its goal whenever the arm is near, as a patrol does.
+                q = np.zeros(2) if o.joints is None else o.joints.position
+                target = np.array([0.1, -0.1]) * (1 if goal["k"] % 2 == 0 else -1)
+                if np.abs(q - target).max() < 0.1:
+                    goal["k"] += 1
+                return JointIntent(f"G{goal['k'] % 2}", target)
+
+        task = Visits()
+        session, _ = session_of(task, cell)
+        if inside:
+            component = session._task
+            component.update = lambda now: None
+            session._guard._intent = lambda now: task.update(component._observe(now))
+        session.run(3.0)
+        assert goal["k"] >= 2
+        return cell.arm.log
+
+    assert run(inside=False) == run(inside=True)
+
+
+@pytest.mark.parametrize("wall", [False, True])
+def test_a_task_that_raises_ends_and_the_arm_rests_with_the_reason(wall):
+    def act(o):
+        if o.now > 0.1:
+            raise ValueError("no ball of mine")
+        return JointIntent("G", np.array([1.0, -1.0]))
+
+    session, guard = session_of(Scripted(act), wall=wall)
+    session.run(0.6)
+    last = guard.seen[-1][3]
+    assert isinstance(last, Rest)
+    assert last.fault
+    assert last.reason == "task scripted failed: ValueError: no ball of mine"
+    assert session.task_failure == last.reason
+    assert {h.name: h.problem for h in session.health()}["task/scripted"] == last.reason
+    assert guard.seen[-1][0] > 0.5  # the loop went on
+
+
+@pytest.mark.parametrize("wall", [False, True])
+def test_a_task_that_hangs_is_given_up_and_the_run_ends_in_time(wall):
+    never = threading.Event()
+
+    def act(o):
+        if o.now > 0.1:
+            never.wait(60.0)
+        return JointIntent("G", np.array([1.0, -1.0]))
+
+    session, guard = session_of(Scripted(act), patience=0.5, wall=wall)
+    session.run(1.2 if wall else 0.6)
+    never.set()
+    reasons = [s[3].reason for s in guard.seen if isinstance(s[3], Rest)]
+    assert reasons[-1] == "task scripted failed: did not return within 0.5 s"
+    if wall:  # before it is given up, its word grows old
+        assert any("task scripted has said nothing for" in r for r in reasons)
+
+
+def test_a_task_that_is_silent_under_the_wall_clock_is_not_taken_at_its_old_word():
+    slow = threading.Event()
+
+    def act(o):
+        if 0.1 < o.now < 0.2:
+            slow.wait(0.6)
+        return JointIntent("G", np.array([1.0, -1.0]))
+
+    session, guard = session_of(Scripted(act), wall=True)
+    session.run(1.4)
+    kinds = [type(s[3]).__name__ for s in guard.seen]
+    assert "Rest" in kinds
+    assert kinds[-1] == "JointIntent"  # and it goes on when the task is back
+    assert not session.task_failure
+
+
+def test_perceivers_see_frames_with_joints_and_wake_the_task():
+    counter = Counter()
+    task = Scripted(lambda o: None, Subscriptions(perceivers=("counter",)), latency=0.0)
+    task.perceivers = (counter,)
+    cell = make_cell()
+    session, _ = session_of(task, cell)
+    session.run(0.5)
+    assert cell.cameras[0].color == (5.0, 0.5)
+    posed = counter.rounds[-1][0]
+    assert posed.frame.camera == "c"
+    assert posed.joints.stamp == pytest.approx(posed.frame.stamp)
+    assert np.array_equal(posed.T_base_camera, np.eye(4))
+    for observation in task.seen:
+        found = observation.newest(Count)
+        assert found is observation.result("counter")
+        if found is not None:
+            assert observation.now >= found.stamp + 0.03 - 1e-9
+    # A new observation starts a round of the task at once, besides its own grid of 20 ms.
+    extra = [o for o in task.seen if abs(o.now / 0.02 - round(o.now / 0.02)) > 1e-6]
+    assert extra
+    assert all(o.newest(Count).stamp == pytest.approx(o.now - 0.03) for o in extra)
+
+
+def test_a_perceiver_that_raises_loses_the_round_only():
+    class Moody(Counter):
+        def update(self, frames):
+            super().update(frames)
+            if len(self.rounds) % 2:
+                raise RuntimeError("blurred")
+            return Count(frames[-1].frame.stamp, len(self.rounds))
+
+    moody = Moody()
+    task = Scripted(lambda o: None, Subscriptions(perceivers=("counter",)))
+    session, _ = session_of(task, perceivers=[moody])
+    session.run(0.6)
+    assert len(moody.rounds) > 10
+    assert task.seen[-1].newest(Count) is not None
+    session.run(0.034)
+    problems = {h.name: h.problem for h in session.health()}
+    assert problems["perceiver/counter"] in ("", "RuntimeError: blurred")
+
+
+def test_what_a_perceiver_publishes_needs_a_stamp():
+    class Stampless(Counter):
+        def update(self, frames):
+            return "a ball"
+
+    task = Scripted(lambda o: None, Subscriptions(perceivers=("counter",)))
+    session, _ = session_of(task, perceivers=[Stampless()])
+    session.run(0.3)
+    assert task.seen[-1].result("counter") is None
+    assert "its str has no finite stamp" in {h.name: h.problem for h in session.health()}.values()
+
+
+def test_a_face_is_shown_with_its_past_and_its_buttons_come_back():
+    pressed = []
+
+    class Faced(Scripted):
+        def face(self):
+            value = self.seen[-1].now
+            return Face(
+                "working", "", (Figure("age", 1.0, "s"),), (Curve("time", value, "s"),),
+                buttons=(Button("again", "Again"),),
+            )  # fmt: skip
+
+        def press(self, button):
+            pressed.append((button, threading.current_thread().name))
+
+    session, _ = session_of(Faced(lambda o: None))
+    session.run(1.0)
+    session.press("again")
+    session.run(0.1)
+    shown = session.view().face
+    assert shown.task == "scripted"
+    assert shown.face.state == "working"
+    trace = shown.traces[0]
+    assert trace.times == pytest.approx(trace.values)
+    assert 15 <= len(trace.times) <= 25
+    assert pressed == [("again", "task/scripted")]
+
+
+def test_a_face_that_cannot_be_shown_is_said_and_does_no_harm():
+    class Faced(Scripted):
+        def face(self):
+            return Face(figures=(Figure("x", 1.0), Figure("x", 2.0)))
+
+    task = Faced(lambda o: JointIntent("G", np.array([1.0, -1.0])))
+    session, guard = session_of(task)
+    session.run(0.3)
+    problem = {h.name: h.problem for h in session.health()}["task/scripted"]
+    assert problem == "task scripted: figures have the name x twice"
+    assert session.view().face is None
+    assert isinstance(guard.seen[-1][3], JointIntent)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"period": 0.0}, "task scripted: period is 0.0; expected 0.001 to 10 seconds"),
+        ({"latency": float("nan")}, "task scripted: latency is nan"),
+        (
+            {"subscriptions": Subscriptions(cameras=(CameraUse("left"),))},
+            "task scripted: no camera 'left' in this cell; there are: c",
+        ),
+        (
+            {"subscriptions": Subscriptions(perceivers=("ball",))},
+            "task scripted: no perceiver 'ball' runs in this session; there are: none",
+        ),
+    ],
+)
+def test_impossible_subscriptions_are_refused_when_the_session_is_built(change, message):
+    task = Scripted(lambda o: None)
+    for key, value in change.items():
+        setattr(task, key, value)
+    with pytest.raises(UsageError, match=message):
+        session_of(task)
+
+
+def test_two_perceivers_of_one_name_are_refused():
+    with pytest.raises(UsageError, match="two perceivers have the same name"):
+        session_of(None, perceivers=[Counter(), Counter()])
+
+
+def test_a_reset_begins_task_and_perceivers_anew():
+    task = Scripted(lambda o: None)
+    session, _ = session_of(task)
+    session.run(0.2)
+    session.reset()
+    assert task.resets == 1
+
+
+def test_two_runs_with_a_slow_task_and_a_perceiver_are_the_same_bit_for_bit():
+    logs = []
+    for pause in (0.0, 0.003):  # however long the computing really takes
+
+        def act(o, pause=pause):
+            time.sleep(pause)
+            found = o.newest(Count)
+            k = 0 if found is None else found.frames
+            return JointIntent(f"G{k}", np.array([0.01 * k, -0.01 * k]))
+
+        cell = make_cell()
+        task = Scripted(act, Subscriptions(perceivers=("counter",)))
+        session, _ = session_of(task, cell, perceivers=[Counter()])
+        session.run(1.0)
+        logs.append(cell.arm.log)
+    assert logs[0] == logs[1]
+
+
+def test_the_guard_component_takes_what_the_task_says():
+    seen = []
+
+    class Spy(FakeGuard):
+        def step(self, now, joints, snapshot, intent, plan):
+            seen.append(intent)
+            return super().step(now, joints, snapshot, None, plan)
+
+    wish = VelocityIntent("v", np.zeros(2), "joint", 0.0, 0.5)
+    session, _ = session_of(Scripted(lambda o: wish), guard=Spy())
+    session.run(0.1)
+    assert isinstance(session._guard, GuardComponent)
+    assert seen[-1] is wish
