@@ -83,9 +83,12 @@ class DrivenCamera:
         frame, at = self._sensor.take(), self._sensor.clock.at
         return frame and replace(frame, stamp=at(frame.stamp), arrival=at(frame.arrival))
 
-    def want_color(self, wanted: bool) -> None:
-        """Ask for colour or spare it; the device's thread passes it on."""
-        self._wanted = wanted
+    def want_color(self, rate: float, scale: float = 1.0) -> None:
+        """Ask for colour or spare it; the device's thread passes it on.
+
+        A driver gives every picture at its own size, or none: rate and scale are no less.
+        """
+        self._wanted = rate > 0.0
 
     def health(self) -> DeviceHealth:
         """How it is."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
-from armsight.devices.data import JointState, Wrench
+from armsight.devices.data import ArmStatus, GripperState, JointState, Wrench
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 from armsight.motion.intents import Intent
@@ -52,6 +52,7 @@ class Observation:
         snapshot: newest map; None unless subscribed to, or before the first.
         wrench: newest reading of the force sensor in the flange's frame, or None without one.
         gripper: newest state of the gripper, or None without one.
+        arm: newest word of the arm's own controller, or None from one that says nothing.
         frames: newest of each camera that was subscribed to.
         perceived: newest of each perceiver that was subscribed to.
     """
@@ -62,7 +63,8 @@ class Observation:
     guard: GuardStatus | None = None
     snapshot: WorkspaceSnapshot | None = None
     wrench: Wrench | None = None
-    gripper: Any = None
+    gripper: GripperState | None = None
+    arm: ArmStatus | None = None
     frames: tuple[PosedFrame, ...] = ()
     perceived: tuple[Perceived, ...] = field(default=())
 

@@ -56,8 +56,6 @@ class Guards(Protocol):
         ...
 
 
-
-
 class Beside(Protocol):
     """Computes something beside the loop; see :meth:`SimulatedLoop.beside`."""
 

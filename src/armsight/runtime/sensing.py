@@ -39,6 +39,7 @@ class SensingComponent:
     Attributes:
         problem: what is wrong with the devices, in words.
         on_frames: called when pictures for the map have come.
+        on_pictures: called when any pictures have come.
         taps: see every reading.
     """
 
@@ -56,6 +57,7 @@ class SensingComponent:
         self.charge = 0.0
         self.problem = ""
         self.on_frames: Callable[[float], None] = lambda at: None
+        self.on_pictures: Callable[[float], None] = lambda at: None
         self.taps: list[SensorTap] = []
         self._channels = channels
         self._arm = arm
@@ -71,7 +73,7 @@ class SensingComponent:
             DeviceLostError: the arm has not answered for :data:`ARM_GRACE`, or is lost for good.
         """
         problems = self._read_arm(now)
-        fresh = False
+        fresh = came = False
         for camera in self._cameras:
             try:
                 frame = camera.read()
@@ -81,7 +83,7 @@ class SensingComponent:
             if frame is not None:
                 for_map = camera.info.guard
                 self._channels.frames.put(frame, for_map)
-                fresh = fresh or for_map
+                fresh, came = fresh or for_map, True
                 self._tell(frame, now)
         for sensor in self._sensors:
             try:
@@ -95,6 +97,8 @@ class SensingComponent:
         self.problem = "; ".join(problems)
         if fresh:
             self.on_frames(now)
+        if came:
+            self.on_pictures(now)
 
     def _read_arm(self, now: float) -> list[str]:
         """Joints and the controller's word; what is wrong with the arm, in words."""

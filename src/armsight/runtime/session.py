@@ -403,7 +403,8 @@ class Session:
                 self.cell.clock.now, self._advance, self._components, self._speed
             )
         loop = self._loop
-        sensing.on_frames = lambda at: self._frames_came(perceivers, at)
+        sensing.on_frames = lambda at: loop.wake("mapping", at)
+        sensing.on_pictures = lambda at: self._wake_perceivers(perceivers, at)
         mapping.on_snapshot = planning.on_plan = self._wake_guard
         self._guard.on_request = lambda at: loop.wake("planning", at)
         for part in foreign:
@@ -455,8 +456,7 @@ class Session:
                 perceiver.on_result = lambda at: self._loop.wake(made.name, at)
         return made
 
-    def _frames_came(self, perceivers: Sequence[PerceiverComponent], at: float) -> None:
-        self._loop.wake("mapping", at)
+    def _wake_perceivers(self, perceivers: Sequence[PerceiverComponent], at: float) -> None:
         for perceiver in perceivers:
             if perceiver.frames.waiting:
                 self._loop.wake(perceiver.name, at)

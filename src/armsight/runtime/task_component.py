@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.data import ArmStatus, GripperState, RgbdCameraInfo, Wrench
 from armsight.errors import UsageError
 from armsight.motion.face import Curve, ShownFace, Trace, face_fault
 from armsight.motion.intents import Intent, Rest
@@ -198,6 +198,9 @@ class TaskComponent:
             joints=channels.joints.read(now),
             guard=channels.status.read(now),
             snapshot=channels.snapshot.read(now) if wanted.snapshot else None,
+            wrench=channels.readings.newest(Wrench),
+            gripper=channels.readings.newest(GripperState),
+            arm=channels.readings.newest(ArmStatus),
             frames=tuple(frames),
             perceived=tuple(Perceived(name, e) for name, e in found if e is not None),
         )
