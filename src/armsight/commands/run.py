@@ -46,7 +46,6 @@ class Run:
 
     def run(self) -> int:
         """Run the task; prints how it ended."""
-        from armsight.commands.cells import find
         from armsight.commands.patrol import speed_of
         from armsight.commands.running import (
             RunOptions,
@@ -58,6 +57,7 @@ class Run:
         from armsight.errors import TaskError, UsageError
         from armsight.tasks.catalogue import load_options, make_task
         from armsight.workcell import load_workcell, open_cell
+        from armsight.workcell.packaged import find
 
         options = getattr(self, "task_options", None)
         if options is None:
