@@ -22,9 +22,10 @@ class Generate:
     Attributes:
         out: folder of the set.
         robots: of the catalogue, none (no robot) or unknown (a made-up arm); all of the catalogue
-            if left out, and in the wild set a tenth of none and of unknown each.
+            if left out, and in wild and crops a tenth of none and of unknown each.
         set: paper-like (the papers' recordings: Kinect v2, 1.2-2.5 m, few rooms, a camera that
-            stands), paper-rooms (the same with a room a picture) or wild (any camera, any room).
+            stands), paper-rooms (the same with a room a picture) or wild (any camera, any room),
+            crops (of wild scenes, several a scene, cut to the arm).
         count: pictures of each robot, or "papers" for theirs.
         seed: everything in the set follows from it.
         size: of the pictures.
@@ -37,7 +38,7 @@ class Generate:
 
     out: Path
     robots: tuple[str, ...] = ()
-    set: Literal["paper-like", "paper-rooms", "wild"] = "wild"
+    set: Literal["paper-like", "paper-rooms", "wild", "crops"] = "wild"
     count: str = "1000"
     seed: int = 0
     size: str = "512x424"

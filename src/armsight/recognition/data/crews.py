@@ -16,6 +16,7 @@ from multiprocessing import get_context
 from typing import Any, Protocol
 
 from armsight.errors import DatasetError
+from armsight.recognition.data.crops import draw_crops
 from armsight.recognition.data.order import Order
 from armsight.recognition.data.painter import Painter
 from armsight.recognition.data.rows import Drawn
@@ -42,6 +43,8 @@ def draw_batch(order: Order, batch: Batch) -> list[Drawn]:
         _painters.append(Painter())
     manifest = order.manifest
     size = (manifest.width, manifest.height)
+    if order.recipe.views > 1:
+        return _draw_scenes(order, batch, _painters[0], size)
     return [
         draw_sample(
             _painters[0],
@@ -55,6 +58,18 @@ def draw_batch(order: Order, batch: Batch) -> list[Drawn]:
         )
         for i in batch
     ]
+
+
+def _draw_scenes(
+    order: Order, batch: Batch, painter: Painter, size: tuple[int, int]
+) -> list[Drawn]:
+    """Samples of sets with several pictures a scene; only the first and last may be unfinished."""
+    views, wanted = order.recipe.views, set(batch)
+    drawn: list[Drawn] = []
+    for scene in sorted({i // views for i in batch}):
+        robot = order.robot(scene * views)
+        drawn += draw_crops(painter, order.recipe, robot, size, order.manifest.seed, scene)
+    return [d for d in drawn if d.row.index in wanted]
 
 
 class Alone:

@@ -64,6 +64,61 @@ def draw_view(
     return None
 
 
+CROP_MARGINS = (0.75, 1.3, 2.4)
+"""Least, middle and greatest width of a crop, arms' widths."""
+
+
+def draw_crop(
+    recipe: Recipe,
+    size: tuple[int, int],
+    centers: Points,
+    radii: Floats,
+    base: Vector3,
+    room: Floats,
+    rng: np.random.Generator,
+) -> View | None:
+    """A camera somewhere in the room, turned to the arm and cut to it; None if none was found.
+
+    What a virtual camera sees that is turned on the spot until the arm lies in its middle: no lens
+    error, square pixels, the principal point in the middle. Arguments as of :func:`draw_view`.
+    """
+    if rng.random() < recipe.whole:
+        return draw_view(recipe, size, centers, radii, base, room, rng)
+    for _ in range(TRIES):
+        T = _draw_pose(recipe, _square(size[0], size), centers, base, room, False, rng)
+        if T is None or np.linalg.norm(centers - T[:3, 3], axis=1).min() < LEAST_GAP:
+            continue
+        sight = transform(inverse(T), centers)
+        rays = sight / np.linalg.norm(sight, axis=1, keepdims=True)
+        middle = 0.5 * (rays.min(axis=0) + rays.max(axis=0))
+        T = np.asarray(T @ make_pose(_turn(_FORWARD, middle / np.linalg.norm(middle))))
+        p = transform(inverse(T), centers)
+        if np.any(p[:, 2] < 0.1):
+            continue
+        edge = np.abs(p[:, :2]) / p[:, 2:] + (radii / p[:, 2])[:, None]
+        least, usual, most = CROP_MARGINS
+        margin = float(rng.triangular(least, usual, most))
+        half = 0.5 * min(size)
+        fx = half / (margin * float(edge.max()))
+        if fx > 12.0 * half:
+            continue  # a lens of 10 deg or less
+        slack = max(margin - 1.0, 0.15) * float(edge.max())
+        x, y = slack * rng.uniform(-0.7, 0.7, 2)
+        aside = np.array([x, y, 1.0])
+        T = np.asarray(T @ make_pose(_turn(_FORWARD, aside / np.linalg.norm(aside)).T))
+        return View(_square(fx, size), T, margin < 1.0)
+    return None
+
+
+_FORWARD = np.array([0.0, 0.0, 1.0])
+
+
+def _square(fx: float, size: tuple[int, int]) -> PinholeCamera:
+    """A lens without faults."""
+    w, h = size
+    return PinholeCamera(w, h, fx, fx, 0.5 * (w - 1), 0.5 * (h - 1))
+
+
 def draw_views(
     recipe: Recipe,
     size: tuple[int, int],

@@ -47,7 +47,7 @@ class Order:
         Robots take turns, each as often as its count asks for: any beginning of a set is a set of
         the same mixture.
         """
-        counts = list(self.manifest.counts.values())
+        counts = [c // self.recipe.views for c in self.manifest.counts.values()]
         when = np.concatenate([(np.arange(c) + 0.5) / c for c in counts])
         robot = np.concatenate([np.full(c, k) for k, c in enumerate(counts)])
         within = np.concatenate([np.arange(c) for c in counts])
@@ -55,8 +55,8 @@ class Order:
         return robot[turn], within[turn]
 
     def robot(self, index: int) -> str:
-        """Robot of a sample."""
-        return list(self.manifest.counts)[int(self._places[0][index])]
+        """Robot of a sample; pictures of one scene have the same one."""
+        return list(self.manifest.counts)[int(self._places[0][index // self.recipe.views])]
 
     @cached_property
     def _dealt(self) -> dict[str, tuple[Ints, Ints, Ints]]:
@@ -85,7 +85,7 @@ def make_order(
     """A set to be made.
 
     Args:
-        kind: ``paper-like``, ``paper-rooms`` or ``wild``.
+        kind: ``paper-like``, ``paper-rooms``, ``wild`` or ``crops``.
         counts: samples of each robot.
         seed: everything follows from it.
         size: width, height [px].
@@ -93,7 +93,8 @@ def make_order(
         emphasis: which scenes are taken more often.
 
     Raises:
-        UsageError: no such kind or robot, a count below 1, or an absurd size.
+        UsageError: no such kind or robot, a count below 1 or of no whole number of scenes, or an
+            absurd size.
     """
     recipe = find_recipe(kind)
     unknown = [name for name in counts if name not in ROBOT_TYPES]
@@ -101,6 +102,12 @@ def make_order(
         raise UsageError(f'unknown robot "{unknown[0]}"; choose from {", ".join(ROBOT_TYPES)}')
     if not counts or any(count < 1 for count in counts.values()):
         raise UsageError("a set needs at least one robot and one sample of each")
+    odd = [c for c in counts.values() if c % recipe.views]
+    if odd:
+        raise UsageError(
+            f"{odd[0]} samples are no whole number of scenes; {kind} has {recipe.views} pictures a "
+            "scene"
+        )
     if not (32 <= size[0] <= 4096 and 32 <= size[1] <= 4096):
         raise UsageError(
             f"size {size[0]}x{size[1]} is out of range; 32x32 to 4096x4096 are possible"
@@ -128,7 +135,7 @@ def counts_of(robots: list[str], count: str, kind: str) -> dict[str, int]:
     """Samples of each robot from what the command line says.
 
     Args:
-        robots: types; empty for all of the catalogue, and in the wild set also pictures without a
+        robots: types; empty for all of the catalogue, and in wild and crops also pictures without a
             robot and with an unknown one, a tenth of the set each.
         count: samples of each robot, or ``papers``.
         kind: of the set.
@@ -149,7 +156,8 @@ def counts_of(robots: list[str], count: str, kind: str) -> dict[str, int]:
     if each < 1:
         raise UsageError(f"--count {each}: expected at least 1")
     counts = dict.fromkeys(names, each)
-    if not robots and kind == "wild":
-        tenth = max(round(len(names) * each / 8), 1)
+    if not robots and kind in ("wild", "crops"):
+        views = find_recipe(kind).views
+        tenth = max(round(len(names) * each / 8 / views), 1) * views
         counts |= {NO_ROBOT: tenth, UNKNOWN_ROBOT: tenth}
     return counts

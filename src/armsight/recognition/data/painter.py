@@ -44,6 +44,7 @@ class Painter:
         self._gl = OpenGLContext()
         self._context: Any = None
         self._scene = mujoco.MjvScene(self._model, maxgeom=MAX_THINGS)
+        self._uploaded: list[Bytes | None] = [None] * TEXTURES
 
     def color(self, scene: Scene, T_world_camera: Pose, lens: PinholeCamera) -> ColorImage:
         """(h, w, 3) what an ideal lens sees, without antialiasing."""
@@ -57,7 +58,8 @@ class Painter:
         with self._gl.current():
             self._ready(lens)
             for slot, picture in enumerate(scene.textures[:TEXTURES]):
-                self._upload(slot, picture)
+                if picture is not self._uploaded[slot]:  # cameras of one scene share them
+                    self._upload(slot, picture)
             return self._draw(T_world_camera, lens, flags)
 
     def labels(self, things: Sequence[Thing], T_world_camera: Pose, lens: PinholeCamera) -> Bytes:
@@ -94,6 +96,7 @@ class Painter:
         start = self._model.tex_adr[slot]
         self._model.tex_data[start : start + picture.size] = picture.ravel()
         mujoco.mjr_uploadTexture(self._model, self._context, slot)
+        self._uploaded[slot] = picture
 
     def _draw(self, T: Pose, lens: PinholeCamera, flags: list[Any]) -> ColorImage:
         aim_scene(self._scene, T, lens, NEAR, FAR)

@@ -67,7 +67,7 @@ def draw_paintwork(recipe: Recipe, rng: np.random.Generator) -> Paintwork:
     if rng.random() < recipe.random_texture:
         style = "texture"
     elif rng.random() < recipe.repaint:
-        style = str(rng.choice(["white", "grey", "dark"]))
+        style = str(rng.choice(recipe.paints))
     glossy = rng.random() < recipe.glossy
     return Paintwork(
         style,

@@ -1,4 +1,5 @@
-"""How far each thing is randomised: the papers' recordings, their rooms by the thousand, the wild.
+"""How far each thing is randomised: the papers' recordings, their rooms by the thousand,
+the wild, and crops of the wild.
 
 In the order of importance of the design: camera and framing, tools and hoses and stands, light,
 background, occluders, sensor, material, kinematics. Everything is a range, a probability or a
@@ -38,7 +39,9 @@ class Recipe:
         distortion: standard deviation of k1 that the lens still bends.
         tool, cable, hidden_base, inverted, person, occluder, foreign_arm, random_texture,
             glossy, worn: probabilities.
-        repaint: probability that an arm has other colours than the maker's.
+        repaint: probability that an arm has other colours than the maker's, one of ``paints``.
+        stickers: probability that worn paint carries labels and letters, too.
+        grey: probability of a picture without colour.
         tint: spread of hue and brightness of the maker's colours.
         jitter: greatest error of each link's length [m].
         exposure: standard deviation of the exposure [stops].
@@ -49,6 +52,8 @@ class Recipe:
         quality: JPEG quality.
         clutter: least and greatest number of things in the room.
         calm_light: light of laboratories only.
+        views: pictures of one scene; more than 1: square crops that follow the arm (crops.py).
+        whole: share of the crops that are as wide as a whole picture of the lens.
     """
 
     name: str
@@ -83,6 +88,11 @@ class Recipe:
     quality: tuple[int, int]
     clutter: tuple[int, int]
     calm_light: bool
+    views: int = 1
+    whole: float = 0.0
+    paints: tuple[str, ...] = ("white", "grey", "dark")
+    stickers: float = 0.0
+    grey: float = 0.0
 
 
 PAPER_LIKE = Recipe(
@@ -159,7 +169,24 @@ PAPER_ROOMS = replace(PAPER_LIKE, name="paper-rooms", scenes=0, recorded=False)
 """The papers' lens, distances, light and paint, but every picture in a room, from a camera and with
 an arm of its own: what a network needs to learn that shall work in rooms it has not seen."""
 
-RECIPES = {recipe.name: recipe for recipe in (PAPER_LIKE, PAPER_ROOMS, WILD)}
+CROPS = replace(
+    WILD,
+    name="crops",
+    views=5,
+    whole=0.3,
+    repaint=0.7,
+    paints=("white", "white", "white", "white", "grey", "grey", "dark"),
+    random_texture=0.05,
+    stickers=0.5,
+    foreign_arm=0.2,
+    grey=0.05,
+    center_shift=0.0,
+    distortion=0.0,
+)
+"""What a network learns from that looks at the arm alone: several cameras in each scene of the wild,
+turned to the arm and cut to it. White in two arms of five, so that paint does not tell the type."""
+
+RECIPES = {recipe.name: recipe for recipe in (PAPER_LIKE, PAPER_ROOMS, WILD, CROPS)}
 
 
 def find_recipe(name: str) -> Recipe:

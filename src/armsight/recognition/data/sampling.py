@@ -24,7 +24,8 @@ from armsight.recognition.data.sensor import (
     expose,
     to_jpeg,
 )
-from armsight.recognition.data.staging import Stage, Streams, set_up
+from armsight.recognition.data.staging import Stage, set_up
+from armsight.recognition.data.streams import Streams
 
 ATTEMPTS = 60
 PATIENCE = 40
@@ -66,20 +67,24 @@ def draw_sample(
         stage = set_up(recipe, robot, size, streams, place)
         if stage is None:
             continue
-        links, seen = _look(painter, stage, robot)
-        poor = (links > 0).mean() < LEAST_SHARE or seen < 0.5
+        links, seen = look(painter, stage, robot)
         # A frame of a recording is what it is; its camera watches the whole sweep.
-        if poor and robot != NO_ROBOT and not recipe.recorded:
+        if is_poor(links, seen) and robot != NO_ROBOT and not recipe.recorded:
             continue
         stage.words["seen"] = seen
         if emphasis.bins and attempt < PATIENCE:
             chance = emphasis.chance(_measures(stage, links, seen))
             if streams.of_sample("emphasis").random() >= chance:
                 continue
-        return _finish(painter, recipe, robot, stage, links, streams)
+        return finish(painter, recipe, robot, stage, links, streams)
     raise DatasetError(
         f"sample {index} ({robot}): no scene after {ATTEMPTS} attempts; take another seed"
     )
+
+
+def is_poor(links: Bytes, seen: float) -> bool:
+    """Whether too little is seen of the arm."""
+    return bool((links > 0).mean() < LEAST_SHARE or seen < 0.5)
 
 
 def _measures(stage: Stage, links: Bytes, seen: float) -> dict[str, float]:
@@ -96,7 +101,7 @@ def _measures(stage: Stage, links: Bytes, seen: float) -> dict[str, float]:
     }
 
 
-def _look(painter: Painter, stage: Stage, robot: str) -> tuple[Bytes, float]:
+def look(painter: Painter, stage: Stage, robot: str) -> tuple[Bytes, float]:
     """Link ids, and the share of the arm that nothing hides; takes occluders away if need be."""
     if robot == NO_ROBOT:
         return np.zeros((stage.view.lens.height, stage.view.lens.width), np.uint8), 1.0
@@ -154,7 +159,7 @@ def _margin(lens: PinholeCamera) -> int:
     return int(np.ceil(np.abs(straight - corners).max())) + 1
 
 
-def _finish(
+def finish(
     painter: Painter,
     recipe: Recipe,
     robot: str,
@@ -162,12 +167,15 @@ def _finish(
     links: Bytes,
     streams: Streams,
 ) -> Drawn:
+    """The picture and its labels, from a stage of which something is seen."""
     lens = stage.view.lens
     # A recording is made by one camera in one light.
     topic = streams.of_scene if recipe.recorded else streams.of_sample
     sensor = draw_sensor(recipe, topic("sensor"))
     mosaic = expose(sensor, see_color(painter, stage), streams.of_sample("noise"))
     picture = develop(sensor, mosaic, (lens.width, lens.height))
+    if recipe.grey and streams.of_sample("grey").random() < recipe.grey:
+        picture = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
     mean, burnt = brightness(picture)
     words = stage.words
     words["brightness"] = round(float(mean.mean()), 4)
@@ -178,6 +186,8 @@ def _finish(
     if not ok:
         raise ValueError("link ids cannot be written as PNG")
     scene = 1000 * streams.robot + streams.scene if streams.shared else streams.index
+    if recipe.views > 1:
+        scene = streams.index // recipe.views
     row = label_row(
         (streams.index, streams.seed, scene),
         robot,

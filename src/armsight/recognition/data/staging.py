@@ -8,83 +8,25 @@ streams, the rest from the sample's.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Points, Pose, Poses
+from armsight.arrays import Bytes, Floats, JointVector, Points, Pose, Poses
 from armsight.errors import DatasetError
 from armsight.recognition.data import clutter, fittings
 from armsight.recognition.data.arms import Arm, catalogue_arm, made_up_arm
 from armsight.recognition.data.configuration import draw_configuration
 from armsight.recognition.data.framing import View, draw_view
-from armsight.recognition.data.lighting import draw_light
+from armsight.recognition.data.lighting import Light, draw_light
 from armsight.recognition.data.paintwork import draw_paintwork
 from armsight.recognition.data.recipe import Recipe
 from armsight.recognition.data.recording import Place, Recording, record
 from armsight.recognition.data.room import PAINT, Room, Stand, draw_room, draw_stand
 from armsight.recognition.data.sample import KNOWN_ROBOTS, NO_ROBOT, UNKNOWN_ROBOT
+from armsight.recognition.data.streams import Streams
 from armsight.recognition.data.textures import draw_scratches
 from armsight.recognition.data.things import Scene, Thing, yaw_pose
-
-TOPICS = (
-    "room",
-    "stand",
-    "furniture",
-    "table",
-    "person",
-    "light",
-    "paint",
-    "tool",
-    "cable",
-    "foreign",
-    "pose",
-    "view",
-    "occluder",
-    "ledge",
-    "sensor",
-    "noise",
-    "arm",
-    "jitter",
-    "emphasis",
-    "sweep",
-)
-Stream = Callable[[str], np.random.Generator]
-
-
-@dataclass(frozen=True)
-class Streams:
-    """Random generators of a sample, by topic.
-
-    Attributes:
-        seed: of the set.
-        robot: number of the robot's type. scene: within the robot. index: of the sample.
-        attempt: counts the tries of a sample whose scene could not be set up.
-        shared: whether samples of a scene share what ``of_scene`` draws.
-        take: counts the tries of a recording that the room did not allow.
-    """
-
-    seed: int
-    robot: int
-    scene: int
-    index: int
-    attempt: int
-    shared: bool
-    take: int = 0
-
-    def of_scene(self, topic: str) -> np.random.Generator:
-        """For what samples of a scene have in common."""
-        if not self.shared:
-            return self.of_sample(topic)
-        key = [self.seed, 1, self.robot, self.scene, TOPICS.index(topic), self.take]
-        return np.random.default_rng(key)
-
-    def of_sample(self, topic: str) -> np.random.Generator:
-        """For what each sample has of its own."""
-        key = [self.seed, 2, self.index, self.attempt, TOPICS.index(topic)]
-        return np.random.default_rng(key)
-
 
 @dataclass(frozen=True)
 class Stage:
@@ -113,6 +55,44 @@ class Stage:
     words: dict[str, float | str]
 
 
+@dataclass(frozen=True)
+class Setting:
+    """All of a scene that does not depend on where the camera stands.
+
+    Attributes:
+        robot: type of the sample.
+        arm: what frames the picture; drawn unless the robot is none.
+        room, stand, light: around it.
+        q: (n,) joint positions [rad].
+        T_world_link: (n + 1, 4, 4) true poses of the links.
+        centers, radii: the arm as spheres in world [m].
+        kept: the same of what furniture must leave free: more, in a recording.
+        view: the recording's camera, None where the sample has its own.
+        robot_things: the arm alone. worn: tool and cable.
+        textures: of the scene.
+        standing, people: groups that stay where they neither touch nor hide the arm.
+        words: what the statistics tell of the scene.
+    """
+
+    robot: str
+    arm: Arm
+    room: Room
+    stand: Stand
+    light: Light
+    q: JointVector
+    T_world_link: Poses
+    centers: Points
+    radii: Floats
+    kept: tuple[Points, Floats]
+    view: View | None
+    robot_things: list[Thing]
+    worn: list[Thing]
+    textures: list[Bytes]
+    standing: list[clutter.Group]
+    people: list[clutter.Group]
+    words: dict[str, float | str]
+
+
 def set_up(
     recipe: Recipe, robot: str, size: tuple[int, int], streams: Streams, place: Place
 ) -> Stage | None:
@@ -125,6 +105,21 @@ def set_up(
         streams: random generators.
         place: which frame of a recording the sample is.
     """
+    setting = draw_setting(recipe, robot, size, streams, place)
+    if setting is None:
+        return None
+    view = setting.view
+    if view is None:
+        base, rng = setting.stand.T_world_base[:3, 3], streams.of_sample("view")
+        corners = setting.room.corners
+        view = draw_view(recipe, size, setting.centers, setting.radii, base, corners, rng)
+    return None if view is None else stage(recipe, setting, view, streams, streams)
+
+
+def draw_setting(
+    recipe: Recipe, robot: str, size: tuple[int, int], streams: Streams, place: Place
+) -> Setting | None:
+    """What every camera of a scene would see, or None if no free configuration was found."""
     # Without a robot, an arm that is not drawn frames the picture all the same.
     arm = _arm(robot, streams)
     recording = None
@@ -141,46 +136,75 @@ def set_up(
     if q is None:
         return None
     geometry = _jittered(arm, recipe.jitter, streams.of_sample("jitter"))
-    T_world_link = stand.T_world_base @ arm.link_poses(q, geometry)
+    T_world_link = np.asarray(stand.T_world_base @ arm.link_poses(q, geometry))
     centers, radii = arm.spheres(T_world_link), arm.sphere_radius
-    base = stand.T_world_base[:3, 3]
-    view = recording.view if recording is not None else None
-    if view is None:
-        rng = streams.of_sample("view")
-        view = draw_view(recipe, size, centers, radii, base, room.corners, rng)
-    if view is None:
-        return None
     # What stands in a recording leaves room for all that its arm does.
     kept = (centers, radii) if recording is None else (recording.centers, recording.radii)
     light = draw_light(recipe, room, kept[0].mean(axis=0), streams.of_scene("light"))
-    scene = Scene([], light.lamps, light.ambient, list(room.textures))
     words: dict[str, float | str] = {
         "stand": stand.kind,
         "shadow": light.kind,
         "light": light.strength,
-        "cut": float(view.cut),
     }
+    textures = list(room.textures)
     robot_things: list[Thing] = []
+    worn: list[Thing] = []
     if robot != NO_ROBOT:
-        robot_things = _painted(recipe, arm, T_world_link, scene, words, streams)
-    scene.things += room.things + stand.things + robot_things
-    occluders: list[Thing] = []
-    if robot != NO_ROBOT:
-        scene.things += _worn(recipe, arm, T_world_link, words, streams)
-        occluders = _occluders(recipe, view, stand, centers, radii, words, streams)
-    scene.things += clutter.fitting(_standing(recipe, room, stand, streams), view, *kept)
-    scene.things += clutter.fitting(_people(recipe, room, streams), view, centers, radii)
-    scene.things += _foreign(recipe, room, view, centers, radii, streams)
-    scene.things += occluders
-    return Stage(
-        scene,
-        view,
-        None if robot == NO_ROBOT else arm,
-        robot_things,
-        occluders,
+        robot_things = _painted(recipe, arm, T_world_link, textures, words, streams)
+        worn = _worn(recipe, arm, T_world_link, words, streams)
+    return Setting(
+        robot,
+        arm,
+        room,
+        stand,
+        light,
         q,
-        np.asarray(T_world_link),
-        stand.T_world_base,
+        T_world_link,
+        centers,
+        radii,
+        kept,
+        None if recording is None else recording.view,
+        robot_things,
+        worn,
+        textures,
+        _standing(recipe, room, stand, streams),
+        _people(recipe, room, streams),
+        words,
+    )
+
+
+def stage(
+    recipe: Recipe, setting: Setting, view: View, streams: Streams, own: Streams
+) -> Stage:
+    """A setting as one camera sees it, with what stands before the arm for this camera alone.
+
+    Args:
+        recipe: ranges.
+        setting: of the scene.
+        view: the camera.
+        streams: random generators of the scene. own: of the picture.
+    """
+    centers, radii = setting.centers, setting.radii
+    drawn = setting.robot != NO_ROBOT
+    words = setting.words | {"cut": float(view.cut)}
+    things = setting.room.things + setting.stand.things + setting.robot_things + setting.worn
+    occluders: list[Thing] = []
+    if drawn:
+        occluders = _occluders(recipe, view, setting.stand, centers, radii, words, own)
+    things += clutter.fitting(setting.standing, view, *setting.kept)
+    things += clutter.fitting(setting.people, view, centers, radii)
+    things += _foreign(recipe, setting.room, view, centers, radii, streams)
+    things += occluders
+    light = setting.light
+    return Stage(
+        Scene(things, light.lamps, light.ambient, setting.textures),
+        view,
+        setting.arm if drawn else None,
+        setting.robot_things,
+        occluders,
+        setting.q,
+        setting.T_world_link,
+        setting.stand.T_world_base,
         words,
     )
 
@@ -239,7 +263,7 @@ def _painted(
     recipe: Recipe,
     arm: Arm,
     T_world_link: Poses,
-    scene: Scene,
+    textures: list[Bytes],
     words: dict[str, float | str],
     streams: Streams,
 ) -> list[Thing]:
@@ -247,7 +271,7 @@ def _painted(
     paint = draw_paintwork(recipe, streams.of_scene("paint"))
     words["paint"] = paint.style
     if paint.style != "texture":
-        scene.textures[PAINT] = draw_scratches(streams.of_scene("paint"))
+        textures[PAINT] = draw_scratches(streams.of_scene("paint"), recipe.stickers)
     return [
         Thing(
             part.kind,

@@ -31,14 +31,37 @@ def draw_texture(rng: np.random.Generator, calm: bool = False) -> Bytes:
     return np.asarray(np.clip(picture, 0.0, 1.0) * 255.0, np.uint8)
 
 
-def draw_scratches(rng: np.random.Generator) -> Bytes:
-    """(256, 256, 3) white with dirt and thin scratches, to lie over paint."""
+def draw_scratches(rng: np.random.Generator, stickers: float = 0.0) -> Bytes:
+    """(256, 256, 3) white with dirt and thin scratches, to lie over paint.
+
+    Args:
+        rng: source of randomness.
+        stickers: probability that there are labels and printed letters, too.
+    """
     picture = 1.0 - rng.uniform(0.0, 0.25) * noise(rng, 5)
     for _ in range(int(rng.integers(3, 30))):
         a = tuple(int(v) for v in rng.integers(0, SIZE, 2))
         b = tuple(int(v) for v in np.array(a) + rng.integers(-40, 40, 2))
         cv2.line(picture, a, b, float(rng.uniform(0.3, 0.9)), 1, cv2.LINE_AA)
-    return np.asarray(np.repeat(np.clip(picture, 0, 1)[..., None] * 255.0, 3, 2), np.uint8)
+    paint = np.asarray(np.repeat(np.clip(picture, 0, 1)[..., None] * 255.0, 3, 2), np.uint8)
+    if stickers and rng.random() < stickers:
+        _stick(paint, rng)
+    return paint
+
+
+def _stick(paint: Bytes, rng: np.random.Generator) -> None:
+    """Labels and letters, as makers and their customers put on arms."""
+    for _ in range(int(rng.integers(1, 5))):
+        corner = rng.integers(0, SIZE - 40, 2)
+        size = rng.integers([20, 10], [110, 60])
+        a, b = tuple(map(int, corner)), tuple(map(int, corner + size))
+        ground, ink = (tuple(255.0 * c for c in _color(rng, v, 0.5)) for v in rng.random(2))
+        if rng.random() < 0.6:
+            cv2.rectangle(paint, a, b, ground, -1)
+        word = "".join(chr(int(c)) for c in rng.integers(48, 91, int(rng.integers(2, 7))))
+        foot = (a[0] + 2, b[1] - 3)
+        scale = float(rng.uniform(0.4, 1.2))
+        cv2.putText(paint, word, foot, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 2, cv2.LINE_AA)
 
 
 def noise(rng: np.random.Generator, octaves: int = 5, stretch: int = 1) -> Floats:
