@@ -1,7 +1,7 @@
 """Labelled frames a second that ``armsight dataset generate`` draws, by CPU time and by the clock.
 
-512 x 424, full randomisation, all robots in turn, JPEG and PNG included; nothing is written to disk
-but in the last lines, which time the whole command's work with two processes.
+512 x 424 (crops: 160 x 160), full randomisation, all robots in turn, JPEG and PNG included; nothing
+is written to disk but in the last lines, which time the whole command's work with two processes.
 """
 
 from __future__ import annotations
@@ -44,6 +44,23 @@ def main() -> None:
         report.add(
             f"{kind}_one_frame", 1e3 * timing.median, "ms", spread=timing.spread_ms, note="by clock"
         )
+    order = make_order("crops", counts_of([], "1000", "crops"), 900, (160, 160))
+    views = order.recipe.views
+    scenes = iter(range(rounds + 10))
+
+    def scene() -> None:
+        first = views * next(scenes)
+        draw_batch(order, range(first, first + views))
+
+    timing = measure(scene, rounds=rounds // views, warmup=2)
+    report.add(
+        "render_per_s",
+        2.0 * views / timing.cpu_per_round,
+        "1/s",
+        note=f"crops, by CPU time; {1e3 * timing.cpu_per_round / views:.0f} ms CPU a crop",
+        must=">= 12",
+        aim=">= 20",
+    )
     with tempfile.TemporaryDirectory() as folder:
         count = str(report.rounds(40))
         order = make_order("wild", counts_of([], count, "wild"), 901, SIZE)

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
+from armsight.workcell.packaged import find
 from armsight.devices.data import RgbdCameraInfo
 from armsight.experiments.calibration_cell import stands_free
 from armsight.geometry.pose import inverse
@@ -17,7 +18,6 @@ from armsight.simulation.spec import PersonSpec
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell.build import world_spec
 from armsight.workcell.load import load_workcell
-from armsight.commands.cells import find
 
 CELLS = ("ur5_four_cameras", "panda_table", "iiwa_circle", "ur3_bench", "ur10_inverted")
 SCRIPTS = ("stand", "reach_in", "work", "walk_by", "wave")
@@ -134,9 +134,7 @@ def _ball(name: str) -> Floats:
     return np.asarray(p[np.linalg.norm(p, axis=1) < 1.0])
 
 
-def _goal(
-    robot: Robot, static: tuple[object, ...], rng: np.random.Generator
-) -> JointVector:
+def _goal(robot: Robot, static: tuple[object, ...], rng: np.random.Generator) -> JointVector:
     lower = np.maximum(robot.limits.lower, robot.home - 1.6)
     upper = np.minimum(robot.limits.upper, robot.home + 1.6)
     for _ in range(500):

@@ -23,7 +23,8 @@ def crops(gl: str) -> list[Drawn]:
 
 def test_a_crop_depends_on_seed_and_index_alone(crops: list[Drawn]) -> None:
     (again,) = draw_batch(order(), [3])
-    assert again.image == crops[3].image and again.links == crops[3].links
+    assert again.image == crops[3].image
+    assert again.links == crops[3].links
 
 
 def test_crops_of_a_scene_share_the_arm_but_not_the_camera(crops: list[Drawn]) -> None:

@@ -1,7 +1,8 @@
-"""A depth camera finds itself by the arm, from an old pose and from none, and knows when it did not."""
+"""A depth camera finds itself by the arm, from an old pose or none, and knows if it failed."""
 
 import numpy as np
 import pytest
+from tests.recognition.own_arm.synthetic import LENS, T_BASE_CAMERA, corners, robot, splatted_depth
 
 from armsight.devices.data import DepthNoise
 from armsight.geometry.pose import exp, inverse
@@ -14,7 +15,6 @@ from armsight.recognition.own_arm.depth import (
 )
 from armsight.recognition.own_arm.depth_search import search_depth
 from armsight.recognition.own_arm.surface import arm_surface
-from tests.recognition.own_arm.synthetic import LENS, T_BASE_CAMERA, corners, robot, splatted_depth
 
 NOISE = DepthNoise(0.0015, 0.0, 0.001)
 TURNS = np.array(
@@ -42,7 +42,9 @@ def views() -> list[DepthView]:
 
 def off(T_base_camera: np.ndarray) -> float:
     """Greatest error of where corners of the arm's reach are placed [m]."""
-    corners_ = np.array([[x, y, z, 1.0] for x in (-0.4, 0.4) for y in (-0.4, 0.4) for z in (0, 0.8)])
+    corners_ = np.array(
+        [[x, y, z, 1.0] for x in (-0.4, 0.4) for y in (-0.4, 0.4) for z in (0, 0.8)]
+    )
     T = T_base_camera @ inverse(T_BASE_CAMERA)
     return float(np.linalg.norm((corners_ @ T.T - corners_)[:, :3], axis=1).max())
 
@@ -53,7 +55,8 @@ def test_an_old_pose_is_mended(views: list[DepthView]) -> None:
     assert off(start) > 0.1
     for count, bound in ((1, 0.015), (4, 0.008)):
         answer = register_depth(surface, LENS, NOISE, views[:count], start)
-        assert answer.believed and answer.frames == count
+        assert answer.believed
+        assert answer.frames == count
         assert off(answer.T_base_camera) < bound
         assert answer.sigma < 0.012
 
@@ -113,4 +116,5 @@ def test_edges_are_left_out() -> None:
     depth = np.full((6, 6), 1.0, np.float32)
     depth[:, 3:] = 2.0
     clean = without_edges(depth)
-    assert np.isnan(clean[:, 2:4]).all() and np.isfinite(clean[:, [0, 1, 4, 5]]).all()
+    assert np.isnan(clean[:, 2:4]).all()
+    assert np.isfinite(clean[:, [0, 1, 4, 5]]).all()

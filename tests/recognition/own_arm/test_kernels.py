@@ -93,7 +93,8 @@ def test_normal_equations_follow_the_cost() -> None:
         return H, g, cost
 
     H, g, _ = terms(T, 0.0)
-    assert np.allclose(H, H.T) and np.linalg.eigvalsh(H).min() > 0
+    assert np.allclose(H, H.T)
+    assert np.linalg.eigvalsh(H).min() > 0
     step = 1e-6
     for k in range(7):
         d = np.zeros(7)

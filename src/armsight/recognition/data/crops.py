@@ -1,4 +1,4 @@
-"""Crops that follow the arm: several cameras in one scene, since room and arm cost more than a look.
+"""Crops that follow the arm: several cameras in one scene, since a room costs more than a look.
 
 A scene follows from the seed and its number, a crop from these and its place in the scene, so that
 any worker makes the same set; the scene's number is that of its first crop.
@@ -58,7 +58,8 @@ def draw_crops(
         else:
             return crops
     raise DatasetError(
-        f"scene {scene} ({robot}): no room for its cameras after {SCENES} attempts; take another seed"
+        f"scene {scene} ({robot}): no room for its cameras after {SCENES} attempts; take another "
+        "seed"
     )
 
 

@@ -1,5 +1,4 @@
-"""How far each thing is randomised: the papers' recordings, their rooms by the thousand,
-the wild, and crops of the wild.
+"""How far each thing is randomised: recordings, rooms by the thousand, the wild and its crops.
 
 In the order of importance of the design: camera and framing, tools and hoses and stands, light,
 background, occluders, sensor, material, kinematics. Everything is a range, a probability or a
@@ -183,8 +182,8 @@ CROPS = replace(
     center_shift=0.0,
     distortion=0.0,
 )
-"""What a network learns from that looks at the arm alone: several cameras in each scene of the wild,
-turned to the arm and cut to it. White in two arms of five, so that paint does not tell the type."""
+"""For a network that looks at the arm alone: several cameras in each scene of the wild,
+turned to the arm and cut to it. White in two arms of five: paint does not tell the type."""
 
 RECIPES = {recipe.name: recipe for recipe in (PAPER_LIKE, PAPER_ROOMS, WILD, CROPS)}
 

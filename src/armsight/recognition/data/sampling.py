@@ -175,7 +175,8 @@ def finish(
     mosaic = expose(sensor, see_color(painter, stage), streams.of_sample("noise"))
     picture = develop(sensor, mosaic, (lens.width, lens.height))
     if recipe.grey and streams.of_sample("grey").random() < recipe.grey:
-        picture = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+        grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        picture = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB), np.uint8)
     mean, burnt = brightness(picture)
     words = stage.words
     words["brightness"] = round(float(mean.mean()), 4)

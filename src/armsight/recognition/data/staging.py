@@ -28,6 +28,7 @@ from armsight.recognition.data.streams import Streams
 from armsight.recognition.data.textures import draw_scratches
 from armsight.recognition.data.things import Scene, Thing, yaw_pose
 
+
 @dataclass(frozen=True)
 class Stage:
     """A scene ready to be drawn.
@@ -173,16 +174,15 @@ def draw_setting(
     )
 
 
-def stage(
-    recipe: Recipe, setting: Setting, view: View, streams: Streams, own: Streams
-) -> Stage:
+def stage(recipe: Recipe, setting: Setting, view: View, streams: Streams, own: Streams) -> Stage:
     """A setting as one camera sees it, with what stands before the arm for this camera alone.
 
     Args:
         recipe: ranges.
         setting: of the scene.
         view: the camera.
-        streams: random generators of the scene. own: of the picture.
+        streams: random generators of the scene.
+        own: random generators of the picture.
     """
     centers, radii = setting.centers, setting.radii
     drawn = setting.robot != NO_ROBOT

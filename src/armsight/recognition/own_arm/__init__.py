@@ -1,1 +1,16 @@
 """The pose of a camera from what it sees of the arm at work, where the joint angles are known."""
+
+from armsight.recognition.own_arm.answer import DepthView, OwnArmPose
+from armsight.recognition.own_arm.depth import DepthOptions, register_depth
+from armsight.recognition.own_arm.depth_search import search_depth
+from armsight.recognition.own_arm.surface import ArmSurface, arm_surface
+
+__all__ = [
+    "ArmSurface",
+    "DepthOptions",
+    "DepthView",
+    "OwnArmPose",
+    "arm_surface",
+    "register_depth",
+    "search_depth",
+]

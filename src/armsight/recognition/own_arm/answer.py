@@ -1,4 +1,4 @@
-"""What is looked at, and what comes out: frames of the arm, and a camera's pose that judges itself."""
+"""What goes in and comes out: views of the arm, and a camera's pose that judges itself."""
 
 from __future__ import annotations
 

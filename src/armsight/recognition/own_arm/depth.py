@@ -44,7 +44,19 @@ class DepthOptions:
     turn: float = 0.09
     starts: int = 1500
     followed: int = 6
-    windows: tuple[float, ...] = (0.08, 0.06, 0.05, 0.04, 0.03, 0.03, 0.025, 0.025, 0.02, 0.02, 0.02)
+    windows: tuple[float, ...] = (
+        0.08,
+        0.06,
+        0.05,
+        0.04,
+        0.03,
+        0.03,
+        0.025,
+        0.025,
+        0.02,
+        0.02,
+        0.02,
+    )
     drawn: int = 256
     least_score: float = 0.6
     least_seen: float = 0.2
@@ -207,9 +219,7 @@ def _refined(scene: DepthScene, T_camera_base: Pose) -> OwnArmPose:
     return _judged(scene, T, bias, H, g, used)
 
 
-def _judged(
-    scene: DepthScene, T: Pose, bias: float, H: Floats, g: Floats, used: int
-) -> OwnArmPose:
+def _judged(scene: DepthScene, T: Pose, bias: float, H: Floats, g: Floats, used: int) -> OwnArmPose:
     """The answer with its covariance, and whether it is to be believed."""
     o = scene.options
     nothing = np.full((6, 6), np.nan)
@@ -302,7 +312,8 @@ def without_edges(depth: DepthImage, step: float = 0.03) -> DepthImage:
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
             jump = np.abs(np.diff(d, axis=axis)) > step * np.minimum(
-                np.take(d, range(d.shape[axis] - 1), axis), np.take(d, range(1, d.shape[axis]), axis)
+                np.take(d, range(d.shape[axis] - 1), axis),
+                np.take(d, range(1, d.shape[axis]), axis),
             )
             if axis == 0:
                 bad[:-1] |= jump

@@ -151,8 +151,8 @@ def nearer_than_behind(scene: DepthScene) -> Masks:
     square = np.ones((3, 3), np.uint8)
     # Walls out of range give nothing; single pixels are lost anywhere.
     blank = np.stack([np.isnan(v.depth) for v in scene.views]).astype(np.uint8)
-    blank = np.stack([cv2.erode(m, square) for m in blank]).any(axis=0)
-    appeared = np.isfinite(scene.depths) & cv2.dilate(blank.astype(np.uint8), square).astype(bool)
+    empty = np.any([cv2.erode(m, square) for m in blank], axis=0).astype(np.uint8)
+    appeared = np.isfinite(scene.depths) & cv2.dilate(empty, square).astype(bool)
     moved = (nearer | appeared).astype(np.uint8)
     return np.stack([cv2.morphologyEx(m, cv2.MORPH_OPEN, square) for m in moved]).astype(bool)
 

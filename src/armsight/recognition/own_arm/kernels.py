@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import DepthImage, Floats, Ints, Ints32, Points, Pose, Poses
+from armsight.arrays import DepthImage, Floats, Floats32, Ints, Ints32, Points, Pose, Poses
 from armsight.geometry.camera import PinholeCamera
 
 FACING = 0.25
@@ -38,7 +38,8 @@ def rasterise(
     """Draw triangles in the camera's frame through a straight lens, the nearest one wins.
 
     Args:
-        vertices: (n, 3) [m]. faces: (m, 3).
+        vertices: (n, 3) [m].
+        faces: (m, 3).
         lens: of no distortion.
         near: triangles with a corner nearer than this are left out [m].
         depth: (h, w) [m], written; begin with infinity.
@@ -78,8 +79,8 @@ def agreement(
     poses: Poses,
     points: Floats,
     normals: Floats,
-    depths: Floats,
-    credit: Floats,
+    depths: Floats32,
+    credit: Floats32,
     lens: Floats,
     tolerance: float,
 ) -> Floats:
@@ -91,7 +92,8 @@ def agreement(
 
     Args:
         poses: ``T_camera_base``.
-        points, normals: (f, m, 3) of the surface in ``base``, one row a frame.
+        points: (f, m, 3) of the surface in ``base``, one row a frame.
+        normals: (f, m, 3) there.
         depths: (f, h, w) [m], NaN where nothing is read.
         credit: (f, h, w) what a pixel is worth.
         lens: of the depth images.
@@ -155,13 +157,18 @@ def normal_equations(
     the camera reads too much. Cauchy's weights, of the residual over its standard deviation.
 
     Args:
-        T: ``T_camera_base``. bias: of the readings [m].
-        points, normals: (m, 3) of the visible surface in ``base``.
+        T: ``T_camera_base``.
+        bias: of the readings [m].
+        points: (m, 3) of the visible surface in ``base``.
+        normals: (m, 3) there.
         group: (m,) which of the clusters of residuals each belongs to.
-        depth: (h, w) [m]. rays: (h, w, 2) normalised coordinates of its pixels. lens: its own.
+        depth: (h, w) [m].
+        rays: (h, w, 2) normalised coordinates of its pixels.
+        lens: its own.
         window: readings farther than this from their point belong to something else [m].
         sigma: (3,) of a + b z + c z^2, standard deviation of a reading [m].
-        H: (7, 7), added to. g: (clusters, 7), added to: the gradient of each cluster.
+        H: (7, 7), added to.
+        g: (clusters, 7), added to: the gradient of each cluster.
 
     Returns:
         Weighted sum of squared residuals, and how many there were.

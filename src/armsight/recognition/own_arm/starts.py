@@ -1,4 +1,4 @@
-"""Where to begin: poses drawn around a belief, and the best of many made better by small changes."""
+"""Where to begin: poses drawn about a belief, and the best of many made better by changes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def scattered(
     Args:
         T_camera_base: in the middle.
         pivot: (3,) in ``base`` [m]: a turn about the camera would throw a distant arm far.
-        shift: standard deviation along each axis [m]; turn: about each axis [rad].
+        shift: standard deviation along each axis [m].
+        turn: standard deviation about each axis [rad].
         count: of the poses.
         rng: source of randomness.
     """
@@ -56,10 +57,13 @@ def narrowed(
     Each pose is followed by its own best change only, so that one hill does not crowd out the rest.
 
     Args:
-        poses: (k, 4, 4) ``T_camera_base``. pivot: see :func:`scattered`.
+        poses: (k, 4, 4) ``T_camera_base``.
+        pivot: see :func:`scattered`.
         score: of poses.
-        shift, turn: standard deviations of the changes [m], [rad].
-        kept: how many remain. children: changes of each.
+        shift: standard deviation of the changes [m].
+        turn: standard deviation of the changes [rad].
+        kept: how many remain.
+        children: changes of each.
         rng: source of randomness.
 
     Returns:

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from armsight.arrays import Floats, Ints, JointVector, Mask, Points, Pose, Poses
+from armsight.arrays import DepthImage, Floats, Ints, JointVector, Mask, Points, Pose, Poses
 from armsight.geometry.pose import inverse, look_at, transform
 from armsight.recognition.own_arm.kernels import rasterise
 from armsight.robots.kinematics import link_poses
@@ -61,7 +61,7 @@ class Rendered:
         owner: (k,) their links.
     """
 
-    depth: Floats
+    depth: DepthImage
     link: Ints
     points: Points
     normals: Points
