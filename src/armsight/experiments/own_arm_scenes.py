@@ -8,16 +8,17 @@ from functools import cache
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
-from armsight.workcell.packaged import find
 from armsight.devices.data import RgbdCameraInfo
 from armsight.experiments.calibration_cell import stands_free
-from armsight.geometry.pose import inverse
+from armsight.geometry.pose import exp, from_rpy, inverse
+from armsight.geometry.shapes import Solid
 from armsight.recognition.own_arm.answer import ColorView, DepthView
 from armsight.robots.robot import Robot
 from armsight.simulation.spec import PersonSpec
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell.build import world_spec
 from armsight.workcell.load import load_workcell
+from armsight.workcell.packaged import find
 
 CELLS = ("ur5_four_cameras", "panda_table", "iiwa_circle", "ur3_bench", "ur10_inverted")
 SCRIPTS = ("stand", "reach_in", "work", "walk_by", "wave")
@@ -108,8 +109,6 @@ def arm_scene(
 
 def displaced(T: Pose, shift: float, turn: float, rng: np.random.Generator) -> Pose:
     """A pose that far off, in a random direction each [m], [rad]."""
-    from armsight.geometry.pose import exp
-
     a, b = rng.standard_normal(3), rng.standard_normal(3)
     twist = np.concatenate([shift * a / np.linalg.norm(a), turn * b / np.linalg.norm(b)])
     return np.asarray(T @ exp(twist))
@@ -134,12 +133,12 @@ def _ball(name: str) -> Floats:
     return np.asarray(p[np.linalg.norm(p, axis=1) < 1.0])
 
 
-def _goal(robot: Robot, static: tuple[object, ...], rng: np.random.Generator) -> JointVector:
+def _goal(robot: Robot, static: tuple[Solid, ...], rng: np.random.Generator) -> JointVector:
     lower = np.maximum(robot.limits.lower, robot.home - 1.6)
     upper = np.minimum(robot.limits.upper, robot.home + 1.6)
     for _ in range(500):
         q = rng.uniform(lower, upper)
-        if stands_free(robot, q, static):  # type: ignore[arg-type]
+        if stands_free(robot, q, static):
             return np.asarray(q)
     return robot.home
 
@@ -160,8 +159,6 @@ def _move(
 
 
 def _person(number: int, T_world_base: Pose, rng: np.random.Generator) -> PersonSpec:
-    from armsight.recognition.data.things import yaw_pose
-
     bearing, away = rng.uniform(-np.pi, np.pi), rng.uniform(0.8, 1.4)
     base = T_world_base[:3, 3]
     place = (base[0] + away * np.cos(bearing), base[1] + away * np.sin(bearing), 0.0)
@@ -169,6 +166,6 @@ def _person(number: int, T_world_base: Pose, rng: np.random.Generator) -> Person
         name=f"person{number}",
         motion="script",
         script=str(rng.choice(SCRIPTS)),
-        T_world_person=yaw_pose(bearing + np.pi + rng.uniform(-0.6, 0.6), place),
+        T_world_person=from_rpy((0.0, 0.0, bearing + np.pi + rng.uniform(-0.6, 0.6)), place),
         start=0.0,
     )
