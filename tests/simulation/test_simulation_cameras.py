@@ -10,8 +10,9 @@ from armsight.devices.camera_models import CAMERA_MODELS, camera_info, camera_mo
 from armsight.devices.data import StereoFrame
 from armsight.errors import DeviceError, UsageError
 from armsight.geometry.pose import angle_between, inverse, look_at
-from armsight.simulation.cameras import Fault, misplaced
+from armsight.simulation.cameras import Fault
 from armsight.simulation.spec import WorldSpec
+from armsight.simulation.units import misplaced
 from armsight.simulation.world import SimulatedWorld
 
 pytestmark = pytest.mark.usefixtures("gl")
@@ -145,20 +146,20 @@ def test_pose_error_has_its_size_and_only_the_simulator_knows():
     meters, radians = [], []
     for seed in range(300):
         T = misplaced(spec, np.random.default_rng(seed))
-        off = inverse(spec.T_mount_camera_true) @ T
+        off = inverse(spec.T_mount_camera_declared) @ T
         meters.append(np.linalg.norm(off[:3, 3]) / np.sqrt(3))
-        radians.append(angle_between(T, spec.T_mount_camera_true) / np.sqrt(3))
+        radians.append(angle_between(T, spec.T_mount_camera_declared) / np.sqrt(3))
     assert np.sqrt(np.mean(np.square(meters))) == pytest.approx(0.005, rel=0.1)
     assert np.sqrt(np.mean(np.square(radians))) == pytest.approx(np.deg2rad(0.5), rel=0.1)
     exact = misplaced(camera(), np.random.default_rng(0))
-    assert np.allclose(exact, camera().T_mount_camera_true)
+    assert np.allclose(exact, camera().T_mount_camera_declared)
 
 
 def test_the_wrist_pair_takes_pictures_once_asked(arm_spec):
     T = look_at((0.9, 0.0, 1.1), (0.5, 0.0, 0.8))
     info = camera_info("pair", "wrist_stereo", T_mount_camera=T)
     info = replace(info, depth=info.depth.scaled(0.25), color=info.color.scaled(0.25))
-    spec = replace(camera(), info=info, T_mount_camera_true=T)
+    spec = replace(camera(), info=info, T_mount_camera_declared=T)
     with SimulatedWorld(WorldSpec(arm_spec, cameras=(spec,), static=(TABLE,))) as world:
         pair = world.stereo_cameras[0]
         assert pair.read() is None

@@ -191,7 +191,7 @@ def test_flange_camera_moves_with_the_arm(gl, arm_spec):
     T_flange_camera = inverse(T_world_flange) @ look_at(eye, eye * [1.2, 1.2, 0.0])
     spec = camera(name="wrist")
     info = replace(spec.info, mounted_on="flange", T_mount_camera=T_flange_camera)
-    wrist = replace(spec, info=info, T_mount_camera_true=T_flange_camera)
+    wrist = replace(spec, info=info, T_mount_camera_declared=T_flange_camera)
     with SimulatedWorld(WorldSpec(arm_spec, cameras=(wrist,))) as world:
         depths = []
         for _ in range(2):

@@ -130,7 +130,7 @@ def test_world_spec_carries_everything_in_si():
     assert camera.pose_error == pytest.approx((0.003, np.deg2rad(0.5)))
     assert camera.stamp_jitter == pytest.approx(0.002)
     assert camera.phase == pytest.approx(0.007)
-    assert camera.T_mount_camera_true[:3, 3] == pytest.approx([1.5, 0.5, 1.0])
+    assert camera.T_mount_camera_declared[:3, 3] == pytest.approx([1.5, 0.5, 1.0])
     assert spec.arm.start_delay == pytest.approx(0.06)
     assert spec.static[0].T_frame_solid[:3, 3] == pytest.approx([0.5, 0.0, 0.7])
     person = spec.people[0].T_world_person

@@ -1,4 +1,4 @@
-"""Depth models: how a depth camera's readings differ from the truth, and how to undo it.
+"""Depth models fitted: how a depth camera's readings differ from the truth.
 
 A flat board of known place gives the true depth along every ray. The error is modelled as an
 offset, a scale, a spline in z for the wiggle of time-of-flight cameras, and a low-order surface
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import DepthImage, Floats
+from armsight.devices.depth_model import DepthModel, spline_basis, surface_terms
 from armsight.geometry.camera import PinholeCamera
 
 
@@ -30,71 +31,6 @@ class DepthSamples:
     measured: Floats
     true: Floats
     sigma: Floats
-
-
-@dataclass(frozen=True)
-class DepthModel:
-    """Measured depth = true depth + error(true depth, place in the image).
-
-    Attributes:
-        offset: [m]; scale: [1] at ``middle``.
-        knots: (k,) depths [m] and values: (k,) of the spline there [m], natural and smooth.
-        surface: (3,) coefficients of u, v and r squared over half the image [m].
-        middle: depth about which the scale turns [m].
-        range: depths that the data cover [m].
-        rms: residual over frames [m].
-        scale_known: the data cover more than one distance.
-    """
-
-    offset: float
-    scale: float
-    knots: Floats
-    values: Floats
-    surface: Floats
-    middle: float
-    range: tuple[float, float]
-    rms: float
-    scale_known: bool
-
-    def error(self, true: Floats, pixel: Floats, lens: PinholeCamera) -> Floats:
-        """(m,) error [m] at true depths [m] and pixels."""
-        z = np.asarray(true, float)
-        return np.asarray(
-            self.offset
-            + self.scale * (z - self.middle)
-            + self._spline(z)
-            + _surface(pixel, lens) @ self.surface
-        )
-
-    def _spline(self, z: Floats) -> Floats:
-        if not len(self.knots):
-            return np.zeros_like(z)
-        return _basis(np.clip(z, *self.range), self.knots) @ self.values
-
-    def corrected(self, depth: DepthImage, lens: PinholeCamera) -> DepthImage:
-        """A depth image with the error taken away; NaN stays NaN."""
-        v, u = np.mgrid[0 : depth.shape[0], 0 : depth.shape[1]].astype(float)
-        pixel = np.stack([u.ravel(), v.ravel()], 1)
-        measured = depth.astype(np.float64).ravel()
-        true = measured.copy()
-        good = np.isfinite(measured)
-        for _ in range(3):  # the error changes by millimetres a metre: this converges at once
-            true[good] = measured[good] - self.error(true[good], pixel[good], lens)
-        return true.reshape(depth.shape).astype(np.float32)
-
-
-def _surface(pixel: Floats, lens: PinholeCamera) -> Floats:
-    u = (pixel[:, 0] - 0.5 * (lens.width - 1)) / (0.5 * lens.width)
-    v = (pixel[:, 1] - 0.5 * (lens.height - 1)) / (0.5 * lens.height)
-    r2 = 0.5 * (u * u + v * v)
-    return np.stack([u, v, r2 - 0.25], axis=1)
-
-
-def _basis(z: Floats, knots: Floats) -> Floats:
-    """(m, k) cubic B-spline-like bumps: Gaussians of the knots' spacing, smooth and local."""
-    spacing = knots[1] - knots[0] if len(knots) > 1 else 1.0
-    B = np.exp(-0.5 * ((z[:, None] - knots) / (0.7 * spacing)) ** 2)
-    return np.asarray(B)
 
 
 def fit_depth(
@@ -128,9 +64,8 @@ def fit_depth(
         np.arange(low, high + 0.5 * spacing, spacing) if high - low > 2 * spacing else np.zeros(0)
     )
     columns = [np.ones_like(z), z - middle if known else np.zeros_like(z)]
-    A = np.column_stack(
-        [*columns, _basis(z, knots) if len(knots) else np.zeros((len(z), 0)), _surface(pixel, lens)]
-    )
+    curve = spline_basis(z, knots) if len(knots) else np.zeros((len(z), 0))
+    A = np.column_stack([*columns, curve, surface_terms(pixel, lens)])
     n = A.shape[1]
     # The offset is free; the scale is of the order of a percent, the rest of millimetres.
     prior = np.full(n, wiggle_sigma)

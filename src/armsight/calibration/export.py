@@ -18,8 +18,8 @@ import yaml
 
 from armsight.arrays import Floats, Pose
 from armsight.calibration.calibrate import Calibration
-from armsight.calibration.depth import DepthModel
 from armsight.calibration.findings import Finding
+from armsight.devices.depth_model import DepthModel
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import to_quaternion

@@ -12,9 +12,9 @@ import numpy as np
 
 from armsight.calibration.calibrate import Calibration
 from armsight.calibration.covariance import weakest_direction
-from armsight.calibration.depth import DepthModel
 from armsight.calibration.export import worst_target
 from armsight.calibration.findings import Finding
+from armsight.devices.depth_model import DepthModel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

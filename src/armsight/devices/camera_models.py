@@ -37,6 +37,7 @@ class CameraModel:
         noise: random error to assume of depth.
         baseline: between projector (or second lens) and depth lens [m]; 0 for time of flight.
         planes: disparity planes of a stereo matcher, 0 for all else.
+        infrared_scale: pixels of the infrared picture a depth pixel; 0 for a camera without one.
     """
 
     name: str
@@ -52,6 +53,7 @@ class CameraModel:
     noise: DepthNoise
     baseline: float = 0.0
     planes: int = 0
+    infrared_scale: int = 1
 
 
 def camera_model(name: str) -> CameraModel:
@@ -116,6 +118,7 @@ def camera_info(
         latency=entry.latency if latency is None else latency,
         range=entry.range,
         noise=entry.noise,
+        infrared_scale=entry.infrared_scale,
     )
 
 
@@ -152,6 +155,7 @@ CAMERA_MODELS: dict[str, CameraModel] = {
             # about the same beyond 1 m
             noise=DepthNoise(1.504e-3, -1.52e-3, 1.9e-3),
             baseline=0.075,
+            infrared_scale=2,
         ),
         CameraModel(
             name="kinect_v2",
@@ -212,6 +216,7 @@ CAMERA_MODELS: dict[str, CameraModel] = {
             ),  # 30 planes, about 7 mm apart: 7 mm / sqrt(12) at 0.3
             baseline=0.060,
             planes=30,
+            infrared_scale=0,
         ),
     )
 }

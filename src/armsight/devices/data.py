@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from armsight.arrays import ColorImage, DepthImage, Floats, JointVector, Pose
+from armsight.arrays import Bytes, ColorImage, DepthImage, Floats, JointVector, Pose
+from armsight.devices.depth_model import DepthModel
 from armsight.geometry.camera import PinholeCamera
 
 
@@ -71,6 +72,8 @@ class RgbdFrame:
         T_base_camera: the depth lens in ``base`` at the exposure, where the device itself knows it
             (a posed recording, a tracked camera). It goes before ``RgbdCameraInfo``'s mounting;
             None means that the mounting says where the camera is.
+        infrared: (m h, m w) uint8 the depth lens's own picture, ``infrared_scale`` m times as fine;
+            like colour only where it was asked for.
     """
 
     camera: str
@@ -80,6 +83,7 @@ class RgbdFrame:
     depth: DepthImage
     color: ColorImage | None = None
     T_base_camera: Pose | None = None
+    infrared: Bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -150,6 +154,10 @@ class RgbdCameraInfo:
         range: least and greatest distance [m].
         noise: random depth error.
         guard: whether its pictures are evidence for the map and the guard.
+        infrared_scale: pixels of the infrared picture a depth pixel; 0 for a camera without one.
+        covariance: (6, 6) of ``T_mount_camera`` (translation [m], rotation [rad], in the camera's
+            axes), or None for a camera that stands where somebody has said.
+        depth_model: systematic error of its depth that calibration has found, or None.
     """
 
     name: str
@@ -164,6 +172,14 @@ class RgbdCameraInfo:
     range: tuple[float, float]
     noise: DepthNoise
     guard: bool = True
+    infrared_scale: int = 0
+    covariance: Floats | None = None
+    depth_model: DepthModel | None = None
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the mounting was measured, not only declared."""
+        return self.covariance is not None
 
 
 @dataclass(frozen=True)

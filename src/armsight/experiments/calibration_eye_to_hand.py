@@ -18,7 +18,6 @@ from armsight.arrays import Floats
 from armsight.calibration import arm
 from armsight.calibration.boards import Detection
 from armsight.calibration.calibrate import Calibration, target_points
-from armsight.calibration.depth import DepthModel
 from armsight.calibration.ladder import with_cut
 from armsight.calibration.live.drive import drive
 from armsight.calibration.live.log import ProcedureOptions
@@ -30,6 +29,7 @@ from armsight.calibration.problem import Freedom
 from armsight.calibration.solver import solve
 from armsight.calibration.spheres import procrustes_ransac
 from armsight.calibration.views import travel_seconds
+from armsight.devices.depth_model import DepthModel
 from armsight.errors import CalibrationError
 from armsight.experiments.cache import RunCache
 from armsight.experiments.calibration_cell import (

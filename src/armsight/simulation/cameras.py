@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -14,12 +14,12 @@ from armsight.arrays import Bytes, ColorImage, DepthImage, Pose
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import exp
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import DepthPicture, Shot
 from armsight.simulation.sensor_errors import DepthSensor, interference_mask, structured
 from armsight.simulation.spec import CameraSpec
+from armsight.simulation.units import draw_camera
 
 FaultKind = Literal["fail", "lost", "freeze", "delay", "drop", "empty"]
 Frame = TypeVar("Frame", RgbdFrame, StereoFrame)
@@ -149,7 +149,7 @@ class SimulatedCamera:
 
     Attributes:
         faults: what goes wrong, see :class:`Fault`.
-        T_mount_camera: where it truly is: in world when fixed, else in the flange.
+        unit: the truth about it; it moves when somebody bumps it (:meth:`bump`).
     """
 
     def __init__(
@@ -158,9 +158,10 @@ class SimulatedCamera:
         self._spec = spec
         self._timing = _Timing(spec, clock, (*seed, 1))
         self.faults = self._timing.faults
-        self.T_mount_camera = misplaced(spec, np.random.default_rng((*seed, 2)))
+        self.unit = draw_camera(spec, seed)
+        truth = replace(spec.info, depth=self.unit.depth)
         self._sensor = (
-            DepthSensor(spec.info, materials, (*seed, 3), systematic=spec.systematic)
+            DepthSensor(truth, materials, (*seed, 3), unit=self.unit.errors)
             if spec.errors
             else None
         )
@@ -173,7 +174,7 @@ class SimulatedCamera:
         self._timing.reset()
         self._deliveries = _Deliveries()
         self._frozen: Future[Any] | None = None
-        self._color_rate, self._color_lens = 0.0, self.info.color
+        self._color_rate, self._color_scale = 0.0, 1.0
         self._color_due = -np.inf
         self.seen: tuple[DepthPicture, Pose] | None = None
 
@@ -206,9 +207,26 @@ class SimulatedCamera:
                 f"camera '{self.info.name}': colour at {rate} Hz and scale {scale}; "
                 "expected a rate of 0 or more and a scale above 0, at most 1"
             )
-        self._color_rate = rate
-        full = self.info.color
-        self._color_lens = full.scaled(scale) if full is not None and scale < 1.0 else full
+        self._color_rate, self._color_scale = rate, scale
+
+    def _color_lens(self) -> PinholeCamera | None:
+        """The true colour lens at the size that is wanted."""
+        full, scale = self.unit.color, self._color_scale
+        return full.scaled(scale) if full is not None and scale < 1.0 else full
+
+    @property
+    def T_mount_camera(self) -> Pose:
+        """Where the depth lens truly is: in world when fixed, else in the flange."""
+        return self.unit.T_mount_camera
+
+    def bump(self, T_camera_moved: Pose) -> None:
+        """Move it, as somebody who walks into its stand: the cell is not told.
+
+        Args:
+            T_camera_moved: where it is afterwards, in its own frame of before.
+        """
+        T = np.asarray(self.unit.T_mount_camera @ T_camera_moved)
+        self.unit = replace(self.unit, T_mount_camera=T)
 
     # What the world does with it ---------------------------------------------------------------
 
@@ -228,13 +246,14 @@ class SimulatedCamera:
         if self.faults.find("freeze", now) and self._frozen is not None:
             picture = self._frozen
         else:
-            shot = take(T_world_camera, self.info.depth)
-            color, lens = None, self._color_lens
+            unit = self.unit
+            shot = take(T_world_camera, unit.depth)
+            color, lens = None, self._color_lens()
             if lens is not None and self._color_rate > 0.0 and now >= self._color_due - 1e-9:
                 # From the time it was due, not from now: exposures do not fit the rate exactly.
                 late = now - self._color_due < 1.0 / self._color_rate
                 self._color_due = (self._color_due if late else now) + 1.0 / self._color_rate
-                color = take(T_world_camera @ self.info.T_depth_color, lens, "color")
+                color = take(T_world_camera @ unit.T_depth_color, lens, "color")
             empty = self.faults.find("empty", now) is not None
             picture = renders.submit(
                 lambda: self._develop(
@@ -257,8 +276,8 @@ class SimulatedCamera:
         empty: bool,
     ) -> tuple[DepthImage, ColorImage | None]:
         """Depth as the sensor gives it, and colour; runs in the render thread."""
-        renderer, info = renders.renderer, self.info
-        picture = renderer.depth(shot, info.depth)
+        renderer, info, unit = renders.renderer, self.info, self.unit
+        picture = renderer.depth(shot, unit.depth)
         self.seen = (picture, T_world_camera)
         color = None
         renderer.give_back(shot)
@@ -286,10 +305,10 @@ class SimulatedCamera:
             other, T_other = rival.seen
             found = interference_mask(
                 picture.depth,
-                self.info.depth,
+                self.unit.depth,
                 T_world_camera,
                 other.depth,
-                rival.info.depth,
+                rival.unit.depth,
                 T_other,
             )
             mask = found if mask is None else mask | found
@@ -346,24 +365,18 @@ class SimulatedStereo:
         times = self._timing.expose(now)
         if times is None or not self._wanted or self.info.color is None:
             return
-        shot = take(T_world_camera, self.info.depth, "color")
+        shot = take(T_world_camera, self._camera.unit.depth, "color")
         picture = renders.submit(lambda: self._develop(renders, shot, T_world_camera))
         self._deliveries.add(_Delivery(*times, picture), now, cancel=True)
 
     def _develop(self, renders: RenderThread, shot: Shot, T: Pose) -> tuple[ColorImage, ColorImage]:
-        assert self.info.color is not None
-        left = renders.renderer.color(shot, self.info.depth)
-        renders.renderer.aim(shot, T @ self.info.T_depth_color, self.info.color)
-        right = renders.renderer.color(shot, self.info.color)
+        unit = self._camera.unit
+        assert unit.color is not None
+        left = renders.renderer.color(shot, unit.depth)
+        renders.renderer.aim(shot, T @ unit.T_depth_color, unit.color)
+        right = renders.renderer.color(shot, unit.color)
         renders.renderer.give_back(shot)
         return left, right
-
-
-def misplaced(spec: CameraSpec, rng: np.random.Generator) -> Pose:
-    """The true pose: the specified one, off by a calibration error drawn from ``rng``."""
-    meters, radians = spec.pose_error
-    twist = rng.standard_normal(6) * np.repeat([meters, radians], 3)
-    return np.asarray(spec.T_mount_camera_true @ exp(twist))
 
 
 def make_rivals(cameras: tuple[SimulatedCamera, ...]) -> None:

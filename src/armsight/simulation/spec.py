@@ -49,20 +49,27 @@ class CameraSpec:
     """A simulated depth camera.
 
     Attributes:
-        info: what the cell *believes* of it (``T_mount_camera`` is the believed calibration).
-        T_mount_camera_true: where it truly is, in world for a fixed camera, else in the flange.
+        info: what the cell *believes* of it, by its calibration file where there is one.
+        T_mount_camera_declared: where the cell's file puts it, in world for a fixed camera, else in
+            the flange; the truth is drawn around it (see ``units``).
+        declared: what the cell's file alone says of it, the rest of what the truth is drawn around;
+            ``info`` if absent.
         errors: whether the sensor's error model is on; ideal otherwise.
-        pose_error: extra calibration error drawn from the seed: (sigma [m], sigma [rad]).
+        pose_error: how far the truth is from the declared pose: (sigma [m], sigma [rad]).
+        lens_error: scale of the true lenses' deviation from the declared ones; 0 is none, 1 a unit
+            as it comes out of the box.
         stamp_jitter: uniform error of the stamp, plus or minus [s].
         phase: time of the first exposure [s]; staggered cameras give fresher evidence.
-        systematic: share of the unit's systematic depth error (see ``sensor_errors``) that its
-            calibration has left; 1 for a camera as it comes out of the box.
+        systematic: share of the unit's systematic depth error (see ``sensor_errors``) that is
+            there; 1 for a camera as it comes out of the box, less for one that corrects itself.
     """
 
     info: RgbdCameraInfo
-    T_mount_camera_true: Pose
+    T_mount_camera_declared: Pose
+    declared: RgbdCameraInfo | None = None
     errors: bool = True
     pose_error: tuple[float, float] = (0.0, 0.0)
+    lens_error: float = 0.0
     stamp_jitter: float = 0.0
     phase: float = 0.0
     systematic: float = 0.15

@@ -26,6 +26,13 @@ from armsight.simulation.spec import (
     WorldSpec,
 )
 from armsight.simulation.world import SimulatedWorld
+from armsight.workcell.calibration_file.reading import (
+    calibrated_info,
+    calibrated_robot,
+    calibration_of,
+    mount_pose,
+)
+from armsight.workcell.calibration_file.schema import CellCalibration
 from armsight.workcell.checks import robot_of
 from armsight.workcell.drivers import SIMULATED, real_driver
 from armsight.workcell.schema import CameraSection, PersonSection, Workcell
@@ -106,24 +113,29 @@ class Cell:
         self.close()
 
 
-def open_cell(workcell: Workcell, seed: int = 0, clock: Clock | None = None) -> Cell:
+def open_cell(
+    workcell: Workcell, seed: int = 0, clock: Clock | None = None, *, calibrated: bool = True
+) -> Cell:
     """Open every device of a cell.
 
     Args:
         workcell: from :func:`~armsight.workcell.load_workcell`.
         seed: of the simulation's randomness; real devices have none.
         clock: for real devices, else one that starts now; a simulation brings its own.
+        calibrated: believe the cell's calibration file, where there is one; else only what the
+            workcell file declares.
 
     Raises:
         DeviceError: a device is missing or refuses; those opened before it are closed again.
-        WorkcellError: simulated and real devices are mixed.
+        WorkcellError: simulated and real devices are mixed, or the calibration is not this cell's.
     """
-    robot = robot_in(workcell)
+    calibration = calibration_of(workcell) if calibrated else None
+    robot = calibrated_robot(robot_in(workcell), calibration)
     T_world_base = workcell.robot.T_world_base
     static = tuple(_in_base(s.solid, T_world_base) for s in workcell.solid)
     drivers = {workcell.robot.driver, *(c.driver for c in workcell.camera)}
     if drivers == {SIMULATED}:
-        world = SimulatedWorld(world_spec(workcell), seed)
+        world = SimulatedWorld(world_spec(workcell, calibration), seed)
         return Cell(
             workcell, robot, T_world_base, world.clock, world.arm, world.cameras, static, world
         )
@@ -140,7 +152,7 @@ def open_cell(workcell: Workcell, seed: int = 0, clock: Clock | None = None) -> 
         opened.append(arm)
         cameras = []
         for section in workcell.camera:
-            info = camera_info_of(workcell, section)
+            info = camera_info_of(workcell, section, calibration)
             cameras.append(real_driver(section.driver).open_camera(section, info, clock))
             opened.append(cameras[-1])
     except BaseException:
@@ -175,25 +187,41 @@ def robot_in(workcell: Workcell) -> Robot:
     )
 
 
-def camera_info_of(workcell: Workcell, section: CameraSection) -> RgbdCameraInfo:
-    """What the cell believes of a camera: its catalogue entry, rate, latency and calibration."""
-    fixed = section.mounted_on == "world"
-    T = section.T_mount_camera
+def camera_info_of(
+    workcell: Workcell, section: CameraSection, calibration: CellCalibration | None = None
+) -> RgbdCameraInfo:
+    """What the cell believes of a camera: as it is declared, or as it was calibrated.
+
+    Args:
+        workcell: the cell.
+        section: the camera's own.
+        calibration: of the cell; None for what the workcell file declares.
+
+    Raises:
+        WorkcellError: the calibration is of a camera with another resolution.
+    """
     ideal = section.driver == SIMULATED and not workcell.simulation.sensor_errors
-    return camera_info(
+    declared = camera_info(
         section.name,
         section.model,
-        "base" if fixed else "flange",
-        inverse(workcell.robot.T_world_base) @ T if fixed else T,
+        "base" if section.mounted_on == "world" else "flange",
+        mount_pose(workcell, section),
         rate=section.rate_hz,
         latency=None if section.latency_ms is None else section.latency_ms / 1e3,
         ideal_lens=ideal,
         color_scale=workcell.simulation.color_scale if section.driver == SIMULATED else 1.0,
     )
+    found = None if calibration is None else calibration.of(section.name)
+    return declared if found is None else calibrated_info(declared, found)
 
 
-def world_spec(workcell: Workcell) -> WorldSpec:
-    """The simulated cell, in world."""
+def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -> WorldSpec:
+    """The simulated cell, in world.
+
+    Args:
+        workcell: the cell.
+        calibration: what its cameras are believed to be; the truth is drawn without it.
+    """
     section, settings = workcell.robot, workcell.simulation
     robot = robot_in(workcell)
     arm = ArmSpec(
@@ -209,23 +237,9 @@ def world_spec(workcell: Workcell) -> WorldSpec:
         repeatability=settings.arm_repeatability_mm / 1e3,
         kinematic_error=settings.arm_kinematic_error,
     )
-    cameras = tuple(
-        CameraSpec(
-            info=camera_info_of(workcell, c),
-            T_mount_camera_true=c.T_mount_camera,
-            errors=settings.sensor_errors,
-            pose_error=(
-                settings.calibration_error_mm / 1e3,
-                float(np.deg2rad(settings.calibration_error_deg)),
-            ),
-            stamp_jitter=settings.stamp_jitter_ms / 1e3,
-            phase=c.phase_ms / 1e3,
-        )
-        for c in workcell.camera
-    )
     return WorldSpec(
         arm=arm,
-        cameras=cameras,
+        cameras=tuple(_camera(workcell, c, calibration) for c in workcell.camera),
         static=tuple(s.solid for s in workcell.solid),
         undeclared=tuple(s.solid for s in settings.undeclared),
         people=tuple(_person(workcell, p) for p in settings.person),
@@ -235,6 +249,26 @@ def world_spec(workcell: Workcell) -> WorldSpec:
         ),
         floor=settings.floor,
         time_step=settings.time_step_ms / 1e3,
+    )
+
+
+def _camera(
+    workcell: Workcell, section: CameraSection, calibration: CellCalibration | None
+) -> CameraSpec:
+    settings = workcell.simulation
+    return CameraSpec(
+        info=camera_info_of(workcell, section, calibration),
+        T_mount_camera_declared=section.T_mount_camera,
+        declared=camera_info_of(workcell, section),
+        errors=settings.sensor_errors,
+        pose_error=(
+            settings.calibration_error_mm / 1e3,
+            float(np.deg2rad(settings.calibration_error_deg)),
+        ),
+        lens_error=settings.lens_error,
+        stamp_jitter=settings.stamp_jitter_ms / 1e3,
+        phase=section.phase_ms / 1e3,
+        systematic=settings.depth_error,
     )
 
 

@@ -31,8 +31,12 @@ LARGEST = 1_000_000
 SectionT = TypeVar("SectionT", bound=Section)
 
 
-def load_workcell(file: str | Path) -> Workcell:
+def load_workcell(file: str | Path, calibration: Path | None = None) -> Workcell:
     """Read and check a workcell file.
+
+    Args:
+        file: the workcell file.
+        calibration: where its calibration file is, if not where the cell itself says.
 
     Raises:
         WorkcellError: it cannot be read or has problems; one line a problem, each with the file,
@@ -60,7 +64,9 @@ def load_workcell(file: str | Path) -> Workcell:
         raise WorkcellError(
             f"{file}: not UTF-8 text (byte {error.start}), expected a TOML file"
         ) from None
-    return parse_workcell(text, str(file), location.resolve().parent)
+    workcell = parse_workcell(text, str(file), location.resolve().parent)
+    workcell._calibration_file = calibration
+    return workcell
 
 
 def parse_workcell(text: str, file: str = "workcell.toml", folder: Path | None = None) -> Workcell:

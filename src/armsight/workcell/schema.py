@@ -34,12 +34,20 @@ from armsight.workcell.fields import (
     key,
 )
 
+CALIBRATION = ".calibration.toml"
+"""How the names of calibration files end."""
+
 
 class CellSection(Section):
     """The cell as a whole."""
 
     name: Name = key(..., "Short name of the cell, for the page, recordings and logs.")
     description: Text = key("", "One sentence for people.")
+    calibration: Text | None = key(
+        None,
+        "Calibration file, relative to this file; without the key NAME.calibration.toml beside "
+        "this file NAME.toml, where there is one.",
+    )
 
 
 class RobotSection(Section):
@@ -254,10 +262,25 @@ class SimulationSection(Section):
         0.0, "Uniform error of the cameras' stamps, plus or minus.", "ms", le=1000.0
     )
     calibration_error_mm: NotNegative = key(
-        0.0, "Standard deviation of the cameras' believed position, along each axis.", "mm", le=500
+        0.0,
+        "How far the cameras truly are from where they are declared: standard deviation along "
+        "each axis.",
+        "mm",
+        le=500,
     )
     calibration_error_deg: NotNegative = key(
-        0.0, "Standard deviation of the cameras' believed rotation.", "deg", le=45.0
+        0.0, "Likewise how far they are turned: standard deviation about each axis.", "deg", le=45.0
+    )
+    lens_error: NotNegative = key(
+        0.0,
+        "Scale of the true lenses' deviation from the catalogue's; 0 is none, 1 a typical unit.",
+        le=5.0,
+    )
+    depth_error: NotNegative = key(
+        0.15,
+        "Share of a unit's systematic depth error that is there: 1 as it comes out of the box, "
+        "less where the camera corrects itself.",
+        le=5.0,
     )
     arm_repeatability_mm: NotNegative = key(
         0.1, "Standard deviation of the tip's position.", "mm", le=50.0
@@ -349,6 +372,7 @@ class Workcell(Section):
 
     _file: Path | None = PrivateAttr(default=None)
     _text: str = PrivateAttr(default="")
+    _calibration_file: Path | None = PrivateAttr(default=None)
 
     @property
     def name(self) -> str:
@@ -359,6 +383,19 @@ class Workcell(Section):
     def file(self) -> Path | None:
         """The file it was read from, or None; clips are named relative to its folder."""
         return self._file
+
+    @property
+    def calibration_file(self) -> Path | None:
+        """Where the cell's calibration stands or would be written; None for a cell without file.
+
+        Beside the cell's file, as ``[cell] calibration`` says, or where whoever loaded it wants it.
+        """
+        if self._calibration_file is not None:
+            return self._calibration_file
+        if self._file is None:
+            return None
+        name = self.cell.calibration or f"{self._file.stem}{CALIBRATION}"
+        return self._file.parent / name
 
     @property
     def text(self) -> str:

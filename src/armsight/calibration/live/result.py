@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.calibration.calibrate import Calibration, CalibrationOptions, calibrate
-from armsight.calibration.depth import DepthModel, DepthSamples, fit_depth, plane_depth
+from armsight.calibration.depth import DepthSamples, fit_depth, plane_depth
 from armsight.calibration.findings import Finding
 from armsight.calibration.live.seen import SeenView, problem_of
 from armsight.calibration.live.setup import Setup
 from armsight.calibration.problem import Problem
+from armsight.devices.depth_model import DepthModel
 from armsight.geometry.pose import inverse
 
 
