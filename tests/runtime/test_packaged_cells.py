@@ -8,7 +8,11 @@ from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
 from armsight.workcell.packaged import packaged
 
-AT_WORK = [name for name in packaged() if load_workcell(packaged()[name]).goals]
+IN_FRONT = {"ur5_calibration"}
+"""Cells whose cameras stand in front of the arm and do not see behind it: T1's, for calibration."""
+AT_WORK = [
+    name for name in packaged() if load_workcell(packaged()[name]).goals and name not in IN_FRONT
+]
 
 
 @pytest.mark.parametrize("name", AT_WORK)

@@ -37,7 +37,7 @@ class Calibrate:
         goal_mm: stop when points 1.0-1.5 m away are this sure.
         views: at most.
         paper: T1's staged trajectory instead of views chosen by information.
-        write: put the cameras' poses into the workcell file (comments are kept).
+        write: put what was found into the cell's calibration file, which everything then reads.
         fresh: forget the views of an earlier run.
         force: overwrite a better calibration.
         seed: of everything random.
@@ -56,7 +56,7 @@ class Calibrate:
     goal_mm: float = 1.2
     views: int = 60
     paper: bool = False
-    write: bool = False
+    write: bool = True
     fresh: bool = False
     force: bool = False
     seed: int = 0
@@ -127,25 +127,20 @@ class Calibrate:
         import numpy as np
 
         from armsight.calibration import report, views_file
-        from armsight.calibration.export import update_workcell, write_results
+        from armsight.calibration.export import write_results
         from armsight.calibration.live.drive import drive
         from armsight.calibration.live.log import ProcedureOptions
         from armsight.calibration.live.procedure import procedure
+        from armsight.commands.calibration_store import store
         from armsight.errors import CalibrationError
         from armsight.experiments.calibration_cell import open_calibration_cell
-        from armsight.workcell import load_workcell
+        from armsight.tasks.calibration_entries import arm_of, camera_entries
         from armsight.workcell.drivers import SIMULATED
-        from armsight.workcell.packaged import find
+        from armsight.workcell.packaged import load
         from armsight.writing import write_text
 
         assert self.workcell is not None
-        file = find(self.workcell)
-        if self.write and not Path(self.workcell).is_file():
-            raise CalibrationError(
-                f"--write needs a workcell file of your own, and {self.workcell} names a packaged "
-                "cell: copy its file, and give the copy"
-            )
-        workcell = load_workcell(file)
+        workcell = load(self.workcell)
         real = {workcell.robot.driver, *(c.driver for c in workcell.camera)} - {SIMULATED}
         if real:
             raise CalibrationError(
@@ -203,14 +198,16 @@ class Calibrate:
             self.out / "report.html", report.page(result.calibration, result.depth, findings, title)
         )
         if self.write:
-            bad = [f for f in findings if f.severity != "note"]
-            if bad:
+            wrong = [f for f in findings if f.severity == "error"]
+            if wrong:
                 raise CalibrationError(
-                    f"{file}: not changed: {bad[0].message}; the results are in {self.out}"
+                    f"{workcell.name}: its calibration was not changed: {wrong[0].message}; the "
+                    f"results are in {self.out}"
                 )
-            text = update_workcell(file, result.calibration, workcell.robot.T_world_base)
-            write_text(file, text)
-            print(f"{file}: cameras moved to where they were found")
+            source = f"armsight calibrate, live, {len(result.views)} views"
+            entries = camera_entries(workcell, result.calibration, result.depth, source)
+            file = store(workcell, entries, arm_of(result.calibration, source))
+            print(f"{file}: {', '.join(e.name for e in entries)} calibrated")
         print(f"written to {self.out}; open {self.out / 'report.html'}")
         return 0
 

@@ -30,15 +30,14 @@ class Check:
         from rich.console import Console
 
         from armsight.errors import ArmsightError, UsageError
-        from armsight.workcell import load_workcell
-        from armsight.workcell.packaged import find
+        from armsight.workcell.packaged import load
 
         if not self.files:
             raise UsageError("name at least one file: armsight check FILE")
         out, bad = Console(soft_wrap=True, highlight=False), 0
         for file in self.files:
             try:
-                out.print(f"[green]good[/] {file}: {described(load_workcell(find(file)))}")
+                out.print(f"[green]good[/] {file}: {described(load(file))}")
             except ArmsightError as error:
                 bad += 1
                 out.print(str(error), markup=False)

@@ -53,10 +53,10 @@ class Patrol:
         from armsight.errors import UsageError
         from armsight.recording.patrol_log import PatrolLog
         from armsight.tasks.patrol import PatrolTask
-        from armsight.workcell import load_workcell, open_cell
-        from armsight.workcell.packaged import find
+        from armsight.workcell import open_cell
+        from armsight.workcell.packaged import load
 
-        workcell = load_workcell(find(self.workcell))
+        workcell = load(self.workcell)
         if len(workcell.goals) < 2:
             raise UsageError(
                 f"{self.workcell}: no goals to patrol; give [patrol.goals_deg] at least two"

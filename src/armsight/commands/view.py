@@ -40,10 +40,10 @@ class View:
         from armsight.commands.patrol import speed_of
         from armsight.commands.running import RunOptions, exit_code, run_session
         from armsight.errors import UsageError
-        from armsight.workcell import load_workcell, open_cell
-        from armsight.workcell.packaged import find
+        from armsight.workcell import open_cell
+        from armsight.workcell.packaged import load
 
-        workcell = load_workcell(find(self.workcell))
+        workcell = load(self.workcell)
         if self.headless and self.seconds is None:
             raise UsageError("--headless needs --seconds: nobody would see when to end it")
         with open_cell(workcell, self.seed) as cell:

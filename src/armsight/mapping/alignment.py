@@ -26,8 +26,11 @@ STARTS = (0.0, -0.02, 0.02, -0.04, 0.04, -0.06, 0.06, -0.08, 0.08)
 and thin tables and links have two faces to be drawn to."""
 FIELD_GATE = 0.055
 """The arm's distance fields reach no farther [m]."""
-PRIOR = np.array([0.03, 0.03, 0.03, 0.02, 0.02, 0.02, 0.006])
-"""Standard deviations believed before looking: translation [m], rotation [rad], depth scale."""
+DECLARED = np.array([0.03, 0.03, 0.03, 0.02, 0.02, 0.02, 0.006])
+"""Standard deviations believed of a camera that somebody has put up: translation [m], rotation
+[rad], depth scale."""
+MODELLED_SCALE = 0.002
+"""Of the depth scale of a camera whose depth was calibrated."""
 SURFACE_ERROR = 0.005
 """Standard deviation of a point about a known surface, model errors included [m]."""
 CORRELATED = 10.0
@@ -102,6 +105,7 @@ def align_camera(
     fields: BodyFields,
     solids: StaticGeometry,
     gain: float = 1.0,
+    believed: Floats | None = None,
 ) -> Alignment:
     """Refine one camera's mounting and depth scale from one or more frames.
 
@@ -112,7 +116,11 @@ def align_camera(
         fields: the arm's distance fields.
         solids: the declared solids.
         gain: depth scale believed before.
+        believed: (7, 7) covariance of what is believed; :data:`DECLARED` if absent.
     """
+    prior: Floats = np.diag(DECLARED**-2.0)
+    if believed is not None:
+        prior = np.asarray(np.linalg.inv(believed), float)
     first = [make_pose(translation=[0.0, 0.0, z]) for z in STARTS]
     scored = [_sums(views, T_base_camera, T, gain, fields, solids, GATES[-1])[2] for T in first]
     best = int(np.argmax([_support(r, GATES[-1]) for r in scored]))
@@ -120,12 +128,12 @@ def align_camera(
     # the believed pose is always followed as well, and the end that explains more is taken.
     ends = []
     for k in sorted({0, best}):
-        delta, scale = _refined(views, T_base_camera, first[k], gain, fields, solids)
+        delta, scale = _refined(views, T_base_camera, first[k], gain, fields, solids, prior)
         A, _, residuals = _sums(views, T_base_camera, delta, scale, fields, solids, GATES[-1])
         ends.append((_support(residuals, GATES[-1]), delta, scale, A, residuals))
     _, delta, scale, A, residuals = max(ends, key=lambda end: end[0])
     count = int(np.isfinite(residuals).sum())
-    covariance = np.asarray(np.linalg.inv(WEIGHT * A + np.diag(PRIOR**-2.0)), float)
+    covariance = np.asarray(np.linalg.inv(WEIGHT * A + prior), float)
     before, after = _median(scored[0]), _median(residuals)
     good = count >= LEAST_POINTS and after <= max(before, SURFACE_ERROR)
     return Alignment(delta, scale, count, before, after, covariance, good)
@@ -138,15 +146,14 @@ def _refined(
     gain: float,
     fields: BodyFields,
     solids: StaticGeometry,
+    prior: Floats,
 ) -> tuple[Pose, float]:
     """The correction and the depth scale to which a start leads."""
     start = gain
     for gate in GATES:
         A, b, _ = _sums(views, T_base_camera, delta, gain, fields, solids, gate)
         believed = np.concatenate([log(delta), [gain - start]])
-        step = np.linalg.solve(
-            WEIGHT * A + np.diag(PRIOR**-2.0), WEIGHT * b - believed * PRIOR**-2.0
-        )
+        step = np.linalg.solve(WEIGHT * A + prior, WEIGHT * b - prior @ believed)
         delta = delta @ exp(step[:6])
         gain += float(step[6])
     return delta, gain
@@ -215,6 +222,6 @@ def mismatch(
     A, b, residuals = _sums([view], [T_base_camera], np.eye(4), gain, fields, solids, 0.05)
     if np.isfinite(residuals).sum() < LEAST_POINTS // 4:
         return 0.0
-    step = np.linalg.solve(WEIGHT * A + np.diag(PRIOR**-2.0), WEIGHT * b)
+    step = np.linalg.solve(WEIGHT * A + np.diag(DECLARED**-2.0), WEIGHT * b)
     lever = step[:3] + np.cross(step[3:6], [0.0, 0.0, 1.5]) + step[6] * np.array([0.0, 0.0, 1.5])
     return float(np.linalg.norm(lever))

@@ -9,9 +9,11 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats32, Ints32, Pose, Shorts
 from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.depth_model import TABLE_STEP, DepthCorrection
 from armsight.mapping.backdrop import Backdrop
 from armsight.mapping.carving import Carver
 from armsight.mapping.config import MappingConfig
+from armsight.mapping.kernels.depth import correct_depth
 from armsight.mapping.kernels.image import VALID, collect_hits, grade_hits, label_valid
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.mounting import Mounting
@@ -98,6 +100,8 @@ class CameraStage:
         self.backdrop = Backdrop(self.lens, info.range, self.noise, outermost)
         self.mounting = Mounting(info, self.lens, filter_, solids, config)
         self._scaled: Floats32 = np.zeros(self.label.shape, np.float32)
+        model = info.depth_model
+        self._correction = None if model is None else DepthCorrection(model, info.depth)
 
     def process(
         self,
@@ -120,7 +124,7 @@ class CameraStage:
             beside: takes a part of the work, if there is nothing else for it to do.
         """
         config = self._config
-        depth = np.ascontiguousarray(depth)
+        depth = self._corrected(np.ascontiguousarray(depth))
         near, far = self.info.range
         returns = label_valid(depth, near, far, self.label) / depth.size
         if returns < config.min_returns:
@@ -129,7 +133,7 @@ class CameraStage:
         if mounting.due(stamp):
             known = np.where(self.label == VALID, depth, np.float32(np.nan))
             mounting.look(known, T_base_camera, body, stamp)
-        if mounting.problem:
+        if mounting.problem or mounting.excluded:
             return Evidence((), returns, 0)
         T = np.ascontiguousarray(T_base_camera @ mounting.T_old_new, float)
         depth = np.multiply(depth, np.float32(mounting.gain), out=self._scaled)
@@ -156,6 +160,15 @@ class CameraStage:
             carved.result()
         sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
         return Evidence(hits, returns, found, sight)
+
+    def _corrected(self, depth: Floats32) -> Floats32:
+        """Without the systematic error that calibration has found."""
+        found = self._correction
+        if found is None:
+            return depth
+        out = np.empty_like(depth)
+        correct_depth(depth, found.surface, found.true, found.first, TABLE_STEP, out)
+        return out
 
     def _hits(self, depth: Floats32, T: Pose) -> tuple[Hits, ...]:
         config = self._config

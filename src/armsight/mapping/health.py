@@ -73,8 +73,11 @@ class CameraHealth:
         """Whether the newest frame used is young enough, and not of a time yet to come."""
         return -self._config.future <= now - self.stamp <= self.allowed_age
 
-    def status(self, now: float) -> CameraStatus:
-        """For the snapshot."""
+    def status(self, now: float, excluded: str = "") -> CameraStatus:
+        """For the snapshot; ``excluded`` says why nothing that the camera says counts."""
+        if excluded:
+            counts = self._frames, self._dropped
+            return CameraStatus(self._info.name, self.stamp, False, *counts, excluded, True)
         alive = self.alive(now)
         reason = self._refusal
         if not alive:

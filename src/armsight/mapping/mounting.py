@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import DepthImage, Pose
+from armsight.arrays import DepthImage, Floats, Pose
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.pose import inverse, transform
-from armsight.mapping.alignment import Alignment, AlignmentView, align_camera, mismatch
+from armsight.mapping.alignment import (
+    DECLARED,
+    MODELLED_SCALE,
+    Alignment,
+    AlignmentView,
+    align_camera,
+    mismatch,
+)
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.self_filter import BodyPose, SelfFilter
@@ -23,6 +30,11 @@ MOVED = 0.012
 """A camera has moved when known surfaces at arm's length seem displaced by this much [m] ..."""
 CHECKS = 3
 """... in this many looks in a row."""
+BUMPED = 0.02
+"""A calibrated camera is excluded when an alignment that believes nothing finds points at arm's
+length displaced by this much [m]; less may be the map's own doubt."""
+ARM_S_LENGTH = np.array([[0.0, 0.0, 1.5]])
+"""A point that far ahead [m]."""
 STILL = 0.003
 """The arm helps to align only if its stamp error moves it less than this [m]."""
 
@@ -36,6 +48,7 @@ class Mounting:
         error: believed error that is left (m, rad).
         alignment: the last alignment that was taken over, or None.
         problem: why the camera cannot be used, or empty.
+        excluded: why nothing that it says counts until it has been calibrated again, or empty.
     """
 
     def __init__(
@@ -56,6 +69,8 @@ class Mounting:
         self.error = (config.calibration_m, config.calibration_rad)
         self.alignment: Alignment | None = None
         self.problem = ""
+        self.excluded = ""
+        self._believed = _believed(info)
         ends = filter_.reach * np.array(
             [[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]], float
         )
@@ -93,12 +108,31 @@ class Mounting:
             self._moved = self._moved + 1 if shift > MOVED else 0
             if self._moved >= CHECKS:
                 self._moved = 0
-                self._align(depth, T_base_camera, body, stamp)
+                self._look_again(depth, T_base_camera, body, stamp)
+
+    def _look_again(
+        self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float
+    ) -> None:
+        """It seems to have been moved: align a declared camera anew, exclude a calibrated one."""
+        if self._believed is None:
+            self._align(depth, T_base_camera, body, stamp)
+            return
+        view = self._view(depth, body, POINTS)
+        start = T_base_camera @ self.T_old_new
+        found = align_camera([view], [start], self._filter.fields, self._solids, self.gain)
+        off = float(np.linalg.norm(transform(found.T_old_new, ARM_S_LENGTH) - ARM_S_LENGTH))
+        if found.good and off > BUMPED:
+            self.excluded = (
+                f"was moved since it was calibrated: it sees the cell {1e3 * off:.0f} mm off; "
+                "calibrate it again"
+            )
 
     def _align(self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float) -> None:
         view = self._view(depth, body, POINTS)
         start = T_base_camera @ self.T_old_new
-        found = align_camera([view], [start], self._filter.fields, self._solids, self.gain)
+        found = align_camera(
+            [view], [start], self._filter.fields, self._solids, self.gain, self._believed
+        )
         if not found.good:
             return
         self._attempts = 0
@@ -137,6 +171,16 @@ class Mounting:
         flat = np.column_stack([rays[known].astype(float) * z[:, None], z])
         moving = float(body.speed.max(initial=0.0)) * self._config.stamp_error > STILL
         return AlignmentView(flat, None if moving else body.T_cells_base)
+
+
+def _believed(info: RgbdCameraInfo) -> Floats | None:
+    """(7, 7) covariance of a calibrated camera's pose and depth scale; None for a declared one."""
+    if info.covariance is None:
+        return None
+    out = np.zeros((7, 7))
+    out[:6, :6] = info.covariance
+    out[6, 6] = (DECLARED[6] if info.depth_model is None else MODELLED_SCALE) ** 2
+    return out
 
 
 def _size(T: Pose) -> tuple[float, float]:

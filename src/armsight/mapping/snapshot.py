@@ -47,6 +47,8 @@ class CameraStatus:
         frames: used so far.
         dropped: refused or lost so far.
         reason: why it is not alive, or why the last frame was refused; empty when all is well.
+        excluded: it is known to stand elsewhere than believed: nothing of what it says counts, and
+            the cell goes on without it.
     """
 
     name: str
@@ -55,6 +57,7 @@ class CameraStatus:
     frames: int
     dropped: int
     reason: str = ""
+    excluded: bool = False
 
 
 @dataclass(frozen=True)

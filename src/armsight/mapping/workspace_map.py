@@ -23,7 +23,7 @@ from armsight.mapping.kernels.flood import face_points
 from armsight.mapping.layers import far_grid, fine_grid
 from armsight.mapping.occupancy import Occupancy
 from armsight.mapping.self_filter import BodyPose, SelfFilter
-from armsight.mapping.snapshot import Emptiness, WorkspaceSnapshot
+from armsight.mapping.snapshot import CameraStatus, Emptiness, WorkspaceSnapshot
 from armsight.mapping.static_geometry import StaticGeometry, rasterise
 from armsight.mapping.things import PATIENCE, TOUCHES, Things
 from armsight.robots.kinematics import flange_pose
@@ -145,14 +145,14 @@ class WorkspaceMap:
         if now < self._now - self.config.future:
             self._turn_back(self._now - now)
         jobs = self._admit(frames, joints, now)
-        alive = np.array([h.alive(now) for h in self._health], np.uint8)
+        alive = self._living(now)
         if not jobs and self._nothing_new(alive, now):
             return self._again(now)
         evidence = self._judge(jobs)
         lap("images")
         for job, seen in sorted(zip(jobs, evidence), key=lambda pair: pair[0].frame.stamp):
             self._take(job, seen)
-        alive = np.array([h.alive(now) for h in self._health], np.uint8)
+        alive = self._living(now)
         self._alive = alive
         state = self._fine.occupancy.state(alive)
         lap("occupancy")
@@ -182,13 +182,23 @@ class WorkspaceMap:
             hazard_radius=0.5 * np.sqrt(3.0) * self.grid.voxel,
             hazard_unknown=unknown,
             cloud=cloud,
-            cameras=tuple(h.status(now) for h in self._health),
+            cameras=self._statuses(now),
             timings=tuple(timings),
             distance_counts_unknown=self.config.unknown_is_solid,
             things=things,
             emptiness=self._emptiness,
         )
         return self._snapshot
+
+    def _living(self, now: float) -> Bytes:
+        """(cameras,) uint8 whose word counts: those whose pictures come, and that stand still."""
+        return np.array(
+            [
+                health.alive(now) and not stage.mounting.excluded
+                for health, stage in zip(self._health, self._stages)
+            ],
+            np.uint8,
+        )
 
     def declare_empty(self) -> None:
         """Somebody says that nobody is in the cell: what stands there now is no person.
@@ -250,7 +260,23 @@ class WorkspaceMap:
     def _again(self, now: float) -> WorkspaceSnapshot:
         """The last snapshot with the cameras' health as it is now."""
         assert self._snapshot is not None
-        return replace(self._snapshot, cameras=tuple(h.status(now) for h in self._health))
+        return replace(self._snapshot, cameras=self._statuses(now))
+
+    def _statuses(self, now: float) -> tuple[CameraStatus, ...]:
+        return tuple(
+            health.status(now, stage.mounting.excluded)
+            for health, stage in zip(self._health, self._stages)
+        )
+
+    def exclude(self, camera: str, reason: str) -> None:
+        """From now on nothing counts that a camera says: somebody knows that it was moved.
+
+        Args:
+            camera: its name; one that is not in the map changes nothing.
+            reason: for the page and the guard, such as "was moved by about 8 mm".
+        """
+        if camera in self._index:
+            self._stages[self._index[camera]].mounting.excluded = reason
 
     def _admit(self, frames: Sequence[RgbdFrame], joints: JointHistory, now: float) -> list[_Job]:
         """The newest usable frame of each camera, with arm and camera at its exposure."""
@@ -303,7 +329,8 @@ class WorkspaceMap:
     def _take(self, job: _Job, seen: Evidence) -> None:
         health = self._health[job.camera]
         if not seen.hits:
-            problem = self._stages[job.camera].mounting.problem
+            mounting = self._stages[job.camera].mounting
+            problem = mounting.excluded or mounting.problem
             health.refuse(problem or f"only {seen.returns:.2%} of its pixels have a return")
             return
         health.accept(job.frame)

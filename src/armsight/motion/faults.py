@@ -181,8 +181,14 @@ class FaultWatch:
         if snapshot is None:
             return slow, "no map yet"
         seen = {status.name: status for status in snapshot.cameras}
+        excluded = [s for s in snapshot.cameras if s.excluded]
+        if excluded and len(excluded) == len(snapshot.cameras):
+            first = excluded[0]
+            return slow, f"no camera can be trusted: {first.name} {first.reason}"
         for name, limit in self._limit.items():
             status = seen.get(name)
+            if status is not None and status.excluded:
+                continue  # what only it saw is unseen space in the map
             if status is None or not math.isfinite(status.stamp):
                 if status is not None and status.dropped:
                     return slow, f"camera {name} has sent nothing usable ({status.reason})"

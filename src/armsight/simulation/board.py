@@ -18,6 +18,7 @@ from armsight.arrays import Bytes, DepthImage, Floats, JointVector, Pose, Vector
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, inverse
 from armsight.simulation.spec import CameraSpec
+from armsight.simulation.units import draw_camera
 from armsight.simulation.world import SimulatedWorld
 
 
@@ -47,13 +48,11 @@ class StudioErrors:
     """How wrong the simulated sensors and the board are; scale 1 is the design page's section 4.
 
     Attributes:
-        lens: scale of the true lenses' deviation from the catalogue's.
         board: scale of print and bracket errors.
         depth: scale of the depth errors.
         glare: brightness of the lamp's reflection on the board, 0..1.
     """
 
-    lens: float = 1.0
     board: float = 1.0
     depth: float = 1.0
     glare: float = 0.8
@@ -158,36 +157,26 @@ class BoardStudio:
         )
         off = rng.normal(0, 1, 6) * np.array([0.012, 0.012, 0.012, 0.05, 0.05, 0.05])
         self.T_flange_board = T_flange_board @ exp(s * off)
-        self.cameras = tuple(self._draw_camera(c, rng) for c in cameras)
+        self.cameras = tuple(self._camera(c, (seed, 20 + i)) for i, c in enumerate(cameras))
         self._noise = np.random.default_rng((seed, 78))
         self._lamp = np.array([0.6, 0.4, 3.2])  # in world, above the table
         self._backgrounds: dict[tuple[int, bool], tuple[Floats, Bytes]] = {}
 
-    def _draw_camera(self, spec: CameraSpec, rng: np.random.Generator) -> StudioCamera:
-        info = spec.info
-        s = self._errors.lens
-        depth_lens = info.depth
-        # A structured-light camera's infrared picture has twice its depth picture's resolution.
-        infrared = depth_lens.scaled(2.0) if depth_lens.width < 400 else depth_lens
-        color = info.color if info.color is not None else infrared
-        d = self._errors.depth
-        time_of_flight = "v2" in info.model
+    def _camera(self, spec: CameraSpec, seed: tuple[int, ...]) -> StudioCamera:
+        """The unit that the seed puts there, as for every other command."""
+        unit = draw_camera(replace(spec, errors=True), seed)
+        info, errors = spec.info, unit.errors
+        assert errors is not None
+        infrared = unit.infrared(info.infrared_scale or 1)
         return StudioCamera(
             info.name,
             info.model,
             info.rate,
-            _perturbed(infrared, s, rng),
-            _perturbed(color, s, rng),
-            info.T_depth_color @ exp(s * rng.normal(0, 1, 6) * np.repeat([0.001, 0.003], 3)),
-            spec.T_mount_camera_true
-            @ exp(rng.normal(0, 1, 6) * np.repeat([spec.pose_error[0], spec.pose_error[1]], 3)),
-            DepthErrors(
-                d * float(rng.normal(0, 0.02 if time_of_flight else 0.01)),
-                d * float(rng.normal(0, 0.003 if time_of_flight else 0.006)),
-                d * 0.003 * time_of_flight,
-                float(rng.uniform(0, 2 * np.pi)),
-                d * 0.004,
-            ),
+            infrared,
+            unit.color if unit.color is not None else infrared,
+            unit.T_depth_color,
+            unit.T_mount_camera,
+            DepthErrors(errors.offset, errors.scale, errors.wiggle, errors.phase, errors.radial),
         )
 
     def flange(self) -> Pose:
@@ -459,21 +448,6 @@ def _between(pad: Floats, du: float, dv: float) -> Floats:
         du * (pad[:, 2:] - pad[:, 1:-1]) if du >= 0 else -du * (pad[:, :-2] - pad[:, 1:-1])
     )
     return np.asarray(a[1:-1] + (dv * (a[2:] - a[1:-1]) if dv >= 0 else -dv * (a[:-2] - a[1:-1])))
-
-
-def _perturbed(lens: PinholeCamera, s: float, rng: np.random.Generator) -> PinholeCamera:
-    """A unit of a lens: focal length to 1 %, centre to 0.6 % of the width, distortion likewise."""
-    common, aspect = rng.normal(0, 0.01), rng.normal(0, 0.0015)
-    c = rng.normal(0, 0.006 * lens.width, 2)
-    d = rng.normal(0, 1, 5) * np.array([0.01, 0.02, 0.0005, 0.0005, 0.01])
-    return replace(
-        lens,
-        fx=lens.fx * (1 + s * (common + aspect)),
-        fy=lens.fy * (1 + s * (common - aspect)),
-        cx=lens.cx + s * float(c[0]),
-        cy=lens.cy + s * float(c[1]),
-        distortion=tuple(float(a + s * b) for a, b in zip(lens.distortion, d)),  # type: ignore[arg-type]
-    )
 
 
 def _unit(v: Vector3) -> Vector3:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    from armsight.workcell import Workcell
+
+CALIBRATION = ".calibration.toml"
 DEFAULT = "ur5_four_cameras"
 
 
@@ -16,7 +21,26 @@ def folder() -> Path:
 
 def packaged() -> dict[str, Path]:
     """Packaged cells by name, without the blank."""
-    return {f.stem: f for f in sorted(folder().glob("*.toml")) if f.stem != "blank"}
+    files = sorted(f for f in folder().glob("*.toml") if not f.name.endswith(CALIBRATION))
+    return {f.stem: f for f in files if f.stem != "blank"}
+
+
+def load(given: str) -> Workcell:
+    """The workcell of a file, or the packaged cell of that name.
+
+    A packaged cell's calibration belongs to whoever uses it, not to the package: it is kept in the
+    working folder, as ``NAME.calibration.toml``.
+
+    Raises:
+        WorkcellError: it cannot be read or has problems.
+    """
+    from armsight.workcell import load_workcell
+
+    file = find(given)
+    beside = None
+    if file.resolve().parent == folder().resolve() and not Path(given).is_file():
+        beside = Path.cwd() / f"{file.stem}{CALIBRATION}"
+    return load_workcell(file, beside)
 
 
 def find(given: str) -> Path:
