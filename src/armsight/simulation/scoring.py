@@ -1,4 +1,4 @@
-"""How wrong a cell is about its cameras: belief against the simulation's truth, for scoring only."""
+"""How wrong a cell is about its cameras: belief against truth, for scoring only."""
 
 from __future__ import annotations
 
