@@ -56,13 +56,13 @@ class Run:
         )
         from armsight.errors import TaskError, UsageError
         from armsight.tasks.catalogue import load_options, make_task
-        from armsight.workcell import load_workcell, open_cell
-        from armsight.workcell.packaged import find
+        from armsight.workcell import open_cell
+        from armsight.workcell.packaged import load
 
         options = getattr(self, "task_options", None)
         if options is None:
             options = load_options(self.task)()
-        workcell = load_workcell(find(self.workcell))
+        workcell = load(self.workcell)
         if self.headless and self.seconds is None:
             raise UsageError("--headless needs --seconds: nobody would see when to end it")
         with open_cell(workcell, self.seed) as cell:
