@@ -200,6 +200,11 @@ def test_catalogue_is_the_table():
         "kinect_v2": ((512, 424), (1920, 1080), (70, 60), (0.5, 4.5), 30),
         "r200": ((480, 360), (1920, 1080), (59, 46), (0.5, 3.5), 60),
         "f200": ((640, 480), (1920, 1080), (73, 59), (0.2, 1.2), 30),
+        "d435": ((848, 480), (1920, 1080), (87, 58), (0.3, 3.0), 90),
+        "d455": ((848, 480), (1280, 800), (87, 58), (0.6, 6.0), 90),
+        "azure_kinect": ((640, 576), (1920, 1080), (75, 65), (0.5, 3.86), 30),
+        "femto_bolt": ((640, 576), (1920, 1080), (75, 65), (0.5, 3.86), 30),
+        "femto_mega": ((640, 576), (1920, 1080), (75, 65), (0.5, 3.86), 30),
         "wrist_stereo": ((720, 480), (720, 480), (45, None), (0.2, 0.4), 10),
     }
     assert set(rows) == set(CAMERA_MODELS)
@@ -218,7 +223,7 @@ def test_catalogue_is_the_table():
 
 
 def test_bad_cameras_are_refused_with_what_to_do():
-    with pytest.raises(UsageError, match="choose one of f200, kinect_v1"):
+    with pytest.raises(UsageError, match="choose one of azure_kinect, d435"):
         camera_model("kinect_v3")
     with pytest.raises(UsageError, match="up to 30 Hz, not at 60 Hz"):
         camera_info("c", "kinect_v2", rate=60.0)

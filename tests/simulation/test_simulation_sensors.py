@@ -62,6 +62,9 @@ def test_published_figures():
     """At 2 m: 6 mm with a Kinect v1 (Nguyen at 1.6 m further), 1.7 mm with a Kinect v2."""
     assert noise_sigma(DEPTH_ERRORS["kinect_v2"], np.array(2.0)) == pytest.approx(1.7e-3)
     assert noise_sigma(DEPTH_ERRORS["kinect_v1"], np.array(2.0)) == pytest.approx(6.064e-3)
+    # Intel: 0.08 px of disparity at 2 m is 14 mm over 50 mm of baseline, 7.5 mm over 95 mm.
+    assert noise_sigma(DEPTH_ERRORS["d435"], np.array(2.0)) == pytest.approx(14.6e-3, rel=0.01)
+    assert noise_sigma(DEPTH_ERRORS["d455"], np.array(2.0)) == pytest.approx(7.84e-3, rel=0.01)
     assert noise_sigma(DEPTH_ERRORS["r200"], np.array(0.772)) == pytest.approx(2.42e-3, rel=0.01)
 
 
