@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import meshoptimizer
@@ -13,6 +14,7 @@ from robot_sources.parts import Color, Joint, Link, Part, Source
 
 from armsight.robots.chain import fold_chain
 from armsight.robots.fitting import FitOptions, fit_chain
+from armsight.robots.folder import QUICK
 from armsight.robots.meshes import join_triangles, read_mesh_file
 from armsight.robots.shapes import BodyShapes, shapes_json
 from armsight.robots.urdf import read_urdf
@@ -20,6 +22,7 @@ from armsight.robots.urdf import read_urdf
 TRIANGLES = 30_000  # of a robot after decimation, at most
 COARSE = 0.0015  # [m] by which a depth camera's mesh of an arm may be off
 SPHERE_PRICE = {"iiwa": 4.5e-9, "panda": 3.5e-9}  # [m^5] where the default spends too many spheres
+LONG_FIT = ("ur3", "ur5", "ur10", "iiwa", "panda")  # the others: as a user's arm is fitted
 TOLERANCES = (0.0001, 0.00015, 0.0002, 0.0003, 0.0004, 0.0006)  # [m] tried until that is kept
 
 
@@ -65,11 +68,12 @@ def fit_robot(source: Source, folder: Path) -> None:
     for path in sorted((folder / "meshes").glob("*.obj")):
         parts[path.stem.rpartition("_")[0]].append(read_mesh_file(path))
     joints = [link.joint for link in chain.links if link.joint]
+    options = FitOptions() if source.name in LONG_FIT else QUICK
     shapes = fit_chain(
         chain,
         np.array([joint.lower for joint in joints]),
         np.array([joint.upper for joint in joints]),
-        FitOptions(sphere_price=SPHERE_PRICE.get(source.name, FitOptions.sphere_price)),
+        replace(options, sphere_price=SPHERE_PRICE.get(source.name, options.sphere_price)),
         [join_triangles(parts[link.name]) for link in chain.links],
         say=lambda line: print(f"  {line}", flush=True),
     )

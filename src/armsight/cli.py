@@ -94,6 +94,7 @@ def run(arguments: Sequence[str]) -> int:
         return 0
     if not words:
         words = ["--help"]
+    _speak()
     from armsight.errors import ArmsightError
 
     try:
@@ -119,3 +120,17 @@ def run(arguments: Sequence[str]) -> int:
         # The reader has gone (`armsight robots | head`); keep Python from complaining at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _speak() -> None:
+    """What takes long in the library tells of itself through logging; here it is to be seen."""
+    import logging
+
+    class ToStderr(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            print(record.getMessage(), file=sys.stderr)
+
+    log = logging.getLogger("armsight")
+    if not log.handlers:
+        log.addHandler(ToStderr())
+        log.setLevel(logging.INFO)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import pytest
 from armsight.errors import RobotError
 from armsight.geometry.pose import from_rpy, make_pose
 from armsight.robots import ROBOT_NAMES, load_robot, robot_sheet
-from armsight.robots.catalogue import DATA, load_robot_folder
+from armsight.robots.catalogue import DATA
+from armsight.robots.folder import load_arm
 from armsight.robots.kinematics import flange_pose, link_poses, sphere_centers
 from armsight.robots.meshes import read_mesh
 
@@ -189,9 +191,9 @@ def test_flange_is_where_the_last_link_ends(name):
 
 
 def test_unknown_robot_names_the_nearest():
-    with pytest.raises(RobotError, match=r'unknown robot "UR5e".*ur3, ur5.*did you mean "ur5"'):
-        load_robot("UR5e")
-    with pytest.raises(RobotError, match=r"known: ur3, ur5, ur10, iiwa, panda$"):
+    with pytest.raises(RobotError, match=r'unknown robot "UR-5".*ur3, ur5.*did you mean "ur5"'):
+        load_robot("UR-5")
+    with pytest.raises(RobotError, match=r"known: ur3, .*panda; one of your own is a path"):
         robot_sheet("kuka")
 
 
@@ -199,23 +201,27 @@ def test_broken_folders_are_named(tmp_path):
     for name in ("robot.urdf", "robot.toml", "shapes.json"):
         (tmp_path / name).write_bytes((DATA / "ur5" / name).read_bytes())
     (tmp_path / "meshes").symlink_to(DATA / "ur5" / "meshes")
-    assert load_robot_folder(tmp_path).n == 6
+    assert load_arm(tmp_path).n == 6
 
     shapes = json.loads((tmp_path / "shapes.json").read_text())
     shapes["spheres"]["elbow"] = [[0, 0, 0, 0.1]]
     (tmp_path / "shapes.json").write_text(json.dumps(shapes))
     with pytest.raises(RobotError, match=r"shapes.json: 'elbow' is missing or not a link"):
-        load_robot_folder(tmp_path)
+        load_arm(tmp_path)
     (tmp_path / "shapes.json").write_text("{")
     with pytest.raises(RobotError, match=r"shapes.json: is broken"):
-        load_robot_folder(tmp_path)
+        load_arm(tmp_path)
 
     (tmp_path / "robot.toml").write_text("title =")
     with pytest.raises(RobotError, match=r"robot.toml: is not TOML"):
-        load_robot_folder(tmp_path)
-    (tmp_path / "robot.toml").write_text('title = "x"')
-    with pytest.raises(RobotError, match=r"robot.toml: 'limits' is missing"):
-        load_robot_folder(tmp_path)
-    (tmp_path / "robot.toml").unlink()
-    with pytest.raises(RobotError, match=r"robot.toml: cannot be read"):
-        load_robot_folder(tmp_path)
+        load_arm(tmp_path)
+    (tmp_path / "robot.toml").write_text('flang = "tool0"')
+    with pytest.raises(RobotError, match=r'robot.toml: unknown key "flang"; did you mean "flange"'):
+        load_arm(tmp_path)
+    (tmp_path / "robot.toml").write_text("home = [0, -90, 90, 0, 0, 0]")
+    shutil.copy(DATA / "ur5" / "shapes.json", tmp_path)
+    with pytest.raises(RobotError, match=r"home: joint shoulder_lift_joint at -90 rad is not in"):
+        load_arm(tmp_path)
+    (tmp_path / "robot.toml").write_text('[limits]\nacceleration = "fast"')
+    with pytest.raises(RobotError, match=r"limits.acceleration must be finite"):
+        load_arm(tmp_path)

@@ -249,22 +249,6 @@ def test_missing_file_and_folder(tmp_path: Path):
         load_workcell(file / "b.toml")
 
 
-def test_missing_mesh_is_told(monkeypatch: pytest.MonkeyPatch):
-    from dataclasses import replace
-
-    from armsight.robots import load_robot
-    from armsight.workcell import checks
-
-    robot = load_robot("ur5")
-    gone = replace(robot.meshes[0], path=Path("no/such/base.obj"))
-    monkeypatch.setattr(checks, "load_robot", lambda name: replace(robot, meshes=(gone,)))
-    told = problems(HEAD)
-    assert told == [
-        f"robot.model: mesh base.obj of ur5 is missing at {Path('no/such')}, expected the packaged "
-        "file; install armsight again"
-    ]
-
-
 def test_messages_of_a_typical_broken_file_are_kept():
     """A snapshot: change it knowingly."""
     text = """

@@ -3,13 +3,53 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 
 @dataclass(frozen=True)
-class Robots:
+class Fit:
+    """Fit spheres and capsules to an arm of your own, say how well, and keep them beside it.
+
+    Example: armsight robots fit my_arm.urdf
+
+    Attributes:
+        arm: a URDF, or a folder with robot.urdf and robot.toml.
+        fine: take three times as long for a closer fit, as for the catalogue.
+    """
+
+    arm: Annotated[Path, tyro.conf.Positional]
+    fine: bool = False
+
+    def run(self) -> int:
+        """Fit, print, write ``shapes.json``."""
+        from armsight.errors import RobotError
+        from armsight.robots.fitting import FitOptions
+        from armsight.robots.folder import QUICK, fit_arm, fit_lines, mark_of
+        from armsight.robots.shapes import shapes_json
+        from armsight.writing import write_text
+
+        robot, shapes, files = fit_arm(self.arm, FitOptions() if self.fine else QUICK)
+        print(f"{robot.name}: {robot.n} joints, {len(robot.self_pairs)} pairs of links to check")
+        for line in fit_lines(shapes):
+            print(f"  {line}")
+        silent = [n for n, mass in zip(robot.link_names, robot.link_mass) if not mass > 0.0]
+        if silent:
+            print(f"  no <inertial> for {', '.join(silent)}: 1 g each in a simulated cell")
+        write_text(
+            files.shapes, shapes_json(shapes, robot.link_names, mark_of(self.arm)), RobotError
+        )
+        print(f"  written to {files.shapes}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Listing:
     """List the robots, tools, cameras, drivers and cells that armsight knows.
 
-    Example: armsight robots
+    Example: armsight robots list
     """
 
     def run(self) -> int:
@@ -49,3 +89,24 @@ class Robots:
         out.print(f"Drivers: {', '.join(driver_names())}")
         out.print(f"Cells:   {', '.join(packaged())}")
         return 0
+
+
+@dataclass(frozen=True)
+class Robots:
+    """List what armsight knows, or fit an arm of your own.
+
+    Example: armsight robots
+    Example: armsight robots fit my_arm.urdf
+
+    Attributes:
+        action: list if left out.
+    """
+
+    action: (
+        Annotated[Listing, tyro.conf.subcommand("list")]
+        | Annotated[Fit, tyro.conf.subcommand("fit")]
+    ) = Listing()
+
+    def run(self) -> int:
+        """Run the action."""
+        return self.action.run()

@@ -36,6 +36,7 @@ from armsight.recording.playback import Delivery, Moved, Playback, Source
 from armsight.recording.status_messages import GUARD, guard_from_status
 from armsight.recording.streams import STREAMS
 from armsight.robots import load_robot, load_tool
+from armsight.robots.catalogue import is_path
 from armsight.robots.robot import Robot
 from armsight.workcell import Cell, Workcell, parse_workcell, robot_in
 
@@ -108,9 +109,10 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
     if description.robot == NO_ROBOT:
         return bare_workcell(reader.path.stem, NO_ROBOT), no_robot()
     try:
-        text = reader.contents.attachments.get("workcell.toml")
-        if text is not None:
-            workcell = parse_workcell(_without_people(text.decode()), str(reader.path))
+        file = reader.contents.attachments.get("workcell.toml")
+        if file is not None:
+            text = _as_recorded(file.decode(), description.robot)
+            workcell = parse_workcell(text, str(reader.path))
             return workcell, robot_in(workcell)
         robot = load_robot(description.robot)
         if description.tool != "none":
@@ -122,9 +124,14 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
     return bare_workcell(reader.path.stem, description.robot), robot
 
 
-def _without_people(text: str) -> str:
-    """Nobody needs to be simulated, and motion clips that the file names may not be here."""
+def _as_recorded(text: str, robot: str) -> str:
+    """The cell's file without people: nobody is simulated, and motion clips may not be here.
+
+    A robot of the user's own was named relative to the file; the recording knows where it lay.
+    """
     document = tomlkit.parse(text)
+    if is_path(robot):
+        document["robot"]["model"] = robot
     for key in ("person", "object", "undeclared"):
         document.get("simulation", {}).pop(key, None)
     return tomlkit.dumps(document)

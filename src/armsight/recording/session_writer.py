@@ -155,7 +155,7 @@ class Scribe:
         """Everything that does not change: metadata, the cell file, fixed transforms, the robot."""
         cell, robot = self._cell, self._robot
         description = CellDescription(
-            robot.name,
+            robot.name if cell.workcell is None else cell.workcell.robot.model,
             "none" if robot.tool is None else robot.tool.name,
             cell.T_world_base,
             robot.joint_names,

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from armsight.errors import RobotError
-from armsight.robots.loading import load_urdf
+from armsight.robots.folder import load_arm, mark_of
 from armsight.robots.robot import Robot
 from armsight.robots.shapes import BodyShapes, read_shapes
+from armsight.robots.sheet import read_toml
 
 DATA = Path(__file__).parent / "data"
 ROBOT_NAMES: tuple[str, ...] = ("ur3", "ur5", "ur10", "iiwa", "panda")
@@ -44,15 +41,37 @@ class RobotSheet:
     changes: str
 
 
-@cache
-def load_robot(name: str) -> Robot:
-    """An arm of the catalogue, without a tool. The same object every time; it is immutable.
+def load_robot(model: str) -> Robot:
+    """An arm without a tool: of the catalogue, or a user's own from a folder or a URDF.
+
+    The same object every time while its files stay the same; it is immutable.
+
+    Args:
+        model: a name of the catalogue, or a path: whatever has a slash in it or ends in ``.urdf``.
 
     Raises:
         RobotError: there is no such arm (names the known ones), or its files are broken.
     """
-    _check_known(name)
-    return load_robot_folder(DATA / name)
+    if is_path(model):
+        path = Path(model)
+        return _own(path, mark_of(path))
+    _check_known(model)
+    return _known(model)
+
+
+def is_path(model: str) -> bool:
+    """Whether a robot's model means a folder or a URDF, not a name of the catalogue."""
+    return "/" in model or "\\" in model or model.lower().endswith(".urdf")
+
+
+@cache
+def _known(name: str) -> Robot:
+    return load_arm(DATA / name)
+
+
+@lru_cache(maxsize=8)
+def _own(path: Path, mark: str) -> Robot:
+    return load_arm(path)
 
 
 def robot_sheet(name: str) -> RobotSheet:
@@ -62,44 +81,13 @@ def robot_sheet(name: str) -> RobotSheet:
         RobotError: there is no such arm.
     """
     _check_known(name)
-    data = _read_toml(DATA / name / "robot.toml")
+    data = read_toml(DATA / name / "robot.toml")
     return RobotSheet(**{k: data[k] for k in _SHEET_KEYS}, **data["source"])
 
 
 def robot_shapes(name: str) -> BodyShapes:
     """Shapes of an arm of the catalogue with the record of their fit."""
     return read_shapes(DATA / name / "shapes.json", load_robot(name).link_names)
-
-
-def load_robot_folder(folder: Path) -> Robot:
-    """An arm from a folder with ``robot.urdf``, ``robot.toml`` and, if there, ``shapes.json``.
-
-    Raises:
-        RobotError: a file is missing or broken.
-    """
-    data = _read_toml(folder / "robot.toml")
-    try:
-        limits = data["limits"]
-        options: dict[str, Any] = {
-            "name": folder.name,
-            "flange": data["flange"],
-            "acceleration": np.array(limits["acceleration"], float),
-            "jerk": np.array(limits["jerk"], float),
-            "home": np.array(data["home"], float),
-            "reach": float(data["reach"]),
-        }
-    except KeyError as error:
-        raise RobotError(f"{folder / 'robot.toml'}: {error} is missing") from None
-    urdf = folder / "robot.urdf"
-    shapes_file = folder / "shapes.json"
-    if shapes_file.is_file():
-        options["shapes"] = read_shapes(shapes_file, _link_names(urdf, data["flange"]))
-    robot = load_urdf(urdf, **options)
-    if robot.home.shape != (robot.n,):
-        raise RobotError(
-            f"{folder / 'robot.toml'}: home has {robot.home.size} values for {robot.n} joints"
-        )
-    return robot
 
 
 _SHEET_KEYS = ("title", "flange", "reach", "payload", "repeatability")
@@ -110,20 +98,7 @@ def _check_known(name: str) -> None:
         return
     near = difflib.get_close_matches(str(name).lower(), ROBOT_NAMES, n=1, cutoff=0.5)
     hint = f'; did you mean "{near[0]}"?' if near else ""
-    raise RobotError(f'unknown robot "{name}"; known: {", ".join(ROBOT_NAMES)}{hint}')
-
-
-def _link_names(urdf: Path, flange: str) -> tuple[str, ...]:
-    from armsight.robots.chain import fold_chain
-    from armsight.robots.urdf import read_urdf
-
-    return tuple(link.name for link in fold_chain(read_urdf(urdf), flange=flange).links)
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RobotError(f"{path}: cannot be read ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RobotError(f"{path}: is not TOML ({error})") from None
+    raise RobotError(
+        f'unknown robot "{name}"; known: {", ".join(ROBOT_NAMES)}{hint}; one of your own '
+        "is a path, such as ./my_arm.urdf"
+    )

@@ -62,7 +62,7 @@ def load_urdf(
     urdf = read_urdf(Path(path), dict(packages or {}))
     chain = fold_chain(urdf, base, flange, held)
     limits = _limits(chain, urdf.path, acceleration, jerk)
-    looks = _meshes(chain, urdf.path) if meshes else ()
+    looks = link_meshes(chain, urdf.path) if meshes else ()
     if shapes is None:
         from armsight.robots.fitting import fit_chain
 
@@ -126,7 +126,12 @@ def _per_joint(value: Floats | float, n: int, what: str) -> JointVector:
     return np.broadcast_to(values, (n,)).copy()
 
 
-def _meshes(chain: Chain, path: Path) -> tuple[LinkMesh, ...]:
+def link_meshes(chain: Chain, path: Path) -> tuple[LinkMesh, ...]:
+    """The visual meshes of a chain.
+
+    Raises:
+        RobotError: a mesh is missing; names link and file.
+    """
     found = []
     for i, link in enumerate(chain.links):
         for shape in link.visuals:
@@ -135,7 +140,7 @@ def _meshes(chain: Chain, path: Path) -> tuple[LinkMesh, ...]:
             if not shape.path.is_file():
                 raise RobotError(
                     f'{path}: link "{link.name}" <visual>: mesh {shape.path} is missing; put it '
-                    "there, or name its package's folder, or load without meshes"
+                    "there, or name the folder of its package under [packages] of robot.toml"
                 )
             found.append(LinkMesh(i, shape.path, shape.color, shape.T_link_geometry, shape.size))
     return tuple(found)

@@ -16,6 +16,11 @@ from armsight.robots.urdf import Geometry
 Triangles = tuple[Points, Ints]
 """(n, 3) vertices [m] and (m, 3) indices of triangles, counter-clockwise seen from outside."""
 
+MESH_FORMATS = (".obj", ".stl", ".ply", ".off", ".dae")
+"""What a mesh file may end in."""
+LARGEST = 200_000_000
+"""A mesh file is never larger [bytes]."""
+
 
 def read_mesh(mesh: LinkMesh) -> Triangles:
     """Vertices in the link's frame [m] and triangles of a robot's or tool's mesh.
@@ -35,16 +40,32 @@ def read_mesh_file(path: Path) -> Triangles:
     """
     if not path.is_file():
         raise RobotError(f"mesh {path} is missing; put it there or correct its name in the URDF")
+    if path.suffix.lower() not in MESH_FORMATS:
+        raise RobotError(
+            f"mesh {path}: {path.suffix or 'no'} files are not read; expected one of "
+            f"{', '.join(MESH_FORMATS)}"
+        )
+    size = path.stat().st_size
+    if size > LARGEST:
+        raise RobotError(f"mesh {path}: {size / 1e6:.0f} MB, at most {LARGEST / 1e6:.0f} are read")
+    if path.suffix.lower() == ".dae" and _has_doctype(path):
+        raise RobotError(f"mesh {path}: a document type declaration is not allowed; remove it")
     try:
-        loaded = trimesh.load(path, process=False, force="mesh")
+        loaded = trimesh.load(path, process=False, force="mesh", skip_materials=True)
     except Exception as error:  # trimesh raises whatever its readers do
-        hint = "; pip install pycollada" if path.suffix.lower() == ".dae" else ""
+        hint = "; pip install 'armsight[collada]'" if path.suffix.lower() == ".dae" else ""
         raise RobotError(f"mesh {path} cannot be read ({error}){hint}") from None
     vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), np.float64)
     faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), np.int64)
     if len(faces) == 0 or not np.isfinite(vertices).all():
         raise RobotError(f"mesh {path} holds no triangles, or numbers that are not finite")
     return vertices, faces
+
+
+def _has_doctype(path: Path) -> bool:
+    """Whether an XML file declares a document type, the door to entity tricks."""
+    data = path.read_bytes()
+    return b"<!DOCTYPE" in data or b"<!ENTITY" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff")
 
 
 def geometry_triangles(shape: Geometry) -> Triangles:

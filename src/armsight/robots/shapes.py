@@ -1,12 +1,13 @@
 """The body's shapes on disk: spheres, capsules and pairs of links, one JSON file a robot.
 
-``shapes.json`` lies beside ``robot.urdf``; ``scripts/convert_robots.py`` writes it. Links are named
-as in the URDF, lengths are in metres:
+``shapes.json`` lies beside ``robot.urdf``; ``scripts/convert_robots.py`` and ``armsight robots
+fit`` write it. Links are named as in the URDF, lengths are in metres:
 
 * ``spheres``: ``{link: [[x, y, z, radius], ...]}``
 * ``capsules``: ``{link: [[x0, y0, z0, x1, y1, z1, radius], ...]}``
 * ``self_pairs``: pairs of links that can touch each other and are worth checking
 * ``tool_pairs``: pairs worth checking as well once the last link carries a tool
+* ``made_from``: hash of the files that they were fitted to, where armsight wrote it for a user
 * ``fit``: how well the shapes fit the maker's full meshes, see :class:`FitReport`
 """
 
@@ -92,25 +93,41 @@ def read_shapes(path: Path, link_names: tuple[str, ...]) -> BodyShapes:
             make_capsules(_rows(data["capsules"], index)),
             _pairs(data["self_pairs"], index),
             _pairs(data["tool_pairs"], index),
-            *(FitReport(**data["fit"][key]) for key in ("spheres", "capsules")),
+            *(_fit(data["fit"].get(key)) for key in ("spheres", "capsules")),
         )
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror})") from None
     except KeyError as error:
         raise RobotError(
             f"{path}: {error} is missing or not a link of the robot; "
-            "make the file anew with scripts/convert_robots.py"
+            "fit the arm anew: armsight robots fit"
         ) from None
     except (ValueError, TypeError) as error:
         raise RobotError(f"{path}: is broken ({error}); restore it") from None
 
 
-def shapes_json(shapes: BodyShapes, link_names: tuple[str, ...]) -> str:
-    """The text of ``shapes.json``, one shape a line."""
+def made_from(path: Path) -> str:
+    """The hash that ``shapes.json`` has of the files that it was fitted to; empty without one.
+
+    Raises:
+        RobotError: the file cannot be read, or is no JSON.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        return str(data.get("made_from", ""))
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, AttributeError, RecursionError) as error:
+        raise RobotError(f"{path}: is broken ({error}); restore it") from None
+
+
+def shapes_json(shapes: BodyShapes, link_names: tuple[str, ...], mark: str = "") -> str:
+    """The text of ``shapes.json``, one shape a line; ``mark`` becomes ``made_from``."""
     s, c = shapes.spheres, shapes.capsules
     spheres = np.column_stack([s.center, s.radius])
     capsules = np.column_stack([c.start, c.end, c.radius])
-    parts = [
+    parts = [f'"made_from": {json.dumps(mark)}'] if mark else []
+    parts += [
         f'"spheres": {_by_link(s.link, spheres, link_names)}',
         f'"capsules": {_by_link(c.link, capsules, link_names)}',
     ]
@@ -120,6 +137,10 @@ def shapes_json(shapes: BodyShapes, link_names: tuple[str, ...]) -> str:
     fit = {key: asdict(value) for key, value in named.items() if value is not None}
     parts.append(f'"fit": {json.dumps(fit, indent=1)}')
     return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def _fit(data: dict[str, Any] | None) -> FitReport | None:
+    return None if data is None else FitReport(**data)
 
 
 def _by_link(link: Ints, values: Any, names: tuple[str, ...]) -> str:

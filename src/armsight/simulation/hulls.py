@@ -14,6 +14,7 @@ import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
 from armsight.arrays import Ints, Points
+from armsight.robots.meshes import read_mesh_file
 
 
 def convex_pieces(vertices: Points, faces: Ints, slices: int = 5) -> list[Points]:
@@ -65,7 +66,7 @@ def hull_vertices(points: Points) -> Points | None:
 @lru_cache(maxsize=64)
 def load_mesh(path: Path) -> trimesh.Trimesh:
     """A link's surface; read once."""
-    return trimesh.load_mesh(path, process=False)
+    return trimesh.Trimesh(*read_mesh_file(path), process=False)
 
 
 def _crossings(a: Points, b: Points, axis: int, cut: float) -> Points:

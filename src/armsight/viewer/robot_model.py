@@ -8,6 +8,7 @@ import viser
 
 from armsight.arrays import JointVector
 from armsight.robots.kinematics import link_poses
+from armsight.robots.meshes import read_mesh
 from armsight.robots.robot import LinkMesh, Robot
 from armsight.viewer.nodes import Posed, quaternions
 
@@ -40,8 +41,7 @@ class RobotModel:
 
 def _add_mesh(scene: viser.SceneApi, name: str, mesh: LinkMesh) -> None:
     """One coloured surface; corners are split so that edges stay sharp and curves smooth."""
-    surface = trimesh.load_mesh(mesh.path, process=True)
-    surface.apply_transform(mesh.T_link_mesh @ np.diag([*mesh.scale, 1.0]))
+    surface = trimesh.Trimesh(*read_mesh(mesh), process=True)
     surface = trimesh.graph.smooth_shade(surface, angle=np.deg2rad(35.0))
     scene.add_mesh_simple(
         name,

@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from armsight.devices.camera_models import CAMERA_MODELS
+from armsight.errors import RobotError
 from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot, load_tool
+from armsight.robots.catalogue import is_path
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 from armsight.simulation.scripts import SCRIPTS
@@ -48,29 +50,35 @@ def robot_of(section: RobotSection) -> Robot:
     return robot if section.tool == "none" else robot.with_tool(load_tool(section.tool))
 
 
+def _arm(section: RobotSection) -> Robot | None:
+    """The robot without its tool; None where :func:`check_robot` complains of it."""
+    try:
+        return load_robot(section.model)
+    except RobotError:
+        return None
+
+
 def check_robot(section: RobotSection) -> Iterator[Problem]:
     """Model, tool, driver, number and range of joints, units."""
-    if section.model not in ROBOT_NAMES:
+    robot = None
+    if section.model not in ROBOT_NAMES and not is_path(section.model):
         yield Problem("robot.model", _unknown("robot", section.model, ROBOT_NAMES))
+    else:
+        try:
+            robot = load_robot(section.model)
+        except RobotError as error:
+            yield Problem("robot.model", str(error))
     if section.tool != "none" and section.tool not in TOOL_NAMES:
         yield Problem("robot.tool", _unknown("tool", section.tool, ("none", *TOOL_NAMES)))
     yield from _driver("robot.driver", section.driver)
     yield from check_metres("robot.position", section.position)
     yield from check_degrees("robot.rpy_deg", section.rpy_deg)
-    if section.model not in ROBOT_NAMES:
+    if robot is None:
         return
-    robot = load_robot(section.model)
     for key in ("home_deg", "joint_lower_deg", "joint_upper_deg"):
         values = getattr(section, key)
         if values is not None:
             yield from check_joints(f"robot.{key}", values, robot)
-    for mesh in robot.meshes:
-        if not mesh.path.is_file():
-            yield Problem(
-                "robot.model",
-                f"mesh {mesh.path.name} of {section.model} is missing at {mesh.path.parent}, "
-                "expected the packaged file; install armsight again",
-            )
     lower, upper = section.joint_lower_deg, section.joint_upper_deg
     if lower and upper and len(lower) == len(upper) == robot.n:
         for i in range(robot.n):
@@ -139,7 +147,8 @@ def check_camera(
                 'at most 1 m (it is in the flange\'s frame; mounted_on = "world" for a fixed one)',
             )
         return
-    reach = load_robot(robot.model).reach if robot.model in ROBOT_NAMES else 1.0
+    arm = _arm(robot)
+    reach = 1.0 if arm is None else arm.reach
     farthest = CAMERA_MODELS[section.model].range[1]
     distance = float(np.linalg.norm(np.subtract(section.position, robot.position)))
     if distance - reach > farthest:
@@ -234,9 +243,9 @@ def check_patrol(section: PatrolSection, robot: RobotSection | None) -> Iterator
     """Goals against the robot's joints."""
     if len(section.goals_deg) == 1:
         yield Problem("patrol.goals_deg", "found 1 goal, expected none or at least 2")
-    if robot is None or robot.model not in ROBOT_NAMES:
+    model = None if robot is None else _arm(robot)
+    if model is None:
         return
-    model = load_robot(robot.model)
     for name, values in section.goals_deg.items():
         yield from check_joints(f"patrol.goals_deg.{name}", values, model)
 

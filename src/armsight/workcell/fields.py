@@ -18,6 +18,9 @@ Brightness = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0, le
 Switch = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True, max_length=2000)]
 Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]
+Model = Annotated[
+    str, Field(strict=True, min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")
+]
 Triple = tuple[Number, Number, Number]
 Extent = tuple[Positive, Positive, Positive]
 Quaternion = tuple[Number, Number, Number, Number]

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from armsight.errors import WorkcellError
+from armsight.robots.catalogue import is_path
 from armsight.workcell import checks
 from armsight.workcell.fields import Section
 from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, path
@@ -75,7 +76,7 @@ def parse_workcell(text: str, file: str = "workcell.toml", folder: Path | None =
     Args:
         text: TOML.
         file: how errors name it.
-        folder: where relative files (motion clips) lie; None: the working folder.
+        folder: where relative files (arms, motion clips) lie; None: the working folder.
 
     Raises:
         WorkcellError: it has problems.
@@ -88,6 +89,7 @@ def parse_workcell(text: str, file: str = "workcell.toml", folder: Path | None =
         raise WorkcellError(f"{file}: not valid TOML: {error}") from None
     except RecursionError:
         raise WorkcellError(f"{file}: nested too deeply, expected a plain workcell file") from None
+    _find_own_arm(raw, folder)
     workcell, problems = None, []
     try:
         workcell = Workcell.model_validate(raw)
@@ -99,6 +101,14 @@ def parse_workcell(text: str, file: str = "workcell.toml", folder: Path | None =
     workcell._file = folder / Path(file).name if folder is not None else None
     workcell._text = text
     return workcell
+
+
+def _find_own_arm(raw: Mapping[str, Any], folder: Path | None) -> None:
+    """Make the path of a user's own arm absolute; a name of the catalogue stays as it is."""
+    robot = raw.get("robot")
+    model = robot.get("model") if isinstance(robot, dict) else None
+    if isinstance(robot, dict) and isinstance(model, str) and is_path(model):
+        robot["model"] = str((folder or Path.cwd()) / Path(model))
 
 
 def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:

@@ -21,6 +21,7 @@ from armsight.workcell.fields import (
     Connection,
     Extent,
     Joints,
+    Model,
     Name,
     NotNegative,
     Number,
@@ -53,7 +54,11 @@ class CellSection(Section):
 class RobotSection(Section):
     """The arm, where it stands, and how fast it may be."""
 
-    model: Name = key(..., "Key of the robot catalogue; `armsight robots` lists it.")
+    model: Model = key(
+        ...,
+        "A robot of the catalogue (`armsight robots` lists them), or one of your own: the path of "
+        "a folder or a URDF, relative to this file, such as `./my_arm.urdf`.",
+    )
     driver: Name = key("simulated", "What moves it: `simulated`, or the name of a real driver.")
     tool: Name = key("none", "What the flange carries; `armsight robots` lists the tools.")
     position: Triple = key((0.0, 0.0, 0.0), "Origin of the robot's base.", "m")
