@@ -14,13 +14,13 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from common import Report
 
 from armsight.calibration import views
 from armsight.calibration.boards import Checkerboard, Detection, raster
 from armsight.calibration.calibrate import CalibrationOptions, calibrate
 from armsight.calibration.synthetic import make_cell, observe, random_views
 from armsight.robots import load_robot
+from common import Report
 
 CAMERAS, FRAMES = 3, 50
 

@@ -8,14 +8,14 @@ spheres and 10^6 poses.
 from __future__ import annotations
 
 import numpy as np
-from common import Report
 from numba import njit
-from scenes import ball, box, snapshot_of
 
 from armsight.mapping.snapshot import OCCUPIED
 from armsight.motion.collision import CollisionModel
 from armsight.motion.kernels import body_centers, config_free, sphere_clearances
 from armsight.robots import load_robot
+from common import Report
+from scenes import ball, box, snapshot_of
 
 
 @njit

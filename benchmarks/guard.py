@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from common import Report
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
@@ -20,6 +19,7 @@ from armsight.runtime.config import SessionConfig
 from armsight.runtime.parts import make_parts
 from armsight.workcell import load_workcell, open_cell
 from armsight.workcell.packaged import packaged
+from common import Report
 
 RATE = 30.0
 WARM = 40

@@ -12,18 +12,18 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from common import Report
-from stills import Stills, obstacle_lost, robot_left
 
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.geometry.shapes import Solid
-from armsight.mapping.octomap_baseline import OctomapBaseline
 from armsight.mapping.snapshot import OCCUPIED
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.runtime.configure import mapping_config
 from armsight.workcell import load_workcell, open_cell
 from armsight.workcell.packaged import packaged
+from baselines.octomap_map import OctomapBaseline
+from common import Report
+from stills import Stills, obstacle_lost, robot_left
 
 RATE = 30.0
 SEED = 1000

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from common import Report
 
 from armsight.devices.camera_models import CAMERA_MODELS
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
@@ -30,6 +29,7 @@ from armsight.robots import load_robot
 from armsight.runtime.view import ComponentHealth, SessionView
 from armsight.viewer import LivePage
 from armsight.workcell import Cell
+from common import Report
 
 POINTS, VOXELS, CAMERAS, PARTS = 20_000, 5_000, 4, 24
 GRID = (140, 140, 100)

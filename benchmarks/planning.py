@@ -13,15 +13,15 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from common import Report
-from scenes import ball, box, snapshot_of
 
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import PlanRequest
 from armsight.motion.intents import JointIntent
-from armsight.motion.ompl_planner import OmplPlanner
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.robots import load_robot
+from baselines.ompl_planner import OmplPlanner
+from common import Report
+from scenes import ball, box, snapshot_of
 
 
 def questions(model: CollisionModel, wanted: int):

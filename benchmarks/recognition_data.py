@@ -10,12 +10,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from common import Report, measure
-
 from armsight.recognition.data.crews import Processes, draw_batch
 from armsight.recognition.data.generate import generate
 from armsight.recognition.data.order import counts_of, make_order
 from armsight.simulation.gl import check_opengl
+from common import Report, measure
 
 SIZE = (512, 424)
 

@@ -12,7 +12,6 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from common import Report, measure
 
 from armsight.devices.camera_models import camera_info
 from armsight.geometry.pose import from_rpy, look_at, make_pose
@@ -22,6 +21,7 @@ from armsight.simulation.gl import check_opengl
 from armsight.simulation.sensor_errors import DepthSensor
 from armsight.simulation.spec import ArmSpec, CameraSpec, PersonSpec, WorldSpec
 from armsight.simulation.world import SimulatedWorld
+from common import Report, measure
 
 CORNERS = ((1.55, 1.35, 1.95), (1.55, -1.35, 1.95), (-1.3, -1.35, 2.0), (-1.3, 1.35, 2.0))
 

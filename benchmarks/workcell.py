@@ -14,13 +14,13 @@ import sys
 import time
 
 import numpy as np
-from common import Report, peak_memory_mb
 
 from armsight.recording.patrol_log import PatrolLog
 from armsight.runtime.session import Session
 from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
 from armsight.workcell.packaged import packaged
+from common import Report, peak_memory_mb
 
 CELL = "ur5_four_cameras"
 

@@ -10,8 +10,8 @@ import argparse
 import os
 from pathlib import Path
 
-import imageio.v3 as imageio
 import numpy as np
+from PIL import Image
 
 from armsight.geometry.pose import to_wxyz, transform
 from armsight.robots import ROBOT_NAMES, LinkMesh, Robot, load_robot, load_tool
@@ -43,7 +43,7 @@ def main() -> None:
             robot = robot.with_tool(load_tool(args.tool))
         place(spec, f"{k}/", robot, np.array([0.0, -k * args.spacing, 0.0]), args.shapes)
     args.file.parent.mkdir(parents=True, exist_ok=True)
-    imageio.imwrite(args.file, picture(spec, len(args.names or ROBOT_NAMES), args))
+    Image.fromarray(picture(spec, len(args.names or ROBOT_NAMES), args)).save(args.file)
 
 
 def empty_scene(width: int, height: int) -> mujoco.MjSpec:

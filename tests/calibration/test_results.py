@@ -22,7 +22,7 @@ from armsight.calibration.export import (
 )
 from armsight.calibration.live.seen import SeenView
 from armsight.calibration.recorded_set import RecordedSet, solve_set
-from armsight.calibration.spheres import fit_sphere, procrustes, register_spheres
+from armsight.calibration.spheres import fit_sphere, register_spheres
 from armsight.calibration.synthetic import (
     ErrorLevels,
     make_cell,
@@ -148,12 +148,6 @@ def test_too_few_or_collinear_places_are_refused(rng):
         register_spheres(line, rng)
     with pytest.raises(CalibrationError, match="shared"):
         register_spheres([[np.ones(3), None], [None, np.ones(3)]], rng)
-
-
-def test_procrustes_is_exact(rng):
-    T = exp(rng.normal(0, 1, 6))
-    p = rng.normal(size=(5, 3))
-    np.testing.assert_allclose(procrustes(p, p @ T[:3, :3].T + T[:3, 3]), T, atol=1e-12)
 
 
 def watch(cell, answer, moved, seed, count=12):

@@ -1,57 +1,9 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from armsight.errors import ArmsightError
 from armsight.geometry import cloud
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 300), st.floats(0.01, 0.5), st.integers(0, 2**31))
-def test_centroids_against_dictionary(n, voxel, seed):
-    points = np.random.default_rng(seed).normal(size=(n, 3))
-    cells = {}
-    for p in points:
-        cells.setdefault(tuple(np.floor(p / voxel).astype(int)), []).append(p)
-    expected = np.array([np.mean(cells[k], axis=0) for k in sorted(cells)]).reshape(-1, 3)
-    np.testing.assert_allclose(cloud.voxel_centroids(points, voxel), expected, atol=1e-12)
-
-
-def test_centroids_leave_out_what_is_not_finite():
-    points = np.array([[0.0, 0, 0], [np.nan, 0, 0], [np.inf, 0, 0]])
-    assert cloud.voxel_centroids(points, 0.1).tolist() == [[0, 0, 0]]
-    with pytest.raises(ValueError, match="voxel"):
-        cloud.voxel_centroids(points, 0.0)
-
-
-def test_statistical_outliers_against_brute_force():
-    rng = np.random.default_rng(0)
-    points = np.vstack([rng.normal(size=(400, 3)) * [0.3, 0.3, 0.001], rng.uniform(-1, 1, (8, 3))])
-    kept = cloud.statistical_inliers(points, 8, 1.5)
-    gap = np.linalg.norm(points[:, None] - points[None], axis=2)
-    mean = np.sort(gap, axis=1)[:, 1:9].mean(axis=1)
-    np.testing.assert_array_equal(kept, mean <= mean.mean() + 1.5 * mean.std())
-    assert kept[:400].mean() > 0.95
-    assert kept[400:].mean() < 0.5
-
-
-@pytest.mark.parametrize("n", [0, 1, 2])
-def test_few_points_are_no_outliers(n):
-    assert cloud.statistical_inliers(np.zeros((n, 3))).all()
-
-
-def test_crops():
-    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
-    assert cloud.within_sphere(points, np.zeros(3), 1.0).tolist() == [True, True, False]
-    assert cloud.within_box(points, -np.ones(3), np.ones(3)).tolist() == [True, True, False]
-
-
-def test_merge():
-    assert cloud.merge([]).shape == (0, 3)
-    joined = cloud.merge([np.zeros((2, 3)), np.full((3, 3), 0.01)], voxel=0.1)
-    np.testing.assert_allclose(joined, [[0.006] * 3])
 
 
 def test_ply_is_read_by_trimesh_and_back(tmp_path):

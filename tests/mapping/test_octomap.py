@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from armsight.errors import ArmsightError
 from armsight.geometry.pose import look_at
-from armsight.mapping.octomap_baseline import OctomapBaseline
 from armsight.mapping.octomap_io import BinaryOctree, from_state, read_bt, write_bt
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from baselines.octomap_map import OctomapBaseline
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "motion" / "octomap"
 if not DATA.is_dir():

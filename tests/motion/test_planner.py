@@ -14,9 +14,9 @@ from armsight.motion.collision import CollisionModel
 from armsight.motion.cost import path_cost
 from armsight.motion.data import PlanRequest
 from armsight.motion.intents import JointIntent
-from armsight.motion.ompl_planner import OmplPlanner
 from armsight.motion.planner import PlannerConfig, RrtConnectPlanner, joined_to
 from armsight.robots import ROBOT_NAMES, load_robot
+from baselines.ompl_planner import OmplPlanner
 
 from .scenes import CubeOracle, arm6, ball, box, make_snapshot, oracle_centers, oracle_clearance
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
 import numpy as np
+import octomap
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from armsight.commands.replay import Replay
 from armsight.devices.data import RgbdFrame
-from armsight.errors import RecordingError
+from armsight.errors import RecordingError, UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, look_at, make_pose, transform
 from armsight.mapping.snapshot import FREE, OCCUPIED
@@ -116,6 +120,29 @@ def test_the_map_holds_what_was_scanned(tmp_path: Path) -> None:
     assert np.count_nonzero(state[in_box | lid] == OCCUPIED) > 100
     assert np.mean(state[lid].reshape(-1) == OCCUPIED) > 0.4  # one of two layers, or both
     assert np.count_nonzero(state == FREE) > 10_000
+
+
+def test_the_map_is_written_as_octomap_and_as_cloud(tmp_path: Path) -> None:
+    """OctoMap's own library and trimesh read what replay writes, with what the summary counted."""
+    write_folder(tmp_path / "scan", np.eye(4), frames=4)
+    bt, ply, figures = (tmp_path / name for name in ("scan.bt", "scan.ply", "scan.json"))
+    scan = tmp_path / "scan"
+    assert Replay(scan, headless=True, speed=0, map=bt, json=figures).run() == 0
+    assert Replay(scan, headless=True, speed=0, map=ply).run() == 0
+    told = json.loads(figures.read_text())
+    tree = octomap.OcTree(str(bt).encode())
+    volume = {True: 0.0, False: 0.0}
+    for leaf in tree.begin_leafs():
+        volume[bool(tree.isNodeOccupied(leaf))] += leaf.getSize() ** 3
+    voxel = tree.getResolution() ** 3
+    assert volume[True] / voxel == pytest.approx(told["voxels_occupied"])
+    assert volume[False] / voxel == pytest.approx(told["voxels_free"])
+    assert len(trimesh.load(ply).vertices) == told["cloud_points"] > 100
+
+
+def test_a_map_of_another_kind_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"ends in \.bt or \.ply"):
+        Replay(tmp_path, map=tmp_path / "map.las").run()
 
 
 def test_frames_without_a_pose_are_left_out_and_told(tmp_path: Path) -> None:

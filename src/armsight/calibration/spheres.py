@@ -17,6 +17,7 @@ from armsight.arrays import Floats, Points, Pose, Vector3
 from armsight.calibration import se3
 from armsight.errors import CalibrationError
 from armsight.geometry.pose import exp, skew
+from armsight.geometry.registration import procrustes
 
 
 @dataclass(frozen=True)
@@ -55,16 +56,6 @@ def fit_sphere(points: Points, radius: float, rounds: int = 20) -> SphereFit | N
     if not np.isfinite(center).all() or np.abs(r).mean() > radius:
         return None
     return SphereFit(center, float(np.sqrt(np.mean(r[good] ** 2))), len(p))
-
-
-def procrustes(source: Points, target: Points) -> Pose:
-    """``T_target_source`` by Umeyama's closed form, without scale."""
-    a, b = source.mean(0), target.mean(0)
-    U, _, V_t = np.linalg.svd((target - b).T @ (source - a))
-    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V_t))]) @ V_t
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, b - R @ a
-    return T
 
 
 def procrustes_ransac(

@@ -139,7 +139,7 @@ def _disk() -> Finding:
 def _packages() -> Finding:
     from importlib.metadata import PackageNotFoundError, version
 
-    names = ("numpy", "numba", "mujoco", "ompl", "viser", "opencv-python-headless", "mcap")
+    names = ("numpy", "numba", "mujoco", "viser", "opencv-python-headless", "mcap")
     found, lost = [], []
     for name in names:
         try:

@@ -11,15 +11,21 @@ import tyro
 from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
+    from armsight.mapping.snapshot import WorkspaceSnapshot
     from armsight.runtime.view import SessionView
     from armsight.workcell import Cell
+
+
+MAP_FILES = (".bt", ".ply")
+"""Kinds of files that a map is written into."""
 
 
 @dataclass(frozen=True)
 class Replay:
     """Replay a recording through the same mapping and page as when it was made.
 
-    Example: armsight replay monday.mcap
+    Examples: armsight replay monday.mcap;
+    armsight replay monday.mcap --headless --map monday.bt
 
     Attributes:
         source: a recording (.mcap), or a folder of posed depth images (frame-NNNNNN.depth.png,
@@ -28,6 +34,8 @@ class Replay:
             ends with the recording.
         headless: no page, and as fast as the machine can; prints what the map holds at the end.
         json: write the run's figures here; `-` is standard output.
+        map: write the map at the end here: free and occupied space as an OctoMap (NAME.bt), or
+            the merged cloud (NAME.ply), in base.
         speed: recorded seconds a second; 0 for as fast as the machine can.
         page: where the live page is served.
     """
@@ -36,6 +44,7 @@ class Replay:
     seconds: float | None = None
     headless: bool = False
     json: Path | None = None
+    map: Path | None = None
     speed: float | None = None
     page: Page = field(default_factory=Page)
 
@@ -43,9 +52,11 @@ class Replay:
         """Replay without a task."""
         from armsight.commands.patrol import speed_of
         from armsight.commands.running import RunOptions, run_session, say, write_summary
-        from armsight.errors import RecordingError
+        from armsight.errors import RecordingError, UsageError
         from armsight.recording.replay_parts import HoldAtEnd, replay_parts
 
+        if self.map is not None and self.map.suffix not in MAP_FILES:
+            raise UsageError(f"--map {self.map}: name a file that ends in {' or '.join(MAP_FILES)}")
         if not self.source.exists():
             raise RecordingError(f"{self.source}: no such recording or folder of depth images")
         with _open(self.source) as cell:
@@ -61,11 +72,15 @@ class Replay:
                 make=replay_parts,
             )
             session = run_session(cell, None, wanted)
-            summary = map_summary(session.view())
+            view = session.view()
+        summary = map_summary(view)
         for key, value in summary.items():
             say(f"{key.replace('_', ' '):18} {value}")
         if self.json is not None:
             write_summary(self.json, summary)
+        if self.map is not None:
+            write_map(self.map, view.snapshot)
+            say(f"wrote {self.map}")
         return 0
 
 
@@ -92,3 +107,22 @@ def map_summary(view: SessionView) -> dict[str, float | int]:
         "voxels_free": int((snapshot.state == FREE).sum()),
         "cloud_points": len(snapshot.cloud),
     }
+
+
+def write_map(file: Path, snapshot: WorkspaceSnapshot | None) -> None:
+    """Write a map as OctoMap ``.bt`` or its cloud as ``.ply``, whole or not at all.
+
+    Raises:
+        RecordingError: there was no frame, so there is no map.
+        ArmsightError: the file cannot be written.
+    """
+    from armsight.errors import RecordingError
+    from armsight.geometry.cloud import write_ply
+    from armsight.mapping.octomap_io import from_state, write_bt
+
+    if snapshot is None:
+        raise RecordingError(f"{file}: not written: nothing was seen, so there is no map")
+    if file.suffix == ".bt":
+        write_bt(file, from_state(snapshot.state, snapshot.grid))
+    else:
+        write_ply(file, snapshot.cloud)

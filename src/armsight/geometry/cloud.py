@@ -1,86 +1,14 @@
-"""Point clouds: crop, thin, clean, merge; PLY files."""
+"""Point clouds in PLY files."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from armsight.arrays import ColorImage, Floats, Mask, Points, Vector3
+from armsight.arrays import ColorImage, Floats, Points
 from armsight.errors import ArmsightError
 from armsight.writing import write_atomically
-
-
-def within_sphere(points: Points, center: Vector3, radius: float) -> Mask:
-    """(n,) whether each of (n, 3) points lies within ``radius`` [m] of a centre (T2: 1500 mm)."""
-    difference = np.asarray(points) - np.asarray(center)
-    return np.asarray((difference**2).sum(axis=1) <= radius**2)
-
-
-def within_box(points: Points, lower: Vector3, upper: Vector3) -> Mask:
-    """(n,) whether each of (n, 3) points lies in an axis-aligned box, borders included."""
-    p = np.asarray(points)
-    return np.asarray(((p >= lower) & (p <= upper)).all(axis=1))
-
-
-def voxel_centroids(points: Points, voxel: float, origin: Vector3 | None = None) -> Points:
-    """One point for each voxel that holds any: the centroid of its points (T2's voxel grid).
-
-    Args:
-        points: (n, 3) [m]; those that are not finite are left out.
-        voxel: edge of a voxel [m].
-        origin: a corner of some voxel [m]; zero if absent.
-
-    Returns:
-        (m, 3) centroids, in the order of the voxels' indices.
-
-    Raises:
-        ValueError: the voxel is not positive.
-    """
-    if not voxel > 0:
-        raise ValueError(f"voxel is {voxel} m; expected more than 0")
-    p = np.asarray(points, float).reshape(-1, 3)
-    p = p[np.isfinite(p).all(axis=1)]
-    if len(p) == 0:
-        return np.empty((0, 3))
-    start = np.zeros(3) if origin is None else np.asarray(origin, float)
-    index = np.floor((p - start) / voxel).astype(np.int64)
-    index -= index.min(axis=0)
-    span = index.max(axis=0) + 1
-    key = (index[:, 0] * span[1] + index[:, 1]) * span[2] + index[:, 2]
-    _, member, count = np.unique(key, return_inverse=True, return_counts=True)
-    sums = np.stack([np.bincount(member, p[:, d], len(count)) for d in range(3)], axis=1)
-    return np.asarray(sums / count[:, None])
-
-
-def statistical_inliers(points: Points, neighbors: int = 16, ratio: float = 2.0) -> Mask:
-    """(n,) which points are no outliers by their mean distance to their nearest neighbours.
-
-    A point is an outlier if that mean exceeds the cloud's mean of it by more than ``ratio``
-    standard deviations (Rusu et al. 2008, "Towards 3D point cloud based object maps").
-
-    Args:
-        points: (n, 3) finite points [m].
-        neighbors: how many neighbours are looked at.
-        ratio: how many standard deviations are allowed.
-    """
-    p = np.asarray(points, float).reshape(-1, 3)
-    k = min(neighbors, len(p) - 1)
-    if k < 1:
-        return np.ones(len(p), bool)
-    distance, _ = cKDTree(p).query(p, k + 1)
-    mean = np.asarray(distance)[:, 1:].mean(axis=1)
-    return np.asarray(mean <= mean.mean() + ratio * mean.std(), bool)
-
-
-def merge(clouds: Sequence[Points], voxel: float | None = None) -> Points:
-    """All clouds as one; with a voxel [m], one centroid a voxel."""
-    joined = np.concatenate(
-        [np.asarray(c, float).reshape(-1, 3) for c in clouds] or [np.empty((0, 3))]
-    )
-    return joined if voxel is None else voxel_centroids(joined, voxel)
 
 
 def write_ply(path: Path, points: Points, colors: ColorImage | None = None) -> None:

@@ -1,17 +1,11 @@
-"""Rigid registration: of matched points in closed form, of clouds by ICP."""
+"""Rigid registration of matched points, in closed form."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
-import small_gicp
 
 from armsight.arrays import Floats, Points, Pose
 from armsight.geometry.pose import make_pose
-
-Method = Literal["ICP", "PLANE_ICP", "GICP"]
 
 
 def procrustes(source: Points, target: Points, weights: Floats | None = None) -> Pose:
@@ -41,68 +35,3 @@ def procrustes(source: Points, target: Points, weights: Floats | None = None) ->
     sign = np.sign(np.linalg.det(U @ Vt))
     R = Vt.T @ np.diag([1.0, 1.0, sign]) @ U.T
     return make_pose(R, mean_b - R @ mean_a)
-
-
-@dataclass(frozen=True)
-class Registration:
-    """The result of ICP.
-
-    Attributes:
-        T_target_source: the pose found.
-        inliers: source points with a target point close enough.
-        error: root mean square of the inliers' residuals, in the method's own measure.
-        converged: whether the steps had become small.
-    """
-
-    T_target_source: Pose
-    inliers: int
-    error: float
-    converged: bool
-
-
-def icp(
-    source: Points,
-    target: Points,
-    start: Pose | None = None,
-    *,
-    reach: float = 0.05,
-    voxel: float = 0.02,
-    method: Method = "GICP",
-    iterations: int = 30,
-) -> Registration:
-    """Fine registration of two clouds that nearly fit, by small_gicp.
-
-    Args:
-        source: (n, 3) points [m].
-        target: (m, 3) points [m].
-        start: ``T_target_source`` to begin with; the identity if absent.
-        reach: points farther apart than this do not belong together [m].
-        voxel: both clouds are thinned to one point in this [m].
-        method: point to point, point to plane, or plane to plane.
-        iterations: at most so many.
-
-    Raises:
-        ValueError: a cloud has fewer than 20 finite points.
-    """
-    clouds = []
-    for name, points in (("source", source), ("target", target)):
-        p = np.asarray(points, np.float64).reshape(-1, 3)
-        p = np.ascontiguousarray(p[np.isfinite(p).all(axis=1)])
-        if len(p) < 20:
-            raise ValueError(f"icp: the {name} has {len(p)} finite points; expected at least 20")
-        clouds.append(p)
-    result = small_gicp.align(
-        clouds[1],
-        clouds[0],
-        init_T_target_source=np.eye(4) if start is None else np.asarray(start, float),
-        registration_type=method,
-        downsampling_resolution=voxel,
-        max_correspondence_distance=reach,
-        num_threads=1,
-        max_iterations=iterations,
-        rotation_epsilon=1e-5,
-        translation_epsilon=1e-5,
-    )
-    error = float(np.sqrt(max(result.error, 0.0) / max(result.num_inliers, 1)))
-    T = np.asarray(result.T_target_source, float)
-    return Registration(T, int(result.num_inliers), error, bool(result.converged))

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from armsight.arrays import Floats, Points, Pose
-from armsight.geometry.cloud import statistical_inliers, voxel_centroids, within_sphere
 from armsight.geometry.pose import transform
-from armsight.geometry.registration import icp
+
+from .clouds import icp, statistical_inliers, voxel_centroids, within_sphere
 
 REACH = 0.05
 """Points of two clouds that are farther apart do not belong together [m]."""

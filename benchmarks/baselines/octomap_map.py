@@ -9,10 +9,11 @@ import numpy as np
 import octomap
 
 from armsight.arrays import Bytes, Points, Pose, Vector3
-from armsight.geometry.cloud import within_sphere
 from armsight.geometry.pose import transform
-from armsight.mapping.cleaning import CloudMerger
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
+
+from .clouds import within_sphere
+from .merged_clouds import CloudMerger
 
 
 class OctomapBaseline:

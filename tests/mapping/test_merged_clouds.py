@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from armsight.geometry.pose import exp, inverse, transform
-from armsight.mapping import cleaning
-from armsight.mapping.octomap_baseline import OctomapBaseline
 from armsight.mapping.snapshot import FREE, OCCUPIED
+from baselines import merged_clouds as cleaning
+from baselines.octomap_map import OctomapBaseline
 
 from . import scenes
 
