@@ -1,8 +1,12 @@
 """What tests of every room share."""
 
+import os
 from pathlib import Path
 
 import pytest
+
+# As the command line has it (cli.py), before anything loads numpy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _opengl = {"name": "", "problem": "not looked for"}
 

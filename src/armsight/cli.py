@@ -81,6 +81,9 @@ INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
+    # Ours are many small matrices. OpenBLAS's threads, which wait for each other in a busy loop,
+    # make a calibration take three times the processor time, and the arm's loop wants the cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 
