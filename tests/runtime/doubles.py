@@ -187,6 +187,7 @@ def make_cell():
         mixed=False,
         show_joints=None,
         robot=SimpleNamespace(name="fake", n=2),
+        health=lambda: (),
     )
 
 

@@ -1,12 +1,10 @@
 """The packaged cells, the file's poses in the base frame, drivers, and the generated reference."""
 
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from armsight.errors import DeviceError, WorkcellError
 from armsight.geometry.pose import inverse, transform
 from armsight.workcell import (
     camera_info_of,
@@ -16,7 +14,6 @@ from armsight.workcell import (
     robot_in,
     world_spec,
 )
-from armsight.workcell import drivers as drivers_module
 from armsight.workcell.document import renewed
 from armsight.workcell.packaged import folder, packaged
 
@@ -156,93 +153,6 @@ def test_open_cell_simulates(gl):
         assert opened.clock.now() == pytest.approx(0.2)
         assert opened.arm.read().position == pytest.approx(opened.robot.home, abs=1e-3)
     opened.close()  # again does no harm
-
-
-class Arm:
-    joint_names = ("a",)
-    stopped = closed = False
-
-    def stop(self):
-        self.stopped = True
-
-    def close(self):
-        self.closed = True
-
-
-class FakeDriver:
-    arms: list[Arm] = []  # noqa: RUF012
-
-    def open_arm(self, settings, robot, clock):
-        assert settings.connection == {"host": "198.51.100.7"}
-        self.arms.append(Arm())
-        return self.arms[-1]
-
-    def open_camera(self, settings, info, clock):
-        if settings.name == "dead":
-            raise DeviceError("camera dead: not there")
-        return Arm()
-
-
-def broken():
-    raise ImportError("no SDK; install armsight-ur[sdk]")
-
-
-@pytest.fixture
-def plugged(monkeypatch):
-    entries = {
-        "fake": EntryPoint("fake", f"{__name__}:FakeDriver", drivers_module.GROUP),
-        "broken": EntryPoint("broken", f"{__name__}:broken", drivers_module.GROUP),
-    }
-    monkeypatch.setattr(drivers_module, "_plugged_in", lambda: entries)
-    monkeypatch.setattr(EntryPoint, "load", lambda self: globals()[self.attr])
-    FakeDriver.arms.clear()
-
-
-REAL = """
-[cell]
-name = "real"
-[robot]
-model = "ur5"
-driver = "fake"
-connection = { host = "198.51.100.7" }
-[[camera]]
-name = "c"
-driver = "fake"
-model = "kinect_v2"
-position = [1.5, 0.0, 1.0]
-look_at = [0.0, 0.0, 0.5]
-"""
-
-
-@pytest.mark.usefixtures("plugged")
-def test_real_drivers_plug_in():
-    cell = open_cell(parse_workcell(REAL))
-    assert not cell.simulated
-    assert cell.clock.now() < cell.clock.now() or cell.clock.now() >= 0.0
-    cell.close()
-    assert FakeDriver.arms[0].stopped
-    assert FakeDriver.arms[0].closed
-
-
-@pytest.mark.usefixtures("plugged")
-def test_what_was_opened_is_closed_when_a_camera_fails():
-    with pytest.raises(DeviceError, match="camera dead: not there"):
-        open_cell(parse_workcell(REAL.replace('name = "c"', 'name = "dead"')))
-    assert FakeDriver.arms[0].closed
-
-
-@pytest.mark.usefixtures("plugged")
-def test_simulated_and_real_do_not_mix():
-    text = REAL.replace('driver = "fake"\nmodel = "kinect_v2"', 'model = "kinect_v2"')
-    with pytest.raises(WorkcellError, match="mix simulated and real devices"):
-        open_cell(parse_workcell(text))
-
-
-@pytest.mark.usefixtures("plugged")
-def test_a_broken_driver_says_what_is_missing():
-    text = REAL.replace('driver = "fake"\nconnection', 'driver = "broken"\nconnection')
-    with pytest.raises(DeviceError, match=r'driver "broken" .* no SDK; install armsight-ur'):
-        open_cell(parse_workcell(text))
 
 
 def test_the_reference_is_current():

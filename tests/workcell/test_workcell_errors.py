@@ -266,9 +266,9 @@ look_at = [0, 0, 0]
     assert problems(text) == [
         'robot.speed: found "half", expected a number (Share of the joints\' speed limits that may '
         "be used)",
-        'camera[1] "north".position: missing (Origin of the depth lens, in world or in the '
-        "flange's frame [m])",
+        'camera[1] "north".position: missing (Origin of the depth (or left) lens, in world '
+        "or in the flange's frame [m])",
         'camera[1] "north".positon: unknown key; did you mean "position"? known: name, model, '
         "driver, mounted_on, position, look_at, rpy_deg, quaternion_xyzw, rate_hz, latency_ms, "
-        "phase_ms, connection",
+        "connection, phase_ms, guard",
     ]

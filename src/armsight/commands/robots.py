@@ -59,6 +59,7 @@ class Listing:
         from rich.table import Table
 
         from armsight.devices.camera_models import CAMERA_MODELS
+        from armsight.devices.port import GROUPS
         from armsight.robots.report import robots_table, tools_table
         from armsight.workcell.drivers import driver_names
         from armsight.workcell.packaged import packaged
@@ -86,7 +87,8 @@ class Listing:
         out.print(robots_table())
         out.print(tools_table())
         out.print(cameras)
-        out.print(f"Drivers: {', '.join(driver_names())}")
+        for kind in GROUPS:
+            out.print(f"{kind} drivers: {', '.join(driver_names(kind))}")
         out.print(f"Cells:   {', '.join(packaged())}")
         return 0
 

@@ -39,6 +39,7 @@ class RunOptions:
         speed: simulated seconds a second; inf as fast as possible.
         observers: more components that look on.
         cell_is_empty: somebody has looked: nobody is in the cell when it starts.
+        look_only: send the arm no command at all.
         make: builds map, planner and guard, where not those of a live cell.
     """
 
@@ -49,6 +50,7 @@ class RunOptions:
     speed: float = 1.0
     observers: Sequence[Component] = ()
     cell_is_empty: bool = False
+    look_only: bool = False
     make: MakeParts | None = None
 
 
@@ -64,6 +66,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             seed=wanted.seed,
             observers=wanted.observers,
             cell_is_empty=wanted.cell_is_empty,
+            look_only=wanted.look_only,
             make=wanted.make or make_parts,
         )
         if wanted.record is not None:

@@ -13,7 +13,7 @@ from armsight.commands.serving import Page
 
 @dataclass(frozen=True)
 class View:
-    """Show a cell and its map on the live page; the arm holds still.
+    """Show a cell and its map on the live page; the arm gets no command.
 
     Example: armsight view workcells/panda_table.toml
 
@@ -53,6 +53,7 @@ class View:
                 record=self.record,
                 seed=self.seed,
                 speed=speed_of(self.speed, self.headless),
+                look_only=True,
             )
             session = run_session(cell, None, wanted)
         return exit_code(session, self.seconds)

@@ -41,6 +41,7 @@ class DrivenCamera:
         opener: Callable[[CameraSettings], CameraDriver],
         describe: Callable[[CameraReport], RgbdCameraInfo],
         clock: WallClock,
+        latency: float | None = None,
     ) -> None:
         """Open the camera.
 
@@ -49,10 +50,12 @@ class DrivenCamera:
             opener: the driver's class.
             describe: what the cell makes of the driver's report: its place, its calibration.
             clock: the cell's.
+            latency: exposure to arrival [s]; the driver's word if absent.
 
         Raises:
             DeviceError: it cannot be opened, or reports something that cannot be.
         """
+        self._latency = latency
         self._label = settings.name
         self.name = f"camera '{settings.name}'"
         self._wanted = self._told = False
@@ -121,7 +124,7 @@ class DrivenCamera:
                 f"{before.model}); if it is another camera, start again and calibrate it"
             )
         self._report, self._told = report, False
-        return report.latency
+        return report.latency if self._latency is None else self._latency
 
     def _pass_on_color(self, driver: Any) -> None:
         if self._wanted != self._told:
@@ -149,8 +152,10 @@ class DrivenStereo:
         opener: Callable[[CameraSettings], StereoDriver],
         describe: Callable[[StereoReport], StereoInfo],
         clock: WallClock,
+        latency: float | None = None,
     ) -> None:
         """Open the pair; arguments and errors as of :class:`DrivenCamera`."""
+        self._latency = latency
         self._label = settings.name
         self.name = f"stereo '{settings.name}'"
         self._wanted = False
@@ -206,7 +211,7 @@ class DrivenStereo:
                 f"{before.model}); if it is another pair, start again and calibrate it"
             )
         self._report = report
-        return report.latency
+        return report.latency if self._latency is None else self._latency
 
     def _frame(self, reading: StereoReading, stamp: float, arrival: float) -> StereoFrame:
         report = self._known()

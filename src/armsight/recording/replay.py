@@ -125,7 +125,7 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
 
 
 def _as_recorded(text: str, robot: str) -> str:
-    """The cell's file without people: nobody is simulated, and motion clips may not be here.
+    """The cell's file without people and drivers: none are needed, and they may not be here.
 
     A robot of the user's own was named relative to the file; the recording knows where it lay.
     """
@@ -134,6 +134,10 @@ def _as_recorded(text: str, robot: str) -> str:
         document["robot"]["model"] = robot
     for key in ("person", "object", "undeclared"):
         document.get("simulation", {}).pop(key, None)
+    for key in ("camera", "stereo", "wrench", "gripper"):
+        document.pop(key, None)
+    for key in ("driver", "connection"):
+        document.get("robot", {}).pop(key, None)
     return tomlkit.dumps(document)
 
 

@@ -201,7 +201,9 @@ class Scribe:
     def health(self, view: SessionView, now: float) -> None:
         """Write how components and cameras are."""
         cameras = () if view.snapshot is None else view.snapshot.cameras
-        data = messages.encode_diagnostics(health_to_statuses(view.health, cameras), now)
+        data = messages.encode_diagnostics(
+            health_to_statuses(view.health, cameras, view.devices), now
+        )
         self._write("/diagnostics", messages.DIAGNOSTICS, data, now, now)
 
     def _latch(self, topic: str, kind: str, data: bytes, now: float) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from armsight.arrays import JointPath, JointVector, Vector3
+from armsight.devices.line import DeviceHealth
 from armsight.mapping.snapshot import CameraStatus
 from armsight.motion.data import GuardMode, GuardStatus
 from armsight.runtime.view import ComponentHealth
@@ -78,9 +79,11 @@ def guard_from_status(
 
 
 def health_to_statuses(
-    components: Sequence[ComponentHealth], cameras: Sequence[CameraStatus]
+    components: Sequence[ComponentHealth],
+    cameras: Sequence[CameraStatus],
+    devices: Sequence[DeviceHealth] = (),
 ) -> list[Status]:
-    """One status a component and a camera."""
+    """One status a component, a camera and a device behind a driver."""
     statuses: list[Status] = []
     for component in components:
         values = {
@@ -100,6 +103,16 @@ def health_to_statuses(
         }
         level = 0 if camera.alive else 2
         statuses.append((level, f"camera/{camera.name}", camera.reason, values))
+    for device in devices:
+        values = {
+            "stage": device.stage,
+            "readings": str(device.readings),
+            "opened": str(device.opened),
+            "clock_error_ms": f"{1e3 * device.clock_error:.3f}",
+            "clock_drift_ppm": f"{1e6 * device.clock_drift:.1f}",
+        }
+        level = 0 if device.stage == "open" else 2
+        statuses.append((level, f"device/{device.name}", device.reason, values))
     return statuses
 
 

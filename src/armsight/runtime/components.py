@@ -253,8 +253,13 @@ class GuardComponent:
                 sent = self._arm.command_velocity(decision.command)
             self.problem = ""
         except DeviceError as error:
-            self._arm.stop()
             self.problem = str(error)
+            try:
+                self._arm.stop()
+            except DeviceError as second:
+                if str(second) != str(error):
+                    raise DeviceError(f"{error}; moreover {second}") from error
+                raise
             sent = np.zeros_like(decision.command)
             status = replace(status, reason=self.problem)
         self._channels.status.publish(replace(status, command=sent, timings=timings), at)

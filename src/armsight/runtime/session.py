@@ -169,6 +169,7 @@ class Session:
             guard=channels.status.read(now),
             frames=channels.frames.newest(),
             readings=channels.readings.all(),
+            devices=self.cell.health(),
             health=self.health(),
             face=channels.face.read(now),
             movers=self._movers,
@@ -523,7 +524,10 @@ class Session:
                 self._advance(now)
         last = self._loop.meters["guard"].report().last
         if math.isfinite(last) and now - last > HEARTBEAT:
-            self._arm.stop()
+            try:
+                self._arm.stop()
+            except DeviceError:  # it is told again, and heard, when the run has ended
+                self._loop.stop()
 
     def _read_movers(self) -> tuple[tuple[MovingSolid, ...], tuple[MovingSurfaces, ...]]:
         world = self.cell.world

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.line import DeviceHealth
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
@@ -44,6 +45,7 @@ class SessionView:
         joints: newest reading.
         snapshot: newest map; guard: newest guard status.
         frames: newest frame of each camera.
+        devices: of every device behind a driver.
         readings: newest of every other kind: arm status, wrench, gripper, stereo pairs.
         health: of every component.
         face: what the task shows of itself; None without a task, or one that shows nothing.
@@ -60,6 +62,7 @@ class SessionView:
     guard: GuardStatus | None
     frames: tuple[RgbdFrame, ...] = ()
     readings: tuple[Any, ...] = ()
+    devices: tuple[DeviceHealth, ...] = ()
     health: tuple[ComponentHealth, ...] = ()
     face: ShownFace | None = None
     movers: tuple[MovingSolid, ...] = field(default=())

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, DepthImage, Pose
-from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame
+from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
 from armsight.simulation.clock import SimulatedClock
@@ -318,13 +318,29 @@ class SimulatedCamera:
 class SimulatedStereo:
     """Implements :class:`armsight.devices.protocols.StereoCamera`: the pair's two colour pictures.
 
-    Colour is slow without a GPU: the pair takes pictures from the first :meth:`read` on.
+    Attributes:
+        faults: what goes wrong, see :class:`Fault`.
+        unit: the truth about it; its left lens is ``depth``, its right one ``color``.
     """
 
-    def __init__(self, camera: SimulatedCamera, spec: CameraSpec, clock: SimulatedClock) -> None:
-        self._camera = camera
-        self._timing = _Timing(spec, clock, (0,))
-        self._timing.faults = camera.faults
+    def __init__(self, spec: CameraSpec, clock: SimulatedClock, seed: tuple[int, ...]) -> None:
+        self._spec = spec
+        self._timing = _Timing(spec, clock, (*seed, 1))
+        self.faults = self._timing.faults
+        self.unit = draw_camera(spec, seed)
+        info = spec.info
+        assert info.color is not None
+        self._info = StereoInfo(
+            info.name,
+            info.model,
+            info.depth,
+            info.color,
+            info.T_depth_color,
+            info.mounted_on,
+            info.T_mount_camera,
+            info.rate,
+            info.latency,
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -334,19 +350,26 @@ class SimulatedStereo:
         self._wanted = False
 
     @property
-    def info(self) -> RgbdCameraInfo:
-        """The left lens is ``depth``, the right one ``color``."""
-        return self._camera.info
+    def info(self) -> StereoInfo:
+        """What the cell believes of it."""
+        return self._info
 
     @property
     def T_mount_camera(self) -> Pose:
-        """Where the left lens truly is."""
-        return self._camera.T_mount_camera
+        """Where the left lens truly is: in world when fixed, else in the flange."""
+        return self.unit.T_mount_camera
+
+    def want_pictures(self, wanted: bool) -> None:
+        """Ask for pairs from the next exposure on, or spare them."""
+        self._wanted = wanted
 
     def read(self) -> StereoFrame | None:
-        """The newest pair that has arrived since the last call, or None."""
+        """The newest pair that has arrived since the last call, or None.
+
+        Raises:
+            DeviceError: the pair is lost.
+        """
         self._timing.check()
-        self._wanted = True
         found = self._deliveries.newest(self._timing.clock.now())
         if found is None:
             return None
@@ -363,14 +386,14 @@ class SimulatedStereo:
     ) -> None:
         """Open both shutters at ``now`` [s]."""
         times = self._timing.expose(now)
-        if times is None or not self._wanted or self.info.color is None:
+        if times is None or not self._wanted:
             return
-        shot = take(T_world_camera, self._camera.unit.depth, "color")
+        shot = take(T_world_camera, self.unit.depth, "color")
         picture = renders.submit(lambda: self._develop(renders, shot, T_world_camera))
         self._deliveries.add(_Delivery(*times, picture), now, cancel=True)
 
     def _develop(self, renders: RenderThread, shot: Shot, T: Pose) -> tuple[ColorImage, ColorImage]:
-        unit = self._camera.unit
+        unit = self.unit
         assert unit.color is not None
         left = renders.renderer.color(shot, unit.depth)
         renders.renderer.aim(shot, T @ unit.T_depth_color, unit.color)

@@ -68,6 +68,7 @@ class CellModel:
         object_bodies: mocap index of each moving object.
         materials: code of each geom's material, its place in :data:`MATERIALS`.
         greatest_load: torque that the arm's weight asks of a joint [N m].
+        wrench: places in ``sensordata`` of the flange's force and torque, or None.
     """
 
     model: Any
@@ -77,6 +78,7 @@ class CellModel:
     object_bodies: tuple[int, ...]
     materials: Bytes
     greatest_load: float
+    wrench: tuple[int, int] | None = None
 
 
 def build_model(
@@ -107,7 +109,9 @@ def build_model(
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "static")
     for solid in spec.undeclared:
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "undeclared")
-    link_names = builder.arm(spec.arm.robot, spec.arm.T_world_base, T_link_joint_true)
+    link_names = builder.arm(
+        spec.arm.robot, spec.arm.T_world_base, T_link_joint_true, spec.wrench is not None
+    )
     people_first = tuple(builder.person(person) for person in people)
     objects_first = tuple(builder.moving_object(item) for item in spec.objects)
     _add_servos(mj, spec.arm.robot)
@@ -136,11 +140,18 @@ def build_model(
         tuple(int(model.body(name).mocapid[0]) for name in objects_first),
         materials,
         load,
+        None
+        if spec.wrench is None
+        else (int(model.sensor("flange/force").adr[0]), int(model.sensor("flange/torque").adr[0])),
     )
 
 
 MATERIALS = ("plain", "black_plastic", "shiny")
 """Materials that the sensors tell apart, in the order of their codes."""
+
+
+TOOL_GYRATION = 0.03
+"""Radius of gyration that is assumed of a tool [m]."""
 
 
 class _Builder:
@@ -203,8 +214,12 @@ class _Builder:
             **options,
         )
 
-    def arm(self, robot: Robot, T_world_base: Pose, T_link_joint: Poses) -> tuple[str, ...]:
+    def arm(
+        self, robot: Robot, T_world_base: Pose, T_link_joint: Poses, sensing: bool
+    ) -> tuple[str, ...]:
+        """The links; with a force sensor the tool is a body of its own, else part of the last."""
         body = self.mj.worldbody
+        tool = robot.tool
         names = []
         for link in range(robot.n + 1):
             T = T_world_base if link == 0 else T_link_joint[link - 1]
@@ -218,21 +233,48 @@ class _Builder:
                     axis=robot.axis[link - 1],
                     limited=mujoco.mjtLimited.mjLIMITED_FALSE,
                 )
-            self._inertia(body, robot, link)
+            self._inertia(body, robot, link, with_tool=not sensing)
             meshes = [(m, m.T_link_mesh) for m in robot.meshes if m.link == link]
-            if link == robot.n and robot.tool is not None:
-                meshes += [(m, robot.T_last_flange @ m.T_link_mesh) for m in robot.tool.meshes]
+            if link == robot.n and tool is not None and not sensing:
+                meshes += [(m, robot.T_last_flange @ m.T_link_mesh) for m in tool.meshes]
             self._link(body, robot, link, meshes)
+        if sensing:
+            self._flange(body, robot)
         return tuple(names)
 
+    def _flange(self, last: Any, robot: Robot) -> None:
+        """What hangs on the force sensor."""
+        T, tool = robot.T_last_flange, robot.tool
+        body = last.add_body(name="arm/flange", pos=T[:3, 3], quat=to_wxyz(T), gravcomp=1.0)
+        mass = 1e-3 if tool is None else max(tool.mass, 1e-3)
+        center = np.zeros(3) if tool is None else tool.center_of_mass
+        _set_inertia(body, mass, center, np.eye(3) * mass * TOOL_GYRATION**2)
+        if tool is not None:
+            meshes = [(m, m.T_link_mesh) for m in tool.meshes]
+            if meshes:
+                self._link(body, robot, robot.n, meshes, "arm/tool")
+        site = body.add_site(name="flange")
+        for kind, name in (
+            (mujoco.mjtSensor.mjSENS_FORCE, "flange/force"),
+            (mujoco.mjtSensor.mjSENS_TORQUE, "flange/torque"),
+        ):
+            self.mj.add_sensor(
+                name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site.name
+            )
+
     def _link(
-        self, body: Any, robot: Robot, link: int, meshes: Sequence[tuple[LinkMesh, Pose]]
+        self,
+        body: Any,
+        robot: Robot,
+        link: int,
+        meshes: Sequence[tuple[LinkMesh, Pose]],
+        prefix: str = "arm",
     ) -> None:
         part = Part("arm", robot.name, robot.link_names[link], link)
         for number, (mesh, T) in enumerate(meshes):
             surface = load_mesh(mesh.path)
             vertices, faces = surface.vertices * np.asarray(mesh.scale), np.asarray(surface.faces)
-            name = f"arm/{link}/{number}/{mesh.path.stem}"
+            name = f"{prefix}/{link}/{number}/{mesh.path.stem}"
             material = looks.arm_material(self.mj, mesh.color)
             coarse = mesh.path.parent / "coarse" / mesh.path.name
             group = SEEN
@@ -263,10 +305,10 @@ class _Builder:
                 self._geom(body, part, **shape, material=material, contype=0, conaffinity=0)
                 self._geom(body, part, **shape, **_TOUCHING)
 
-    def _inertia(self, body: Any, robot: Robot, link: int) -> None:
+    def _inertia(self, body: Any, robot: Robot, link: int, with_tool: bool = True) -> None:
         mass, com = float(robot.link_mass[link]), robot.link_com[link]
         inertia = robot.link_inertia[link]
-        tool = robot.tool
+        tool = robot.tool if with_tool else None
         if link == robot.n and tool is not None and tool.mass > 0:
             p = robot.T_last_flange[:3, :3] @ tool.center_of_mass + robot.T_last_flange[:3, 3]
             total = mass + tool.mass
@@ -275,15 +317,11 @@ class _Builder:
                 inertia
                 + _point_inertia(mass, com - center)
                 + _point_inertia(tool.mass, p - center)
-                + np.eye(3) * tool.mass * 0.03**2
+                + np.eye(3) * tool.mass * TOOL_GYRATION**2
             )
             mass, com = total, center
         mass = max(mass, 1e-3)
-        i = inertia + np.eye(3) * 1e-6 * mass
-        body.explicitinertial = True
-        body.mass = mass
-        body.ipos = com
-        body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+        _set_inertia(body, mass, com, inertia + np.eye(3) * 1e-6 * mass)
 
     def person(self, person: PersonBody) -> str:
         first = ""
@@ -396,6 +434,14 @@ def _capsule(start: Floats, end: Floats, radius: float) -> dict[str, Any]:
 
 def _point_inertia(mass: float, offset: Floats) -> Floats:
     return np.asarray(mass * (offset @ offset * np.eye(3) - np.outer(offset, offset)))
+
+
+def _set_inertia(body: Any, mass: float, center: Floats, inertia: Floats) -> None:
+    i = inertia
+    body.explicitinertial = True
+    body.mass = mass
+    body.ipos = center
+    body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
 
 
 def _add_servos(mj: Any, robot: Robot) -> None:

@@ -76,6 +76,41 @@ class CameraSpec:
 
 
 @dataclass(frozen=True)
+class WrenchSpec:
+    """A simulated force sensor at the flange.
+
+    Attributes:
+        rate: readings a second [Hz].
+        noise: standard deviations of force [N] and torque [N m].
+        bias: standard deviations of the constant errors of force [N] and torque [N m].
+        low_pass: corner of the first-order filter [Hz].
+        latency: measurement to arrival [s].
+    """
+
+    rate: float = 100.0
+    noise: tuple[float, float] = (0.1, 0.005)
+    bias: tuple[float, float] = (1.0, 0.02)
+    low_pass: float = 30.0
+    latency: float = 0.004
+
+
+@dataclass(frozen=True)
+class GripperSpec:
+    """A simulated gripper.
+
+    Attributes:
+        opening: greatest width [m].
+        speed: of the fingertips against each other [m/s].
+        delay: command to motion [s]; rate: readings a second [Hz].
+    """
+
+    opening: float = 0.085
+    speed: float = 0.1
+    delay: float = 0.03
+    rate: float = 50.0
+
+
+@dataclass(frozen=True)
 class PersonSpec:
     """Someone in the cell.
 
@@ -143,6 +178,8 @@ class WorldSpec:
         people, objects: what moves.
         floor: whether there is a floor at z = 0.
         time_step: of the physics [s].
+        stereo: stereo pairs: the left lens is ``depth``, the right one ``color``.
+        wrench: the force sensor at the flange, or None; gripper: likewise.
     """
 
     arm: ArmSpec
@@ -153,3 +190,6 @@ class WorldSpec:
     objects: tuple[MovingObjectSpec, ...] = ()
     floor: bool = True
     time_step: float = 0.002
+    stereo: tuple[CameraSpec, ...] = ()
+    wrench: WrenchSpec | None = None
+    gripper: GripperSpec | None = None

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import ColorImage, Pose, Vector3
-from armsight.devices.camera_models import camera_model
+from armsight.arrays import ColorImage, JointVector, Pose, Vector3
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
@@ -19,6 +18,7 @@ from armsight.simulation.arm_errors import compliance, true_geometry
 from armsight.simulation.cameras import SimulatedCamera, SimulatedStereo, make_rivals
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.gl import mujoco
+from armsight.simulation.gripper import SimulatedGripper
 from armsight.simulation.looks import cloth_colors
 from armsight.simulation.model import build_model
 from armsight.simulation.movers import (
@@ -33,6 +33,7 @@ from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import Kind, Renderer, Shot
 from armsight.simulation.spec import WorldSpec
 from armsight.simulation.truth import Truth
+from armsight.simulation.wrench import SimulatedWrench
 
 MOVER_PERIOD = 0.004
 """Seconds between updates of people and objects [s]."""
@@ -79,16 +80,20 @@ class SimulatedWorld:
         )
         make_rivals(self.cameras)
         self.stereo_cameras = tuple(
-            SimulatedStereo(camera, camera_spec, self.clock)
-            for camera, camera_spec in zip(self.cameras, spec.cameras)
-            if camera_model(camera.info.model).principle == "stereo"
+            SimulatedStereo(pair, self.clock, (seed, 40 + i)) for i, pair in enumerate(spec.stereo)
         )
+        self.wrench = (
+            None
+            if spec.wrench is None
+            else SimulatedWrench(spec.wrench, self.clock, spec.time_step, (seed, 30))
+        )
+        self.gripper = None if spec.gripper is None else SimulatedGripper(spec.gripper, self.clock)
         self._shutters: tuple[SimulatedCamera | SimulatedStereo, ...] = (
             *self.cameras,
             *self.stereo_cameras,
         )
         self.renderer = Renderer(self._cell)
-        if spec.cameras:
+        if spec.cameras or spec.stereo:
             self.renderer.open()
         self._renders = RenderThread(self.renderer)
         self.truth = Truth(self._cell, spec.arm.robot, self._data)
@@ -112,6 +117,9 @@ class SimulatedWorld:
         self._renders.finish()
         for camera in self._shutters:
             camera.reset()
+        for device in (self.wrench, self.gripper):
+            if device is not None:
+                device.reset()
         self.truth.reset()
         self._move_movers(0.0)
         mujoco.mj_forward(self._cell.model, self._data)
@@ -139,8 +147,22 @@ class SimulatedWorld:
                 truth.note_separation(now)
             step += 1
             self.arm.sense(step, step * dt, q, qd, drive, load)
+            if self.wrench is not None:
+                self._feel(self.wrench, step)
         self._step = step
         self.clock._set(max(until, self.clock.now()))
+
+    def show_joints(self, position: JointVector) -> None:
+        """Put the arm where a real one is, for cameras that are simulated beside it.
+
+        Args:
+            position: (n,) [rad].
+        """
+        n = self.spec.arm.robot.n
+        self._data.qpos[:n] = position
+        self._data.qvel[:n] = 0.0
+        self.arm.reference_position = np.array(position, float)
+        self.arm.reference_velocity = np.zeros(n)
 
     def movers(self) -> tuple[MovingSolid, ...]:
         """Every solid of people and moving objects where it is now, for drawing."""
@@ -204,6 +226,12 @@ class SimulatedWorld:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _feel(self, wrench: SimulatedWrench, step: int) -> None:
+        """Tell the force sensor what acts on the flange; MuJoCo gives what it acts with."""
+        assert self._cell.wrench is not None
+        force, torque = (self._data.sensordata[at : at + 3] for at in self._cell.wrench)
+        wrench.sense(step, step * self.spec.time_step, -force, -torque)
 
     def _mover(self, name: str) -> Any:
         owner = name.split("/")[0]

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import TracebackType
+from typing import Any, TypeVar
 
 import numpy as np
 
 from armsight.arrays import JointVector, Pose
 from armsight.devices.camera_models import camera_info
+from armsight.devices.clock import WallClock
 from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.line import DeviceHealth
 from armsight.devices.protocols import Arm, Clock, ForceSensor, Gripper, RgbdCamera, StereoCamera
 from armsight.devices.world import World
-from armsight.errors import ArmsightError, UsageError, WorkcellError
+from armsight.errors import DeviceError, UsageError
 from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Robot
 from armsight.simulation.spec import (
     ArmSpec,
     CameraSpec,
+    GripperSpec,
     MovingObjectSpec,
     PersonSpec,
     WorldSpec,
+    WrenchSpec,
 )
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell.calibration_file.reading import (
@@ -34,8 +38,22 @@ from armsight.workcell.calibration_file.reading import (
 )
 from armsight.workcell.calibration_file.schema import CellCalibration
 from armsight.workcell.checks import robot_of
-from armsight.workcell.drivers import SIMULATED, real_driver
-from armsight.workcell.schema import CameraSection, PersonSection, Workcell
+from armsight.workcell.drivers import SIMULATED
+from armsight.workcell.opening import (
+    Driven,
+    close_all,
+    open_arm,
+    open_camera,
+    open_gripper,
+    open_stereo,
+    open_wrench,
+)
+from armsight.workcell.schema import CameraSection, PersonSection, StereoSection, Workcell
+
+DEFAULT_STEREO = "wrist_stereo"
+"""Model of a simulated pair that names none."""
+
+Device = TypeVar("Device")
 
 
 @dataclass
@@ -88,18 +106,25 @@ class Cell:
         """The cameras whose pictures are evidence for the map and the guard."""
         return [camera.info for camera in self.cameras if camera.info.guard]
 
+    def health(self) -> tuple[DeviceHealth, ...]:
+        """How the devices behind drivers are."""
+        devices = (self.arm, *self.cameras, *self.sensors)
+        return tuple(device.health() for device in devices if isinstance(device, Driven))
+
     def close(self) -> None:
-        """Stop the arm and let go of every device; may be repeated."""
+        """Let go of every device, an arm that was commanded stopped before; may be repeated.
+
+        Raises:
+            DeviceError: a driver hung or raised; the others are closed all the same.
+        """
         if self._closed:
             return
         self._closed = True
+        errors = close_all((self.arm, *self.cameras, *self.sensors))
         if self.world is not None:
             self.world.close()
-            return
-        try:
-            self.arm.stop()
-        finally:
-            _close_all((*self.cameras, self.arm))
+        if errors:
+            raise errors[0]
 
     def __enter__(self) -> Cell:
         return self
@@ -110,13 +135,20 @@ class Cell:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except DeviceError:  # it has been logged; what ended the run goes first
+            if error is None:
+                raise
 
 
 def open_cell(
-    workcell: Workcell, seed: int = 0, clock: Clock | None = None, *, calibrated: bool = True
+    workcell: Workcell, seed: int = 0, clock: WallClock | None = None, *, calibrated: bool = True
 ) -> Cell:
     """Open every device of a cell.
+
+    Simulated and real devices mix: time is then the computer's, and the simulation keeps up with
+    it. Cameras that are simulated beside a real arm see it where it says it is.
 
     Args:
         workcell: from :func:`~armsight.workcell.load_workcell`.
@@ -127,38 +159,69 @@ def open_cell(
 
     Raises:
         DeviceError: a device is missing or refuses; those opened before it are closed again.
-        WorkcellError: simulated and real devices are mixed, or the calibration is not this cell's.
+        WorkcellError: the calibration is not this cell's.
     """
     calibration = calibration_of(workcell) if calibrated else None
     robot = calibrated_robot(robot_in(workcell), calibration)
-    T_world_base = workcell.robot.T_world_base
-    static = tuple(_in_base(s.solid, T_world_base) for s in workcell.solid)
-    drivers = {workcell.robot.driver, *(c.driver for c in workcell.camera)}
-    if drivers == {SIMULATED}:
-        world = SimulatedWorld(world_spec(workcell, calibration), seed)
-        return Cell(
-            workcell, robot, T_world_base, world.clock, world.arm, world.cameras, static, world
-        )
-    if SIMULATED in drivers:
-        raise WorkcellError(
-            f"{workcell.file or workcell.name}: robot.driver and camera.driver mix simulated and "
-            f"real devices ({', '.join(sorted(drivers))}), expected all simulated or none: they "
-            "do not share a clock"
-        )
-    clock = clock if clock is not None else _Monotonic()
+    simulated = [section.driver == SIMULATED for section in _device_sections(workcell)]
+    world = SimulatedWorld(world_spec(workcell, calibration), seed) if any(simulated) else None
+    mixed = world is not None and not all(simulated)
+    clock = clock or WallClock()
     opened: list[object] = []
+
+    def believe(declared: RgbdCameraInfo) -> RgbdCameraInfo:
+        return believed(declared, calibration)
+
+    def keep(device: Device) -> Device:
+        opened.append(device)
+        return device
+
+    cameras = {} if world is None else {c.info.name: c for c in world.cameras}
+    pairs = {} if world is None else {p.info.name: p for p in world.stereo_cameras}
+    own_arm = workcell.robot.driver == SIMULATED
+    arm: Arm
+    wrench: ForceSensor | None = None if world is None else world.wrench
+    gripper: Gripper | None = None if world is None else world.gripper
     try:
-        arm = real_driver(workcell.robot.driver).open_arm(workcell.robot, robot, clock)
-        opened.append(arm)
-        cameras = []
-        for section in workcell.camera:
-            info = camera_info_of(workcell, section, calibration)
-            cameras.append(real_driver(section.driver).open_camera(section, info, clock))
-            opened.append(cameras[-1])
+        if world is not None and own_arm:
+            arm = world.arm
+        else:
+            arm = keep(open_arm(workcell.robot, robot, clock))
+        if workcell.wrench is not None and wrench is None:
+            wrench = keep(open_wrench(workcell.wrench, clock))
+        if workcell.gripper is not None and gripper is None:
+            gripper = keep(open_gripper(workcell.gripper, clock))
+        return Cell(
+            workcell,
+            robot,
+            workcell.robot.T_world_base,
+            world.clock if world is not None and not mixed else clock,
+            arm,
+            tuple(
+                cameras.get(c.name) or keep(open_camera(workcell, c, clock, believe))
+                for c in workcell.camera
+            ),
+            tuple(_in_base(s.solid, workcell.robot.T_world_base) for s in workcell.solid),
+            world,
+            stereo=tuple(
+                pairs.get(s.name) or keep(open_stereo(workcell, s, clock)) for s in workcell.stereo
+            ),
+            wrench=wrench,
+            gripper=gripper,
+            mixed=mixed,
+            show_joints=None if world is None or own_arm else world.show_joints,
+        )
     except BaseException:
-        _close_all(opened[::-1])
+        close_all(opened)
+        if world is not None:
+            world.close()
         raise
-    return Cell(workcell, robot, T_world_base, clock, arm, tuple(cameras), static)
+
+
+def _device_sections(workcell: Workcell) -> list[Any]:
+    """Every table of the file that has a driver."""
+    hand = [section for section in (workcell.wrench, workcell.gripper) if section is not None]
+    return [workcell.robot, *workcell.camera, *workcell.stereo, *hand]
 
 
 def simulated_world(cell: Cell) -> SimulatedWorld:
@@ -203,7 +266,7 @@ def camera_info_of(
     ideal = section.driver == SIMULATED and not workcell.simulation.sensor_errors
     declared = camera_info(
         section.name,
-        section.model,
+        section.model or "",
         "base" if section.mounted_on == "world" else "flange",
         mount_pose(workcell, section),
         rate=section.rate_hz,
@@ -211,7 +274,18 @@ def camera_info_of(
         ideal_lens=ideal,
         color_scale=workcell.simulation.color_scale if section.driver == SIMULATED else 1.0,
     )
-    found = None if calibration is None else calibration.of(section.name)
+    if not section.guard:
+        declared = replace(declared, guard=False)
+    return believed(declared, calibration)
+
+
+def believed(declared: RgbdCameraInfo, calibration: CellCalibration | None) -> RgbdCameraInfo:
+    """What is declared of a camera, corrected by its calibration if it has one.
+
+    Raises:
+        WorkcellError: the calibration is of a camera with another resolution.
+    """
+    found = None if calibration is None else calibration.of(declared.name)
     return declared if found is None else calibrated_info(declared, found)
 
 
@@ -239,7 +313,9 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
     )
     return WorldSpec(
         arm=arm,
-        cameras=tuple(_camera(workcell, c, calibration) for c in workcell.camera),
+        cameras=tuple(
+            _camera(workcell, c, calibration) for c in workcell.camera if c.driver == SIMULATED
+        ),
         static=tuple(s.solid for s in workcell.solid),
         undeclared=tuple(s.solid for s in settings.undeclared),
         people=tuple(_person(workcell, p) for p in settings.person),
@@ -249,6 +325,9 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
         ),
         floor=settings.floor,
         time_step=settings.time_step_ms / 1e3,
+        stereo=tuple(_pair(workcell, s) for s in workcell.stereo if s.driver == SIMULATED),
+        wrench=_wrench(workcell),
+        gripper=_gripper(workcell),
     )
 
 
@@ -270,6 +349,52 @@ def _camera(
         phase=section.phase_ms / 1e3,
         systematic=settings.depth_error,
     )
+
+
+def _pair(workcell: Workcell, section: StereoSection) -> CameraSpec:
+    """A simulated pair: its left lens is ``depth``, its right lens ``color``."""
+    settings = workcell.simulation
+    mount = "base" if section.mounted_on == "world" else "flange"
+    return CameraSpec(
+        info=camera_info(
+            section.name,
+            section.model or DEFAULT_STEREO,
+            mount,
+            mount_pose(workcell, section),
+            rate=section.rate_hz,
+            latency=None if section.latency_ms is None else section.latency_ms / 1e3,
+            ideal_lens=not settings.sensor_errors,
+        ),
+        T_mount_camera_declared=section.T_mount_camera,
+        errors=False,
+        pose_error=(
+            settings.calibration_error_mm / 1e3,
+            float(np.deg2rad(settings.calibration_error_deg)),
+        ),
+        lens_error=settings.lens_error,
+        stamp_jitter=settings.stamp_jitter_ms / 1e3,
+    )
+
+
+def _wrench(workcell: Workcell) -> WrenchSpec | None:
+    section, errors = workcell.wrench, workcell.simulation.wrench
+    if section is None or section.driver != SIMULATED:
+        return None
+    on = float(workcell.simulation.sensor_errors)
+    return WrenchSpec(
+        rate=section.rate_hz,
+        noise=(on * errors.noise_n, on * errors.noise_nm),
+        bias=(on * errors.bias_n, on * errors.bias_nm),
+        low_pass=errors.low_pass_hz,
+        latency=errors.latency_ms / 1e3,
+    )
+
+
+def _gripper(workcell: Workcell) -> GripperSpec | None:
+    section = workcell.gripper
+    if section is None or section.driver != SIMULATED:
+        return None
+    return GripperSpec(section.opening, section.speed)
 
 
 def _person(workcell: Workcell, section: PersonSection) -> PersonSpec:
@@ -300,24 +425,3 @@ def _home(workcell: Workcell, robot: Robot) -> JointVector:
 
 def _in_base(solid: Solid, T_world_base: Pose) -> Solid:
     return replace(solid, T_frame_solid=inverse(T_world_base) @ solid.T_frame_solid)
-
-
-def _close_all(devices: Sequence[object]) -> None:
-    """Close what can be closed; one that fails does not keep the others open."""
-    for device in devices:
-        close = getattr(device, "close", None)
-        if close is not None:
-            try:
-                close()
-            except ArmsightError:
-                continue
-
-
-class _Monotonic:
-    """Seconds since it was made."""
-
-    def __init__(self) -> None:
-        self._start = time.monotonic()
-
-    def now(self) -> float:
-        return time.monotonic() - self._start

@@ -13,23 +13,26 @@ from pathlib import Path
 import numpy as np
 
 from armsight.devices.camera_models import CAMERA_MODELS
+from armsight.devices.port import Kind
 from armsight.errors import RobotError
 from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot, load_tool
 from armsight.robots.catalogue import is_path
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 from armsight.simulation.scripts import SCRIPTS
-from armsight.workcell.drivers import driver_names
+from armsight.workcell.drivers import SIMULATED, is_known, unknown
 from armsight.workcell.problems import Problem, nearest, shown
 from armsight.workcell.schema import (
     CameraSection,
     MappingSection,
+    MountedSection,
     ObjectSection,
     PatrolSection,
     PersonSection,
     RobotSection,
     SimulationSection,
     SolidSection,
+    StereoSection,
 )
 
 FARTHEST = 10.0
@@ -70,7 +73,7 @@ def check_robot(section: RobotSection) -> Iterator[Problem]:
             yield Problem("robot.model", str(error))
     if section.tool != "none" and section.tool not in TOOL_NAMES:
         yield Problem("robot.tool", _unknown("tool", section.tool, ("none", *TOOL_NAMES)))
-    yield from _driver("robot.driver", section.driver)
+    yield from check_driver("robot.driver", "arm", section.driver)
     yield from check_metres("robot.position", section.position)
     yield from check_degrees("robot.rpy_deg", section.rpy_deg)
     if robot is None:
@@ -116,40 +119,15 @@ def check_camera(
     where: str, section: CameraSection, robot: RobotSection | None
 ) -> Iterator[Problem]:
     """Model, driver, units, and whether the robot can be in the camera's range at all."""
-    yield from check_metres(f"{where}.position", section.position)
-    if section.rpy_deg is not None:
-        yield from check_degrees(f"{where}.rpy_deg", section.rpy_deg)
-    if section.look_at is not None:
-        yield from check_metres(f"{where}.look_at", section.look_at)
-    yield from _driver(f"{where}.driver", section.driver)
-    if section.latency_ms is not None and 0.0 < section.latency_ms < 0.5:
-        yield Problem(
-            f"{where}.latency_ms",
-            f"found {section.latency_ms:g}: looks like seconds, expected milliseconds",
-        )
-    if section.model not in CAMERA_MODELS:
-        yield Problem(f"{where}.model", _unknown("camera", section.model, CAMERA_MODELS))
+    model = CAMERA_MODELS.get(section.model or "")
+    yield from _check_mounted(where, section, "camera")
+    if model is None or robot is None or section.mounted_on == "flange":
         return
-    fastest = CAMERA_MODELS[section.model].max_rate
-    if section.rate_hz is not None and section.rate_hz > fastest:
-        yield Problem(
-            f"{where}.rate_hz",
-            f"found {section.rate_hz:g}, expected at most {fastest:g} [Hz] of {section.model}",
-        )
-    if robot is None or not _sane(section.position):
-        return
-    if section.mounted_on == "flange":
-        distance = float(np.linalg.norm(section.position))
-        if distance > 1.0:
-            yield Problem(
-                f"{where}.position",
-                f"found {shown(section.position)}, {distance:.3g} m from the flange, expected "
-                'at most 1 m (it is in the flange\'s frame; mounted_on = "world" for a fixed one)',
-            )
+    if not _sane(section.position):
         return
     arm = _arm(robot)
     reach = 1.0 if arm is None else arm.reach
-    farthest = CAMERA_MODELS[section.model].range[1]
+    farthest = model.range[1]
     distance = float(np.linalg.norm(np.subtract(section.position, robot.position)))
     if distance - reach > farthest:
         yield Problem(
@@ -157,6 +135,57 @@ def check_camera(
             f"found {shown(section.position)}, {distance:.3g} m from the robot, expected at most "
             f"{farthest + reach:.3g} m: {section.model} sees {farthest:g} m far and the robot "
             f"reaches {reach:g} m",
+        )
+
+
+def check_stereo(where: str, section: StereoSection) -> Iterator[Problem]:
+    """Model, driver and units of a stereo pair."""
+    yield from _check_mounted(where, section, "stereo")
+    model = CAMERA_MODELS.get(section.model or "")
+    if model is not None and section.driver == SIMULATED and model.principle != "stereo":
+        pairs = [name for name, entry in CAMERA_MODELS.items() if entry.principle == "stereo"]
+        yield Problem(
+            f"{where}.model",
+            f'found "{section.model}", which is no stereo pair; expected one of {", ".join(pairs)}',
+        )
+
+
+def _check_mounted(where: str, section: MountedSection, kind: Kind) -> Iterator[Problem]:
+    """What holds for everything with lenses."""
+    yield from check_metres(f"{where}.position", section.position)
+    if section.rpy_deg is not None:
+        yield from check_degrees(f"{where}.rpy_deg", section.rpy_deg)
+    if section.look_at is not None:
+        yield from check_metres(f"{where}.look_at", section.look_at)
+    yield from check_driver(f"{where}.driver", kind, section.driver)
+    if section.latency_ms is not None and 0.0 < section.latency_ms < 0.5:
+        yield Problem(
+            f"{where}.latency_ms",
+            f"found {section.latency_ms:g}: looks like seconds, expected milliseconds",
+        )
+    if section.model is None:
+        if section.driver == SIMULATED and kind == "camera":
+            yield Problem(
+                f"{where}.model",
+                "missing (Key of the camera catalogue); a simulated camera needs one; "
+                f"known: {', '.join(CAMERA_MODELS)}",
+            )
+    elif section.model not in CAMERA_MODELS:
+        if section.driver == SIMULATED:  # a real camera may be called what its owner likes
+            yield Problem(f"{where}.model", _unknown("camera", section.model, CAMERA_MODELS))
+    else:
+        fastest = CAMERA_MODELS[section.model].max_rate
+        if section.rate_hz is not None and section.rate_hz > fastest:
+            yield Problem(
+                f"{where}.rate_hz",
+                f"found {section.rate_hz:g}, expected at most {fastest:g} [Hz] of {section.model}",
+            )
+    distance = float(np.linalg.norm(section.position))
+    if section.mounted_on == "flange" and distance > 1.0 and _sane(section.position):
+        yield Problem(
+            f"{where}.position",
+            f"found {shown(section.position)}, {distance:.3g} m from the flange, expected "
+            'at most 1 m (it is in the flange\'s frame; mounted_on = "world" for a fixed one)',
         )
 
 
@@ -323,9 +352,10 @@ def _sane(position: Sequence[float]) -> bool:
     return max(map(abs, position)) <= FARTHEST
 
 
-def _driver(where: str, name: str) -> Iterator[Problem]:
-    if name not in driver_names():
-        yield Problem(where, _unknown("driver", name, driver_names()))
+def check_driver(where: str, kind: Kind, name: str) -> Iterator[Problem]:
+    """That there is such a driver; none of its code is run."""
+    if not is_known(kind, name):
+        yield Problem(where, unknown(kind, name))
 
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:

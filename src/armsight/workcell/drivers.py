@@ -1,79 +1,117 @@
-"""Which drivers there are. Real ones plug in through the entry-point group ``armsight.drivers``.
+"""Finds drivers: by an entry point of their kind, or named in the cell file as ``module:Class``.
 
 A driver package declares, in its ``pyproject.toml``::
 
-    [project.entry-points."armsight.drivers"]
-    ur_rtde = "armsight_ur:Driver"
+    [project.entry-points."armsight.cameras"]
+    realsense = "armsight_realsense:Camera"
 
-and the cell file then says ``driver = "ur_rtde"``. The object named there is called without
-arguments and must satisfy :class:`Driver`.
+and the cell file then says ``driver = "realsense"``. A class in a module that Python finds needs no
+package: ``driver = "my_camera:Camera"``. What a driver is stands in :mod:`armsight.devices.port`.
 """
 
 from __future__ import annotations
 
+import difflib
+import importlib
+import importlib.util
+import re
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Protocol
+from typing import Any
 
-from armsight.devices.data import RgbdCameraInfo
-from armsight.devices.protocols import Arm, Clock, RgbdCamera
+from armsight.devices.port import GROUPS, Kind
 from armsight.errors import DeviceError
-from armsight.robots.robot import Robot
-from armsight.workcell.problems import nearest
-from armsight.workcell.schema import CameraSection, RobotSection
 
-GROUP = "armsight.drivers"
 SIMULATED = "simulated"
 
 
-class Driver(Protocol):
-    """Opens real devices. What it opens may have a ``close()``, which the cell calls at its end."""
-
-    def open_arm(self, settings: RobotSection, robot: Robot, clock: Clock) -> Arm:
-        """Connect to the arm.
-
-        Raises:
-            DeviceError: it is not there, or refuses.
-        """
-        ...
-
-    def open_camera(
-        self, settings: CameraSection, info: RgbdCameraInfo, clock: Clock
-    ) -> RgbdCamera:
-        """Connect to a camera; ``info`` is what the catalogue and the cell say of it.
-
-        Raises:
-            DeviceError: it is not there, or says something that cannot be.
-        """
-        ...
-
-
 @cache
-def _plugged_in() -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
+def _plugged_in(kind: Kind) -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=GROUPS[kind])}
 
 
-def driver_names() -> tuple[str, ...]:
-    """``simulated`` and every driver that is installed."""
-    return (SIMULATED, *sorted(_plugged_in()))
+def driver_names(kind: Kind) -> tuple[str, ...]:
+    """``simulated`` and every driver of a kind that is installed."""
+    return (SIMULATED, *sorted(_plugged_in(kind)))
 
 
-def real_driver(name: str) -> Driver:
-    """The plugged-in driver of a name.
+def is_known(kind: Kind, name: str) -> bool:
+    """Whether there is such a driver, without running any of its code."""
+    if ":" not in name:
+        return name in driver_names(kind)
+    try:
+        return importlib.util.find_spec(name.partition(":")[0].partition(".")[0]) is not None
+    except (ImportError, ValueError):
+        return False
+
+
+def unknown(kind: Kind, name: str) -> str:
+    """What is wrong with the name of a driver that :func:`is_known` does not know."""
+    if ":" in name:
+        module = name.partition(":")[0]
+        return (
+            f'no module "{module.partition(".")[0]}" for driver "{name}"; install its package, or '
+            "put its folder into PYTHONPATH"
+        )
+    names = driver_names(kind)
+    close = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.55)
+    hint = f'did you mean "{close[0]}"? ' if close else ""
+    return f'unknown driver "{name}"; {hint}known: {", ".join(names)}'
+
+
+def find_driver(kind: Kind, name: str) -> Callable[[Any], Any]:
+    """The class of a driver; it is called with the settings of its kind.
 
     Raises:
-        DeviceError: there is none, or its package is broken.
+        DeviceError: there is none, its package is broken, or a maker's package is missing: then it
+            says what to install.
     """
-    entry = _plugged_in().get(name)
-    if entry is None:
+    entry = _plugged_in(kind).get(name)
+    if entry is None and ":" not in name:
         raise DeviceError(
-            f'unknown driver "{name}"; {nearest(name, driver_names())} '
-            f"(real drivers plug in through the entry points {GROUP})"
+            f"{unknown(kind, name)} (drivers plug in through the entry points {GROUPS[kind]})"
         )
     try:
-        driver: Driver = entry.load()()
-    except Exception as error:  # a foreign package may fail in any way
+        found: Any = _named(name) if entry is None else entry.load()
+    except ImportError as error:
         raise DeviceError(
-            f'driver "{name}" ({entry.value}) cannot be loaded: {type(error).__name__}: {error}'
+            f'driver "{name}" cannot be loaded: {error}; {_to_install(error, entry)}'
         ) from error
-    return driver
+    except Exception as error:  # somebody else's package may fail in any way
+        raise DeviceError(
+            f'driver "{name}" cannot be loaded: {type(error).__name__}: {error}'
+        ) from error
+    if not callable(found):
+        raise DeviceError(f'driver "{name}" is a {type(found).__name__}, expected a class')
+    opener: Callable[[Any], Any] = found
+    return opener
+
+
+def _named(name: str) -> Any:
+    module, _, attribute = name.partition(":")
+    found: Any = importlib.import_module(module)
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            raise ImportError(f"module {module} has no {attribute}")
+        found = getattr(found, part)
+    return found
+
+
+def _to_install(error: ImportError, entry: EntryPoint | None) -> str:
+    """What to give to pip, as exactly as it can be known."""
+    missing = (error.name or "").partition(".")[0]
+    if entry is not None and entry.dist is not None:
+        package = entry.dist.name
+        for line in entry.dist.requires or ():
+            requirement, _, marker = line.partition(";")
+            extra = re.search(r"extra\s*==\s*[\"']([^\"']+)[\"']", marker)
+            word = re.match(r"[A-Za-z0-9_.-]+", requirement.strip())
+            if extra and word and missing and _plain(word.group()) == _plain(missing):
+                return f"install its extra: pip install '{package}[{extra.group(1)}]'"
+        return f"install {package} with what its page asks for"
+    return f"install the package that has it: {missing}" if missing else "see the driver's page"
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()

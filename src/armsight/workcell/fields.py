@@ -21,6 +21,14 @@ Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}
 Model = Annotated[
     str, Field(strict=True, min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")
 ]
+DriverName = Annotated[
+    str,
+    Field(
+        strict=True,
+        max_length=200,
+        pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*(:[A-Za-z_][A-Za-z0-9_.]*)?$",
+    ),
+]
 Triple = tuple[Number, Number, Number]
 Extent = tuple[Positive, Positive, Positive]
 Quaternion = tuple[Number, Number, Number, Number]

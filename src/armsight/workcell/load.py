@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from armsight.devices.port import Kind
 from armsight.errors import WorkcellError
 from armsight.robots.catalogue import is_path
 from armsight.workcell import checks
@@ -23,11 +24,14 @@ from armsight.workcell.schema import (
     RobotSection,
     SimulationSection,
     SolidSection,
+    StereoSection,
     Workcell,
 )
 
 LARGEST = 1_000_000
 """A workcell file is never larger [bytes]."""
+
+_HAND: dict[str, Kind] = {"wrench": "wrench", "gripper": "gripper"}
 
 SectionT = TypeVar("SectionT", bound=Section)
 
@@ -120,6 +124,12 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
         yield from checks.check_robot(robot)
     for where, camera in _each(CameraSection, raw, "camera"):
         yield from checks.check_camera(where, camera, robot)
+    for where, stereo in _each(StereoSection, raw, "stereo"):
+        yield from checks.check_stereo(where, stereo)
+    for table, kind in _HAND.items():
+        name = raw.get(table, {}).get("driver") if isinstance(raw.get(table), Mapping) else None
+        if isinstance(name, str):
+            yield from checks.check_driver(f"{table}.driver", kind, name)
     solids = list(_each(SolidSection, raw, "solid"))
     undeclared = list(_each(SolidSection, simulation, "undeclared", "simulation."))
     objects = list(_each(ObjectSection, simulation, "object", "simulation."))
@@ -136,7 +146,7 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
     patrol = _one(PatrolSection, raw.get("patrol", {}))
     if patrol is not None:
         yield from checks.check_patrol(patrol, robot)
-    yield from checks.check_names(_names(raw, "camera"))
+    yield from checks.check_names([*_names(raw, "camera"), *_names(raw, "stereo")])
     # The page and the truth know solids, people and things by name alone.
     yield from checks.check_names(
         [

@@ -19,6 +19,7 @@ from armsight.geometry.shapes import Solid
 from armsight.workcell.fields import (
     Color,
     Connection,
+    DriverName,
     Extent,
     Joints,
     Model,
@@ -59,7 +60,9 @@ class RobotSection(Section):
         "A robot of the catalogue (`armsight robots` lists them), or one of your own: the path of "
         "a folder or a URDF, relative to this file, such as `./my_arm.urdf`.",
     )
-    driver: Name = key("simulated", "What moves it: `simulated`, or the name of a real driver.")
+    driver: DriverName = key(
+        "simulated", "What moves it: `simulated`, the name of a driver, or its `module:Class`."
+    )
     tool: Name = key("none", "What the flange carries; `armsight robots` lists the tools.")
     position: Triple = key((0.0, 0.0, 0.0), "Origin of the robot's base.", "m")
     rpy_deg: Triple = key(
@@ -96,16 +99,24 @@ class RobotSection(Section):
         return from_rpy(np.deg2rad(self.rpy_deg), self.position)
 
 
-class CameraSection(Section):
-    """One depth camera. Give exactly one of `look_at`, `rpy_deg`, `quaternion_xyzw`."""
+class MountedSection(Section):
+    """Something with lenses. Give exactly one of `look_at`, `rpy_deg`, `quaternion_xyzw`."""
 
     name: Name = key(..., "Unique in the cell.")
-    model: Name = key(..., "Key of the camera catalogue; `armsight robots` lists it.")
-    driver: Name = key("simulated", "What reads it: `simulated`, or the name of a real driver.")
+    model: Name | None = key(
+        None,
+        "Key of the camera catalogue; `armsight robots` lists it. A real camera needs none: its "
+        "driver says what it is.",
+    )
+    driver: DriverName = key(
+        "simulated", "What reads it: `simulated`, the name of a driver, or its `module:Class`."
+    )
     mounted_on: Literal["world", "flange"] = key(
         "world", "`world` for a camera that stands still, `flange` for one that the arm carries."
     )
-    position: Triple = key(..., "Origin of the depth lens, in world or in the flange's frame.", "m")
+    position: Triple = key(
+        ..., "Origin of the depth (or left) lens, in world or in the flange's frame.", "m"
+    )
     look_at: Triple | None = key(
         None, "A point in the middle of the image (same frame); the image's top is up.", "m"
     )
@@ -116,20 +127,17 @@ class CameraSection(Section):
         None, "Rotation of the optical frame as x, y, z, w (w last)."
     )
     rate_hz: Positive | None = key(
-        None, "Frames a second; the catalogue's if left out.", "Hz", le=240.0
+        None, "Frames a second; the catalogue's or the driver's if left out.", "Hz", le=240.0
     )
     latency_ms: NotNegative | None = key(
-        None, "Exposure to arrival; the catalogue's if left out.", "ms", le=2000.0
-    )
-    phase_ms: NotNegative = key(
-        0.0, "First exposure after the start; staggered cameras give fresher evidence.", "ms"
+        None, "Exposure to arrival; the catalogue's or the driver's if left out.", "ms", le=2000.0
     )
     connection: Connection = key(
         {}, "What a real driver needs, such as `serial`; the driver's page says what."
     )
 
     @model_validator(mode="after")
-    def _one_rotation(self) -> CameraSection:
+    def _one_rotation(self) -> MountedSection:
         given = [k for k in ("look_at", "rpy_deg", "quaternion_xyzw") if getattr(self, k)]
         if len(given) != 1:
             raise ValueError(
@@ -156,6 +164,43 @@ class CameraSection(Section):
             return from_rpy(np.deg2rad(self.rpy_deg), self.position)
         assert self.quaternion_xyzw is not None
         return from_quaternion(self.quaternion_xyzw, self.position)
+
+
+class CameraSection(MountedSection):
+    """One depth camera. Give exactly one of `look_at`, `rpy_deg`, `quaternion_xyzw`."""
+
+    phase_ms: NotNegative = key(
+        0.0, "First exposure after the start; staggered cameras give fresher evidence.", "ms"
+    )
+    guard: Switch = key(
+        True, "Whether its pictures are evidence for the map and the guard; false only shows them."
+    )
+
+
+class StereoSection(MountedSection):
+    """One stereo pair. Give exactly one of `look_at`, `rpy_deg`, `quaternion_xyzw`."""
+
+
+class WrenchSection(Section):
+    """The force sensor at the flange."""
+
+    driver: DriverName = key(
+        "simulated", "What reads it: `simulated`, the name of a driver, or its `module:Class`."
+    )
+    rate_hz: Positive = key(100.0, "Readings a second.", "Hz", le=10_000.0)
+    connection: Connection = key({}, "What a real driver needs; the driver's page says what.")
+
+
+class GripperSection(Section):
+    """The gripper."""
+
+    driver: DriverName = key(
+        "simulated", "What moves it: `simulated`, the name of a driver, or its `module:Class`."
+    )
+    opening: Positive = key(0.085, "Greatest width between the fingertips.", "m", le=0.5)
+    speed: Positive = key(0.1, "Of the fingertips against each other.", "m/s", le=2.0)
+    force_n: Positive = key(40.0, "With which a real gripper closes.", "N", le=1000.0)
+    connection: Connection = key({}, "What a real driver needs; the driver's page says what.")
 
 
 class SolidSection(Section):
@@ -254,6 +299,25 @@ class ObjectSection(SolidSection):
         return self
 
 
+class WrenchErrorsSection(Section):
+    """Errors of the simulated force sensor; the defaults are a usual sensor's of 300 N."""
+
+    noise_n: NotNegative = key(0.1, "Standard deviation of force, after the low-pass.", "N", le=50)
+    noise_nm: NotNegative = key(
+        0.005, "Standard deviation of torque, after the low-pass.", "N m", le=5
+    )
+    bias_n: NotNegative = key(
+        1.0, "Standard deviation of a constant error of force, drawn from the seed.", "N", le=100
+    )
+    bias_nm: NotNegative = key(
+        0.02, "Standard deviation of a constant error of torque, likewise.", "N m", le=10
+    )
+    low_pass_hz: Positive = key(
+        30.0, "Corner of the sensor's first-order low-pass filter.", "Hz", le=5000
+    )
+    latency_ms: NotNegative = key(4.0, "Measurement to arrival.", "ms", le=1000)
+
+
 class SimulationSection(Section):
     """What only the simulator knows. Hardware ignores this table."""
 
@@ -292,6 +356,9 @@ class SimulationSection(Section):
     )
     arm_kinematic_error: NotNegative = key(
         0.0, "Scale of the arm's absolute errors; 0 is an exact arm, 1 a typical one.", le=100.0
+    )
+    wrench: WrenchErrorsSection = key(
+        WrenchErrorsSection(), "Errors of the simulated force sensor."
     )
     undeclared: tuple[SolidSection, ...] = key(
         (), "Solids that are there but that the cell was not told of."
@@ -369,6 +436,9 @@ class Workcell(Section):
     cell: CellSection = key(..., "The cell as a whole.")
     robot: RobotSection = key(..., "The arm.")
     camera: tuple[CameraSection, ...] = key((), "Depth cameras.")
+    stereo: tuple[StereoSection, ...] = key((), "Stereo pairs.")
+    wrench: WrenchSection | None = key(None, "The force sensor at the flange, if there is one.")
+    gripper: GripperSection | None = key(None, "The gripper, if there is one.")
     solid: tuple[SolidSection, ...] = key((), "What stands still and is known: table, walls.")
     mapping: MappingSection = key(MappingSection(), "The workspace map.")
     guard: GuardSection = key(GuardSection(), "The guard.")

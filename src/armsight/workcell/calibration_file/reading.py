@@ -17,7 +17,7 @@ from armsight.geometry.pose import exp, inverse, log
 from armsight.robots.robot import Robot
 from armsight.workcell.calibration_file.schema import CalibratedCamera, CellCalibration
 from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, nearest
-from armsight.workcell.schema import CameraSection, Workcell
+from armsight.workcell.schema import CameraSection, MountedSection, Workcell
 
 LARGEST = 1_000_000
 """A calibration file is never larger [bytes]."""
@@ -26,7 +26,7 @@ FARTHEST_OFF, MOST_TURNED = 0.5, np.deg2rad(45.0)
 [rad]."""
 
 
-def mount_pose(workcell: Workcell, section: CameraSection) -> Pose:
+def mount_pose(workcell: Workcell, section: MountedSection) -> Pose:
     """Where the workcell file puts a camera's depth lens: in ``base``, or in ``flange``."""
     T = section.T_mount_camera
     if section.mounted_on == "flange":
@@ -127,7 +127,7 @@ def mismatches(calibration: CellCalibration, workcell: Workcell) -> Iterator[Pro
 def _another(
     where: str, camera: CalibratedCamera, workcell: Workcell, section: CameraSection
 ) -> Iterator[Problem]:
-    if camera.model != section.model:
+    if section.model is not None and camera.model != section.model:
         yield Problem(
             f"{where}.model",
             f"was a {camera.model} when it was calibrated, and the cell has a {section.model}: "
