@@ -160,16 +160,24 @@ def test_the_wrist_pair_takes_pictures_once_asked(arm_spec):
     info = camera_info("pair", "wrist_stereo", T_mount_camera=T)
     info = replace(info, depth=info.depth.scaled(0.25), color=info.color.scaled(0.25))
     spec = replace(camera(), info=info, T_mount_camera_declared=T)
-    with SimulatedWorld(WorldSpec(arm_spec, cameras=(spec,), static=(TABLE,))) as world:
+    with SimulatedWorld(WorldSpec(arm_spec, stereo=(spec,), static=(TABLE,))) as world:
         pair = world.stereo_cameras[0]
+        world.advance(0.15)
         assert pair.read() is None
+        pair.want_pictures(True)
         world.advance(0.35)
         frame = pair.read()
         assert isinstance(frame, StereoFrame)
         assert frame.sequence == 3  # exposed at 0.3 s, arrives at 0.35 s
         assert frame.left.shape == frame.right.shape == (120, 180, 3)
         assert not np.array_equal(frame.left, frame.right)
-        assert pair.info is world.cameras[0].info
+        assert pair.info.left == info.depth
+        assert pair.info.T_left_right[0, 3] == pytest.approx(0.06)
+        pair.want_pictures(False)
+        world.advance(0.6)
+        pair.read()
+        world.advance(1.0)
+        assert pair.read() is None
 
 
 def test_two_structured_light_cameras_disturb_each_other(arm_spec):

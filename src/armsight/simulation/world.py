@@ -140,6 +140,7 @@ class SimulatedWorld:
             if step == last:
                 break
             self.arm.before_step(now, q, control)
+            before = None if self.wrench is None else data.qvel.copy()
             mujoco.mj_step(model, data)
             if data.ncon:
                 truth.note_contacts(now)
@@ -148,7 +149,7 @@ class SimulatedWorld:
             step += 1
             self.arm.sense(step, step * dt, q, qd, drive, load)
             if self.wrench is not None:
-                self._feel(self.wrench, step)
+                self._feel(self.wrench, step, before)
         self._step = step
         self.clock._set(max(until, self.clock.now()))
 
@@ -227,10 +228,18 @@ class SimulatedWorld:
     ) -> None:
         self.close()
 
-    def _feel(self, wrench: SimulatedWrench, step: int) -> None:
-        """Tell the force sensor what acts on the flange; MuJoCo gives what it acts with."""
+    def _feel(self, wrench: SimulatedWrench, step: int, before: Any) -> None:
+        """Tell the force sensor what acts on the flange; MuJoCo gives what it acts with.
+
+        The implicit integrator moves stiff joints with less than the acceleration of the forward
+        dynamics; the sensor has to feel the one that really was.
+        """
         assert self._cell.wrench is not None
-        force, torque = (self._data.sensordata[at : at + 3] for at in self._cell.wrench)
+        model, data = self._cell.model, self._data
+        data.qacc[:] = (data.qvel - before) / self.spec.time_step
+        mujoco.mj_rnePostConstraint(model, data)
+        mujoco.mj_sensorAcc(model, data)
+        force, torque = (data.sensordata[at : at + 3] for at in self._cell.wrench)
         wrench.sense(step, step * self.spec.time_step, -force, -torque)
 
     def _mover(self, name: str) -> Any:
