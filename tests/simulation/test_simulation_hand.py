@@ -139,7 +139,7 @@ def test_a_gripper_goes_to_its_width_at_its_speed():
     gripper.move(0.08)
     clock._set(0.93)
     assert gripper.read().width == pytest.approx(0.04)
-    with pytest.raises(DeviceError, match="a width is 0 to 0.08 m"):
+    with pytest.raises(DeviceError, match=r"a width is 0 to 0.08 m"):
         gripper.move(0.1)
     gripper.reset()
     clock._set(0.0)
