@@ -188,6 +188,7 @@ def make_cell():
         show_joints=None,
         robot=SimpleNamespace(name="fake", n=2),
         health=lambda: (),
+        stereo=(),
     )
 
 

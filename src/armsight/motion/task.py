@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
-from armsight.devices.data import ArmStatus, GripperState, JointState, Wrench
+from armsight.devices.data import ArmStatus, GripperState, JointState, StereoFrame, Wrench
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 from armsight.motion.intents import Intent
@@ -22,12 +22,14 @@ class Subscriptions:
 
     Attributes:
         cameras: whose newest frames; colour as asked for there.
+        stereo: names of the stereo pairs whose newest pictures; pairs take none that nobody wants.
         perceivers: names of those whose newest observations it wants; each new one starts a round
             of the task at once, besides its period.
         snapshot: the map; each new one starts a round at once, too.
     """
 
     cameras: tuple[CameraUse, ...] = ()
+    stereo: tuple[str, ...] = ()
     perceivers: tuple[str, ...] = ()
     snapshot: bool = False
 
@@ -54,6 +56,7 @@ class Observation:
         gripper: newest state of the gripper, or None without one.
         arm: newest word of the arm's own controller, or None from one that says nothing.
         frames: newest of each camera that was subscribed to.
+        pairs: newest pictures of each stereo pair that was subscribed to.
         perceived: newest of each perceiver that was subscribed to.
     """
 
@@ -66,6 +69,7 @@ class Observation:
     gripper: GripperState | None = None
     arm: ArmStatus | None = None
     frames: tuple[PosedFrame, ...] = ()
+    pairs: tuple[StereoFrame, ...] = ()
     perceived: tuple[Perceived, ...] = field(default=())
 
     def frame(self, camera: str) -> PosedFrame | None:

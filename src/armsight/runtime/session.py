@@ -412,7 +412,7 @@ class Session:
             part.on_seconds = loop.meters[part.name].more
             if not self._wall:
                 part.call_at = loop.call_at
-        self._want_color()
+        self._want_pictures()
         if not self._wall:
             self._guard.call_at = loop.call_at
         if isinstance(loop, SimulatedLoop) and charge == "declared":
@@ -468,8 +468,23 @@ class Session:
             self._loop.wake(self._task.name, at)
         self._loop.wake("guard", at)
 
-    def _want_color(self) -> None:
-        """Ask each camera for as much colour as its subscribers want together."""
+    def _want_pictures(self) -> None:
+        """Ask each camera for as much colour as its subscribers want together, and each pair.
+
+        Raises:
+            UsageError: the task wants a pair that is not in the cell.
+        """
+        if self.task is not None:
+            pairs = {pair.info.name: pair for pair in self.cell.stereo}
+            for name in self.task.subscriptions.stereo:
+                if name not in pairs:
+                    known = ", ".join(sorted(pairs)) or "none"
+                    raise UsageError(
+                        f"task {self.task.name}: no stereo pair '{name}' in this cell; there are: "
+                        f"{known}"
+                    )
+                with self._lock:
+                    pairs[name].want_pictures(True)
         uses: list[CameraUse] = [u for p in self.perceivers for u in p.cameras]
         if self.task is not None:
             uses += self.task.subscriptions.cameras

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.devices.data import ArmStatus, GripperState, RgbdCameraInfo, Wrench
+from armsight.devices.data import ArmStatus, GripperState, RgbdCameraInfo, StereoFrame, Wrench
 from armsight.errors import UsageError
 from armsight.motion.face import Curve, ShownFace, Trace, face_fault
 from armsight.motion.intents import Intent, Rest
@@ -186,6 +186,7 @@ class TaskComponent:
 
     def _observe(self, now: float) -> Observation:
         channels, wanted = self._channels, self.task.subscriptions
+        pairs = [channels.readings.newest(StereoFrame, name) for name in wanted.stereo]
         frames = [
             posed(f, self._cameras[f.camera], self._robot, channels.history)
             for f in self.frames.newest()
@@ -202,6 +203,7 @@ class TaskComponent:
             gripper=channels.readings.newest(GripperState),
             arm=channels.readings.newest(ArmStatus),
             frames=tuple(frames),
+            pairs=tuple(pair for pair in pairs if pair is not None),
             perceived=tuple(Perceived(name, e) for name, e in found if e is not None),
         )
 
