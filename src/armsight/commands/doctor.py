@@ -31,19 +31,38 @@ class Finding:
 
 @dataclass(frozen=True)
 class Doctor:
-    """Say what of this machine is missing or slow, and how to mend it.
+    """Say what of this machine is missing or slow, or what is wrong with a driver.
 
-    Example: armsight doctor
+    Example: armsight doctor --driver my_camera:Camera --kind camera --option serial=123
 
     Attributes:
         port: that the live page would use.
+        driver: run this driver (its name, or module:Class) against what armsight asks of one.
+        kind: of the driver; found out where its name is installed for one kind only.
+        option: what the driver is to connect to, as in the cell file's `connection`: KEY=VALUE.
+        robot: whose joints the arm has.
+        seconds: how long the driver is read.
+        move: also move an arm or a gripper a little. Without this no command is sent.
     """
 
     port: int = Page().port
+    driver: str | None = None
+    kind: Literal["arm", "camera", "stereo", "wrench", "gripper"] | None = None
+    option: tuple[str, ...] = ()
+    robot: str = "ur5"
+    seconds: float = 3.0
+    move: bool = False
 
     def run(self) -> int:
-        """Print the findings; 1 if something is missing."""
+        """Print the findings; 1 if something is missing or wrong."""
         from rich.console import Console
+
+        if self.driver is not None:
+            from armsight.commands.driver_check import check_driver
+
+            return check_driver(
+                self.driver, self.kind, self.option, self.robot, self.seconds, self.move
+            )
 
         marks = {
             "good": "[green]good   [/]",

@@ -26,6 +26,9 @@ OPEN_SECONDS = 15.0
 """A driver has to open its device in this time [s]: cameras load firmware."""
 STOP_SECONDS = 0.25
 """A stop or a close has to return in this time [s]."""
+NOTICED = 0.05
+"""Between two looks at a device at most so much is counted against it [s]: a process that stood
+still as a whole, to compile or to swap, says nothing of its devices."""
 BACKOFF = (0.5, 8.0)
 """A lost device is opened again after this [s], then twice that, up to the second figure."""
 ABANDONED = 6
@@ -127,8 +130,9 @@ class Line(Generic[Driver, Reading]):
         self._driver: Driver | None = None
         self._stage: Stage = "opening"
         self._reason = ""
-        self._doing: tuple[str, float, float] | None = None
-        self._heard = now()
+        self._doing: tuple[str, float] | None = None
+        self._looked = now()
+        self._busy = self._silent = 0.0
         self._readings = self._opened = 0
         self._first = threading.Event()
         self._start(0.0)
@@ -158,11 +162,14 @@ class Line(Generic[Driver, Reading]):
             DeviceError: it is lost, and why.
         """
         with self._lock:
-            doing, stage = self._doing, self._stage
             now = self._now()
-            silent = now - self._heard
-        if doing is not None and now > doing[1] + doing[2]:
-            what, _, limit = doing
+            passed = min(now - self._looked, NOTICED)
+            self._looked = now
+            self._busy += passed
+            self._silent += passed
+            doing, stage, busy, silent = self._doing, self._stage, self._busy, self._silent
+        if doing is not None and busy > doing[1]:
+            what, limit = doing
             self._lose(f"{self.name}: {what} has not returned for {limit:g} s", hung=True)
         elif stage == "open" and silent > self._silence:
             self._lose(f"{self.name}: nothing new for {self._silence:g} s", hung=False)
@@ -184,7 +191,10 @@ class Line(Generic[Driver, Reading]):
         with self._lock:
             self._calls.append(call)
             self._lock.notify_all()
-        if not call.done.wait(seconds):
+        waited = 0.0
+        while not call.done.wait(0.5 * NOTICED) and waited < seconds:
+            waited += 0.5 * NOTICED
+        if not call.done.is_set():
             with self._lock:
                 doing = what if self._doing is None else self._doing[0]
             self._lose(f"{self.name}: {doing} has not returned for {seconds:g} s", hung=True)
@@ -291,7 +301,7 @@ class Line(Generic[Driver, Reading]):
                 if mine != self._generation:
                     return
                 if reading is not None:
-                    self._heard = self._now()
+                    self._silent = 0.0
                     self._readings += 1
                     self._reason = ""
                     self.newest.put(reading)
@@ -322,7 +332,7 @@ class Line(Generic[Driver, Reading]):
                 return None
             self._driver = driver
             self._stage = "open"
-            self._heard = self._now()
+            self._silent = 0.0
             self._opened += 1
         self._first.set()
         return driver
@@ -346,7 +356,8 @@ class Line(Generic[Driver, Reading]):
     def _enter(self, mine: int, what: str, limit: float) -> None:
         with self._lock:
             if mine == self._generation:
-                self._doing = (what, self._now(), limit)
+                self._doing = (what, limit)
+                self._busy = 0.0
 
     def _leave(self, mine: int) -> bool:
         with self._lock:
