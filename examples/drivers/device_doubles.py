@@ -1,6 +1,6 @@
 """What the two drivers talk to where there is no hardware: a camera and an arm on a TCP port each.
 
-python examples/drivers/doubles.py [CAMERA_PORT ARM_PORT]
+python examples/drivers/device_doubles.py [CAMERA_PORT ARM_PORT]
 """
 
 import json
