@@ -1,4 +1,4 @@
-"""``things``: what stands beside the arm's way, and what a person leaves there, once nobody was in."""
+"""``things``: what stands beside the arm's way, and what a person leaves there."""
 
 from __future__ import annotations
 
@@ -31,14 +31,16 @@ GAP = (0.05, 0.40)
 """Between the thing and the parts of the arm on its straight way from A to B [m]."""
 PARCEL = 0.12
 """Edge of what a person brings [m]."""
+REACHED = 0.12
+"""The palm's middle is that close when the finger tips are at a place [m]."""
 LEFT_SECONDS = 17.0
 
 ABOUT = """
-The packaged cell `ur5_four_cameras` with all its sensor errors, and nobody in it when it starts, which
-it is told (`--cell-is-empty`). Five runs belong together: the same seed with nothing, a box (20 cm),
-a bottle (8 x 28 cm), a stool (30 cm wide, 45 cm high) and a cable drum (30 x 25 cm) on the table, 5 to
-40 cm from the parts of the arm on its straight way from A to B. The goals of the last 37 s count. The
-baseline `undeclared_goals_share` is the box without the word.
+The packaged cell `ur5_four_cameras` with all its sensor errors, and nobody in it when it starts,
+which it is told (`--cell-is-empty`). Six runs belong together: the same seed with nothing, a box
+(20 cm), a bottle (8 x 28 cm), a stool (30 cm wide, 45 cm high) and a cable drum (30 x 25 cm) on the
+table, 5 to 40 cm from the parts of the arm on its straight way from A to B, and a box without the
+word (`undeclared_goals_share`). The goals of the last 37 s count.
 
 In a second kind of run somebody walks in, puts a parcel of 12 cm on the table, and walks out again;
 `left_s` is the time from when the hand is 10 cm away from it until the map takes it for a thing.
@@ -78,7 +80,7 @@ def _place(workcell: Workcell, rng: np.random.Generator, kind: str) -> Floats | 
     if kind == "nothing":
         return None
     robot = robot_in(workcell)
-    a, b = (np.asarray(goal.position) for goal in workcell.goals[:2])
+    a, b = list(workcell.goals.values())[:2]
     path = a + np.linspace(0.0, 1.0, 60)[:, None] * (b - a)
     T = workcell.robot.T_world_base
     centers = path_sphere_centers(robot, path).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
@@ -103,7 +105,9 @@ def _solids(kind: str, place: Floats) -> tuple[SolidSection, ...]:
         return (SolidSection(name="box", size=(0.2, 0.2, 0.2), position=(x, y, TABLE + 0.1)),)
     if kind == "bottle":
         at = (x, y, TABLE + 0.14)
-        return (SolidSection(name="bottle", kind="cylinder", radius=0.04, height=0.28, position=at),)
+        return (
+            SolidSection(name="bottle", kind="cylinder", radius=0.04, height=0.28, position=at),
+        )
     if kind == "drum":
         at = (x, y, TABLE + 0.125)
         return (SolidSection(name="drum", kind="cylinder", radius=0.15, height=0.25, position=at),)
@@ -152,7 +156,7 @@ class Carried:
         assert world is not None
         hand = _hand_of(world)
         if not self._put:
-            self._put = bool(np.linalg.norm(hand - self._target) < 0.03)
+            self._put = bool(np.linalg.norm(hand - self._target) < REACHED)
             world.drag("parcel", self._target if self._put else hand)
             return
         if math.isinf(self.away):
@@ -171,7 +175,7 @@ class Carried:
 def _hand_of(world: World) -> Floats:
     """Where the visitor's right hand is drawn, in world [m]."""
     parts = {m.name: m.T_world_solid[:3, 3] for m in world.movers()}
-    return np.asarray(next(p for name, p in parts.items() if name.endswith("right_hand")))
+    return np.asarray(parts["visitor/right_hand/palm/1"])
 
 
 def left(seed: int, run: int) -> dict[str, Any]:
@@ -219,17 +223,13 @@ def settings() -> dict[str, Any]:
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` groups: one with each kind of thing, and somebody who leaves a parcel."""
     members = len(KINDS) + 1
-    beside = run_episodes(
-        "things", episode, range(runs * members), seed, settings(), progress
-    )
+    beside = run_episodes("things", episode, range(runs * members), seed, settings(), progress)
     brought = run_episodes("things-left", left, range(runs), seed, settings(), progress)
     goals = {
         kind: np.array([e["goals"] for e in beside if e["kind"] == kind], float)
         for kind in (*KINDS, "unsaid")
     }
-    rows = [
-        _share("box_goals_share", "all kinds", np.stack([goals[k] for k in KINDS[1:]]), goals)
-    ]
+    rows = [_share("box_goals_share", "all kinds", np.stack([goals[k] for k in KINDS[1:]]), goals)]
     rows += [_share(f"{k}_goals_share", k, goals[k], goals, must=None) for k in KINDS[1:]]
     rows.append(_share("undeclared_goals_share", "a box, no word", goals["unsaid"], goals, None))
     contacts = sum(e["contacts"] for e in (*beside, *brought))
@@ -286,7 +286,7 @@ def _plot(goals: dict[str, Floats]) -> Figure:
 
     figure = Figure(figsize=(7, 3))
     axes = figure.subplots()
-    for i, (kind, counts) in enumerate(goals.items()):
+    for i, counts in enumerate(goals.values()):
         axes.plot(np.full(len(counts), i), 60.0 / (SECONDS - BEGIN) * counts, "o", color="C0")
     axes.set_xticks(range(len(goals)), [*KINDS, "box, no word"])
     axes.set(ylabel="goals a minute", ylim=(0, None))
