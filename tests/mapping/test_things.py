@@ -22,7 +22,7 @@ class Scene:
     def __init__(self) -> None:
         self.table = np.zeros(GRID.shape, np.uint8)
         self.table[:, :, 0] = 1
-        self.things = Things(GRID, self.table)
+        self.things = Things(GRID)
         self.unseen = UnseenPeople(GRID, self.table, 2.0, 0.08)
         self.now = 0.0
         self.people = np.zeros(GRID.shape, bool)
@@ -46,8 +46,8 @@ class Scene:
         state[self.table != 0] = OCCUPIED
         listed = np.flatnonzero(occupied).astype(np.int32)
         self.occupied, self.listed = occupied.reshape(-1), listed
-        possible, rim = self.unseen.possible
-        may = self.things.update(state, listed, listed, self.occupied, possible, rim, self.now)
+        sets = self.unseen.sets
+        may = self.things.update(state, listed, listed, self.occupied, sets, self.now)
         self.people = np.zeros(GRID.shape, bool)
         self.people.reshape(-1)[listed[may]] = True
         self.unseen.update(state, listed[may], None, STEP)
@@ -178,8 +178,22 @@ def test_what_is_still_held_by_a_string_or_a_hidden_hand_is_none() -> None:
     scene.say_empty()
     scene.look(*held(PERSON), seconds=2.0)
     string: Blob = ((35, 41), (33, 34), (5, 6))
-    scene.look(BOX, PERSON, hidden=(string,), seconds=10.0)
+    scene.look(BOX, PERSON, string, seconds=10.0)
     assert scene.is_person(BOX)
+    hand: Blob = ((35, 41), (31, 35), (2, 6))
+    scene.look(BOX, PERSON, hidden=(hand,), seconds=10.0)
+    assert scene.is_person(BOX)
+
+
+def test_the_unseen_layer_on_a_table_holds_nobody() -> None:
+    """A camera never sees through all of a voxel that lies on a surface."""
+    scene = Scene()
+    layer: Blob = ((0, 60), (0, 60), (1, 3))
+    scene.look(hidden=(layer,), seconds=2.0)
+    scene.say_empty()
+    scene.look(*held(PERSON), hidden=(layer,), seconds=2.0)
+    scene.look(BOX, PERSON, hidden=(layer,), seconds=STILL + 3 * STEP)
+    assert not scene.is_person(BOX)
 
 
 def test_who_stays_behind_crouching_is_too_large_for_a_thing() -> None:

@@ -11,6 +11,8 @@ cut off from the outside and from everything seen hides nobody, though it once d
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from armsight.arrays import Bytes, Ints32, Words
@@ -30,6 +32,20 @@ from armsight.mapping.kernels.flood import (
     unpack,
 )
 from armsight.mapping.snapshot import ENCLOSED, UNKNOWN, VoxelGrid
+
+
+class UnseenSets(NamedTuple):
+    """Sets packed to bits, not to be written to.
+
+    Attributes:
+        possible: where somebody could be unseen.
+        room: what is not seen free and has room for a hand; nobody is in a thinner place.
+        rim: of both.
+    """
+
+    possible: Words
+    room: Words
+    rim: int
 
 
 class UnseenPeople:
@@ -148,9 +164,9 @@ class UnseenPeople:
         return steps
 
     @property
-    def possible(self) -> tuple[Words, int]:
-        """The set packed to bits, as of the last update, and its rim; not to be written to."""
-        return self._possible, self._rim
+    def sets(self) -> UnseenSets:
+        """As of the last update."""
+        return UnseenSets(self._possible, self._room, self._rim)
 
     def nobody(self) -> None:
         """Somebody said that nobody is here: people come from the outside only."""

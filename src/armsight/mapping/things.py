@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, Ints32, Mask, Shorts, Words
+from armsight.arrays import Bytes, Floats, Ints32, Mask, Shorts
+from armsight.mapping.hazards import UnseenSets
 from armsight.mapping.kernels.pieces import (
     belongs,
     enclosed_piece,
@@ -63,18 +64,16 @@ class Things:
 
     Args:
         grid: where the voxels lie.
-        static: (nx, ny, nz) uint8, 1 where declared solids are.
         touches: as many voxels of somebody near a thing end it.
     """
 
-    def __init__(self, grid: VoxelGrid, static: Bytes, touches: int = TOUCHES) -> None:
+    def __init__(self, grid: VoxelGrid, touches: int = TOUCHES) -> None:
         size = int(np.prod(grid.shape))
         self._grid = grid
         self._shape = np.asarray(grid.shape, np.int64)
-        self._static = np.ascontiguousarray(static).reshape(-1)
         self._seen: Floats = np.full(size, -np.inf)
         self._onset: Floats = np.full(size, -np.inf)
-        self._brought: Bytes = np.zeros(size, np.uint8)
+        self._held: Floats = np.full(size, -np.inf)
         self._core: Shorts = np.zeros(size, np.uint16)
         self._active: Bytes = np.zeros(MOST_THINGS, np.uint8)
         self._next = 1
@@ -87,6 +86,7 @@ class Things:
         self._thing: Shorts = np.zeros(size, np.uint16)
         self._touches: Ints32 = np.zeros(MOST_THINGS, np.int32)
         self._least = touches
+        self._trait: Bytes = np.zeros(size, np.uint8)
         self._before: Bytes = np.zeros(size, np.uint8)
         self._settling = -np.inf
         self._now = -np.inf
@@ -94,16 +94,15 @@ class Things:
 
     def moving(self, clusters: Ints32, occupied: Bytes, now: float) -> int:
         """Flat index of a voxel where something came within the last second, or -1."""
-        old = np.zeros(len(occupied), np.uint8)
-        old[clusters] = self._onset[clusters] <= now - STILL
-        count = newcomers(clusters, len(clusters), occupied, old, self._shape, self._fresh)
+        old = self._onset[clusters] <= now - STILL
+        count = self._strangers(clusters, occupied, old)
         return int(self._fresh[count // 2]) if count >= NEWCOMERS else -1
 
     def begin(self, listed: Ints32, occupied: Bytes, now: float) -> None:
         """Nobody is in the cell: whatever is there now is a thing."""
         self._core.fill(0)
         self._active.fill(0)
-        self._brought.fill(0)
+        self._held.fill(-np.inf)
         self._next = 1
         self._cores = listed.copy()
         self._number(listed, occupied)
@@ -126,8 +125,7 @@ class Things:
         listed: Ints32,
         clusters: Ints32,
         occupied: Bytes,
-        possible: Words,
-        rim: int,
+        unseen: UnseenSets,
         now: float,
     ) -> Mask:
         """Which of ``clusters`` may be people.
@@ -137,8 +135,7 @@ class Things:
             listed: flat indices of the voxels occupied by something undeclared.
             clusters: those of them that are no stray measurements.
             occupied: flat uint8, 1 where ``listed``.
-            possible: where somebody could be unseen, as of the last update, packed to bits.
-            rim: of that set.
+            unseen: where somebody could be unseen, as of the last update.
             now: time [s].
 
         Returns:
@@ -153,7 +150,7 @@ class Things:
             GRACE,
             self._seen,
             self._onset,
-            self._brought,
+            self._held,
             self._before,
             self._fresh,
         )
@@ -169,10 +166,12 @@ class Things:
         self._tell(listed, thing)
         if now < self._settling:
             self._settle(listed, thing)
-        if touched_unseen(listed, thing, count, possible, rim, self._active, self._shape):
+        if touched_unseen(
+            listed, thing, count, unseen.possible, unseen.rim, self._active, self._shape
+        ):
             self._forget_ended()
             people = self._people(clusters)
-        if self._left_behind(flat, clusters[people], occupied, now):
+        if self._left_behind(clusters[people], occupied, unseen):
             people = self._people(clusters)
         while self._touch(clusters[people]):  # a thing that ended may touch another
             self._forget_ended()
@@ -269,10 +268,10 @@ class Things:
         voxels = self._cores[ended]
         self._core[voxels] = 0
         self._onset[voxels] = self._now
-        self._brought[voxels] = 1
+        self._held[voxels] = self._now
         self._cores = self._cores[~ended]
 
-    def _left_behind(self, flat: Bytes, people: Ints32, occupied: Bytes, now: float) -> bool:
+    def _left_behind(self, people: Ints32, occupied: Bytes, unseen: UnseenSets) -> bool:
         """Make things of what people left; note what they hold. True if there is a new one."""
         self._round += 3
         if self._round > 2**30:
@@ -280,30 +279,37 @@ class Things:
             self._round = 3
         large, number, again = self._round, self._round + 1, self._round + 2
         starts = np.empty(len(people), np.int32)
-        space = (flat, self._static, self._shape, self._limit, self._mark)
+        space = (occupied, unseen.room, unseen.rim, self._shape, self._limit, self._mark)
         count = small_pieces(
-            people, len(people), *space, number, large, self._brought, starts, self._queue
+            people, len(people), *space, number, large, self._now, self._held, starts, self._queue
         )
         found = False
         for v in starts[:count]:
             size = enclosed_piece(int(v), *space, again, large, self._queue)
             piece = self._queue[:size]
             matter = piece[occupied[piece] != 0].copy()
-            if self._at_rest(matter, occupied, now) and self._was_held(matter, occupied):
+            if self._at_rest(matter, occupied) and self._was_left(matter, occupied):
                 self._number_piece(matter)
                 found = True
         return found
 
-    def _at_rest(self, matter: Ints32, occupied: Bytes, now: float) -> bool:
-        old = (self._onset <= now - STILL).view(np.uint8)
+    def _at_rest(self, matter: Ints32, occupied: Bytes) -> bool:
+        old = self._onset[matter] <= self._now - STILL
         return self._strangers(matter, occupied, old) < NEWCOMERS
 
-    def _was_held(self, matter: Ints32, occupied: Bytes) -> bool:
-        """Whether all of it was in somebody's hands, or came to light with what was."""
-        return self._strangers(matter, occupied, self._brought) < NEWCOMERS
+    def _was_left(self, matter: Ints32, occupied: Bytes) -> bool:
+        """Whether somebody held all of it (or it came to light with what was held), and no more."""
+        held = self._held[matter]
+        if (held > self._now - STILL).any():
+            return False
+        return self._strangers(matter, occupied, np.isfinite(held)) < NEWCOMERS
 
-    def _strangers(self, matter: Ints32, occupied: Bytes, trait: Bytes) -> int:
-        return newcomers(matter, len(matter), occupied, trait, self._shape, self._fresh)
+    def _strangers(self, matter: Ints32, occupied: Bytes, trait: Mask) -> int:
+        """How many voxels of a piece are without a trait, and all their neighbours, too."""
+        self._trait[matter] = trait
+        count = newcomers(matter, len(matter), occupied, self._trait, self._shape, self._fresh)
+        self._trait[matter] = 0
+        return int(count)
 
     def _number_piece(self, matter: Ints32) -> None:
         if self._next >= MOST_THINGS - 1:

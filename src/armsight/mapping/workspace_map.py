@@ -57,7 +57,7 @@ class _Layer:
         self.occupancy = Occupancy(
             static.grid, cameras, static.filled, config.hold, config.weak_window
         )
-        self.things = Things(static.grid, static.filled, TOUCHES if around is not None else 1)
+        self.things = Things(static.grid, TOUCHES if around is not None else 1)
         self.unseen: UnseenPeople = UnseenPeople(
             static.grid,
             static.filled,
@@ -386,7 +386,7 @@ class WorkspaceMap:
         """Those clusters that are not known to be things."""
         seen = layer.occupancy
         may = layer.things.update(
-            state, seen.dynamic, clusters, seen.occupied, *layer.unseen.possible, now
+            state, seen.dynamic, clusters, seen.occupied, layer.unseen.sets, now
         )
         return clusters[may]
 

@@ -12,6 +12,8 @@ from numba import njit
 from armsight.arrays import Bytes, Floats, Ints, Ints32, Shorts, Words
 
 FREE = 1
+LONG_AGO = -1e9
+"""When something was held that came to light afterwards [s]."""
 ONE = np.uint64(1)
 
 
@@ -23,7 +25,7 @@ def note_onsets(
     grace: float,
     seen: Floats,
     onset: Floats,
-    brought: Bytes,
+    held: Floats,
     before: Bytes,
     fresh: Ints32,
 ) -> int:
@@ -31,8 +33,8 @@ def note_onsets(
 
     Of the arguments:
         seen, onset: by voxel, when it was last found occupied, and since when [s]; updated.
-        brought: by voxel, 1 where a person held it; for new ones, 1 if it was not seen free before:
-            then it did not come by itself, it came to light.
+        held: by voxel, when a person last held it [s]; for new ones never, or long ago if it was
+            not seen free before: then it did not come by itself, it came to light.
         before: by voxel, its state in the last update.
         fresh: receives the voxels that are new.
 
@@ -44,7 +46,7 @@ def note_onsets(
         v = listed[a]
         if now - seen[v] > grace:
             onset[v] = now
-            brought[v] = before[v] != FREE
+            held[v] = -np.inf if before[v] == FREE else LONG_AGO
             fresh[n] = v
             n += 1
         seen[v] = now
@@ -183,8 +185,9 @@ def forget_free(
 @njit(cache=True, nogil=True)
 def enclosed_piece(
     start: int,
-    state: Bytes,
-    static: Bytes,
+    occupied: Bytes,
+    room: Words,
+    rim: int,
     shape: Ints,
     limit: int,
     mark: Ints32,
@@ -192,10 +195,11 @@ def enclosed_piece(
     large: int,
     queue: Ints32,
 ) -> int:
-    """The space around a voxel that is not seen free nor declared solid, if it is small and closed.
+    """What hangs together around a voxel: what is occupied, and where a person could be unseen.
 
     Of the arguments:
-        state: flat; static: flat, 1 where declared solids are.
+        occupied: flat.
+        room: the places in which a hand fits and that are not seen free, packed to bits; rim: of it.
         limit: more voxels than this are not small.
         mark: by voxel, the last round's number; voxels of an open or large piece get ``large``, so
             that whoever comes upon them knows.
@@ -223,9 +227,15 @@ def enclosed_piece(
             for y in range(j - 1, j + 2):
                 for z in range(k - 1, k + 2):
                     u = (x * ny + y) * nz + z
+                    if mark[u] == number:
+                        continue
+                    p = z + rim
+                    word = room[x + rim, y + rim, p >> 6]
+                    if occupied[u] == 0 and ((word >> np.uint64(p & 63)) & ONE) == 0:
+                        continue
                     if mark[u] == large:
                         open_ = True
-                    elif mark[u] != number and state[u] != FREE and static[u] == 0:
+                    else:
                         mark[u] = number
                         queue[n] = u
                         n += 1
@@ -281,18 +291,20 @@ def label_pieces(
 def small_pieces(
     people: Ints32,
     count: int,
-    state: Bytes,
-    static: Bytes,
+    occupied: Bytes,
+    room: Words,
+    rim: int,
     shape: Ints,
     limit: int,
     mark: Ints32,
     number: int,
     large: int,
-    brought: Bytes,
+    now: float,
+    held: Floats,
     starts: Ints32,
     queue: Ints32,
 ) -> int:
-    """One voxel of every small enclosed piece; what belongs to a large one is noted as brought.
+    """One voxel of every small enclosed piece; what belongs to a large one is held ``now``.
 
     Returns:
         How many ``starts`` there are.
@@ -303,12 +315,12 @@ def small_pieces(
         if mark[v] == number:
             continue
         if mark[v] != large:
-            size = enclosed_piece(v, state, static, shape, limit, mark, number, large, queue)
+            size = enclosed_piece(v, occupied, room, rim, shape, limit, mark, number, large, queue)
             if size > 0:
                 starts[n] = v
                 n += 1
                 continue
-        brought[v] = 1
+        held[v] = now
     return n
 
 
