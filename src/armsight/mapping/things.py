@@ -6,8 +6,8 @@ Whatever is occupied and not declared counts as a person unless it is known to b
   second, and since then the piece has neither moved nor been touched.
 * *It could not hide anybody.* What becomes visible where, a moment before, nobody could be.
 * *It was left behind.* A person (a piece too large to be a thing, or one that goes on out of the
-  map) held it; now all that is not seen free around it, hollows and shadows included, is smaller
-  than any person and enclosed by seen-free space and declared solids; and it rests since.
+  map) held it; now it and all that hangs together with it, hollows and shadows included as far as
+  a hand fits into them, is smaller than any person; and it has rested since.
 
 A thing ends, and counts as a person again with all that could be behind it, as soon as something
 that may be a person, seen or unseen, is within two voxels of it, or when it moves by more than one

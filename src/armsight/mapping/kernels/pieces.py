@@ -199,7 +199,7 @@ def enclosed_piece(
 
     Of the arguments:
         occupied: flat.
-        room: the places in which a hand fits and that are not seen free, packed to bits; rim: of it.
+        room: the places in which a hand fits and that are not seen free, as bits; rim: of it.
         limit: more voxels than this are not small.
         mark: by voxel, the last round's number; voxels of an open or large piece get ``large``, so
             that whoever comes upon them knows.
