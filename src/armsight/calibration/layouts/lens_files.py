@@ -1,0 +1,130 @@
+"""Lenses as people keep them: ROS camera_info, OpenCV, Kalibr, ViSP, ROS-Industrial, MATLAB text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats
+from armsight.calibration.layouts.structured import _numbers as listed
+from armsight.calibration.layouts.structured import read_document
+from armsight.errors import CalibrationError
+from armsight.geometry.camera import PinholeCamera
+
+MATRICES = ("camera_matrix", "cameramatrix", "k", "intrinsic_matrix", "camera_intrinsics", "mtx",
+            "intrinsicmatrix")  # fmt: skip
+DISTORTIONS = ("distortion_coefficients", "distortioncoefficients", "dist_coeffs", "distcoeffs",
+               "d", "dist", "distortion_coeffs", "distortion")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LensFile:
+    """A lens as a file gives it.
+
+    Attributes:
+        camera: its numbers, for the size that it names or was given.
+        sized: the file itself names the size of its pictures.
+        bent: the file gives a distortion (maybe zero).
+        source: the file.
+        name: of the camera, where the file has several or says so.
+        sigma: (9,) standard deviations of fx fy cx cy k1 k2 p1 p2 k3, where the file gives them.
+    """
+
+    camera: PinholeCamera
+    sized: bool
+    bent: bool
+    source: Path
+    name: str = ""
+    sigma: Floats | None = None
+
+
+def read_lenses(file: Path, width: int, height: int) -> list[LensFile]:
+    """Every lens of a file; none when it holds none.
+
+    Raises:
+        CalibrationError: it holds a lens that armsight cannot use, or cannot be read.
+    """
+    document = read_document(file)
+    return _lenses(document, file, width, height, "", 0)
+
+
+def _lenses(
+    document: Any, file: Path, width: int, height: int, name: str, depth: int
+) -> list[LensFile]:
+    if not isinstance(document, dict) or depth > 4:
+        return []
+    low = {str(k).strip().lower(): v for k, v in document.items()}
+    one = _lens(low, file, width, height, name)
+    if one is not None:
+        return [one]
+    out = []
+    for key, value in document.items():
+        if isinstance(value, dict):
+            out += _lenses(value, file, width, height, str(key), depth + 1)
+        elif isinstance(value, list) and value and all(isinstance(v, dict) for v in value):
+            for inner in value[:16]:
+                out += _lenses(inner, file, width, height, str(key), depth + 1)
+    return out
+
+
+def _lens(
+    low: dict[str, Any], file: Path, width: int, height: int, name: str
+) -> LensFile | None:
+    found = _pinhole(low, file)
+    if found is None:
+        return None
+    fx, fy, cx, cy = found
+    if not (fx > 0 and fy > 0 and np.isfinite([fx, fy, cx, cy]).all()):
+        raise CalibrationError(f"{file}: the lens has no positive focal length ({fx:g}, {fy:g})")
+    size = listed(low.get("resolution")) or listed(low.get("image_size")) or []
+    w = int(low.get("image_width") or low.get("width") or (size[0] if len(size) == 2 else 0))
+    h = int(low.get("image_height") or low.get("height") or (size[1] if len(size) == 2 else 0))
+    model = str(low.get("distortion_model", "") or "").lower()
+    if model not in ("plumb_bob", "radtan", "brown", "rational_polynomial", "none", ""):
+        raise CalibrationError(
+            f"{file}: distortion model '{model}' is not supported; armsight reads plumb_bob"
+        )
+    given = next((v for key in DISTORTIONS if (v := listed(low.get(key))) is not None), None)
+    if given is None and _is_scalar(low.get("kud")):  # ViSP: one radial number
+        given = [float(low["kud"])]
+    d = np.array(given if given is not None else [], float)
+    if len(d) > 5 and np.any(d[5:] != 0):
+        raise CalibrationError(f"{file}: {len(d)} distortion numbers; armsight uses k1 k2 p1 p2 k3")
+    d = np.concatenate([d, np.zeros(5)])[:5]
+    sigma = listed(low.get("sigma"))
+    camera = PinholeCamera(
+        w or width, h or height, fx, fy, cx, cy, tuple(float(v) for v in d)  # type: ignore[arg-type]
+    )
+    label = low.get("camera_name")
+    return LensFile(
+        camera,
+        bool(w and h),
+        given is not None,
+        file,
+        str(label) if isinstance(label, str) else name,
+        np.array(sigma) if sigma is not None and len(sigma) == 9 else None,
+    )
+
+
+def _pinhole(low: dict[str, Any], file: Path) -> tuple[float, float, float, float] | None:
+    matrix = next((m for key in MATRICES if (m := listed(low.get(key))) is not None), None)
+    if matrix is not None and len(matrix) == 9:
+        if matrix[2] == 0 and matrix[6] > 1:  # MATLAB keeps it transposed
+            matrix = list(np.array(matrix).reshape(3, 3).T.ravel())
+        return matrix[0], matrix[4], matrix[2], matrix[5]
+    four = listed(low.get("intrinsics"))  # Kalibr: fx fy cx cy
+    if four is not None and len(four) == 4:
+        return four[0], four[1], four[2], four[3]
+    for keys in (("fx", "fy", "cx", "cy"), ("px", "py", "u0", "v0"), ("fx", "fy", "ppx", "ppy")):
+        values = [low.get(k) for k in keys]
+        if all(_is_scalar(v) for v in values):
+            a, b, c, d = (float(v) for v in values)  # type: ignore[arg-type]
+            return a, b, c, d
+    return None
+
+
+def _is_scalar(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

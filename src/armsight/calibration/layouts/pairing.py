@@ -1,0 +1,136 @@
+"""Which picture belongs to which row of a table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from armsight.arrays import Ints
+from armsight.calibration.layouts.folder import Series
+from armsight.calibration.layouts.table import PoseTable
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Pictures and rows that belong together.
+
+    Attributes:
+        picture, row: (n,) indices.
+        words: how they were tied.
+        code: of the mistake that it would be, or empty for a proper way.
+        firm: the names themselves say so; otherwise the pictures may decide otherwise.
+    """
+
+    picture: Ints
+    row: Ints
+    words: str
+    code: str = ""
+    firm: bool = False
+
+
+def proper_pairings(series: Series, table: PoseTable) -> list[Pairing]:
+    """The ways to tie pictures and rows that names, numbers and order allow, best first."""
+    out: list[Pairing] = []
+    named = _by_name(series, table.keys)
+    if len(named.picture) >= max(3, 0.6 * min(len(series.files), len(table.keys))):
+        return [named]
+    n, m = len(series.files), len(table.values)
+    numbered = _by_number(series, table.keys)
+    whole = len(numbered.picture) == min(n, m)
+    if len(numbered.picture) >= 3 and whole:
+        out.append(numbered)
+    if n == m:
+        order = np.arange(n)
+        out.append(Pairing(order, order, "in order"))
+    else:
+        out += _of_row_numbers(series, m)
+        k = np.arange(min(n, m))
+        out.append(Pairing(k, k, "in order, from the first"))
+        if n > m:
+            out.append(Pairing(k + n - m, k, "in order, from the last"))
+        else:
+            out.append(Pairing(k, k + m - n, "in order, from the last"))
+    if len(numbered.picture) >= 3 and not whole:
+        out.append(numbered)
+    return out
+
+
+def _by_name(series: Series, keys: tuple[str, ...]) -> Pairing:
+    place: dict[str, int] = {}
+    for row, key in enumerate(keys):
+        if key and not key.isdigit():
+            place.setdefault(Path(key).name.lower(), row)
+            place.setdefault(Path(key).stem.lower(), row)
+    pictures, rows = [], []
+    for k, file in enumerate(series.files):
+        row = place.get(file.name.lower(), place.get(file.stem.lower()))
+        if row is not None:
+            pictures.append(k)
+            rows.append(row)
+    return Pairing(np.array(pictures, int), np.array(rows, int), "by the pictures' names", "", True)
+
+
+def _by_number(series: Series, keys: tuple[str, ...]) -> Pairing:
+    from armsight.calibration.layouts.table import ordinals
+
+    named = [k for k in keys if k]
+    numbers = ordinals(list(keys)) if len(named) == len(keys) else []
+    place = {n: row for row, n in reversed(list(enumerate(numbers))) if n is not None}
+    pictures, rows = [], []
+    for k, n in enumerate(series.numbers):
+        if n is not None and n in place:
+            pictures.append(k)
+            rows.append(place[n])
+    return Pairing(np.array(pictures, int), np.array(rows, int), "by number")
+
+
+def _of_row_numbers(series: Series, rows: int) -> list[Pairing]:
+    """Pictures are missing: the number in a picture's name is the row of its pose."""
+    numbers = series.numbers
+    if any(n is None for n in numbers) or len(set(numbers)) < len(numbers):
+        return []
+    value = np.array([int(n) for n in numbers if n is not None])
+    out = []
+    for base in dict.fromkeys((1, 0, int(value.min()))):
+        row = value - base
+        fits = (row >= 0) & (row < rows)
+        if fits.all():
+            words = f"the number in a picture's name is the line, counted from {base}"
+            out.append(Pairing(np.arange(len(value)), row, words))
+    return out
+
+
+def mistaken_pairings(pairing: Pairing, pictures: int, rows: int) -> list[Pairing]:
+    """Ways in which people tie pictures and poses wrongly, to be tried when the proper one fails."""
+    out: list[Pairing] = []
+    order = np.argsort(pairing.picture)
+    picture, row = pairing.picture[order], pairing.row[order]
+
+    def add(code: str, words: str, new: Ints) -> None:
+        fits = (new >= 0) & (new < rows)
+        if fits.sum() >= 4 and not np.array_equal(new[fits], row[fits]):
+            out.append(Pairing(picture[fits], new[fits], words, code))
+
+    for shift in (1, -1, 2, -2):
+        direction = "later" if shift > 0 else "earlier"
+        words = f"pictures and poses are shifted: each picture fits the pose {abs(shift)} {direction}"
+        add("shifted", words, row + shift)
+    add("order", "the poses are in the opposite order of the pictures", row.max() - (row - row.min()))
+    n = len(row)
+    ranks = np.sort(row)
+    for start in (0, 1):  # names that begin with 0 or with 1
+        text = np.array(sorted(range(start, n + start), key=str)) - start
+        back = np.argsort(text)
+        add(
+            "order",
+            "the pictures are sorted as text (1, 10, 11, 2), the poses as numbers",
+            ranks[text],
+        )
+        add(
+            "order",
+            "the poses are sorted as text (1, 10, 11, 2), the pictures as numbers",
+            ranks[back],
+        )
+    return out
