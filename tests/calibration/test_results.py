@@ -20,8 +20,11 @@ from armsight.calibration.export import (
     update_workcell,
     write_results,
 )
+from armsight.calibration.layouts.lens_files import LensFile
 from armsight.calibration.live.seen import SeenView
-from armsight.calibration.recorded_set import RecordedSet, solve_set
+from armsight.calibration.pictures import Seen
+from armsight.calibration.recorded_set import RecordedCamera, RecordedSet
+from armsight.calibration.recorded_solve import solve_set
 from armsight.calibration.spheres import fit_sphere, register_spheres
 from armsight.calibration.synthetic import (
     ErrorLevels,
@@ -284,23 +287,19 @@ def test_a_lens_that_is_to_be_kept_is_kept_or_missed_by_name(arm5):
     board = Checkerboard()
     views = sorted(seen.used_views)
     given = seen.lenses[1].camera
-    recorded = RecordedSet(
-        Path("monday"),
-        tuple(Path(f"{v}.png") for v in views),
-        tuple(Detection(s.corner, s.pixel, 0.1) for s in seen.sightings),
-        ("",) * len(views),
-        np.array([seen.views[v].T_base_flange for v in views]),
-        None,
-        None,
-        given,
-        (given.width, given.height),
-        board,
-    )
+    names = tuple(f"{v}.png" for v in views)
+    size = (given.width, given.height)
+    detections = tuple(Detection(s.corner, s.pixel, 0.1) for s in seen.sightings)
+    looked = Seen(names, detections, ("",) * len(views), size, np.ones(len(views)), names)
+    lens = LensFile(given, True, True, Path("lens.yaml"))
+    camera = RecordedCamera("camera", "base", looked, np.arange(len(views)), lens)
+    poses = np.array([seen.views[v].T_base_flange for v in views])
+    recorded = RecordedSet(Path("monday"), board, (camera,), poses, None, names)
     answer = solve_set(recorded, keep_lens=True).calibration
     assert answer is not None
     assert answer.lens(0) == given
     with pytest.raises(CalibrationError, match="no lens there to be kept; give --lens"):
-        solve_set(replace(recorded, lens=None), keep_lens=True)
+        solve_set(replace(recorded, cameras=(replace(camera, lens=None),)), keep_lens=True)
 
 
 def test_no_sighting_at_all_is_named(arm5):

@@ -7,8 +7,8 @@ import pytest
 
 from armsight.calibration.calibrate import CalibrationOptions, calibrate
 from armsight.calibration.closed_form import park, shah
-from armsight.calibration.ladder import solve_with_noise
 from armsight.calibration.model import Model
+from armsight.calibration.noise import solve_with_noise
 from armsight.calibration.problem import ArmView, BoardPlacement, Freedom, Lens, Rig, Sighting
 from armsight.calibration.solver import solve
 from armsight.calibration.start import find_start

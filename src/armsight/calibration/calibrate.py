@@ -1,4 +1,4 @@
-"""From sightings to an answer: start, robust solve, mis-seen boards out, honest errors."""
+"""From sightings to an answer: start, robust solve, outliers out, honest errors."""
 
 from __future__ import annotations
 
@@ -9,15 +9,10 @@ import numpy as np
 
 from armsight.arrays import Floats, Pose
 from armsight.calibration.covariance import Covariance, covariance
-from armsight.calibration.ladder import (
-    WHITE,
-    Ladder,
-    LeftOut,
-    climb,
-    left_out_errors,
-    solve_with_noise,
-)
-from armsight.calibration.misseen import reject_misseen
+from armsight.calibration.left_out import LeftOut, left_out_errors
+from armsight.calibration.model_selection import Selection, select_model
+from armsight.calibration.noise import WHITE, solve_with_noise
+from armsight.calibration.outliers import reject_outliers
 from armsight.calibration.problem import (
     Freedom,
     Priors,
@@ -37,8 +32,8 @@ class CalibrationOptions:
 
     Attributes:
         solve_lenses: lenses have never been calibrated and are part of the answer; otherwise they
-            are freed only if the ladder finds that unseen views gain from it.
-        ladder: choose the error model by left-out views (recorded sets of unknown arms); otherwise
+            are freed only if unseen groups of views gain from it.
+        select: choose the error model by left-out views (recorded sets of unknown arms); otherwise
             everything that can be wrong is modelled with its prior.
         left_out: test the answer on views left out.
         folds: of that test.
@@ -47,7 +42,7 @@ class CalibrationOptions:
     """
 
     solve_lenses: bool = True
-    ladder: bool = False
+    select: bool = False
     left_out: bool = True
     folds: int = 5
     priors: Priors | None = None
@@ -62,7 +57,7 @@ class Calibration:
         problem: what was kept, with start values.
         solution, covariance: the chosen model's.
         freedom: what it moved.
-        ladder: all models that were tried, or None.
+        selection: all models that were tried, or None.
         left_out: test on unseen views, or None.
         rejected: (sighting, reason) of what was left out of the solve.
         starts: of each rig.
@@ -72,7 +67,7 @@ class Calibration:
     solution: Solution
     covariance: Covariance
     freedom: Freedom
-    ladder: Ladder | None
+    selection: Selection | None
     left_out: LeftOut | None
     rejected: tuple[tuple[Sighting, str], ...]
     starts: tuple[HandEyeStart | None, ...]
@@ -146,13 +141,14 @@ def calibrate(
             "no sighting fits another: the arm's poses and the images do not belong together "
             "(wrong order, wrong units, or a wrong board size)"
         )
-    say("mis-seen boards")
+    say("boards that contradict the rest")
     full = full_freedom(start.problem, options.solve_lenses)
-    # A lens that may turn out wrong must not make boards near the image's edge look mis-seen.
-    loose = full_freedom(start.problem, options.solve_lenses or options.ladder)
-    kept, rejected = reject_misseen(start.problem, loose, options.priors, options.solver)
-    if options.ladder:
-        ladder = climb(
+    # A lens that may turn out wrong must not make boards near the image's edge look wrong.
+    loose = full_freedom(start.problem, options.solve_lenses or options.select)
+    kept, rejected = reject_outliers(start.problem, loose, options.priors, options.solver)
+    selection: Selection | None = None
+    if options.select:
+        chosen = select_model(
             kept,
             lens=options.solve_lenses,
             priors=options.priors,
@@ -160,11 +156,11 @@ def calibrate(
             folds=options.folds,
             progress=say,
         )
-        best = ladder.best
+        selection, best = chosen, chosen.best
         solution, freedom, left_out = best.solution, best.freedom, best.left_out
     else:
         say("solve")
-        ladder, left_out = None, None
+        left_out = None
         solution, freedom = solve_with_noise(kept, full, options.priors, options.solver)
         if options.left_out:
             say("unseen views")
@@ -181,7 +177,7 @@ def calibrate(
         solution,
         covariance(solution),
         freedom,
-        ladder,
+        selection,
         left_out,
         (*start.rejected, *rejected),
         start.hand_eye,

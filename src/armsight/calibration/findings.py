@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 Severity = Literal["error", "warning", "note"]
+_ORDER = {"error": 0, "warning": 1, "note": 2}
 
 
 @dataclass(frozen=True)
@@ -26,3 +28,9 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.message}; {self.cure}"
+
+
+def by_severity(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Mistakes first, each message once."""
+    once = {f.message: f for f in findings}
+    return tuple(sorted(once.values(), key=lambda f: _ORDER[f.severity]))

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Floats, Ints, Poses
-from armsight.geometry.camera import PinholeCamera
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def fit(A: Poses, boards: SeenBoards, rounds: int = 6) -> HandEyeFit:
     """
     R_A, t_A = A[:, :3, :3], A[:, :3, 3]
     C = boards.options
-    n, o = C.shape[:2]
+    o = C.shape[1]
     best: HandEyeFit | None = None
     for seed in _seeds(R_A, C):
         found = _fit_from(R_A, t_A, boards, seed, rounds)

@@ -15,8 +15,8 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, Points
 from armsight.calibration.covariance import Covariance, covariance
-from armsight.calibration.ladder import solve_with_noise
 from armsight.calibration.lens_prior import sheet_prior
+from armsight.calibration.noise import solve_with_noise
 from armsight.calibration.problem import (
     ArmView,
     BoardPlacement,

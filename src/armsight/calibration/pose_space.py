@@ -9,6 +9,7 @@ hand-eye calibration about its answer is the linear regression ``y_i = M_i delta
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from armsight.arrays import Floats, Ints
 from armsight.calibration import se3
 from armsight.calibration.model import Model
+from armsight.calibration.problem import Sighting
 from armsight.calibration.solver import Solution
 
 LOOSE = 0.3
@@ -58,18 +60,25 @@ def _roots(covariance: Floats) -> Floats:
     )
 
 
-def pose_errors(solution: Solution, rig: int) -> PoseErrors | None:
+def pose_errors(solution: Solution, rig: int, more: Sequence[Sighting] = ()) -> PoseErrors | None:
     """Every arm view of a rig as a pose error; None with fewer than four views.
 
     The arm's own scatter is told from the same residuals by expectation maximisation, so that an
     arm good to 3 mm is judged as such an arm.
+
+    Args:
+        solution: with any error model.
+        rig: the camera.
+        more: sightings that the solve left out, to be looked at as well.
     """
     old = solution.model
-    model = Model(old.problem, replace(old.freedom, white=None), old.priors)
+    sigma = float(np.median(old.sigma))
+    extra = tuple(replace(s, sigma=sigma) for s in more)
+    problem = replace(old.problem, sightings=(*old.problem.sightings, *extra))
+    model = Model(problem, replace(old.freedom, white=None), old.priors)
     lin = model.linearise(old.with_exact_views(solution.state))
-    weight = np.sqrt(solution.normal.weight)[..., None]
-    r = (lin.residual * weight).reshape(model.count, -1)
-    B = (lin.jacobian[..., -6:] * weight[..., None]).reshape(model.count, r.shape[1], 6)
+    r = lin.residual.reshape(model.count, -1)
+    B = lin.jacobian[..., -6:].reshape(model.count, r.shape[1], 6)
     views: dict[int, tuple[Floats, Floats]] = {}
     for f in np.flatnonzero(model.rig_of == rig):
         v = int(model.view_of[f])
@@ -89,10 +98,12 @@ def pose_errors(solution: Solution, rig: int) -> PoseErrors | None:
     design = np.concatenate(
         [np.tile(np.eye(6), (n, 1, 1)), se3.adjoints(se3.inverses(arm[order]))], axis=2
     )
-    return _with_arm_scatter(PoseErrors(order, shift, seen, np.zeros((6, 6)), design))
+    return with_arm_scatter(
+        PoseErrors(order, shift, np.asarray(seen, np.float64), np.zeros((6, 6)), design)
+    )
 
 
-def _with_arm_scatter(errors: PoseErrors, rounds: int = 40) -> PoseErrors:
+def with_arm_scatter(errors: PoseErrors, rounds: int = 40) -> PoseErrors:
     """The same with the arm's scatter told (one variance for translation, one for rotation)."""
     n = len(errors.view)
     spent = 6 * n / max(6 * n - 12, 6)

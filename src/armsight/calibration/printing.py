@@ -15,6 +15,7 @@ PAPERS = {
 """Width and height upright [mm]."""
 
 _POINT = 72.0 / 25.4  # points a millimetre
+_CIRCLE = 0.5522847498  # of a quarter circle's Bezier curve
 
 
 def board_pdf(board: Board, paper: str = "A4") -> bytes:
@@ -52,20 +53,33 @@ def board_pdf(board: Board, paper: str = "A4") -> bytes:
             f"{(d - b) * _POINT:.4f} re f"
         )
 
+    def disc(a: float, b: float, c: float, d: float) -> str:
+        """An ellipse in a rectangle, by four Bezier curves."""
+        x, y = 0.5 * (a + c) * _POINT, (h - 0.5 * (b + d)) * _POINT
+        r, s = 0.5 * (c - a) * _POINT, 0.5 * (d - b) * _POINT
+        k, m = _CIRCLE * r, _CIRCLE * s
+        curves = (
+            (x + r, y + m, x + k, y + s, x, y + s),
+            (x - k, y + s, x - r, y + m, x - r, y),
+            (x - r, y - m, x - k, y - s, x, y - s),
+            (x + k, y - s, x + r, y - m, x + r, y),
+        )
+        drawn = " ".join(" ".join(f"{v:.4f}" for v in c) + " c" for c in curves)
+        return f"{x + r:.4f} {y:.4f} m {drawn} f"
+
     lines = ["0 g"]
     shade = True
-    for a, b, c, d, dark in board.tiles():
-        if dark != shade:
-            lines.append("0 g" if dark else "1 g")
-            shade = dark
-        lines.append(
-            box(
-                left + 1e3 * (a - x0),
-                top + 1e3 * (b - y0),
-                left + 1e3 * (c - x0),
-                top + 1e3 * (d - y0),
-            )
+    for tile in board.tiles():
+        if tile.dark != shade:
+            lines.append("0 g" if tile.dark else "1 g")
+            shade = tile.dark
+        corners = (
+            left + 1e3 * (tile.x0 - x0),
+            top + 1e3 * (tile.y0 - y0),
+            left + 1e3 * (tile.x1 - x0),
+            top + 1e3 * (tile.y1 - y0),
         )
+        lines.append(disc(*corners) if tile.round else box(*corners))
     lines.append("0 g")
     if top >= 12:  # a rule to check the printer with
         lines.append(box(left, h - 7.0, left + 100.0, h - 6.6))

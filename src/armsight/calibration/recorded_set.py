@@ -1,50 +1,69 @@
-"""Calibrating from a folder of images and poses, as people have them.
+"""A recorded set: pictures (or corners) and poses of a folder, in whatever layout, read.
 
-Layouts that are read:
-
-* ``images/N.png`` with ``poses/N.yaml`` (x y z qx qy qz qw), ROS-Industrial's; its
-  ``cal_data.yaml`` gives board and lens;
-* ``*image-N.png`` with ``*pose*_N.yaml`` (six numbers: translation, axis times angle), ViSP's;
-* images with ``poses.csv`` (a header names the columns; ``_mm`` and ``_deg`` are understood),
-  ``poses.txt`` (7, 12 or 16 numbers a line), ``poses.yaml`` or ``poses.json`` (a list);
-* images alone: a lens calibration.
-
-Poses are ``T_base_flange``. A lens comes from any YAML (ROS ``camera_info``, OpenCV) or ViSP XML in
-the folder, unless it is named; without one it is solved.
+``docs/calibration.md`` lists the layouts. Poses are brought to ``T_base_flange``; what was read,
+and as what, is kept for a table with the second-best reading of each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from armsight.arrays import Floats, Poses
-from armsight.calibration.boards import Board, CharucoBoard, Checkerboard, Detection
-from armsight.calibration.calibrate import Calibration, CalibrationOptions, calibrate
-from armsight.calibration.diagnosis.raw_poses import RawPoses
-from armsight.calibration.diagnosis.solved import diagnose_solution
-from armsight.calibration.diagnosis.start import diagnose_start
-from armsight.calibration.files import images_in, number_of, read_lens, read_poses, read_yaml
+from armsight.arrays import Floats, Ints, Poses
+from armsight.calibration.boards import Board, Checkerboard, CircleGrid, Detection
 from armsight.calibration.findings import Finding
-from armsight.calibration.lens import LensCalibration, calibrate_lens, zhang
-from armsight.calibration.lens_prior import sheet_prior
-from armsight.calibration.problem import (
-    ArmView,
-    BoardPlacement,
-    Lens,
-    Mount,
-    Problem,
-    Rig,
-    Sighting,
+from armsight.calibration.layouts.board_files import board_of
+from armsight.calibration.layouts.choice import BETTER, Choice, board_options, choose
+from armsight.calibration.layouts.corner_files import CornerFile, find_corners, numbers_of
+from armsight.calibration.layouts.folder import (
+    Folder,
+    Series,
+    Unread,
+    list_folder,
+    pose_tables,
 )
-from armsight.calibration.robot_errors import RobotErrors
+from armsight.calibration.layouts.lens_choice import GivenLens, given_lens
+from armsight.calibration.layouts.lens_files import LensFile
+from armsight.calibration.layouts.table import PoseTable
+from armsight.calibration.lens import zhang
+from armsight.calibration.pictures import MOST, Seen, look, settle_board
+from armsight.calibration.problem import Mount
+from armsight.calibration.start import planar_poses
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
-from armsight.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class RecordedCamera:
+    """What one camera of a set saw.
+
+    Attributes:
+        name: of the camera.
+        mount: what carries it.
+        seen: its pictures.
+        view: (n,) of each picture, its row among the set's poses; -1 where it has none.
+        lens: given with the set, or None.
+        choice: how its poses were read; None without poses.
+    """
+
+    name: str
+    mount: Mount
+    seen: Seen
+    view: Ints
+    lens: LensFile | None
+    choice: Choice | None = None
+
+
+@dataclass(frozen=True)
+class ReadAs:
+    """One line of the table of what was read: the thing, as what, and the second-best reading."""
+
+    what: str
+    read_as: str
+    otherwise: str = ""
 
 
 @dataclass(frozen=True)
@@ -53,42 +72,23 @@ class RecordedSet:
 
     Attributes:
         folder: where.
-        images: their paths, one a view.
-        detections: of each view, or None; misses: why not.
-        poses: (n, 4, 4) ``T_base_flange`` of each view, or None for lens frames alone.
-        raw: the same as written.
-        joints: (n, j) [rad], or None.
-        lens: given with the set, or None; size: (width, height) of the images [px].
         board: what was looked for.
+        cameras: that took its pictures.
+        poses: (v, 4, 4) ``T_base_flange`` of each view, or None for pictures alone.
+        joints: (v, j) [rad], or None.
+        names: of the views, by their pictures.
+        read_as: the table of what was read.
         findings: what was odd about the files.
     """
 
     folder: Path
-    images: tuple[Path, ...]
-    detections: tuple[Detection | None, ...]
-    misses: tuple[str, ...]
-    poses: Poses | None
-    raw: RawPoses | None
-    joints: Floats | None
-    lens: PinholeCamera | None
-    size: tuple[int, int]
     board: Board
+    cameras: tuple[RecordedCamera, ...]
+    poses: Poses | None
+    joints: Floats | None
+    names: tuple[str, ...]
+    read_as: tuple[ReadAs, ...] = ()
     findings: tuple[Finding, ...] = ()
-
-
-@dataclass(frozen=True)
-class RecordedAnswer:
-    """What a recorded set says.
-
-    Attributes:
-        calibration: camera and board, or None for a set of lens frames.
-        lens: of a set of lens frames, else None.
-        findings: everything odd, mistakes first.
-    """
-
-    calibration: Calibration | None
-    lens: LensCalibration | None
-    findings: tuple[Finding, ...] = field(default=())
 
 
 def load(
@@ -96,350 +96,336 @@ def load(
     board: Board | None = None,
     lens_file: Path | None = None,
     progress: Callable[[str], None] | None = None,
+    mount: Mount | None = None,
 ) -> RecordedSet:
-    """Read a folder and find the board in its images.
+    """Read a folder and find the board in its pictures.
+
+    Args:
+        folder: pictures and poses, in any layout.
+        board: what to look for; None when the folder itself says so.
+        lens_file: of the camera.
+        progress: called with each picture's name.
+        mount: where the camera is, when the user says so; the data tell otherwise.
 
     Raises:
         CalibrationError: nothing usable is there; says what is missing.
     """
-    if not folder.is_dir():
-        raise CalibrationError(f"{folder}: no such folder")
-    images = images_in(folder)
-    if not images:
-        raise CalibrationError(f"{folder}: no images in it or in {folder / 'images'}")
-    board = board or board_of(folder)
+    listed = list_folder(folder)
+    board = board or board_of(listed.others)
     if board is None:
         raise CalibrationError(
             f"{folder}: which board? give --board, such as checkerboard:7x5:30 or charuco:5x7:36:27"
         )
     findings: list[Finding] = []
-    try:
-        table = read_poses(folder)
-    except CalibrationError:
-        if any(folder.glob("*pose*")):
-            raise
-        table = None
-    pairs = list(range(len(images)))
-    if table is not None:
-        images, pairs, odd = _paired(images, table.keys, table.source)
-        findings += odd
-    say = progress or (lambda _: None)
-    detections: list[Detection | None] = []
-    misses: list[str] = []
-    size: tuple[int, int] | None = None
-    for number, file in enumerate(images):
-        say(f"{file.name} ({number + 1} of {len(images)})")
-        gray = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-        if gray is None:
-            detections.append(None)
-            misses.append("image cannot be read")
-            continue
-        shape = (gray.shape[1], gray.shape[0])
-        if size is not None and shape != size:
-            detections.append(None)
-            misses.append(f"image is {shape[0]}x{shape[1]}, the first is {size[0]}x{size[1]}")
-            continue
-        size = size or shape
-        found = board.detect(np.asarray(gray, np.uint8))
-        detections.append(found if isinstance(found, Detection) else None)
-        misses.append("" if isinstance(found, Detection) else found.reason)
-    if size is None:
-        raise CalibrationError(f"{folder}: none of {len(images)} images can be read")
-    lens = _find_lens(folder, lens_file, size)
-    if lens is not None and (lens.width, lens.height) != size:
-        findings.append(
-            Finding(
-                "lens_resolution",
-                "error",
-                f"the lens is for {lens.width}x{lens.height}, the images are {size[0]}x{size[1]}",
-                "give the lens of this resolution",
-            )
+    series, seen, corners, used = _pictures(listed, board, progress)
+    if corners is None:
+        board, counted = settle_board(board, series[0].files)
+        findings += counted
+        findings += _too_many(series)
+        series = tuple(_thinned(s) for s in series)
+        seen = tuple(look(board, s.files, progress) for s in series)
+    if all(s.size is None for s in seen):
+        raise CalibrationError(
+            f"{folder}: none of {sum(len(s.names) for s in seen)} pictures can be read, such as "
+            f"{series[0].files[0].name}"
         )
-    raw = None
-    if table is not None:
-        raw = RawPoses(table.raw.position[pairs], table.raw.rotation[pairs], table.raw.kind)
-    joints = table.joints[pairs] if table is not None and table.joints is not None else None
-    return RecordedSet(
-        folder,
-        tuple(images),
-        tuple(detections),
-        tuple(misses),
-        raw.poses() if raw is not None else None,
-        raw,
-        joints,
-        lens,
-        size,
-        board,
-        tuple(findings),
+    rows = [_board_row(board, findings)]
+    lenses = tuple(
+        given_lens(listed.others, lens_file, s.name, v.size or (0, 0), len(series))
+        for s, v in zip(series, seen)
+    )
+    for s, found in zip(series, lenses):
+        findings += found.findings
+        rows.append(ReadAs(f"lens of {s.name}", found.words))
+    skip = used | {f for found in lenses for f in found.files}
+    tables, unread = pose_tables(listed, len(series[0].files), lambda f: f in skip)
+    if not tables:
+        return _lens_frames(folder, board, series, seen, lenses, mount, unread, rows, findings)
+    return _with_poses(
+        folder, board, series, seen, lenses, mount, tables, unread, listed, rows, findings
     )
 
 
-def _paired(
-    images: list[Path], keys: tuple[str, ...], source: str
-) -> tuple[list[Path], list[int], list[Finding]]:
-    """Images that have a pose, the pose of each, and what does not match."""
-    if any(keys):
-        by_key = {k: i for i, k in enumerate(keys)}
-        by_number = {number_of(k): i for i, k in enumerate(keys)}
-        kept, pairs = [], []
-        for file in images:
-            for index in (
-                by_key.get(file.name),
-                by_key.get(file.stem),
-                by_number.get(number_of(file.name)),
-            ):
-                if index is not None:
-                    kept.append(file)
-                    pairs.append(index)
-                    break
-        odd = []
-        if len(kept) < max(len(images), len(keys)):
-            odd.append(
+def _pictures(
+    listed: Folder, board: Board, progress: Callable[[str], None] | None
+) -> tuple[tuple[Series, ...], tuple[Seen, ...], CornerFile | None, set[Path]]:
+    """Series of pictures; or corners that are given instead."""
+    if listed.series:
+        return listed.series, (), None, set()
+    corners, used = find_corners(listed.others, board)
+    if corners is None:
+        raise CalibrationError(
+            f"{listed.path}: no pictures in it or in the folders below, and no file of corners"
+        )
+    n = len(corners.names)
+    series = Series(
+        "camera", tuple(Path(name) for name in corners.names), numbers_of(corners.names)
+    )
+    size = corners.size or _size_from_lens(listed) or _size_from_corners(corners)
+    misses = tuple("" if d is not None else "no corners given" for d in corners.detections)
+    seen = Seen(corners.names, corners.detections, misses, size, np.full(n, np.nan), ("",) * n)
+    return (series,), (seen,), corners, used
+
+
+def _size_from_lens(listed: Folder) -> tuple[int, int] | None:
+    found = given_lens(listed.others, None, "camera", (0, 0), 1)
+    lens = found.lens
+    if lens is None or not lens.sized:
+        return None
+    return lens.camera.width, lens.camera.height
+
+
+def _size_from_corners(corners: CornerFile) -> tuple[int, int]:
+    most = np.max([d.pixel.max(0) for d in corners.detections if d is not None], axis=0)
+    for w, h in ((640, 480), (1280, 720), (1280, 960), (1280, 1024), (1600, 1200), (1920, 1080),
+                 (1936, 1216), (2048, 1536), (2448, 2048), (3840, 2160), (4096, 3072)):  # fmt: skip
+        if most[0] < w and most[1] < h:
+            return w, h
+    return int(most[0] * 1.05), int(most[1] * 1.05)
+
+
+def _too_many(series: Sequence[Series]) -> list[Finding]:
+    return [
+        Finding(
+            "many_pictures",
+            "note",
+            f"{s.name}: {len(s.files)} pictures, {MOST} of them evenly spread are looked at",
+            "more would cost time and tell nothing new",
+        )
+        for s in series
+        if len(s.files) > MOST
+    ]
+
+
+def _thinned(series: Series) -> Series:
+    if len(series.files) <= MOST:
+        return series
+    pick = np.linspace(0, len(series.files) - 1, MOST).astype(int)
+    return Series(
+        series.name,
+        tuple(series.files[int(k)] for k in pick),
+        tuple(series.numbers[int(k)] for k in pick),
+    )
+
+
+def _board_row(board: Board, findings: Sequence[Finding]) -> ReadAs:
+    counted = next((f.message for f in findings if f.code == "board_count"), "")
+    return ReadAs("board", board.describe(), counted)
+
+
+def _lens_frames(
+    folder: Path,
+    board: Board,
+    series: Sequence[Series],
+    seen: Sequence[Seen],
+    lenses: Sequence[GivenLens],
+    mount: Mount | None,
+    unread: Sequence[Unread],
+    rows: list[ReadAs],
+    findings: list[Finding],
+) -> RecordedSet:
+    """Pictures without poses: a lens calibration."""
+    tried = "; ".join(f"{u.file.name}: {_short(u)}" for u in unread[:5]) or "no other files"
+    like = [u for u in unread if "pose" in u.file.stem.lower() or "robot" in u.file.stem.lower()]
+    if like:
+        raise CalibrationError(like[0].reason if str(like[0].file) in like[0].reason else
+                               f"{like[0].file}: {like[0].reason}")  # fmt: skip
+    if mount is not None:
+        raise CalibrationError(
+            f"{folder}: --hand needs the arm's poses, and none were found ({tried}); give "
+            "poses.csv with a header such as image,x,y,z,qx,qy,qz,qw (the flange in the base)"
+        )
+    rows.append(ReadAs("poses", f"none found ({tried}): the lens alone is calibrated"))
+    cameras = tuple(
+        RecordedCamera(s.name, "base", v, np.full(len(v.names), -1), found.lens)
+        for s, v, found in zip(series, seen, lenses)
+    )
+    return RecordedSet(folder, board, cameras, None, None, (), tuple(rows), tuple(findings))
+
+
+def _short(unread: Unread) -> str:
+    return unread.reason.removeprefix(f"{unread.file}: ")
+
+
+def _with_poses(
+    folder: Path,
+    board: Board,
+    series: Sequence[Series],
+    seen: Sequence[Seen],
+    lenses: Sequence[GivenLens],
+    mount: Mount | None,
+    tables: list[PoseTable],
+    unread: Sequence[Unread],
+    listed: Folder,
+    rows: list[ReadAs],
+    findings: list[Finding],
+) -> RecordedSet:
+    """Pictures with poses: each camera's reading of them, the first one's table for all."""
+    order = sorted(
+        range(len(series)), key=lambda k: -sum(d is not None for d in seen[k].detections)
+    )
+    choices: dict[int, Choice | None] = {}
+    looked = list(seen)
+    for k in order:
+        found = _choice(board, series[k], seen[k], lenses[k].lens, tables, mount)
+        if found is not None and not found.trusted:
+            looked[k], found = _unmirrored(
+                board, series[k], looked[k], lenses[k].lens, tables, mount, found
+            )
+        choices[k] = found
+        if choices[k] is not None and len(tables) > 1:
+            taken = choices[k].best.reading.table  # type: ignore[union-attr]
+            tables = [taken]  # one arm: what was told by one camera holds for all
+    first = choices[order[0]]
+    reading = first.best.reading if first is not None else None
+    table = reading.table if reading is not None else tables[0]
+    poses = first.poses() if first is not None else None
+    if poses is None:
+        from armsight.calibration.layouts.conventions import readings
+
+        meanings = readings(table)
+        poses = meanings[0].poses() if meanings else np.tile(np.eye(4), (len(table.values), 1, 1))
+    names = [str(k) for k in range(1, len(table.values) + 1)]
+    cameras = []
+    for k, (s, v) in enumerate(zip(series, looked)):
+        choice = choices[k]
+        view = np.full(len(v.names), -1)
+        if choice is not None:
+            view[choice.best.pairing.picture] = choice.best.pairing.row
+        else:
+            m = min(len(view), len(table.values))
+            view[:m] = np.arange(m)
+        for picture, row in zip(v.names, view):
+            if row >= 0 and names[row].isdigit():
+                names[row] = picture
+        carried: Mount = choice.best.mount if choice is not None else (mount or "base")
+        cameras.append(RecordedCamera(s.name, carried, v, view, lenses[k].lens, choice))
+        if choice is not None:
+            findings += [
+                f for f in choice.findings if f.message not in {g.message for g in findings}
+            ]
+            rows.append(_pose_row(s.name, len(series), choice))
+        unpaired = int(np.sum(view < 0))
+        if unpaired or len(table.values) != len(v.names):
+            findings.append(
                 Finding(
                     "unpaired",
-                    "warning",
-                    f"{len(images)} images and {len(keys)} poses in {source}: {len(kept)} pairs",
-                    "number images and poses alike",
+                    "warning" if unpaired > 0.5 * len(view) else "note",
+                    f"{len(v.names)} pictures of {s.name} and {len(table.values)} poses in "
+                    f"{table.source}: {len(view) - unpaired} pairs",
+                    "number pictures and poses alike",
                 )
             )
-        if not kept:
-            raise CalibrationError(f"{source}: no pose belongs to an image by name or number")
-        return kept, pairs, odd
-    n = min(len(images), len(keys))
-    odd = []
-    if len(images) != len(keys):
-        odd.append(
-            Finding(
-                "unpaired",
-                "warning",
-                f"{len(images)} images but {len(keys)} poses in {source}, tied by order alone",
-                "name the image of each pose",
-            )
-        )
-    return images[:n], list(range(n)), odd
+    other = [f"{u.file.name} ({_short(u)})" for u in unread]
+    other += [f"{f.name} (no view of the board)" for f in listed.aside[:3]]
+    if other:
+        rows.append(ReadAs("not read", "; ".join(other[:6])))
+    return RecordedSet(
+        folder, board, tuple(cameras), poses, table.joints, tuple(names), tuple(rows),
+        tuple(findings),
+    )  # fmt: skip
 
 
-def _find_lens(folder: Path, lens_file: Path | None, size: tuple[int, int]) -> PinholeCamera | None:
-    if lens_file is not None:
-        lens = read_lens(lens_file, *size)
-        if lens is None:
-            raise CalibrationError(f"{lens_file}: no lens found in it")
-        return lens
-    for file in sorted([*folder.glob("*.y*ml"), *folder.glob("*.xml")]):
-        if "pose" in file.stem:
-            continue
-        try:
-            lens = read_lens(file, *size)
-        except CalibrationError:
-            continue
-        if lens is not None:
-            return lens
-    return None
+def _pose_row(name: str, cameras: int, choice: Choice) -> ReadAs:
+    what = "poses" if cameras == 1 else f"poses, {name}"
+    best = choice.best
+    words = f"{best.reading.table.source}: {best.words()} ({best.fit.median_px:.1f} px)"
+    second = choice.second
+    otherwise = "" if second is None else f"{second.words()} ({second.fit.median_px:.0f} px)"
+    return ReadAs(what, words, otherwise)
 
 
-def board_of(folder: Path) -> Board | None:
-    """The board that a ROS-Industrial ``cal_data.yaml`` describes, or None."""
-    file = folder / "cal_data.yaml"
-    if not file.is_file():
+def _choice(
+    board: Board,
+    series: Series,
+    seen: Seen,
+    lens: LensFile | None,
+    tables: Sequence[PoseTable],
+    mount: Mount | None,
+) -> Choice | None:
+    found = [(k, d) for k, d in enumerate(seen.detections) if d is not None]
+    if len(found) < 3 or seen.size is None:
         return None
-    document = read_yaml(file)
-    finder = document.get("target_finder") if isinstance(document, dict) else None
-    if not isinstance(finder, dict):
+    camera = (
+        lens.camera if lens is not None else rough_lens(board, [d for _, d in found], seen.size)
+    )
+    index, poses = [], []
+    for k, d in found:
+        p = planar_poses(camera, board.points[d.corner], d.pixel)
+        if p is not None:
+            index.append(k)
+            poses.append(p.T_lens_board)
+    if len(index) < 3:
         return None
-    kind = str(finder.get("type", ""))
-    names = [
-        "DICT_4X4_50",
-        "DICT_4X4_100",
-        "DICT_4X4_250",
-        "DICT_4X4_1000",
-        "DICT_5X5_50",
-        "DICT_5X5_100",
-        "DICT_5X5_250",
-        "DICT_5X5_1000",
-        "DICT_6X6_50",
-        "DICT_6X6_100",
-        "DICT_6X6_250",
-        "DICT_6X6_1000",
-        "DICT_7X7_50",
-        "DICT_7X7_100",
-        "DICT_7X7_250",
-        "DICT_7X7_1000",
-        "DICT_ARUCO_ORIGINAL",
-        "DICT_APRILTAG_16h5",
-        "DICT_APRILTAG_25h9",
-        "DICT_APRILTAG_36h10",
-        "DICT_APRILTAG_36h11",
-    ]
-    try:
-        if kind.startswith("Charuco"):
-            return CharucoBoard(
-                int(finder["cols"]),
-                int(finder["rows"]),
-                float(finder["chessboard_dim"]),
-                float(finder["aruco_marker_dim"]),
-                names[int(finder.get("dictionary", 10))],
-            )
-        if kind.startswith("Checkerboard"):
-            return Checkerboard(
-                int(finder["cols"]), int(finder["rows"]), float(finder["square"]), False
-            )
-    except (KeyError, ValueError, IndexError):
-        raise CalibrationError(f"{file}: target_finder is incomplete") from None
-    return None
+    points = np.asarray(board.points, np.float64)
+    boards = board_options(poses, board.turns, points, camera.fx)
+    gaps = np.linalg.norm(board.points[1:] - board.points[0], axis=1)
+    return choose(series, tables, np.array(index), boards, mount, float(gaps.min()))
 
 
-def problem_of(
-    recorded: RecordedSet,
-    mount: Mount = "base",
-    robot: Robot | None = None,
-    sigma: float = 0.15,
-    keep_lens: bool = False,
-) -> Problem:
-    """The set as a problem: one camera, one board.
+def _unmirrored(
+    board: Board,
+    series: Series,
+    seen: Seen,
+    lens: LensFile | None,
+    tables: Sequence[PoseTable],
+    mount: Mount | None,
+    choice: Choice,
+) -> tuple[Seen, Choice]:
+    """The same with pictures mirrored back, when arm and board agree only so."""
+    order = mirror_order(board)
+    if order is None or seen.size is None:
+        return seen, choice
+    back: list[Detection | None] = []
+    for d in seen.detections:
+        if d is None:
+            back.append(None)
+            continue
+        corner = order[d.corner]
+        sort = np.argsort(corner)
+        pixel = np.column_stack([seen.size[0] - 1 - d.pixel[:, 0], d.pixel[:, 1]])
+        back.append(replace(d, corner=corner[sort], pixel=pixel[sort]))
+    mirrored = replace(seen, detections=tuple(back))
+    other = _choice(board, series, mirrored, lens, tables, mount)
+    if other is None or not other.trusted:
+        return seen, choice
+    if other.best.fit.median_px * BETTER > choice.best.fit.median_px:
+        return seen, choice
+    named = Finding(
+        "mirrored",
+        "warning",
+        f"the pictures of {series.name} are mirrored left to right: arm and board agree only when "
+        f"they are mirrored back ({other.best.fit.median_px:.1f} px, as they are "
+        f"{choice.best.fit.median_px:.0f} px); read so",
+        "switch the camera's mirroring off: the result holds for pictures that are not mirrored",
+    )
+    return mirrored, replace(other, findings=(named, *other.findings))
 
-    Raises:
-        CalibrationError: no board was seen, there is no lens and none can be told, or none is
-            there that could be kept.
-    """
-    seen = [(i, d) for i, d in enumerate(recorded.detections) if d is not None]
-    if not seen or recorded.poses is None:
-        reasons = ", ".join(sorted({m for m in recorded.misses if m})) or "no poses"
-        raise CalibrationError(
-            f"{recorded.folder}: no {recorded.board.describe()} in any of {len(recorded.images)} "
-            f"images ({reasons}); check the board's kind and size"
-        )
-    width, height = recorded.size
-    points = recorded.board.points
-    lens = recorded.lens
-    if lens is None and keep_lens:
-        raise CalibrationError(f"{recorded.folder}: no lens there to be kept; give --lens FILE")
-    if lens is None:
-        lens = zhang([points[d.corner] for _, d in seen], [d.pixel for _, d in seen], width, height)
-        if lens is None:
-            raise CalibrationError(
-                f"{recorded.folder}: no lens given, and these images do not tell one; give --lens"
-            )
-        prior = sheet_prior(lens, focal=0.5, center=0.1, distortion=1.0)
+
+def mirror_order(board: Board) -> Ints | None:
+    """Which corner each is when a grid is read from its back; None for boards with numbers."""
+    if isinstance(board, Checkerboard):
+        columns, rows = board.inner
+    elif isinstance(board, CircleGrid) and not board.asymmetric:
+        columns, rows = board.columns, board.rows
     else:
-        lens = replace(lens, width=width, height=height)
-        prior = sheet_prior(lens, focal=0.01, aspect=0.003, center=0.01)
-    joints = recorded.joints if robot is not None else None
-    views = tuple(
-        ArmView(T, None if joints is None else joints[i]) for i, T in enumerate(recorded.poses)
+        return None
+    return np.arange(columns * rows).reshape(rows, columns)[:, ::-1].ravel()
+
+
+def rough_lens(
+    board: Board, detections: Sequence[Detection], size: tuple[int, int]
+) -> PinholeCamera:
+    """A lens from the pictures alone; a usual one where they do not tell it."""
+    found = zhang(
+        [board.points[d.corner] for d in detections], [d.pixel for d in detections], *size
     )
-    return Problem(
-        (Rig("camera", mount),),
-        (Lens("camera", 0, lens, prior=prior, keep=keep_lens),),
-        (BoardPlacement("board", points, "flange" if mount == "base" else "base"),),
-        views,
-        tuple(
-            Sighting(i, 0, 0, d.corner, d.pixel, sigma)
-            for i, d in seen
-            if len(d.corner) >= min(5, len(points))
-        ),
-        RobotErrors(robot) if joints is not None and robot is not None else None,
-    )
+    if found is not None:
+        return found
+    f = 1.1 * max(size)
+    return PinholeCamera(*size, f, f, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
 
 
-def solve_set(
-    recorded: RecordedSet,
-    mount: Mount = "base",
-    robot: Robot | None = None,
-    seed: int = 0,
-    folds: int | None = None,
-    progress: Callable[[str], None] | None = None,
-    keep_lens: bool = False,
-) -> RecordedAnswer:
-    """Solve a recorded set and say what is wrong with it.
-
-    Args:
-        recorded: the set.
-        mount: what carries the camera.
-        robot: model of the arm when the set has joint angles.
-        seed: of random samples.
-        folds: of the left-out test; one a view up to 20 views by default.
-        progress: called with each stage.
-        keep_lens: the lens that was given stays as it is, whatever the images say.
-
-    Raises:
-        CalibrationError: it cannot be solved at all.
-    """
-    findings = list(recorded.findings)
-    lost = [m for m in recorded.misses if m]
-    if lost:
-        findings.append(
-            Finding(
-                "unseen",
-                "note",
-                f"no board in {len(lost)} of {len(recorded.images)} images: "
-                + ", ".join(sorted(set(lost))),
-                "leave them out, or improve light and focus",
-            )
-        )
-    if recorded.poses is None:
-        frames = [(d.corner, d.pixel) for d in recorded.detections if d is not None]
-        lens = calibrate_lens(recorded.board.points, frames, *recorded.size)
-        return RecordedAnswer(None, lens, tuple(findings))
-    problem = problem_of(recorded, mount, robot, keep_lens=keep_lens)
-    findings += diagnose_start(problem, 0, recorded.raw, seed)
-    views = len({s.view for s in problem.sightings})
-    options = CalibrationOptions(
-        solve_lenses=recorded.lens is None,
-        ladder=True,
-        folds=folds or (views if views <= 20 else 8),
-    )
-    fatal = [f for f in findings if f.severity == "error"]
-    try:
-        answer = calibrate(problem, np.random.default_rng(seed), options, progress)
-    except CalibrationError as error:
-        if fatal:
-            raise CalibrationError(
-                f"{recorded.folder}: {fatal[0].message}; {fatal[0].cure}"
-            ) from None
-        raise CalibrationError(f"{recorded.folder}: {error}") from None
-    if not fatal:
-        findings += diagnose_solution(answer.solution, 0)
-        findings += verdict_findings(answer)
-    order = {"error": 0, "warning": 1, "note": 2}
-    findings.sort(key=lambda f: order[f.severity])
-    return RecordedAnswer(answer, None, tuple(findings))
-
-
-def verdict_findings(answer: Calibration) -> list[Finding]:
-    """What the answer itself says of the data's quality."""
-    out = []
-    sigma = answer.target_sigma(0)
-    noise = float(np.median([s.sigma for s in answer.problem.sightings]))
-    white = answer.freedom.white
-    if answer.left_out is not None and answer.left_out.mm > 1.3:
-        out.append(
-            Finding(
-                "inconsistent",
-                "warning",
-                f"poses and images agree only to {answer.left_out.mm:.1f} mm in views that the "
-                f"solve has not seen ({answer.left_out.px:.1f} px; corners scatter by "
-                f"{noise:.2f} px)",
-                "check that the arm was at rest, its poses are those of the images, and board and "
-                "camera are tight",
-            )
-        )
-    if white is not None and white[0] > 0.002:
-        out.append(
-            Finding(
-                "arm_noise",
-                "warning",
-                f"the arm's poses scatter by {1e3 * white[0]:.1f} mm and "
-                f"{np.rad2deg(white[1]):.2f} deg",
-                "an arm repeats to 0.1 mm: look for late poses, a loose board or a wrong flange",
-            )
-        )
-    if sigma > 0.005:
-        out.append(
-            Finding(
-                "uncertain",
-                "warning",
-                f"a point 1.0-1.5 m away would be off by about {1e3 * sigma:.0f} mm",
-                "take more views, tilted by 20-40 deg about different axes, over the whole image",
-            )
-        )
-    return out
+def with_mount(recorded: RecordedSet, mount: Mount) -> RecordedSet:
+    """The same set with all cameras on another mount."""
+    return replace(recorded, cameras=tuple(replace(c, mount=mount) for c in recorded.cameras))

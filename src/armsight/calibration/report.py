@@ -19,6 +19,8 @@ from armsight.devices.depth_model import DepthModel
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from armsight.calibration.recorded_set import RecordedSet
+
 _STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}
 table{border-collapse:collapse}
 td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #ddd}
@@ -92,15 +94,27 @@ def lines(
             f"board on {board.mount}: x {1e3 * T[0, 3]:.1f} y {1e3 * T[1, 3]:.1f} z "
             f"{1e3 * T[2, 3]:.1f} mm, print {scale:+.2f} % in size"
         )
-    if calibration.ladder is not None:
-        from armsight.calibration.ladder import ladder_lines
+    if calibration.selection is not None:
+        from armsight.calibration.model_selection import selection_lines
 
-        out += ["models tried (* taken):", *ladder_lines(calibration.ladder)]
+        out += ["models tried (* taken):", *selection_lines(calibration.selection)]
     for s, reason in calibration.rejected[:10]:
         out.append(f"left out: view {s.view}, {problem.lenses[s.lens].name}: {reason}")
     if len(calibration.rejected) > 10:
         out.append(f"left out: {len(calibration.rejected) - 10} more boards")
     out += [str(f) for f in findings]
+    return out
+
+
+def read_lines(recorded: RecordedSet) -> list[str]:
+    """The table of what was read, as what, and the second-best reading."""
+    rows = recorded.read_as
+    wide = max((len(r.what) for r in rows), default=0)
+    out = []
+    for r in rows:
+        out.append(f"{r.what:{wide}s}  {r.read_as}")
+        if r.otherwise:
+            out.append(f"{'':{wide}s}  second best: {r.otherwise}")
     return out
 
 

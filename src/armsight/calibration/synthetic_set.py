@@ -173,7 +173,7 @@ def _reachable(
         T = arm.flange_poses(robot, q)
         p = _in_camera(T, points, X, Z, mount)
         pixels = camera.project(p.reshape(-1, 3)).reshape(*p.shape[:2], 2)
-        joints += list(q[ok & seen_by(p, pixels, camera)])
+        joints += list(q[ok & (seen_by(p, pixels, camera) > 0)])
         if len(joints) >= views:
             q = np.array(joints[:views])
             return arm.flange_poses(robot, q), q

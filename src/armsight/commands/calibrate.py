@@ -6,7 +6,7 @@ import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from armsight.calibration.boards import Board
     from armsight.calibration.live.seen import SeenView
     from armsight.calibration.live.watcher import Progress, Watcher
+    from armsight.calibration.recorded_set import RecordedSet
+    from armsight.calibration.recorded_solve import RecordedAnswer
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,8 @@ class Calibrate:
         board: which board, sizes in mm, such as checkerboard:7x5:30 or charuco:5x7:36:27.
         lens: a file with the lens of a recorded set (ROS camera_info, OpenCV or ViSP).
         keep_lenses: the lenses stay as they are: those of --lens, or those that the cameras report.
-        hand: the camera of a recorded set is on the flange, the board beside the arm.
+        hand: the camera of a recorded set is on the flange, the board beside the arm; beside: the
+            camera is beside the arm. Without either the pictures tell.
         robot: model of the arm of a recorded set that has joint angles, such as ur5.
         goal_mm: stop when points 1.0-1.5 m away are this sure.
         views: at most.
@@ -52,6 +55,7 @@ class Calibrate:
     lens: Path | None = None
     keep_lenses: bool = False
     hand: bool = False
+    beside: bool = False
     robot: str | None = None
     goal_mm: float = 1.2
     views: int = 60
@@ -81,36 +85,27 @@ class Calibrate:
     def _recorded(self) -> int:
         from armsight.calibration import report
         from armsight.calibration.export import write_results
-        from armsight.calibration.recorded_set import load, solve_set
+        from armsight.calibration.recorded_set import load
+        from armsight.calibration.recorded_solve import solve_set
+        from armsight.errors import UsageError
         from armsight.robots import load_robot
         from armsight.writing import write_text
 
         assert self.from_ is not None
+        if self.hand and self.beside:
+            raise UsageError("calibrate: --hand and --beside exclude each other")
+        mount: Literal["base", "flange"] | None = None
+        if self.hand or self.beside:
+            mount = "flange" if self.hand else "base"
         robot = load_robot(self.robot) if self.robot is not None else None
-        recorded = load(self.from_, self._board(), self.lens, _say)
-        answer = solve_set(
-            recorded,
-            "flange" if self.hand else "base",
-            robot,
-            self.seed,
-            progress=_say,
-            keep_lens=self.keep_lenses,
-        )
+        recorded = load(self.from_, self._board(), self.lens, _say, mount)
+        _say("")
+        for line in report.read_lines(recorded):
+            print(line)
+        answer = solve_set(recorded, robot, self.seed, _say, self.keep_lenses)
         _say("")
         if answer.calibration is None:
-            assert answer.lens is not None
-            c = answer.lens.camera
-            d = " ".join(f"{v:.4f}" for v in c.distortion)
-            print(f"lens from {answer.lens.frames} frames, corners to {answer.lens.rms_px:.2f} px:")
-            print(f"  f {c.fx:.2f} {c.fy:.2f}, centre {c.cx:.2f} {c.cy:.2f}, k1 k2 p1 p2 k3 {d}")
-            from armsight.calibration.export import camera_info_yaml, opencv_yaml
-
-            write_text(self.out / "camera.camera_info.yaml", camera_info_yaml("camera", c))
-            write_text(self.out / "camera.opencv.yaml", opencv_yaml(c))
-            for finding in answer.findings:
-                print(finding)
-            print(f"written to {self.out}")
-            return 0
+            return self._lenses(recorded, answer)
         for line in report.lines(answer.calibration, (), answer.findings):
             print(line)
         wrong = any(f.severity == "error" for f in answer.findings)
@@ -121,6 +116,24 @@ class Calibrate:
         page = report.page(answer.calibration, (), answer.findings, f"Calibration of {self.from_}")
         write_text(self.out / "report.html", page)
         print(f"written to {self.out}; open {self.out / 'report.html'}")
+        return 0
+
+    def _lenses(self, recorded: RecordedSet, answer: RecordedAnswer) -> int:
+        """Write the lenses of pictures without poses."""
+        from armsight.calibration.export import camera_info_yaml, opencv_yaml
+        from armsight.writing import write_text
+
+        for camera, lens in zip(recorded.cameras, answer.lenses):
+            c = lens.camera
+            d = " ".join(f"{v:.4f}" for v in c.distortion)
+            print(f"lens of {camera.name} from {lens.frames} frames, to {lens.rms_px:.2f} px:")
+            print(f"  f {c.fx:.2f} {c.fy:.2f}, centre {c.cx:.2f} {c.cy:.2f}, k1 k2 p1 p2 k3 {d}")
+            name = camera.name
+            write_text(self.out / f"{name}.camera_info.yaml", camera_info_yaml(name, c))
+            write_text(self.out / f"{name}.opencv.yaml", opencv_yaml(c))
+        for finding in answer.findings:
+            print(finding)
+        print(f"written to {self.out}")
         return 0
 
     def _live(self) -> int:

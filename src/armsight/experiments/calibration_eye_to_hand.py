@@ -18,13 +18,13 @@ from armsight.arrays import Floats
 from armsight.calibration import arm
 from armsight.calibration.boards import Detection
 from armsight.calibration.calibrate import Calibration, target_points
-from armsight.calibration.ladder import with_cut
 from armsight.calibration.live.drive import drive
 from armsight.calibration.live.log import ProcedureOptions
 from armsight.calibration.live.procedure import procedure
 from armsight.calibration.live.result import LiveResult
 from armsight.calibration.live.seen import SeenView, problem_of
 from armsight.calibration.model import Model
+from armsight.calibration.noise import with_cut
 from armsight.calibration.problem import Freedom
 from armsight.calibration.solver import solve
 from armsight.calibration.spheres import procrustes_ransac

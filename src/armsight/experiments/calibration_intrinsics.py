@@ -16,9 +16,9 @@ import numpy as np
 from armsight.arrays import Floats, JointPath
 from armsight.calibration import arm, se3
 from armsight.calibration.boards import Detection
-from armsight.calibration.ladder import solve_with_noise
 from armsight.calibration.lens_prior import sheet_prior
 from armsight.calibration.model import Model
+from armsight.calibration.noise import solve_with_noise
 from armsight.calibration.problem import (
     ArmView,
     BoardPlacement,

@@ -8,11 +8,12 @@ import numpy as np
 
 from armsight.arrays import Floats
 from armsight.calibration import se3
-from armsight.calibration.boards import AprilTagGrid
+from armsight.calibration.boards import TagGrid
 from armsight.calibration.calibrate import Calibration
 from armsight.calibration.closed_form import mean_pose
-from armsight.calibration.ladder import Rung
-from armsight.calibration.recorded_set import load, problem_of, solve_set
+from armsight.calibration.model_selection import Trial
+from armsight.calibration.recorded_set import load
+from armsight.calibration.recorded_solve import problem_of, solve_set
 from armsight.calibration.start import arm_for, find_start, planar_poses
 from armsight.errors import CalibrationError
 from armsight.experiments.frame import Experiment, Outcome, Progress
@@ -41,8 +42,8 @@ def ros_industrial(seed: int) -> tuple[list[Row], list[str]]:
     """ABB arm, ChArUco board on the flange, camera beside it: 15 usable images."""
     answer = solve_set(load(DATA / "ros_industrial_charuco"), seed=seed).calibration
     assert answer is not None
-    assert answer.ladder is not None
-    exact, best = answer.ladder.rungs[0], answer.ladder.best
+    assert answer.selection is not None
+    exact, best = answer.selection.trials[0], answer.selection.best
     condition = "ChArUco, ABB arm, 15 images"
     measure = "mean distance on the board's plane between the seen ray and the corner"
     rows = [
@@ -104,14 +105,14 @@ def ros_industrial(seed: int) -> tuple[list[Row], list[str]]:
     notes = [_notes("ros_industrial_charuco", answer)]
     notes.append(
         "The model was chosen by the same left-out views that give its figure: it flatters a "
-        "little. Every rung: " + "; ".join(_rung(r) for r in answer.ladder.rungs) + "."
+        "little. Every model: " + "; ".join(_trial(t) for t in answer.selection.trials) + "."
     )
     return rows, notes
 
 
 def visp(seed: int) -> tuple[list[Row], list[str]]:
     """Franka arm, one AprilTag in the gripper: 8 images whose poses do not agree well."""
-    recorded = load(DATA / "visp_eye_to_hand", AprilTagGrid(1, 1, 0.048, 0.3, 10))
+    recorded = load(DATA / "visp_eye_to_hand", TagGrid(1, 1, 0.048, 0.0, 10))
     result = solve_set(recorded, seed=seed)
     answer = result.calibration
     assert answer is not None
@@ -198,7 +199,7 @@ def _views(answer: Calibration) -> int:
     return len({s.view for s in answer.problem.sightings})
 
 
-def _rung(r: Rung) -> str:
+def _trial(r: Trial) -> str:
     return f"{r.name} {r.left_out.mm_all:.3f} / {r.left_out.mm:.3f} mm"
 
 

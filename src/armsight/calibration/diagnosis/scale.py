@@ -1,58 +1,47 @@
-"""Lengths that do not fit: a wrong unit, or a wrong board size."""
+"""The board's size against the arm's lengths: a print that is not what was said."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from armsight.arrays import Poses
-from armsight.calibration.closed_form import shah
-from armsight.calibration.diagnosis.reading import Item
+from armsight.calibration.calibrate import Calibration
+from armsight.calibration.covariance import covariance
 from armsight.calibration.findings import Finding
-from armsight.calibration.problem import Problem
+from armsight.calibration.model import Model
+from armsight.calibration.problem import Priors
+from armsight.calibration.solver import SolverOptions, solve
+
+PRINT = 0.002
+"""Sigma of a print's scale that nobody wonders at [1]."""
+SIGMAS = 4.0
+WRONG = 0.01
+"""A share by which a size is wrong, and not only badly printed [1]."""
 
 
-def unit_scale(A: Poses, items: list[Item]) -> float | None:
-    """Factor on the arm's positions that makes them fit the board's size; None without one."""
-    views = [v for v, _, _ in items]
-    C = np.array([p.T_lens_board[0] for _, p, _ in items])
-    A = A[views]
-    X, _ = shah(A, C)
-    n = len(A)
-    for _ in range(2):
-        rows = np.zeros((3 * n, 7))
-        rows[:, :3] = A[:, :3, :3].reshape(3 * n, 3)
-        rows[:, 3:6] = np.tile(-np.eye(3), (n, 1))
-        rows[:, 6] = A[:, :3, 3].reshape(3 * n)
-        right = (C[:, :3, 3] @ X[:3, :3].T).reshape(3 * n)
-        column = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)
-        t = np.linalg.lstsq(rows / column, right, rcond=None)[0] / column
-        miss = np.linalg.norm((rows @ t - right).reshape(n, 3), axis=1)
-        keep = miss <= 2.5 * np.median(miss)
-        if keep.all() or keep.sum() < 4:
-            break
-        A, C, n = A[keep], C[keep], int(keep.sum())
-        X, _Z = shah(A, C)
-    scale = float(t[6])
-    return scale if 1e-5 < scale < 1e5 else None
-
-
-def scale_finding(scale: float, problem: Problem, items: list[Item]) -> Finding:
-    """The name of a factor on the arm's positions: a unit, or else the board's size."""
-    for factor, words, cure in (
-        (1e-3, "the positions are in millimetres, not metres", "write metres"),
-        (1e3, "the board's size is in millimetres, not metres", "give the board's size in metres"),
-        (1e-2, "the positions are in centimetres, not metres", "write metres"),
-        (0.0254, "the positions are in inches, not metres", "write metres"),
-    ):
-        if abs(np.log(scale / factor)) < 0.12:
-            return Finding("millimetres", "error", f"{words}: so read, the data fit", cure)
-    board = problem.boards[items[0][2].board]
-    p = board.points
-    square = float(np.min(np.linalg.norm(p[1:] - p[0], axis=1)))
-    return Finding(
-        "board_size",
-        "error",
-        f"angles agree but lengths do not: the board {board.name} would fit with corners "
-        f"{1e3 * square / scale:.2f} mm apart, not {1e3 * square:.2f} mm",
-        "measure the printed board over its whole length and give that size",
-    )
+def scale_findings(answer: Calibration, board: int = 0) -> list[Finding]:
+    """Whether the data want a board of another size, by more than chance and the arm explain."""
+    problem = answer.problem
+    freedom = replace(answer.freedom, shape=True)
+    wide = replace(answer.solution.model.priors or Priors(), board_scale=0.2)
+    model = Model(problem, freedom, wide)
+    options = SolverOptions(iterations=25, tolerance=1e-6, cut=12.0)
+    solution = solve(model, answer.solution.state, options)
+    scale = float(solution.state.shape[board, 0])
+    at = model.shape_slice(board).start
+    sigma = float(covariance(solution).sigma()[at])
+    if abs(scale) < SIGMAS * np.hypot(sigma, PRINT):
+        return []
+    points = problem.boards[board].points
+    step = 1e3 * float(np.linalg.norm(points[1:] - points[0], axis=1).min())
+    return [
+        Finding(
+            "board_size",
+            "error" if abs(scale) > WRONG else "warning",
+            f"the corners of your board are {step * (1 + scale):.2f} mm apart, not {step:.2f} mm "
+            f"({100 * scale:+.1f} %, sure to {100 * sigma:.1f} %), or the arm's lengths are off by "
+            "as much",
+            "measure the printed board over its whole length and give that size",
+        )
+    ]

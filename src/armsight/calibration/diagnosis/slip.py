@@ -9,14 +9,15 @@ scatter, and the minimum must be sharp, because a bracket slips between two pict
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from armsight.arrays import Floats, Ints
+from armsight.calibration.calibrate import Calibration
 from armsight.calibration.findings import Finding
 from armsight.calibration.pose_space import PoseErrors, pose_errors
-from armsight.calibration.solver import Solution
 
 LEAST = 8
 """Views below which no split is told from chance."""
@@ -29,7 +30,7 @@ class SlipRule:
     Attributes:
         chance: share of shuffled orders that may split as well [1]; shuffles: how many are drawn.
         apart: distance of the two parts in standard deviations of what is left [1].
-        sharp: how much the gain must fall three places away, in half sums of squares [1].
+        sharp: how much the gain must fall three places away [1].
     """
 
     chance: float = 0.002
@@ -44,7 +45,7 @@ class Slip:
 
     Attributes:
         after: position in the order of views of the first view after it.
-        gain: how much half the sum of squares falls when the parts may differ.
+        gain: log likelihood ratio of two parts against one.
         apart: their distance in standard deviations.
         carried: what the flange carries moved; otherwise what stands in the base.
         shift: (6,) by how much (translation [m], rotation [rad]).
@@ -90,7 +91,7 @@ def find_slip(
 
 
 def _gains(u: Floats, M: Floats, S: Floats, orders: Ints) -> Floats:
-    """(p, n) fall of half the sum of squares for a jump before each place, for p orders."""
+    """(p, n) log likelihood ratio of a jump before each place, for p orders."""
     n = len(u)
     # Orthonormal basis of what the regression explains already.
     Q, R = np.linalg.qr(M.reshape(6 * n, 12))
@@ -108,7 +109,10 @@ def _gains(u: Floats, M: Floats, S: Floats, orders: Ints) -> Floats:
     scale = np.maximum(np.diagonal(info, axis1=-2, axis2=-1), 1e-9)
     info = info + 1e-6 * scale[..., None] * np.eye(6)
     x = np.linalg.solve(info, g_k[..., None])[..., 0]
-    out = 0.5 * np.einsum("pnj,pnj->pn", g_k, x)
+    # A likelihood ratio with the scatter told anew: a jump must not hide in its own scatter.
+    whole = float(np.sum(u**2))
+    left = np.maximum(whole - np.einsum("pnj,pnj->pn", g_k, x), 1e-3 * whole)
+    out = 0.5 * max(6 * n - 18, 6) * np.log(whole / left)
     out[:, :3] = 0.0  # three views a side are the least
     out[:, n - 2 :] = 0.0
     return np.asarray(out)
@@ -130,17 +134,18 @@ def _jump(u: Floats, M: Floats, S: Floats, k: int) -> tuple[Floats, float]:
 
 
 def slip_findings(
-    solution: Solution, rig: int, names: tuple[str, ...], seed: int = 0
+    answer: Calibration, rig: int, names: Sequence[str], seed: int = 0
 ) -> list[Finding]:
     """A board that slipped, or a camera that was bumped, between two views.
 
     Args:
-        solution: with the chosen error model.
+        answer: the calibration; what it left out as contradictory is looked at as well.
         rig: the camera.
         names: of the problem's views, for the message.
         seed: of the shuffles.
     """
-    errors = pose_errors(solution, rig)
+    solution = answer.solution
+    errors = pose_errors(solution, rig, [s for s, _ in answer.rejected])
     if errors is None:
         return []
     slip = find_slip(errors, np.random.default_rng(seed))

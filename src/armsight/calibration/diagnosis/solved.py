@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from armsight.calibration.calibrate import Calibration
+from armsight.calibration.diagnosis.noise import noise_findings
+from armsight.calibration.diagnosis.slip import slip_findings
 from armsight.calibration.findings import Finding
 from armsight.calibration.model import Model
-from armsight.calibration.problem import Freedom, lens_from_vector, lens_vector
+from armsight.calibration.problem import Freedom, lens_vector
 from armsight.calibration.solver import Solution, SolverOptions, solve
-from armsight.geometry.camera import PinholeCamera
-
-SLIP_RATIO = 12.0
-"""F ratio above which a board counts as slipped: clean sets stay below 3, 2 mm give 30."""
 
 
-def diagnose_solution(solution: Solution, rig: int) -> list[Finding]:
-    """Mistakes that show only in the residuals of a good solve."""
-    lens = distortion_findings(solution, rig)
-    # A lens that is wrong leaves residuals that a second board would explain in part.
-    return [*lens, *([] if lens else slip_findings(solution, rig)), *moving_findings(solution, rig)]
+def diagnose_solution(
+    answer: Calibration, rig: int, names: Sequence[str], seed: int = 0
+) -> list[Finding]:
+    """Mistakes that show only in the residuals of a good solve.
+
+    Args:
+        answer: the solve.
+        rig: the camera.
+        names: of the views, for messages.
+        seed: of random draws.
+    """
+    solution = answer.solution
+    bent = distortion_findings(solution, rig)
+    return [
+        *bent,
+        # A lens that is wrong leaves residuals that a second board would explain in part.
+        *([] if bent else slip_findings(answer, rig, names, seed)),
+        *moving_findings(solution, rig),
+        *noise_findings(answer, rig, names),
+    ]
 
 
 def distortion_findings(solution: Solution, rig: int) -> list[Finding]:
@@ -66,64 +81,6 @@ def distortion_findings(solution: Solution, rig: int) -> list[Finding]:
 def _median_px(solution: Solution, lens: int) -> float:
     raw = np.linalg.norm(solution.residual, axis=-1) * solution.model.sigma[:, None]
     return float(np.median(raw[(solution.model.lens_of == lens)[:, None] & solution.model.seen]))
-
-
-def slip_findings(solution: Solution, rig: int) -> list[Finding]:
-    """A board that slipped, or a camera that was bumped, at some view.
-
-    A likelihood ratio: two boards against one, over every place in the order of views.
-    """
-    model = solution.model
-    problem = model.problem
-    mine = problem.only_lenses([i for i, lens in enumerate(problem.lenses) if lens.rig == rig])
-    views = [v for v in mine.used_views if not problem.views[v].free]
-    if len(views) < 8:
-        return []
-    freedom = Freedom(lens=False, shape=False, robot=mine.robot is not None, white=(1e-4, 2e-4))
-    fast = SolverOptions(iterations=8, tolerance=1e-4)
-    fixed = tuple(replace(lens, camera=_solved(solution, i)) for i, lens in enumerate(mine.lenses))
-    mine = replace(mine, lenses=fixed)
-    exact = replace(solution.state, E=np.tile(np.eye(4), (len(problem.views), 1, 1)))
-    first = solve(Model(mine, freedom), exact, fast)
-    n = len(mine.boards)
-    doubled = replace(
-        first.state,
-        T_mount_board=np.concatenate([first.state.T_mount_board] * 2),
-        shape=np.concatenate([first.state.shape] * 2),
-    )
-    best: tuple[float, int] | None = None
-    for k in range(3, len(views) - 2):
-        late = set(views[k:])
-        split = replace(
-            mine,
-            boards=(*mine.boards, *mine.boards),
-            sightings=tuple(
-                replace(s, board=s.board + n) if s.view in late else s for s in mine.sightings
-            ),
-        )
-        cost = solve(Model(split, freedom), doubled, fast).normal.cost
-        if best is None or cost < best[0]:
-            best = (cost, k)
-    assert best is not None
-    freedom_left = max(2 * int(first.model.seen.sum()) - 12 - 6 * len(views), 12)
-    noise = max(2 * best[0] / freedom_left, 1.0)
-    ratio = 2 * (first.normal.cost - best[0]) / 6 / noise
-    if ratio < SLIP_RATIO:
-        return []
-    return [
-        Finding(
-            "slip",
-            "error",
-            f"board or camera {problem.rigs[rig].name} moved between view {views[best[1] - 1]} and "
-            f"view {views[best[1]]}: apart, the two parts fit (F {ratio:.0f})",
-            "tighten the board and the camera's stand, and repeat",
-        )
-    ]
-
-
-def _solved(solution: Solution, lens: int) -> PinholeCamera:
-    camera = solution.model.problem.lenses[lens].camera
-    return lens_from_vector(solution.state.lens[lens], camera.width, camera.height)
 
 
 def moving_findings(solution: Solution, rig: int) -> list[Finding]:

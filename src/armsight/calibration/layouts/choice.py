@@ -15,6 +15,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, Poses
 from armsight.calibration import se3
+from armsight.calibration.boards import Turn
 from armsight.calibration.findings import Finding
 from armsight.calibration.hand_eye_fit import HandEyeFit, SeenBoards, angle_gaps, fit
 from armsight.calibration.layouts.conventions import Reading, readings
@@ -56,9 +57,7 @@ class Candidate:
     def words(self) -> str:
         """The reading for people."""
         where = "on the arm" if self.mount == "flange" else "beside the arm"
-        return (
-            f"{self.reading.words}, {self.length[1]}, {self.pairing.words}; camera {where}"
-        )
+        return f"{self.reading.words}, {self.length[1]}, {self.pairing.words}; camera {where}"
 
     @property
     def meaning(self) -> tuple[str, bool, Mount, str]:
@@ -142,7 +141,9 @@ def _candidates(
 ) -> list[Candidate]:
     """Readings by whose angles arm and board agree best, fitted for both mounts."""
     place = {int(p): k for k, p in enumerate(seen)}
-    pairs = [(place[int(p)], int(r)) for p, r in zip(pairing.picture, pairing.row) if int(p) in place]
+    pairs = [
+        (place[int(p)], int(r)) for p, r in zip(pairing.picture, pairing.row) if int(p) in place
+    ]
     if len(pairs) < 3:
         return []
     if len(pairs) > SCORED:
@@ -221,7 +222,9 @@ def _named(
         )
     elif table.angle is not None and best.reading.degrees != (table.angle < 1.0):
         unit = "degrees" if best.reading.degrees else "radians"
-        add("degrees", f"{table.source}: the angles are in {unit}: read so", "name the unit rightly")
+        add(
+            "degrees", f"{table.source}: the angles are in {unit}: read so", "name the unit rightly"
+        )
     length, unit = best.length
     if table.length is not None and length != table.length:
         add(
@@ -297,21 +300,31 @@ def _nothing(best: Candidate, boards: SeenBoards) -> Finding:
 
 
 def board_options(
-    T: Sequence[Poses], turned: bool, points: Floats, focal: float
+    T: Sequence[Poses], turns: Sequence[Turn], points: Floats, focal: float
 ) -> SeenBoards:
     """The poses that boards may have, from the one or two of each flat board.
 
     Args:
         T: of each picture, (1 or 2, 4, 4) ``T_camera_board``, the better first.
-        turned: the board looks alike when it is turned by half a turn.
+        turns: other ways to read the board.
         points: (k, 3) its corners [m].
         focal: of the lens [px].
     """
     two = np.array([[p[0], p[-1]] for p in T])
+    parts = [two]
+    for turn in turns:
+        # Corner k is taken for turn.corner[k]: the board's frame moves by the opposite turn.
+        parts.append(two @ se3.inverses(_onto(points, points[turn.corner])[None])[0])
     middle = 0.5 * (points.max(0) + points.min(0))
-    if turned:
-        half = np.diag([-1.0, -1.0, 1.0, 1.0])
-        half[:3, 3] = middle - half[:3, :3] @ middle
-        two = np.concatenate([two, two @ half], axis=1)
     radius = float(np.sqrt(np.mean(np.sum((points - points.mean(0)) ** 2, axis=1))))
-    return SeenBoards(two, radius, focal, middle)
+    return SeenBoards(np.concatenate(parts, axis=1), radius, focal, middle)
+
+
+def _onto(a: Floats, b: Floats) -> Floats:
+    """(4, 4) turn about the board's normal that brings (k, 3) points a onto b."""
+    x, y = a[:, :2] - a[:, :2].mean(0), b[:, :2] - b[:, :2].mean(0)
+    angle = np.arctan2((x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]).sum(), (x * y).sum())
+    S = np.eye(4)
+    S[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    S[:3, 3] = b.mean(0) - S[:3, :3] @ a.mean(0)
+    return S

@@ -78,7 +78,7 @@ def _all(table: PoseTable) -> Iterator[Reading]:
     if table.names is not None:
         yield from _named(table)
         return
-    n, m = table.values.shape
+    m = table.values.shape[1]
     for count, reader in ((16, _matrices), (12, _matrices), (7, _seven), (6, _six)):
         if m < count:
             continue
@@ -202,11 +202,9 @@ def _three(table: PoseTable, position: Floats, r: Floats, rank: int) -> Iterator
     largest = float(np.abs(r).max(initial=0.0))
     for degrees in (False, True):
         factor = np.pi / 180 if degrees else 1.0
-        if table.angle is not None and not np.isclose(table.angle, factor):
-            # The file names its unit: the other one is a mistake that may be found out.
-            penalty = 60
-        else:
-            penalty = 0
+        # The file names its unit: the other one is a mistake that may be found out.
+        other = table.angle is not None and not np.isclose(table.angle, factor)
+        penalty = 60 if other else 0
         if not degrees and largest > 2 * np.pi + 1e-6 and table.angle is None:
             continue  # no angle is larger than a turn, and people do not write radians so
         unit = ", degrees" if degrees else ", radians"

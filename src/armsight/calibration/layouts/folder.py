@@ -131,9 +131,7 @@ def _stems(files: Sequence[Path]) -> list[str]:
     return [f.name for f in files]
 
 
-def _name(
-    root: Path, folder: Path, word: str, groups: dict[tuple[Path, str], list[Path]]
-) -> str:
+def _name(root: Path, folder: Path, word: str, groups: dict[tuple[Path, str], list[Path]]) -> str:
     """A camera's name: by its folder where cameras have folders, else by its files' words."""
     if len(groups) == 1:
         return "camera"

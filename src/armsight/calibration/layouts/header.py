@@ -29,7 +29,7 @@ _PREFIX = re.compile(
     r"position|pos|translation|trans|p|t)[._ /]+"
 )
 _ROTATION_PREFIX = re.compile(
-    r"^(orientation|rotation|quaternion|quat|rot|ori|q|o|r)[._ /]*(?=[xyzw0-3ijk]$)"
+    r"^(orientation|rotation|quaternion|quat|rot|ori|q|o)[._ /]*(?=[xyzw0-3ijk]$)"
 )
 
 
@@ -48,6 +48,8 @@ def canonical(cell: str) -> tuple[str, str | None, float]:
         return "key", *unit
     if text in _STAMPS and unit[0] is None:
         return "stamp", *unit
+    if re.fullmatch(r"r[._ ]?[xyz]", text):
+        return f"r{text[-1]}", *unit
     turned = False
     for _ in range(3):
         shorter = _PREFIX.sub("", text)

@@ -1,4 +1,4 @@
-"""Lenses as people keep them: ROS camera_info, OpenCV, Kalibr, ViSP, ROS-Industrial, MATLAB text."""
+"""Lenses as people keep them: ROS camera_info, OpenCV, Kalibr, ViSP, ROS-Industrial."""
 
 from __future__ import annotations
 
@@ -70,9 +70,7 @@ def _lenses(
     return out
 
 
-def _lens(
-    low: dict[str, Any], file: Path, width: int, height: int, name: str
-) -> LensFile | None:
+def _lens(low: dict[str, Any], file: Path, width: int, height: int, name: str) -> LensFile | None:
     found = _pinhole(low, file)
     if found is None:
         return None
@@ -96,7 +94,13 @@ def _lens(
     d = np.concatenate([d, np.zeros(5)])[:5]
     sigma = listed(low.get("sigma"))
     camera = PinholeCamera(
-        w or width, h or height, fx, fy, cx, cy, tuple(float(v) for v in d)  # type: ignore[arg-type]
+        w or width,
+        h or height,
+        fx,
+        fy,
+        cx,
+        cy,
+        tuple(float(v) for v in d),  # type: ignore[arg-type]
     )
     label = low.get("camera_name")
     return LensFile(

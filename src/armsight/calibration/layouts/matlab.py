@@ -41,7 +41,7 @@ def matlab_tables(file: Path) -> list[PoseTable]:
     return out
 
 
-def _table(value: np.ndarray, source: str) -> PoseTable | None:  # type: ignore[type-arg]
+def _table(value: np.ndarray, source: str) -> PoseTable | None:
     if value.dtype == object:  # a cell array, a pose a cell
         cells = [np.asarray(c) for c in value.ravel()]
         if not cells or any(c.dtype.kind not in "fiu" or c.shape != cells[0].shape for c in cells):

@@ -77,12 +77,15 @@ def _by_number(series: Series, keys: tuple[str, ...]) -> Pairing:
 
     named = [k for k in keys if k]
     numbers = ordinals(list(keys)) if len(named) == len(keys) else []
-    place = {n: row for row, n in reversed(list(enumerate(numbers))) if n is not None}
+    place: dict[int, int] = {}
+    for row, number in enumerate(numbers):
+        if number is not None:
+            place.setdefault(number, row)
     pictures, rows = [], []
-    for k, n in enumerate(series.numbers):
-        if n is not None and n in place:
+    for k, own in enumerate(series.numbers):
+        if own is not None and own in place:
             pictures.append(k)
-            rows.append(place[n])
+            rows.append(place[own])
     return Pairing(np.array(pictures, int), np.array(rows, int), "by number")
 
 
@@ -103,7 +106,7 @@ def _of_row_numbers(series: Series, rows: int) -> list[Pairing]:
 
 
 def mistaken_pairings(pairing: Pairing, pictures: int, rows: int) -> list[Pairing]:
-    """Ways in which people tie pictures and poses wrongly, to be tried when the proper one fails."""
+    """Ways in which people tie pictures and poses wrongly, tried when the proper one fails."""
     out: list[Pairing] = []
     order = np.argsort(pairing.picture)
     picture, row = pairing.picture[order], pairing.row[order]
@@ -115,9 +118,15 @@ def mistaken_pairings(pairing: Pairing, pictures: int, rows: int) -> list[Pairin
 
     for shift in (1, -1, 2, -2):
         direction = "later" if shift > 0 else "earlier"
-        words = f"pictures and poses are shifted: each picture fits the pose {abs(shift)} {direction}"
+        words = (
+            f"pictures and poses are shifted: each picture fits the pose {abs(shift)} {direction}"
+        )
         add("shifted", words, row + shift)
-    add("order", "the poses are in the opposite order of the pictures", row.max() - (row - row.min()))
+    add(
+        "order",
+        "the poses are in the opposite order of the pictures",
+        row.max() - (row - row.min()),
+    )
     n = len(row)
     ranks = np.sort(row)
     for start in (0, 1):  # names that begin with 0 or with 1

@@ -124,7 +124,7 @@ def _keyed(entry: dict[Any, Any], inner: Any) -> Any:
 
 
 def _joined(entries: list[tuple[str, Any]], source: str) -> PoseTable | None:
-    rows = []
+    rows: list[tuple[str, list[float], tuple[str, ...] | None, list[float] | None]] = []
     for key, value in entries:
         pose = pose_of(value)
         if pose is None:
@@ -137,8 +137,8 @@ def _joined(entries: list[tuple[str, Any]], source: str) -> PoseTable | None:
         return None
     if len(rows) < 0.6 * len(entries):
         return None
-    joints = [r[3] for r in rows]
-    whole = all(j is not None and len(j) == len(joints[0] or ()) for j in joints)
+    angles = [r[3] for r in rows if r[3] is not None]
+    whole = len(angles) == len(rows) and len({len(a) for a in angles}) == 1
     columns = Columns(rows[0][2]) if rows[0][2] is not None else None
     values = np.array([r[1] for r in rows], float)
     if columns is not None and columns.pose:
@@ -151,13 +151,13 @@ def _joined(entries: list[tuple[str, Any]], source: str) -> PoseTable | None:
             columns.length,
             columns.angle,
             columns.rotation,
-            np.array(joints, float) if whole else None,
+            np.array(angles, float) if whole else None,
         )
     return PoseTable(
         source,
         tuple(str(r[0]) for r in rows),
         values,
-        joints=np.array(joints, float) if whole else None,
+        joints=np.array(angles, float) if whole else None,
     )
 
 

@@ -208,9 +208,11 @@ def _matrix_blocks(rows: list[Row], source: str) -> PoseTable | None:
         return None
     value = np.array([[_value(c) for c in r.cells] for r in four])
     # The rows of a matrix follow each other; between two there may be a label of one number.
-    if len(value) % 4 == 0 and np.allclose(value[3::4], [0, 0, 0, 1], atol=1e-6):
-        blocks = value.reshape(-1, 16)
-    elif len(value) % 4 == 0 and np.allclose(value[:, 3].reshape(-1, 4), [0, 0, 0, 1], atol=1e-6):
+    last = [0.0, 0.0, 0.0, 1.0]
+    whole = len(value) % 4 == 0
+    by_rows = whole and np.allclose(value[3::4], last, atol=1e-6)
+    by_columns = whole and np.allclose(value[:, 3].reshape(-1, 4), last, atol=1e-6)
+    if by_rows or by_columns:
         blocks = value.reshape(-1, 16)
     elif len(value) % 3 == 0:
         blocks = value.reshape(-1, 12)
@@ -225,7 +227,7 @@ def _refuse_half(file: Path, rows: list[Row], odd: list[tuple[int, str]], width:
     if width < 6:
         return
     first, last = rows[0].line, rows[-1].line
-    bad = [(n, line) for n, line in odd if first < n]
+    bad = [(n, line) for n, line in odd if first < n and re.search(r"\w", line)]
     usual = [len(r.cells) for r in rows]
     most = max(set(usual), key=usual.count)
     bad += [(r.line, " ".join(r.cells)) for r in rows if len(r.cells) != most]
@@ -282,7 +284,8 @@ def _rapid(text: str, source: str) -> PoseTable | None:
 
 def _urscript(text: str, source: str) -> PoseTable | None:
     """Universal Robots' poses: ``p[x, y, z, rx, ry, rz]`` (m, rotation vector)."""
-    found = re.findall(rf"\bp\[\s*{',\s*'.join([f'({_NUMBER})\\s*'] * 6)}\]", text)
+    number = rf"\s*({_NUMBER})\s*"
+    found = re.findall(rf"\bp\[{','.join([number] * 6)}\]", text)
     if not found:
         return None
     value = np.array([[_value(c) for c in row] for row in found])

@@ -18,8 +18,8 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, Mask
 from armsight.calibration.covariance import invert
-from armsight.calibration.ladder import WHITE, with_corner_noise
 from armsight.calibration.model import Linearised, Model, State
+from armsight.calibration.noise import WHITE, with_corner_noise
 from armsight.calibration.problem import Freedom, Priors, Problem, Sighting
 from armsight.calibration.solver import Solution, SolverOptions, solve
 
@@ -30,8 +30,8 @@ UNKNOWN = 0.3
 
 
 @dataclass(frozen=True)
-class MisseenRule:
-    """When a board counts as mis-seen.
+class OutlierRule:
+    """When a board counts as an outlier.
 
     Attributes:
         limit: chi squared (six degrees of freedom) of a sighting against the rest [1].
@@ -96,12 +96,12 @@ class Judged:
         return float(np.exp(high))
 
 
-def reject_misseen(
+def reject_outliers(
     problem: Problem,
     freedom: Freedom,
     priors: Priors | None = None,
     solver: SolverOptions | None = None,
-    rule: MisseenRule | None = None,
+    rule: OutlierRule | None = None,
 ) -> tuple[Problem, list[tuple[Sighting, str]]]:
     """Leave out boards that the rest of the data contradict.
 
@@ -113,12 +113,12 @@ def reject_misseen(
         freedom: of the solve to come.
         priors: of the solves.
         solver: of the solves.
-        rule: when a board counts as mis-seen.
+        rule: when a board counts as an outlier.
 
     Returns:
         What is left, and what went with the reason.
     """
-    rule = rule or MisseenRule()
+    rule = rule or OutlierRule()
     jury = Jury(problem, freedom, priors, solver)
     kept: Mask = np.ones(jury.model.count, bool)
     solution = jury.tell_noise(jury.solve(kept, None))
@@ -158,14 +158,14 @@ def _reason(model: Model, judged: Judged, kept: Mask, f: int) -> str:
     if alike.sum() > 1 and not kept[alike].any():
         cause = "wrong arm pose"
     else:
-        cause = "mis-seen board" if squares > 0.3 else "glare, blur, or an arm not at rest"
+        cause = "wrongly seen board" if squares > 0.3 else "glare, blur, or an arm not at rest"
     return (
         f"{judged.px[f]:.1f} px ({squares:.2g} squares) from where all other views and cameras put "
         f"it, usual are {usual:.1f} px: {cause}"
     )
 
 
-def _among_many(model: Model, score: Floats, bad: Mask, rule: MisseenRule) -> Ints:
+def _among_many(model: Model, score: Floats, bad: Mask, rule: OutlierRule) -> Ints:
     """The worst boards of each lens that has many: one wrong one hardly bends their answer."""
     gone: list[int] = []
     for lens in np.unique(model.lens_of[bad]):
@@ -177,7 +177,7 @@ def _among_many(model: Model, score: Floats, bad: Mask, rule: MisseenRule) -> In
 
 
 def _among_few(
-    jury: Jury, solution: Solution, score: Floats, bad: Mask, kept: Mask, rule: MisseenRule
+    jury: Jury, solution: Solution, score: Floats, bad: Mask, kept: Mask, rule: OutlierRule
 ) -> Ints:
     """Boards of the view without which the rest agree best, those that the rest contradict.
 
@@ -217,7 +217,7 @@ class Jury:
     ) -> None:
         # No pose errors: free ones would bend to swallow a slipped board. The arm's kinematic
         # errors stay: they are held by their priors, and without them good boards far out look
-        # mis-seen.
+        # an outlier.
         self._freedom, self._priors = replace(freedom, white=None), priors
         self._solver = replace(solver or SolverOptions(), iterations=40, tolerance=1e-5)
         self.model = Model(problem, self._freedom, priors)
@@ -268,7 +268,10 @@ class Jury:
         return np.where(self.model.seen, weight, 0.0)
 
     def judge(self, solution: Solution, kept: Mask) -> Judged:
-        """Every sighting against an answer, its own part in that answer taken away."""
+        """Every sighting against an answer, its own part in that answer taken away.
+
+        All in the space of the unknowns: boards may have a thousand corners.
+        """
         model = self.model
         lin = self._linearised(solution)
         F, K = model.seen.shape
@@ -276,37 +279,45 @@ class Jury:
         inlier, _ = _own_pose(model, solution.state)
         place = np.full(model.size, -1)
         place[solution.normal.free] = np.arange(len(solution.normal.free))
-        C = invert(solution.normal.reduced())
+        root = _root_of(solution.normal.reduced())
         shift, covariance, px = np.zeros((F, 6)), np.tile(np.eye(6), (F, 1, 1)), np.zeros(F)
-        eye = np.eye(2 * K)
         for f in range(F):
             at = place[model.columns[f]]
             J = lin.jacobian[f].reshape(2 * K, -1)
-            A, B = J[:, :-6][:, at >= 0], J[:, -6:]
+            B = J[:, -6:]
+            # In coordinates in which all the data together tell unit information.
+            A = J[:, :-6][:, at >= 0] @ root[at[at >= 0]]
             r = lin.residual[f].reshape(2 * K)
-            G = A @ C[np.ix_(at[at >= 0], at[at >= 0])] @ A.T
             w = np.repeat(weight[f], 2)
-            if w.any():  # Woodbury: the answer without this sighting
-                root = np.sqrt(w)
-                values, vectors = np.linalg.eigh(root[:, None] * G * root)
-                inner = (vectors / np.maximum(1 - values, 1e-6)) @ vectors.T
-                G = G + (G * root) @ inner @ (root[:, None] * G)
-                r = r + G @ (w * r)
+            values, vectors = np.linalg.eigh(A.T @ (w[:, None] * A))
+            rest = np.maximum(1 - values, 1e-6)  # what the others tell
+            if w.any():
+                r = r + A @ (vectors @ ((vectors.T @ (A.T @ (w * r))) / rest))
             px[f] = np.median(np.hypot(r[0::2], r[1::2])[model.seen[f]]) * model.sigma[f]
             if np.trace(B.T @ B) < 1e-9 or model.problem.views[model.view_of[f]].free:
                 continue
-            noise = 1 / np.repeat(np.where(model.seen[f], inlier[f], 1.0), 2)
-            V_inv = np.linalg.inv(G + np.diag(noise) + 1e-12 * eye)
-            C_f = invert(B.T @ V_inv @ B)
+            n = np.repeat(np.where(model.seen[f], inlier[f], 0.0), 2)
+            A = A @ vectors
+            both = np.diag(rest) + A.T @ (n[:, None] * A)
+            mixed = A.T @ (n[:, None] * B)
+            solved = np.linalg.solve(both, np.column_stack([mixed, A.T @ (n * r)]))
+            C_f = invert(B.T @ (n[:, None] * B) - mixed.T @ solved[:, :-1])
             if np.diagonal(C_f).max() > UNKNOWN**2:
                 continue
             covariance[f] = C_f
-            shift[f] = -covariance[f] @ (B.T @ (V_inv @ r))
+            shift[f] = -C_f @ (B.T @ (n * r) - mixed.T @ solved[:, -1])
         return Judged(shift, covariance, px)
 
 
+def _root_of(S: Floats) -> Floats:
+    """(g, g) with ``root @ root.T`` the inverse of an information matrix (see ``invert``)."""
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(S), 1e-12))
+    values, vectors = np.linalg.eigh(0.5 * (S + S.T) * scale[:, None] * scale)
+    return np.asarray(scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-13)))
+
+
 def _contradicted(
-    judged: Judged, model: Model, kept: Mask, rule: MisseenRule
+    judged: Judged, model: Model, kept: Mask, rule: OutlierRule
 ) -> tuple[Floats, Mask]:
     """(F,) chi squared of each sighting, and whether the rest contradict it."""
     score = judged.chi2(_usual(judged, model, kept))

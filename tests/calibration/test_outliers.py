@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armsight.calibration import arm, misseen
+from armsight.calibration import arm, outliers
 from armsight.calibration.calibrate import full_freedom
-from armsight.calibration.misseen import reject_misseen
 from armsight.calibration.model import Model
+from armsight.calibration.outliers import reject_outliers
 from armsight.calibration.solver import SolverOptions, solve
 from armsight.calibration.start import find_start
 from armsight.calibration.synthetic import ErrorLevels, make_cell, observe, random_views
@@ -30,7 +30,7 @@ def key(sighting):
 def left_out(problem):
     """(view, lens) of all that go, by the start or by the rule, with the rule's reasons."""
     start = find_start(problem, np.random.default_rng(0))
-    _, rejected = reject_misseen(start.problem, full_freedom(start.problem, True))
+    _, rejected = reject_outliers(start.problem, full_freedom(start.problem, True))
     gone = {key(s) for s, _ in (*start.rejected, *rejected)}
     return gone, {key(s): reason for s, reason in rejected}
 
@@ -56,7 +56,7 @@ def test_one_wrong_board_among_few_is_left_out_and_no_other(arm5, kind):
     assert gone == {key(wrong)}
     for reason in reasons.values():
         assert "squares) from where all other views" in reason
-        assert reason.endswith("mis-seen board")
+        assert reason.endswith("wrongly seen board")
 
 
 def test_a_wrong_arm_pose_among_few_is_left_out_whole(arm5):
@@ -103,7 +103,7 @@ def test_a_board_is_judged_by_a_solve_without_it(arm5):
     problem = find_start(problem, np.random.default_rng(0)).problem
     freedom = replace(full_freedom(problem, True), white=None)
     exact = SolverOptions(huber=np.inf, iterations=60)
-    jury = misseen.Jury(problem, freedom, None, exact)
+    jury = outliers.Jury(problem, freedom, None, exact)
     everyone = np.ones(len(problem.sightings), bool)
     solution = jury.solve(everyone, None)
     judged = jury.judge(solution, everyone)

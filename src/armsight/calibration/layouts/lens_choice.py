@@ -1,0 +1,106 @@
+"""Which of a folder's lenses belongs to a camera, and whether it fits its pictures' size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from armsight.calibration.findings import Finding
+from armsight.calibration.layouts.lens_files import LensFile, read_lenses
+from armsight.errors import CalibrationError
+
+
+@dataclass(frozen=True)
+class GivenLens:
+    """A camera's lens as the set gives it.
+
+    Attributes:
+        lens: it, or None.
+        words: for the table of what was read.
+        files: that hold lenses.
+        findings: what is odd.
+    """
+
+    lens: LensFile | None
+    words: str
+    files: tuple[Path, ...]
+    findings: tuple[Finding, ...] = ()
+
+
+def given_lens(
+    others: Sequence[Path],
+    named: Path | None,
+    camera: str,
+    size: tuple[int, int],
+    cameras: int,
+) -> GivenLens:
+    """The lens of a camera among a folder's files.
+
+    Args:
+        others: the folder's files that are no pictures.
+        named: the file that the user names, or None.
+        camera: its name; a lens that is called so is its own.
+        size: (width, height) of its pictures [px].
+        cameras: how many there are.
+
+    Raises:
+        CalibrationError: the file that the user names holds none.
+    """
+    if named is not None:
+        if not named.is_file():
+            raise CalibrationError(f"{named}: no such file")
+        found = read_lenses(named, *size)
+        if not found:
+            raise CalibrationError(f"{named}: no lens found in it")
+        files: tuple[Path, ...] = (named,)
+    else:
+        found, files = [], ()
+        for file in others:
+            if file.suffix.lower() not in (".yaml", ".yml", ".xml", ".json"):
+                continue
+            if "pose" in file.stem.lower() or file.stat().st_size > 1_000_000:
+                continue
+            try:
+                mine = read_lenses(file, *size)
+            except CalibrationError:
+                continue
+            if mine:
+                found += mine
+                files = (*files, file)
+    if not found:
+        return GivenLens(None, "none given: solved from the pictures", ())
+    word = camera.lower()
+    own = [f for f in found if word in f"{f.source.stem} {f.name} {f.source.parent.name}".lower()]
+    if not own and cameras > 1 and len(found) < cameras and named is None:
+        return GivenLens(None, "none given for it: solved from the pictures", files)
+    lens = (own or found)[0]
+    return _of_size(lens, size, files)
+
+
+def _of_size(lens: LensFile, size: tuple[int, int], files: tuple[Path, ...]) -> GivenLens:
+    c = lens.camera
+    bent = "" if lens.bent else ", without distortion"
+    words = f"{lens.source.name}: f {c.fx:.1f} {c.fy:.1f}, centre {c.cx:.1f} {c.cy:.1f}{bent}"
+    if not lens.sized or (c.width, c.height) == size or not all(size):
+        return GivenLens(replace(lens, camera=replace(c, width=size[0], height=size[1]))
+                         if all(size) else lens, words, files)  # fmt: skip
+    factor = size[0] / c.width
+    if abs(size[1] / c.height - factor) < 0.01 * factor:
+        note = Finding(
+            "lens_resolution",
+            "warning",
+            f"{lens.source.name}: the lens is for {c.width}x{c.height}, the pictures are "
+            f"{size[0]}x{size[1]}: scaled by {factor:.4g}",
+            "give the lens of this resolution",
+        )
+        scaled = replace(c.scaled(factor), width=size[0], height=size[1])
+        return GivenLens(replace(lens, camera=scaled), f"{words}, scaled", files, (note,))
+    note = Finding(
+        "lens_resolution",
+        "warning",
+        f"{lens.source.name}: the lens is for {c.width}x{c.height}, the pictures are cut to "
+        f"{size[0]}x{size[1]}: not used, solved from the pictures",
+        "give the lens of this resolution",
+    )
+    return GivenLens(None, "solved from the pictures", files, (note,))

@@ -1,0 +1,168 @@
+"""Pictures of a recorded set: read, and the board found in each."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from armsight.arrays import Bytes, Floats
+from armsight.calibration.boards import Board, Checkerboard, Detection
+from armsight.calibration.findings import Finding
+
+LARGEST = 120_000_000
+"""Pixels of a picture, at most."""
+MOST = 400
+"""Pictures of a camera that are looked at; more add nothing but time."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a camera's pictures show.
+
+    Attributes:
+        names: of the pictures; detections: of each, or None; misses: why not.
+        size: (width, height) [px].
+        sharpness: (n,) steepest edges on the board over its contrast [1/px]; NaN without a board.
+        digest: of each picture's bytes, empty where unread: repeated pictures are told by it.
+    """
+
+    names: tuple[str, ...]
+    detections: tuple[Detection | None, ...]
+    misses: tuple[str, ...]
+    size: tuple[int, int] | None
+    sharpness: Floats
+    digest: tuple[str, ...]
+
+
+def read_gray(file: Path) -> Bytes | str:
+    """A picture in shades of grey, as the sensor saw it; or the reason why it cannot be read."""
+    try:
+        with Image.open(file) as header:
+            width, height = header.size
+    except Exception:  # Pillow raises whatever a hostile file makes it stumble over
+        return "picture cannot be read"
+    if width * height > LARGEST:
+        return f"picture is of {width}x{height}, more than {LARGEST // 1_000_000} million pixels"
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        gray = cv2.imread(str(file), flags)
+    except cv2.error:
+        gray = None
+    if gray is None or gray.size == 0:
+        return "picture cannot be read"
+    if gray.dtype != np.uint8:  # 10 to 16 bits: stretched to what is there
+        low, high = np.percentile(gray, [0.5, 99.5])
+        scaled = (gray.astype(np.float32) - low) * (255.0 / max(float(high - low), 1e-9))
+        gray = np.clip(scaled, 0, 255).astype(np.uint8)
+    return np.asarray(gray, np.uint8)
+
+
+def look(
+    board: Board, files: Sequence[Path], progress: Callable[[str], None] | None = None
+) -> Seen:
+    """Find the board in a camera's pictures.
+
+    Pictures of another size than most, unreadable ones and those without a board are named.
+    """
+    say = progress or (lambda _: None)
+    sizes = [_size(f) for f in files]
+    known = [s for s in sizes if s is not None]
+    usual = max(set(known), key=known.count) if known else None
+    detections: list[Detection | None] = []
+    misses: list[str] = []
+    sharp: list[float] = []
+    digest: list[str] = []
+    for number, (file, size) in enumerate(zip(files, sizes)):
+        say(f"{file.name} ({number + 1} of {len(files)})")
+        found: Detection | None = None
+        why, sharpness, mark = "", float("nan"), ""
+        gray = read_gray(file) if size is not None else "picture cannot be read"
+        if isinstance(gray, str):
+            why = gray
+        elif (gray.shape[1], gray.shape[0]) != usual:
+            why = f"picture is {gray.shape[1]}x{gray.shape[0]}, most are {_words(usual)}"
+        else:
+            mark = hashlib.sha1(gray.tobytes(), usedforsecurity=False).hexdigest()
+            seen = board.detect(gray)
+            if isinstance(seen, Detection):
+                found, sharpness = seen, edge_sharpness(gray, seen.pixel)
+            else:
+                why = seen.reason
+        detections.append(found)
+        misses.append(why)
+        sharp.append(sharpness)
+        digest.append(mark)
+    names = tuple(f.name for f in files)
+    return Seen(names, tuple(detections), tuple(misses), usual, np.array(sharp), tuple(digest))
+
+
+def _size(file: Path) -> tuple[int, int] | None:
+    try:
+        with Image.open(file) as header:
+            return int(header.size[0]), int(header.size[1])
+    except Exception:  # see read_gray
+        return None
+
+
+def _words(size: tuple[int, int] | None) -> str:
+    return "unread" if size is None else f"{size[0]}x{size[1]}"
+
+
+def edge_sharpness(gray: Bytes, pixel: Floats) -> float:
+    """Steepest edges about a board's corners over its contrast [1/px]: falls with blur."""
+    x0, y0 = np.maximum(np.floor(pixel.min(0)) - 2, 0).astype(int)
+    x1, y1 = np.ceil(pixel.max(0)).astype(int) + 3
+    patch = gray[y0:y1, x0:x1].astype(np.float32)
+    if patch.size < 64:
+        return float("nan")
+    slope = np.hypot(cv2.Sobel(patch, cv2.CV_32F, 1, 0), cv2.Sobel(patch, cv2.CV_32F, 0, 1)) / 8
+    low, high = np.percentile(patch, [5, 95])
+    return float(np.percentile(slope, 98) / max(float(high - low), 1.0))
+
+
+def settle_board(board: Board, files: Sequence[Path]) -> tuple[Board, list[Finding]]:
+    """The board that is really there: squares counted for inner corners, a hollow corner missing.
+
+    A few pictures are searched for the board as it was named and for what it may have been meant
+    to be; the one that is found more often wins, the larger one of those that are found alike.
+    """
+    if not isinstance(board, Checkerboard):
+        return board, []
+    pick = sorted({int(k) for k in np.linspace(0, len(files) - 1, min(len(files), 3))})
+    grays = [g for k in pick if not isinstance(g := read_gray(files[k]), str)]
+    if not grays:
+        return board, []
+    plain = replace(board, hollow=False)
+    inner = replace(plain, columns=board.columns + 1, rows=board.rows + 1)
+    count = {board: _times(board, grays)}
+    # Part of a larger board may pass for a smaller one.
+    if count[board] == len(grays) and (board.hollow or not _times(inner, grays[:1])):
+        return board, []
+    for other in dict.fromkeys((plain, inner)):
+        count.setdefault(other, 0)
+        count[other] = count[other] or _times(other, grays)
+    best = max(count, key=lambda b: (count[b], b.columns, b is board))
+    if best == board or count[best] == 0:
+        return board, []
+    if best == plain and count[plain] <= count[board] + (0.5 * len(grays)):
+        return board, []  # a hollow square that is unclear now and then is one all the same
+    a, b = best.inner
+    if best == inner:
+        words = (
+            f"the board has {a}x{b} inner corners: {board.columns}x{board.rows} counts corners, "
+            "not squares; read so"
+        )
+    else:
+        words = f"no corner square of the board is hollow: read as a plain one of {a}x{b} corners"
+    say = f"checkerboard:{best.columns}x{best.rows}:{1e3 * best.square:g}:plain"
+    return best, [Finding("board_count", "note", words, f"write --board {say}")]
+
+
+def _times(board: Board, grays: Sequence[Bytes]) -> int:
+    return sum(isinstance(board.detect(g), Detection) for g in grays)

@@ -1,0 +1,210 @@
+"""Solving a recorded set: cameras, boards and lenses of it at once, and what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from armsight.calibration.board_turns import settle_turns
+from armsight.calibration.boards import Turn
+from armsight.calibration.calibrate import Calibration, CalibrationOptions, calibrate
+from armsight.calibration.diagnosis.pictures import names_of, picture_findings
+from armsight.calibration.diagnosis.poses import pose_findings
+from armsight.calibration.diagnosis.solved import diagnose_solution
+from armsight.calibration.diagnosis.start import diagnose_start
+from armsight.calibration.diagnosis.verdict import verdict_findings
+from armsight.calibration.findings import Finding, by_severity
+from armsight.calibration.lens import LensCalibration, calibrate_lens
+from armsight.calibration.lens_prior import sheet_prior
+from armsight.calibration.problem import ArmView, BoardPlacement, Lens, Problem, Rig, Sighting
+from armsight.calibration.recorded_set import RecordedCamera, RecordedSet, rough_lens
+from armsight.calibration.robot_errors import RobotErrors
+from armsight.errors import CalibrationError
+from armsight.robots.robot import Robot
+
+GIVEN = {"focal": 0.003, "aspect": 0.001, "center": 0.003, "distortion": 0.03}
+"""What is believed of a lens that somebody calibrated (see ``sheet_prior``): users' lens files are
+off by a few pixels in centre and focal length."""
+BARE = {**GIVEN, "focal": 0.005, "center": 0.006, "distortion": 0.3}
+"""The same without distortion: whoever left it out fitted the rest around it."""
+UNKNOWN = {"focal": 0.5, "center": 0.1, "distortion": 1.0}
+"""What is believed of a lens of which nothing is known."""
+
+
+@dataclass(frozen=True)
+class RecordedAnswer:
+    """What a recorded set says.
+
+    Attributes:
+        calibration: cameras and boards, or None for a set of lens frames.
+        lenses: of a set of lens frames, one a camera; else empty.
+        findings: everything odd, mistakes first.
+        problem: what the solve began with.
+    """
+
+    calibration: Calibration | None
+    lenses: tuple[LensCalibration, ...] = ()
+    findings: tuple[Finding, ...] = field(default=())
+    problem: Problem | None = None
+
+
+def problem_of(
+    recorded: RecordedSet,
+    robot: Robot | None = None,
+    sigma: float = 0.15,
+    keep_lens: bool = False,
+) -> Problem:
+    """The set as a problem, with the start values by which its poses were read.
+
+    Raises:
+        CalibrationError: no board was seen, or no lens is there that could be kept.
+    """
+    points = recorded.board.points
+    poses = recorded.poses
+    if poses is None or not any(d is not None for c in recorded.cameras for d in c.seen.detections):
+        reasons = sorted({m for c in recorded.cameras for m in c.seen.misses if m})
+        total = sum(len(c.seen.names) for c in recorded.cameras)
+        raise CalibrationError(
+            f"{recorded.folder}: no {recorded.board.describe()} in any of {total} pictures "
+            f"({', '.join(reasons) or 'no poses'}); check the board's kind and size"
+        )
+    rigs, lenses, sightings = [], [], []
+    boards: list[BoardPlacement] = []
+    for mount in dict.fromkeys(c.mount for c in recorded.cameras):
+        carrier = "flange" if mount == "base" else "base"
+        name = "board" if len(boards) == 0 else f"board on {carrier}"
+        boards.append(BoardPlacement(name, points, carrier))  # type: ignore[arg-type]
+    for index, camera in enumerate(recorded.cameras):
+        rig, board = _placed(camera, boards)
+        rigs.append(rig)
+        lenses.append(_lens(camera, index, recorded, keep_lens))
+        place = boards.index(board)
+        if camera.choice is not None and np.array_equal(board.T_mount_board, np.eye(4)):
+            boards[place] = replace(board, T_mount_board=camera.choice.best.fit.Z)
+        for view, d in zip(camera.view, camera.seen.detections):
+            if d is not None and view >= 0 and len(d.corner) >= min(5, len(points)):
+                sightings.append(Sighting(int(view), index, place, d.corner, d.pixel, sigma))
+    if not sightings:
+        raise CalibrationError(
+            f"{recorded.folder}: no picture that shows the board belongs to a pose; number "
+            "pictures and poses alike"
+        )
+    sightings.sort(key=lambda s: (s.view, s.lens))
+    joints = recorded.joints if robot is not None else None
+    views = tuple(ArmView(T, None if joints is None else joints[i]) for i, T in enumerate(poses))
+    errors = RobotErrors(robot) if joints is not None and robot is not None else None
+    problem = Problem(tuple(rigs), tuple(lenses), tuple(boards), views, tuple(sightings), errors)
+    return settle_turns(problem, recorded.board.turns)
+
+
+def unturned(problem: Problem, recorded: RecordedSet) -> tuple[Problem, list[Finding]]:
+    """Boards that should tell their order and were yet read turned by half a turn, put right."""
+    count = len(recorded.board.points)
+    full = all(len(s.corner) == count for s in problem.sightings)
+    if recorded.board.turns or not full or any(c.choice is None for c in recorded.cameras):
+        return problem, []
+    half = (Turn(np.pi, np.arange(count)[::-1]),)
+    fixed = settle_turns(problem, half, 3.0)
+    bad = [
+        recorded.names[a.view]
+        for a, b in zip(problem.sightings, fixed.sightings)
+        if not np.array_equal(a.pixel, b.pixel)
+    ]
+    if not bad or len(bad) > 0.5 * len(problem.sightings):
+        return problem, []
+    found = Finding(
+        "flipped",
+        "warning",
+        f"{names_of(bad)}: the board is read turned by 180 deg; read rightly here",
+        "use a board whose corners cannot be confused: a hollow corner square, ChArUco or tags",
+    )
+    return fixed, [found]
+
+
+def _placed(camera: RecordedCamera, boards: Sequence[BoardPlacement]) -> tuple[Rig, BoardPlacement]:
+    board = next(b for b in boards if (b.mount == "flange") == (camera.mount == "base"))
+    T = np.eye(4)
+    if camera.choice is not None:
+        T = camera.choice.best.fit.X
+    return Rig(camera.name, camera.mount, T), board
+
+
+def _lens(camera: RecordedCamera, rig: int, recorded: RecordedSet, keep: bool) -> Lens:
+    assert camera.seen.size is not None
+    width, height = camera.seen.size
+    given = camera.lens
+    if given is None:
+        if keep:
+            raise CalibrationError(f"{recorded.folder}: no lens there to be kept; give --lens FILE")
+        found = [d for d in camera.seen.detections if d is not None]
+        lens = rough_lens(recorded.board, found, (width, height))
+        return Lens(camera.name, rig, lens, prior=sheet_prior(lens, **UNKNOWN))
+    lens = replace(given.camera, width=width, height=height)
+    prior = sheet_prior(lens, **(GIVEN if given.bent else BARE))
+    if given.sigma is not None:
+        prior = np.diag(1 / np.maximum(given.sigma, 1e-9) ** 2)
+    return Lens(camera.name, rig, lens, prior=prior, keep=keep)
+
+
+def solve_set(
+    recorded: RecordedSet,
+    robot: Robot | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+    keep_lens: bool = False,
+) -> RecordedAnswer:
+    """Solve a recorded set and say what is wrong with it.
+
+    Args:
+        recorded: the set.
+        robot: model of the arm when the set has joint angles.
+        seed: of random samples.
+        progress: called with each stage.
+        keep_lens: the lens that was given stays as it is, whatever the pictures say.
+
+    Raises:
+        CalibrationError: it cannot be solved at all.
+    """
+    findings = [*recorded.findings, *picture_findings(recorded), *pose_findings(recorded)]
+    if recorded.poses is None:
+        return RecordedAnswer(None, _lenses(recorded), by_severity(findings))
+    problem, turned = unturned(problem_of(recorded, robot, keep_lens=keep_lens), recorded)
+    findings += turned
+    for rig in range(len(problem.rigs)):
+        findings += diagnose_start(problem, rig, recorded.names)
+    fatal = [f for f in findings if f.severity == "error"]
+    options = CalibrationOptions(
+        solve_lenses=all(c.lens is None for c in recorded.cameras), select=True
+    )
+    try:
+        answer = calibrate(problem, np.random.default_rng(seed), options, progress)
+    except CalibrationError as error:
+        if fatal:
+            raise CalibrationError(
+                f"{recorded.folder}: {fatal[0].message}; {fatal[0].cure}"
+            ) from None
+        raise CalibrationError(f"{recorded.folder}: {error}") from None
+    if not fatal:
+        for rig in range(len(problem.rigs)):
+            findings += diagnose_solution(answer, rig, recorded.names, seed)
+        findings += verdict_findings(answer, problem, recorded.names)
+    return RecordedAnswer(answer, (), by_severity(findings), problem)
+
+
+def _lenses(recorded: RecordedSet) -> tuple[LensCalibration, ...]:
+    out = []
+    for camera in recorded.cameras:
+        frames = [(d.corner, d.pixel) for d in camera.seen.detections if d is not None]
+        if not frames or camera.seen.size is None:
+            why = ", ".join(sorted({m for m in camera.seen.misses if m}))
+            raise CalibrationError(
+                f"{recorded.folder}: no {recorded.board.describe()} in any picture of "
+                f"{camera.name} ({why}); check the board's kind and size"
+            )
+        try:
+            out.append(calibrate_lens(recorded.board.points, frames, *camera.seen.size))
+        except CalibrationError as error:
+            raise CalibrationError(f"{recorded.folder}: {error}") from None
+    return tuple(out)
