@@ -65,10 +65,10 @@ def _by_name(series: Series, keys: tuple[str, ...]) -> Pairing:
             place.setdefault(Path(key).stem.lower(), row)
     pictures, rows = [], []
     for k, file in enumerate(series.files):
-        row = place.get(file.name.lower(), place.get(file.stem.lower()))
-        if row is not None:
+        found = place.get(file.name.lower(), place.get(file.stem.lower()))
+        if found is not None:
             pictures.append(k)
-            rows.append(row)
+            rows.append(found)
     return Pairing(np.array(pictures, int), np.array(rows, int), "by the pictures' names", "", True)
 
 
