@@ -22,7 +22,7 @@ from armsight.robots.urdf import read_urdf
 TRIANGLES = 30_000  # of a robot after decimation, at most
 COARSE = 0.0015  # [m] by which a depth camera's mesh of an arm may be off
 SPHERE_PRICE = {"iiwa": 4.5e-9, "panda": 3.5e-9}  # [m^5] where the default spends too many spheres
-LONG_FIT = ("ur3", "ur5", "ur10", "iiwa", "panda")  # the others: as a user's arm is fitted
+LONG_FIT = ("ur3", "ur5", "ur10", "iiwa", "panda")
 TOLERANCES = (0.0001, 0.00015, 0.0002, 0.0003, 0.0004, 0.0006)  # [m] tried until that is kept
 
 
@@ -61,14 +61,21 @@ def write_robot(source: Source, folder: Path) -> None:
 
 
 def fit_robot(source: Source, folder: Path) -> None:
-    """Fit spheres and capsules to full and decimated meshes; write them."""
+    """Fit spheres and capsules; write them.
+
+    The first five arms to full and decimated meshes, the others as a user's: to what is shipped.
+    """
     sheet = tomllib.loads((folder / "robot.toml").read_text())
     chain = fold_chain(read_urdf(folder / "robot.urdf"), flange=sheet["flange"])
-    parts = {link.name: [(p.vertices, p.faces) for p in link.parts] for link in source.links}
+    long = source.name in LONG_FIT
+    parts = {
+        link.name: [(p.vertices, p.faces) for p in link.parts] if long else []
+        for link in source.links
+    }
     for path in sorted((folder / "meshes").glob("*.obj")):
         parts[path.stem.rpartition("_")[0]].append(read_mesh_file(path))
     joints = [link.joint for link in chain.links if link.joint]
-    options = FitOptions() if source.name in LONG_FIT else QUICK
+    options = FitOptions() if long else QUICK
     shapes = fit_chain(
         chain,
         np.array([joint.lower for joint in joints]),

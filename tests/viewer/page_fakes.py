@@ -15,6 +15,20 @@ from armsight.geometry.pose import from_rpy, look_at, make_pose
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import CameraStatus, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.data import GuardMode, GuardStatus
+from armsight.motion.face import (
+    ArrowMark,
+    Button,
+    Curve,
+    EllipsoidMark,
+    Face,
+    Figure,
+    FrameMark,
+    Picture,
+    PointsMark,
+    RegionMark,
+    ShownFace,
+    Trace,
+)
 from armsight.robots import load_robot
 from armsight.runtime.view import ComponentHealth, SessionView
 from armsight.workcell import Cell, Workcell
@@ -183,3 +197,44 @@ class FakeSession:
 
     def drag(self, name: str, position_world: np.ndarray) -> None:
         self.asked.append(("drag", name, tuple(np.round(position_world, 3))))
+
+    def press(self, button: str) -> None:
+        self.asked.append(("press", button))
+
+
+def make_face(now: float = 1.0, **fields: Any) -> ShownFace:
+    """A face with every kind of mark, curves of two units, pictures and buttons."""
+    rng = np.random.default_rng(5)
+    swing = 0.1 * np.sin(now)
+    picture = np.full((120, 160, 3), 30, np.uint8)
+    picture[30:90, 40 + int(200 * abs(swing)) : 90] = (250, 200, 40)
+    values: dict[str, Any] = {
+        "state": "approach <slow>",
+        "reason": "target & arm are 12.3 mm apart",
+        "figures": (Figure("distance", 12.34, "mm"), Figure("tilt", np.nan, "deg")),
+        "curves": (
+            Curve("distance", 12.34, "mm"),
+            Curve("bound", 5.0, "mm"),
+            Curve("tilt", 0.3, "deg"),
+        ),
+        "pictures": (Picture("what it sees", picture),),
+        "marks": (
+            PointsMark("corners", rng.uniform(0.2, 0.5, (8, 3)), 0.012),
+            ArrowMark("motion", np.array([0.4, 0.2, 0.3]), np.array([0.6, 0.2 + swing, 0.5])),
+            FrameMark("target", make_pose(None, [0.6, -0.2, 0.3]), 0.15),
+            EllipsoidMark.of("doubt", np.array([0.6, -0.2, 0.3]), np.diag([4e-3, 1e-3, 2e-4])),
+            RegionMark(
+                "keep out",
+                make_pose(None, [0.1, 0.5, 0.3]),
+                np.array([0.3, 0.2, 0.4]),
+                (40, 160, 240),
+            ),
+        ),
+        "buttons": (Button("go", "Go on"), Button("skip", "Skip this one", enabled=False)),
+    }
+    face = Face(**(values | fields))
+    times = np.linspace(max(0.0, now - 30.0), now, 200)
+    traces = tuple(
+        Trace(c.name, c.unit, times, c.value + np.sin(times + i)) for i, c in enumerate(face.curves)
+    )
+    return ShownFace("keep_above", now, face, traces)

@@ -7,12 +7,13 @@ import shutil
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from page_fakes import FakeSession
+from page_fakes import FakeSession, make_face
 from page_watching import wait_for
 
 from armsight.viewer import LivePage
@@ -51,10 +52,10 @@ def running(session: FakeSession, page: LivePage) -> Iterator[LivePage]:
     end = threading.Event()
 
     def loop() -> None:
-        now = 1.0
+        now, face = 1.0, make_face(1.0)
         while not end.wait(0.1):
             now += 0.1
-            session.step(now)
+            session.step(now, face=replace(face, stamp=now))
             page.update(now)
 
     thread = threading.Thread(target=loop)
@@ -87,6 +88,12 @@ def test_the_page_draws_tells_and_obeys(
         "no frame for 0.4 s",
         "no certified safety function",
         "distance and protective distance [m]",
+        "Task: keep_above",
+        "approach <slow>",
+        "target & arm are 12.3 mm apart",
+        "12.34 mm",
+        "distance, bound [mm]",
+        "what it sees",
     ):
         assert words in said, words
     # The scene in the middle is drawn: many colours, not one.
@@ -104,6 +111,9 @@ def test_the_page_draws_tells_and_obeys(
     wait_for(lambda: "reset" in session.asked)
     tab.get_by_role("button", name="2×").click(timeout=60_000)
     wait_for(lambda: ("speed", 2.0) in session.asked)
+    tab.get_by_role("button", name="Go on", exact=True).first.click(timeout=60_000)
+    wait_for(lambda: ("press", "go") in session.asked)
+    assert tab.get_by_role("button", name="Skip this one").is_disabled()
     assert not errors
     tab.close()
 

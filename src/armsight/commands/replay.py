@@ -49,11 +49,11 @@ class Replay:
     page: Page = field(default_factory=Page)
 
     def run(self) -> int:
-        """Replay without a task."""
+        """Replay; the recorded task shows what it showed."""
         from armsight.commands.patrol import speed_of
         from armsight.commands.running import RunOptions, run_session, say, write_summary
         from armsight.errors import RecordingError, UsageError
-        from armsight.recording.replay_parts import HoldAtEnd, replay_parts
+        from armsight.recording.replay_parts import HoldAtEnd, recorded_task, replay_parts
 
         if self.map is not None and self.map.suffix not in MAP_FILES:
             raise UsageError(f"--map {self.map}: name a file that ends in {' or '.join(MAP_FILES)}")
@@ -71,7 +71,7 @@ class Replay:
                 observers=() if self.headless else (HoldAtEnd(),),
                 make=replay_parts,
             )
-            session = run_session(cell, None, wanted)
+            session = run_session(cell, recorded_task(cell), wanted)
             view = session.view()
         summary = map_summary(view)
         for key, value in summary.items():

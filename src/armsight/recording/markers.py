@@ -22,7 +22,7 @@ from armsight.recording.messages import (
 _TYPES: dict[ShapeKind, int] = {"box": 1, "sphere": 2, "cylinder": 3}
 _KINDS: dict[int, ShapeKind] = {number: kind for kind, number in _TYPES.items()}
 _TRIANGLES = 11
-_ADD, _DELETE_ALL = 0, 3
+_ADD, DELETE_ALL = 0, 3
 _NO_BYTES = np.zeros(0, np.uint8)
 
 
@@ -39,7 +39,7 @@ def encode_movers(movers: Sequence[MovingSolid], stamp: float, *, fresh: bool) -
         for i, mover in enumerate(movers)
     ]
     if fresh:
-        markers.insert(0, _marker(0, stamp, "world", action=_DELETE_ALL))
+        markers.insert(0, marker(0, stamp, "world", action=DELETE_ALL))
     return encode(make(MARKERS, markers=markers))
 
 
@@ -50,7 +50,7 @@ def encode_looks(bodies: Sequence[MovingSurfaces], stamp: float) -> bytes:
         for surface in body.surfaces:
             corners = surface.vertices[surface.faces].reshape(-1, 3)
             markers.append(
-                _marker(
+                marker(
                     len(markers),
                     stamp,
                     body.name,
@@ -108,7 +108,7 @@ def _solid(
 ) -> Any:
     a, b, c = solid.size
     scale = {"box": (a, b, c), "sphere": (2 * a, 2 * a, 2 * a), "cylinder": (2 * a, 2 * a, b)}
-    return _marker(
+    return marker(
         number,
         stamp,
         frame,
@@ -120,7 +120,7 @@ def _solid(
     )
 
 
-def _marker(
+def marker(
     number: int,
     stamp: float,
     frame: str,
@@ -132,7 +132,9 @@ def _marker(
     color: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
     text: str = "",
     points: Sequence[Any] = (),
+    colors: Sequence[tuple[float, float, float, float]] = (),
 ) -> Any:
+    """A visualization_msgs/Marker; ``colors`` are of the points, where each has its own."""
     point = make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
     upright = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
     red, green, blue, alpha = (float(value) for value in color)
@@ -150,7 +152,7 @@ def _marker(
         lifetime=make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
         frame_locked=kind == _TRIANGLES,
         points=list(points),
-        colors=[],
+        colors=[make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=a) for r, g, b, a in colors],
         texture_resource="",
         texture=make(
             "sensor_msgs/msg/CompressedImage",

@@ -33,6 +33,7 @@ TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 PATH = "nav_msgs/msg/Path"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 MARKERS = "visualization_msgs/msg/MarkerArray"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
 NANOSECONDS = 1_000_000_000
 

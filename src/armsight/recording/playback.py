@@ -21,6 +21,7 @@ from armsight.devices.recorded import (
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
 from armsight.motion.data import GuardStatus
+from armsight.motion.face import ShownFace
 from armsight.recording.messages import to_ns, to_seconds
 
 
@@ -42,7 +43,7 @@ class Delivery:
 
     Attributes:
         at: on the recording's clock [ns].
-        item: a reading of a device, a tick of the guard, or what moved.
+        item: a reading of a device, a tick of the guard, what moved, or a task's face.
     """
 
     at: int
@@ -59,6 +60,7 @@ class Source:
         deliveries: starts over and yields in the order of time.
         note: what the user should know of it, such as where it was cut short.
         close: lets go of files.
+        shows_task: whether a task showed something when it was recorded.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Source:
     deliveries: Callable[[], Iterator[Delivery]]
     note: str = ""
     close: Callable[[], None] = field(default=lambda: None)
+    shows_task: bool = False
 
 
 class Playback:
@@ -74,6 +77,7 @@ class Playback:
     Attributes:
         source: what is played.
         guard: the newest recorded word of the guard, or None.
+        face: what the task showed last, or None.
         note: what the user should know, such as where the recording was cut short.
         last: time of the newest delivery [s].
     """
@@ -91,6 +95,7 @@ class Playback:
         self.arm = arm
         self.cameras = tuple(cameras)
         self.guard: GuardStatus | None = None
+        self.face: ShownFace | None = None
         self.note = source.note
         self.last = source.span[0]
         self._sensors = dict(sensors or {})
@@ -123,7 +128,7 @@ class Playback:
         """Back to the start."""
         self._rest = self.source.deliveries()
         self._next = next(self._rest, None)
-        self.guard, self._movers, self._bodies = None, (), ()
+        self.guard, self.face, self._movers, self._bodies = None, None, (), ()
         self.arm.deliver(None)
         for camera in self.cameras:
             camera.deliver(None)
@@ -160,6 +165,8 @@ class Playback:
             self.arm.deliver_status(item)
         elif isinstance(item, GuardStatus):
             self.guard = item
+        elif isinstance(item, ShownFace):
+            self.face = item
         elif isinstance(item, Moved):
             self._movers = self._movers if item.movers is None else item.movers
             self._bodies = self._bodies if item.bodies is None else item.bodies

@@ -137,6 +137,10 @@ class Recorder:
         guard, joints, snapshot = view.guard, view.joints, view.snapshot
         if guard is not None and changes.changed("guard", guard):
             self._put(1024, lambda: scribe.guard(guard, now), now)
+        face = view.face
+        if face is not None and changes.changed("face", face):
+            size = 4096 + sum(picture.image.nbytes for picture in face.face.pictures)
+            self._put(size, lambda: scribe.face(face, now), now)
         if joints is not None and changes.changed("links", joints):
             self._put(1024, lambda: scribe.links(joints, now), now)
         if (view.movers or view.bodies) and changes.due("movers", now, MOVERS_PERIOD):

@@ -26,6 +26,7 @@ from armsight.geometry.shapes import Surface
 from armsight.recording import messages
 from armsight.recording.codec import Decoding
 from armsight.recording.description import CellDescription
+from armsight.recording.face_messages import FACE_TOPIC, FaceReader
 from armsight.recording.layout import Layout, layout_of
 from armsight.recording.markers import decode_looks, decode_movers
 from armsight.recording.mcap_file import McapReader
@@ -156,6 +157,7 @@ def _source(reader: McapReader, layout: Layout, robot: Robot) -> Source:
         deliveries=lambda: _deliveries(reader, layout, robot.joint_names, shift),
         note=note,
         close=reader.close,
+        shows_task=FACE_TOPIC in reader.topics,
     )
 
 
@@ -180,15 +182,18 @@ class _Decoder:
         self._path: JointPath | None = None
         self._executed: JointPath | None = None
         self._looks: dict[str, tuple[Surface, ...]] = {}
+        self._face = FaceReader(self._memory.shift)
 
     def wants(self, topic: str) -> bool:
         """Whether a topic is replayed."""
-        return topic in self._streams or topic in _SESSION
+        return topic in self._streams or topic in _SESSION or self._face.wants(topic)
 
     def take(self, topic: str, message: Any, record: Any) -> Any:
         """The delivery that a message makes, if any."""
         if topic in self._streams:
             return self._streams[topic].decode(topic, message, record, self._memory)
+        if self._face.wants(topic):
+            return self._face.take(topic, message)
         if topic in ("/tf", "/tf_static"):
             return self._transforms(message, fixed=topic == "/tf_static")
         if topic == "/guard/path":

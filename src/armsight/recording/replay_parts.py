@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -11,8 +12,10 @@ from armsight.errors import UsageError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.data import GuardMode, GuardStatus, PlanRequest
+from armsight.motion.face import Face
 from armsight.motion.intents import Intent
 from armsight.motion.plan import Plan
+from armsight.motion.task import Observation, Subscriptions, Task
 from armsight.motion.tick import GuardDecision
 from armsight.recording.playback import Playback
 from armsight.runtime.config import SessionConfig
@@ -60,6 +63,39 @@ class RecordedGuard:
             snapshot_age=np.inf if snapshot is None else now - snapshot.oldest,
         )
         return GuardDecision(self._rest, status)
+
+
+class RecordedTask:
+    """Shows what the task of a recording showed; wants nothing, and its buttons are dead."""
+
+    def __init__(self, playback: Playback) -> None:
+        self._playback = playback
+        self.name = "recorded"
+        self.period = 0.05
+        self.subscriptions = Subscriptions()
+
+    def update(self, observation: Observation) -> Intent | None:
+        """The arm moves as it did; nothing is asked of anybody."""
+        return None
+
+    def face(self) -> Face | None:
+        """As it was shown at this time of the recording."""
+        shown = self._playback.face
+        if shown is None:
+            return None
+        self.name = shown.task
+        buttons = tuple(replace(button, enabled=False) for button in shown.face.buttons)
+        return replace(shown.face, buttons=buttons)
+
+    def press(self, button: str) -> None:
+        """What has happened stays as it is."""
+
+
+def recorded_task(cell: Cell) -> Task | None:
+    """What stands for the task of a recorded cell; None where none showed anything."""
+    world = cell.world
+    shows = isinstance(world, Playback) and world.source.shows_task
+    return RecordedTask(world) if shows and isinstance(world, Playback) else None
 
 
 class NoPlanner:

@@ -15,10 +15,21 @@ from armsight.arrays import JointPath, Pose
 from armsight.devices.data import JointState
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
+from armsight.motion.face import ShownFace
 from armsight.recording import messages
 from armsight.recording.changes import Changes
 from armsight.recording.codec import Known
 from armsight.recording.description import CellDescription, to_metadata
+from armsight.recording.face_messages import (
+    CURVES,
+    FACE_TOPIC,
+    MARKS_TOPIC,
+    PICTURES,
+    encode_face,
+    encode_marks,
+    encode_picture,
+    topic_of,
+)
 from armsight.recording.markers import encode_looks, encode_movers, encode_solids
 from armsight.recording.mcap_file import McapWriter
 from armsight.recording.messages import to_ns
@@ -36,6 +47,8 @@ PATH_PERIOD = 0.2
 """Between records of the path ahead, which shortens all the time [s]."""
 EXECUTED_PERIOD = 0.5
 """Between records of the driven path, which grows all the time [s]."""
+PICTURE_PERIOD = 0.2
+"""Between records of a picture that a task shows [s]."""
 TIP_POINTS = 100
 """About the most points of a recorded path of the tip."""
 
@@ -58,6 +71,7 @@ class Scribe:
         self._pairs = {pair.info.name: pair.info for pair in cell.stereo}
         self._known = Known(cell.robot.joint_names, self._infos, self._pairs)
         self._changes = Changes()
+        self._marked = False
 
     def _write(
         self,
@@ -127,6 +141,25 @@ class Scribe:
         ):
             data = messages.encode_float(value)
             self._write(topic, messages.FLOAT, data, now, guard.stamp)
+
+    def face(self, shown: ShownFace, now: float) -> None:
+        """Write what the task shows: marks, new pictures, curves, and last the words."""
+        face, stamp = shown.face, shown.stamp
+        if face.marks or self._marked:  # none at all clears those of before, once
+            self._marked = bool(face.marks)
+            data = encode_marks(face.marks, stamp)
+            self._write(MARKS_TOPIC, messages.MARKERS, data, now, stamp)
+        for picture in face.pictures:
+            topic = topic_of(PICTURES, picture.name)
+            if self._changes.due(topic, now, PICTURE_PERIOD) and self._changes.changed(
+                topic, picture.image
+            ):
+                data = encode_picture(picture, stamp)
+                self._write(topic, messages.COMPRESSED, data, now, stamp)
+        for curve in face.curves:
+            data = messages.encode_float(curve.value)
+            self._write(topic_of(CURVES, curve.name), messages.FLOAT, data, now, stamp)
+        self._write(FACE_TOPIC, messages.DIAGNOSTICS, encode_face(shown), now, stamp)
 
     def _path(self, topic: str, path: JointPath | None, now: float) -> None:
         """The joints' path as it is, and the tip's, thinned, for those who look at it."""

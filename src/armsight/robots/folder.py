@@ -23,8 +23,16 @@ from armsight.robots.shapes import BodyShapes, FitReport, made_from, read_shapes
 from armsight.robots.sheet import ArmSheet, read_sheet
 from armsight.robots.urdf import read_urdf
 
-QUICK = FitOptions(rounds=6, most_axes=700, most_points=2500, most_around=4000, most_crowded=2000)
-"""A fit that somebody waits for, in a third of the time of the catalogue's."""
+QUICK = FitOptions(
+    rounds=6,
+    voxel=0.004,
+    check_spacing=0.0025,
+    most_axes=600,
+    most_points=2000,
+    most_around=3000,
+    most_crowded=1500,
+)
+"""A fit that somebody waits for, in a fifth of the time of the catalogue's first arms."""
 
 _log = logging.getLogger("armsight")
 

@@ -15,6 +15,7 @@ MODES: dict[GuardMode, tuple[str, str]] = {
     GuardMode.IDLE: ("idle", "#64748b"),
     GuardMode.PLANNING: ("planning", "#3b82f6"),
     GuardMode.PREDICTIVE: ("predictive", "#16a34a"),
+    GuardMode.VELOCITY: ("velocity", "#0d9488"),
     GuardMode.SLOWED: ("slowed", "#d97706"),
     GuardMode.STOPPED: ("stopped", "#dc2626"),
     GuardMode.REFLEX: ("reflex", "#c026d3"),

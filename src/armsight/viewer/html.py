@@ -20,6 +20,7 @@ REASONS = {
     "idle": "no goal: the arm holds still",
     "planning": "holds still until a path is ready",
     "predictive": "follows its path at full allowed speed",
+    "velocity": "moves as its task says, within limits and separation",
 }
 """What a mode means where the guard gives no reason of its own."""
 
@@ -41,7 +42,7 @@ def banner(guard: GuardStatus | None, note: str, armless: bool = False) -> str:
         style = f"float:right;text-transform:none;{DIM}"
         goal = f"<span style='{style}'>{arrow} {escape(guard.goal)}</span>"
     return (
-        f"<div style='{FONT};margin:0 .2em .5em;padding:.65em .8em;border-radius:.5em;"
+        f"<div style='{FONT};margin:0 .7em .5em .2em;padding:.65em .8em;border-radius:.5em;"
         f"background:{color};color:#fff'>"
         f"<div style='font-size:1.25em;font-weight:700;letter-spacing:.04em;"
         f"text-transform:uppercase'>{title}{goal}</div>"
@@ -68,10 +69,10 @@ def figures(guard: GuardStatus | None, tip_speed: float, now: float) -> str:
     counts = ""
     if guard is not None:
         counts = f"{guard.replans} plans · {guard.reflexes} reflexes · "
-    return _boxes(cells, f"{counts}t = {now:.1f} s")
+    return boxes(cells, f"{counts}t = {now:.1f} s")
 
 
-def _boxes(cells: Sequence[tuple[str, str, str, str]], below: str) -> str:
+def boxes(cells: Sequence[tuple[str, str, str, str]], below: str) -> str:
     """Figures as (name, value, colour, hint), two a row, and a faint line below."""
     boxes = "".join(
         f"<div title='{hint}' style='background:rgba(127,127,127,.12);border-radius:.4em;"
@@ -81,7 +82,7 @@ def _boxes(cells: Sequence[tuple[str, str, str, str]], below: str) -> str:
         for name, value, tint, hint in cells
     )
     return (
-        f"<div style='{FONT};margin:0 .2em .4em'>"
+        f"<div style='{FONT};margin:0 .7em .4em .2em'>"
         f"<div style='display:grid;grid-template-columns:1fr 1fr;gap:.35em'>{boxes}</div>"
         f"<div style='font-size:.75em;{DIM};margin-top:.4em;text-align:right;"
         f"font-variant-numeric:tabular-nums'>{below}</div></div>"
@@ -98,7 +99,7 @@ def map_figures(snapshot: WorkspaceSnapshot | None, now: float) -> str:
         ("points", f"{len(snapshot.cloud):,}", "in the merged cloud"),
         ("voxel", f"{1e3 * snapshot.grid.voxel:.0f} mm", "edge"),
     )
-    return _boxes([(*cell[:2], "inherit", cell[2]) for cell in cells], f"t = {now:.1f} s")
+    return boxes([(*cell[:2], "inherit", cell[2]) for cell in cells], f"t = {now:.1f} s")
 
 
 def cameras(statuses: Sequence[CameraStatus], now: float) -> str:

@@ -56,6 +56,10 @@ class ShownSession(Protocol):
         """Move a thing or a hand of a simulated cell."""
         ...
 
+    def press(self, button: str) -> None:
+        """A person pressed a button on the task's face."""
+        ...
+
 
 class LivePage:
     """Shows a session; also while it is paused, and when it has ended.
@@ -67,7 +71,7 @@ class LivePage:
         session: to show.
         host: loopback only, unless told otherwise, and then a token is needed.
         port: 0 takes a free one.
-        token: see :mod:`armsight.viewer.gate`.
+        token: see :mod:`armsight.viewer.access`.
     """
 
     name = "page"
@@ -113,6 +117,7 @@ class LivePage:
                 not cell.robot.n,
                 draggable(cell),
                 self._choose_dragged,
+                session.press,
             )
         self._gizmo: Any = None
         self._server.on_client_connect(lambda _: self._look())

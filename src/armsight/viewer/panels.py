@@ -12,7 +12,9 @@ import viser
 from armsight.arrays import ColorImage
 from armsight.runtime.view import SessionView
 from armsight.viewer import html
+from armsight.viewer.face import FacePanel
 from armsight.viewer.history import SECONDS, History
+from armsight.viewer.plots import plot
 from armsight.viewer.scene import Layer
 
 SPEEDS = {"½×": 0.5, "1×": 1.0, "2×": 2.0, "max": math.inf}
@@ -48,6 +50,7 @@ class Panels:
         armless: bool,
         draggable: Sequence[str],
         drag: Callable[[str], None],
+        press: Callable[[str], None],
     ) -> None:
         self._gui = gui = server.gui
         self._controls = controls
@@ -61,6 +64,7 @@ class Panels:
         self._texts: dict[str, Any] = {}
         self._put("banner", html.banner(None, "", armless))
         self._put("figures", html.figures(None, 0.0, 0.0))
+        self._face = FacePanel(gui, press)
         self._add_controls(draggable, drag)
         self._add_layers(layers)
         self._put("legend", html.legend())
@@ -74,10 +78,12 @@ class Panels:
         self._set("banner", html.banner(guard, note, self._armless))
         if not self._armless:
             self._set("figures", html.figures(guard, tip_speed, view.now))
+        self._face.update(view.face, view.now)
         self._show_running(view.running)
 
     def update_health(self, view: SessionView) -> None:
-        """Tables and plots; a few times a second is enough."""
+        """Tables, plots and the task's pictures; a few times a second is enough."""
+        self._face.update_slowly(view.face)
         snapshot, guard = view.snapshot, view.guard
         statuses = () if snapshot is None else snapshot.cameras
         self._set("cameras", html.cameras(statuses, view.now))
@@ -180,42 +186,22 @@ class Panels:
             return
         plots = gui.add_panel()
         with plots.add_tab("Plots", viser.Icon.CHART_LINE):
-            self._distance_plot = self._plot(
+            self._distance_plot = plot(
+                gui,
                 "distance and protective distance [m]",
-                self._distances,
+                self._distances.columns(),
                 (("distance", "#facc15"), ("protective", "#f87171")),
-                NO_PLOT_ABOVE,
+                SECONDS,
+                top=NO_PLOT_ABOVE,
             )
-            self._speed_plot = self._plot(
-                "tip speed [m/s]", self._speeds, (("speed", "#38bdf8"),), None
+            self._speed_plot = plot(
+                gui,
+                "tip speed [m/s]",
+                self._speeds.columns(),
+                (("speed", "#38bdf8"),),
+                SECONDS,
             )
         plots.dock_below(seen)
-
-    def _plot(
-        self,
-        title: str,
-        history: History,
-        lines: Sequence[tuple[str, str]],
-        top: float | None,
-    ) -> Any:
-        axis: Any = {
-            "stroke": "#94a3b8",
-            "grid": {"stroke": "rgba(148,163,184,.15)", "width": 1},
-            "ticks": {"show": False},
-            "size": 34,
-        }
-        limits: Any = {"range": (0.0, top)} if top is not None else {"auto": True}
-        series: Any = ({"label": "t"}, *({"label": n, "stroke": c, "width": 2} for n, c in lines))
-        return self._gui.add_uplot(
-            data=history.columns(),
-            series=series,
-            scales={"x": {"time": False, "range": (-SECONDS, 0.0)}, "y": limits},
-            axes=(axis | {"size": 26}, axis),
-            title=title,
-            legend={"show": False},
-            cursor={"show": False},
-            aspect=2.1,
-        )
 
 
 def _switches(box: viser.GuiCheckboxHandle, layer: Layer) -> None:

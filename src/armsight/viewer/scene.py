@@ -22,6 +22,7 @@ from armsight.runtime.view import SessionView
 from armsight.viewer import colors
 from armsight.viewer.cameras import CameraFrustum
 from armsight.viewer.danger import voxels
+from armsight.viewer.marks import TaskMarks
 from armsight.viewer.nodes import Cloud, Cubes, Line
 from armsight.viewer.robot_model import RobotModel
 from armsight.viewer.solids import Bodies, SolidGroup, add_solid
@@ -113,6 +114,8 @@ class Scene:
             f"{base}/distance", "", anchor="bottom-center", font_screen_scale=1.1, visible=False
         )
         self._labels_on = True
+        self.marks = TaskMarks(api, f"{base}/task")
+        self._drawn_face: object = None
         tip = self._robot.T_last_flange
         if self._robot.tool is not None:
             tip = tip @ self._robot.tool.T_flange_tcp
@@ -155,6 +158,7 @@ class Scene:
             Layer(
                 "Distance", "the two nearest points of robot and hazard", True, self._show_nearest
             ),
+            Layer("Task", "what the task marks", True, of(self.marks)),
             Layer("Cameras", "frustums with what they see", True, of(self._camera_root)),
             Layer(
                 "People",
@@ -180,6 +184,9 @@ class Scene:
             self._update_map(snapshot, view.now)
         if view.guard is not None:
             self._update_guard(view.guard, snapshot)
+        if view.face is not self._drawn_face:
+            self._drawn_face = view.face
+            self.marks.show(() if view.face is None else view.face.face.marks)
 
     def forget(self) -> None:
         """After a reset: draw the map anew."""

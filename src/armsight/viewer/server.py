@@ -1,4 +1,4 @@
-"""Starts viser behind the gate, on exactly the port that was asked for, without its chatter."""
+"""Starts viser behind access control, on exactly the port that was asked for, without chatter."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import viser
 import websockets.asyncio.server
 
 from armsight.errors import UsageError, ViewerError
-from armsight.viewer.gate import LEAST_TOKEN, Gate, is_loopback
+from armsight.viewer.access import LEAST_TOKEN, AccessControl, is_loopback
 
 _opening = threading.Lock()
 
@@ -46,9 +46,9 @@ def open_server(host: str, port: int, token: str | None, label: str) -> viser.Vi
     if token is not None and len(token) < LEAST_TOKEN:
         raise UsageError(f"the page's token must have at least {LEAST_TOKEN} characters")
     listener = _listen(host, port)
-    gate = Gate(host, listener.getsockname()[1], token)
+    access = AccessControl(host, listener.getsockname()[1], token)
     try:
-        with _opening, _gated(gate, listener) as passed, quiet():
+        with _opening, _checked(access, listener) as passed, quiet():
             server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
     except BaseException:
         listener.close()
@@ -116,25 +116,25 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 @contextlib.contextmanager
-def _gated(gate: Gate, listener: socket.socket) -> Iterator[list[bool]]:
-    """While open, the next websocket server listens on our socket and asks our gate first.
+def _checked(access: AccessControl, listener: socket.socket) -> Iterator[list[bool]]:
+    """While open, the next websocket server listens on our socket and asks ``access`` first.
 
     viser offers no hook for either. The list that is given tells whether it came to that.
     """
     serve = websockets.asyncio.server.serve
     passed: list[bool] = []
 
-    def gated(handler: Any, host: Any = None, port: Any = None, **options: Any) -> Any:
+    def checked(handler: Any, host: Any = None, port: Any = None, **options: Any) -> Any:
         inner = options.pop("process_request")
 
         def process_request(connection: Any, request: Any) -> Any:
-            refusal = gate.check(request.path, request.headers)
+            refusal = access.check(request.path, request.headers)
             return inner(connection, request) if refusal is None else refusal
 
         passed.append(True)
         return serve(handler, sock=listener, process_request=process_request, **options)
 
-    websockets.asyncio.server.serve = gated  # type: ignore[assignment,misc]
+    websockets.asyncio.server.serve = checked  # type: ignore[assignment,misc]
     try:
         yield passed
     finally:

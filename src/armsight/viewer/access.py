@@ -31,7 +31,7 @@ def is_loopback(host: str) -> bool:
         return host.lower() == "localhost"
 
 
-class Gate:
+class AccessControl:
     """Decides on each request before viser sees it.
 
     Args:

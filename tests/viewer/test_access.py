@@ -15,13 +15,13 @@ from page_watching import watching
 
 from armsight.errors import UsageError, ViewerError
 from armsight.viewer import LivePage, new_token, server
-from armsight.viewer.gate import COOKIE, Gate, is_loopback
+from armsight.viewer.access import COOKIE, AccessControl, is_loopback
 
 TOKEN = "correct-horse-battery"
 
 
-def status(gate: Gate, path: str = "/", **headers: str) -> int:
-    answer = gate.check(path, {"Host": "127.0.0.1:8080"} | headers)
+def status(access: AccessControl, path: str = "/", **headers: str) -> int:
+    answer = access.check(path, {"Host": "127.0.0.1:8080"} | headers)
     return 200 if answer is None else answer.status_code
 
 
@@ -41,7 +41,7 @@ def test_what_is_loopback(host: str, own: bool) -> None:
 )  # fmt: skip
 def test_loopback_answers_to_its_own_names_only(host: str, code: int) -> None:
     """DNS rebinding: a stranger's name that resolves to this machine."""
-    assert status(Gate("127.0.0.1", 8080, None), Host=host) == code
+    assert status(AccessControl("127.0.0.1", 8080, None), Host=host) == code
 
 
 @pytest.mark.parametrize(
@@ -51,31 +51,34 @@ def test_loopback_answers_to_its_own_names_only(host: str, code: int) -> None:
 )  # fmt: skip
 def test_other_sites_are_refused(origin: str, code: int) -> None:
     """Cross-site websockets: a stranger's page in the user's own browser."""
-    assert status(Gate("127.0.0.1", 8080, None), Origin=origin) == code
+    assert status(AccessControl("127.0.0.1", 8080, None), Origin=origin) == code
     assert (
-        status(Gate("0.0.0.0", 8080, TOKEN), Origin=origin, Cookie=f"{COOKIE}_8080={TOKEN}") == code
+        status(
+            AccessControl("0.0.0.0", 8080, TOKEN), Origin=origin, Cookie=f"{COOKIE}_8080={TOKEN}"
+        )
+        == code
     )
 
 
 def test_the_token_moves_into_a_cookie() -> None:
-    gate = Gate("0.0.0.0", 8080, TOKEN)
-    assert status(gate) == 401
-    assert status(gate, f"/?token={TOKEN}x") == 401
-    answer = gate.check(f"/?token={TOKEN}", {"Host": "cell.lan:8080"})
+    access = AccessControl("0.0.0.0", 8080, TOKEN)
+    assert status(access) == 401
+    assert status(access, f"/?token={TOKEN}x") == 401
+    answer = access.check(f"/?token={TOKEN}", {"Host": "cell.lan:8080"})
     assert answer is not None
     assert (answer.status_code, answer.headers["Location"]) == (303, "/")
     cookie = answer.headers["Set-Cookie"]
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
-    assert status(gate, Cookie=cookie.split(";")[0]) == 200
-    assert status(gate, Cookie=f"{COOKIE}_8081={TOKEN}") == 401
+    assert status(access, Cookie=cookie.split(";")[0]) == 200
+    assert status(access, Cookie=f"{COOKIE}_8081={TOKEN}") == 401
 
 
 @given(st.text(max_size=40).filter(lambda text: text != TOKEN))
 def test_no_other_token_opens(given_token: str) -> None:
-    gate = Gate("0.0.0.0", 8080, TOKEN)
-    assert status(gate, f"/?token={given_token}") == 401
-    assert status(gate, Cookie=f"{COOKIE}_8080={given_token}") == 401
+    access = AccessControl("0.0.0.0", 8080, TOKEN)
+    assert status(access, f"/?token={given_token}") == 401
+    assert status(access, Cookie=f"{COOKIE}_8080={given_token}") == 401
 
 
 def get(page: LivePage, path: str = "/", **headers: str) -> tuple[int, bytes]:
@@ -164,7 +167,7 @@ def test_nobody_can_open_a_tunnel(page: LivePage) -> None:
 
 
 def test_an_unknown_viser_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Should viser stop asking our gate, the page must not open unprotected."""
+    """Should viser stop asking our access control, the page must not open unprotected."""
 
     class Other:
         def __init__(self, **_: object) -> None:
