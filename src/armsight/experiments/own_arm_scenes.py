@@ -86,7 +86,7 @@ def arm_scene(
         while len(depth) < views:
             _move(world, robot, _goal(robot, static, rng), log)
             frame = device.read()
-            if frame is None:
+            if frame is None or (color and frame.color is None):
                 continue
             stamps = np.array([t for t, _ in log])
             q = np.array([p for _, p in log])

@@ -9,7 +9,6 @@ view has no arm in the others.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -26,7 +25,7 @@ from armsight.recognition.own_arm.depth import (
     better,
     follow,
 )
-from armsight.recognition.own_arm.starts import all_rotations, best_apart, narrowed
+from armsight.recognition.own_arm.starts import Stage, all_rotations, beam, best_apart
 from armsight.recognition.own_arm.surface import ArmSurface
 
 LEAST_VIEWS = 3
@@ -47,24 +46,6 @@ THINNED = 6
 """One in so many points of the surface says where its middle is."""
 WIDTH = 2000
 """Proposals with which the beam begins."""
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One narrowing of the beam.
-
-    Attributes:
-        shift, turn: standard deviations of the changes that are tried [m], [rad].
-        tolerance: of a reading [m]; points: of the surface, a view.
-        kept, children: see :func:`narrowed`.
-    """
-
-    shift: float
-    turn: float
-    tolerance: float
-    points: int
-    kept: int
-    children: int
 
 
 BEAM = (
@@ -130,15 +111,12 @@ def _searched(
     first = BEAM[0].tolerance
     scores = scene.agreement(poses, first, 60, images[first])
     poses = poses[np.argsort(-scores, kind="stable")[:WIDTH]]
-    for stage in BEAM:
 
-        def score(candidates: Poses, stage: Stage = stage) -> Floats:
-            image = images[stage.tolerance]
-            return scene.agreement(candidates, stage.tolerance, stage.points, image)
+    def score(candidates: Poses, stage: Stage) -> Floats:
+        image = images[stage.tolerance]
+        return scene.agreement(candidates, stage.tolerance, stage.points, image)
 
-        poses, scores = narrowed(
-            poses, scene.pivot, score, stage.shift, stage.turn, stage.kept, stage.children, rng
-        )
+    poses, scores = beam(poses, scene.pivot, score, BEAM, rng)
     chosen = best_apart(poses, scores, scene.pivot, scene.options.followed)
     return follow(scene, better(scene, [poses[k] for k in chosen], rng))
 

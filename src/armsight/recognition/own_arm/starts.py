@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -40,6 +41,52 @@ def scattered(
     out[:, :3, :3] = R @ T_camera_base[:3, :3]
     out[:, :3, 3] = (R @ (T_camera_base[:3, 3] - center)[:, None])[..., 0] + center + t
     return out
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One narrowing of a beam.
+
+    Attributes:
+        shift, turn: standard deviations of the changes that are tried [m], [rad].
+        tolerance: of the comparison, the scene's affair; points: of the surface, a view.
+        kept, children: see :func:`narrowed`.
+    """
+
+    shift: float
+    turn: float
+    tolerance: float
+    points: int
+    kept: int
+    children: int
+
+
+def beam(
+    poses: Poses,
+    pivot: Vector3,
+    score: Callable[[Poses, Stage], Floats],
+    stages: Sequence[Stage],
+    rng: np.random.Generator,
+) -> tuple[Poses, Floats]:
+    """Poses after all stages, the best first, and their scores.
+
+    Args:
+        poses: (k, 4, 4) ``T_camera_base``.
+        pivot: see :func:`scattered`.
+        score: of poses, as a stage compares.
+        stages: one after the other.
+        rng: source of randomness.
+    """
+    scores: Floats = np.zeros(len(poses))
+    for stage in stages:
+
+        def compare(candidates: Poses, stage: Stage = stage) -> Floats:
+            return score(candidates, stage)
+
+        poses, scores = narrowed(
+            poses, pivot, compare, stage.shift, stage.turn, stage.kept, stage.children, rng
+        )
+    return poses, scores
 
 
 def narrowed(

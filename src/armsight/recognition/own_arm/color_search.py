@@ -1,0 +1,103 @@
+"""A camera's pose from colour pictures of the moving arm with nothing believed of it.
+
+As :mod:`.depth_search`, but a patch that moved tells a direction only: each is tried at several
+distances, with many rotations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armsight.arrays import Floats, Poses
+from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.own_arm.answer import ColorView, OwnArmPose
+from armsight.recognition.own_arm.color import (
+    ColorOptions,
+    ColorScene,
+    color_scene,
+    follow,
+    narrowed_starts,
+)
+from armsight.recognition.own_arm.starts import Stage, all_rotations
+from armsight.recognition.own_arm.surface import ArmSurface
+
+ROTATIONS = 1500
+ATTEMPTS = 2
+"""Searches with other rotations while the answer is not believed."""
+DISTANCES = (0.8, 1.1, 1.5, 2.0, 2.7, 3.6)
+"""Of the arm's middle from the camera that are tried [m]."""
+PATCHES = 3
+"""Of each view, the largest ones."""
+WIDTH = 2500
+"""Proposals with which the beam begins."""
+FOLLOWED = 10
+"""Of the beam, to the end."""
+THINNED = 12
+"""One in so many points of the surface says where its middle is."""
+BEAM = (
+    Stage(0.15, 0.20, 0.0, 120, 900, 16),
+    Stage(0.10, 0.15, 0.0, 150, 350, 20),
+    Stage(0.07, 0.10, 0.0, 200, 150, 24),
+    Stage(0.045, 0.06, 0.0, 300, 70, 30),
+    Stage(0.03, 0.04, 1.0, 400, 50, 24),
+    Stage(0.015, 0.02, 1.0, 500, 40, 24),
+)
+"""Stages with a tolerance compare in the fine cells."""
+
+
+def search_color(
+    surface: ArmSurface,
+    lens: PinholeCamera,
+    views: Sequence[ColorView],
+    options: ColorOptions | None = None,
+    seed: int = 0,
+) -> OwnArmPose:
+    """The pose of a colour camera from pictures of the arm in different poses, with no start.
+
+    Args:
+        surface: of the arm.
+        lens: of the pictures.
+        views: at least three, better six, by a camera that stands.
+        options: how.
+        seed: of the rotations that are tried.
+
+    Raises:
+        ValueError: there are fewer than three views.
+    """
+    scene = color_scene(surface, lens, views, options)
+    if not scene.coarse.areas[:, 1:].any():
+        nothing = np.full((6, 6), np.nan)
+        problem = "nothing moves before the camera"
+        return OwnArmPose(np.eye(4), nothing, np.inf, 0.0, 0.0, 0.0, len(views), problem)
+    answers: list[OwnArmPose] = []
+    for attempt in range(ATTEMPTS):
+        rng = np.random.default_rng([seed, attempt])
+        poses = _proposed(scene, all_rotations(ROTATIONS, rng))
+        scores = scene.agreement(poses, False, 60)
+        poses = poses[np.argsort(-scores, kind="stable")[:WIDTH]]
+        answers.append(follow(scene, narrowed_starts(scene, poses, BEAM, rng, FOLLOWED)))
+        if answers[-1].believed:
+            return answers[-1]
+    return max(answers, key=lambda a: a.score * a.seen**2)
+
+
+def _proposed(scene: ColorScene, rotations: Floats) -> Poses:
+    """(k, 4, 4) poses that put what moves of the arm into a patch, at one of the distances."""
+    moving = np.flatnonzero(scene.surface.owner >= 2)[::THINNED]
+    fx, fy, cx, cy = scene.coarse.lens
+    poses: list[Poses] = []
+    for points, cells, areas in zip(scene.points, scene.coarse.cells, scene.coarse.areas):
+        middle = points[moving].mean(axis=0)
+        largest = np.argsort(-areas[1:], kind="stable")[:PATCHES] + 1
+        for patch in largest[areas[largest] > 0]:
+            v, u = np.nonzero(cells == patch)
+            ray = np.array([(u.mean() - cx) / fx, (v.mean() - cy) / fy, 1.0])
+            ray /= np.linalg.norm(ray)
+            for distance in DISTANCES:
+                T = np.tile(np.eye(4), (len(rotations), 1, 1))
+                T[:, :3, :3] = rotations
+                T[:, :3, 3] = distance * ray - rotations @ middle
+                poses.append(T)
+    return np.concatenate(poses)
