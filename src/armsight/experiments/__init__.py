@@ -26,6 +26,7 @@ NAMES: dict[str, str] = {
     "calibration-eye-to-hand": "T1: three cameras in the base, five experiments",
     "calibration-peers": "calibration beside the bound and OpenCV, same corners; ellipsoids",
     "calibration-drift": "drift watch: moved cameras named, cells that stand still left alone",
+    "own-arm": "cameras placed by their own arm, from depth and from colour",
     "recognition": "T4 to T7: the robot in one colour image, the papers' four networks",
     "calibration-real": "real hand-eye sets, beside the figures published with them",
 }

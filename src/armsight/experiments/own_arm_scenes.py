@@ -70,7 +70,7 @@ def arm_scene(
     info = replace(chosen.info, rate=2.0)
     if color and info.color is not None:
         info = replace(info, color=info.color.scaled(color_width / info.color.width))
-    camera = replace(chosen, info=info, phase=0.01, stamp_jitter=0.002)
+    camera = replace(chosen, info=info, declared=info, phase=0.01, stamp_jitter=0.002)
     crowd = tuple(_person(k, spec.arm.T_world_base, rng) for k in range(people))
     arm = replace(spec.arm, kinematic_error=1.0)
     spec = replace(spec, arm=arm, cameras=(camera,), people=(*spec.people, *crowd))

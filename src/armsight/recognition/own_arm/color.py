@@ -97,7 +97,7 @@ class ColorScene:
     coarse: Patches
     fine: Patches
     corners: list[Points]
-    points: Floats
+    points: Points
     pivot: Vector3 = field(init=False)
 
     def __post_init__(self) -> None:
@@ -108,7 +108,7 @@ class ColorScene:
         patches = self.fine if fine else self.coarse
         step = max(self.points.shape[1] // points, 1)
         spacing = SPACING * float(np.sqrt(step))
-        some = np.ascontiguousarray(self.points[:, ::step])
+        some = np.ascontiguousarray(self.points[:, ::step], np.float64)
         return silhouette_agreement(
             np.ascontiguousarray(poses), some, patches.cells, patches.areas, patches.lens, spacing
         )
@@ -140,7 +140,7 @@ def color_scene(
     straight = PinholeCamera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy)
     small = straight.scaled(o.width / lens.width)
     colors = np.stack([_rectified(v.color, lens, small) for v in views])
-    median = np.median(colors, axis=0)
+    median = np.median(colors, axis=0).astype(np.float32)
     moved = np.abs(colors - median).max(axis=-1)
     images = np.concatenate([colors, np.minimum(2.0 * moved, 255.0)[..., None]], axis=-1)
     noise = 1.48 * float(np.median(moved))
@@ -306,9 +306,7 @@ def _judged(scene: ColorScene, end: _End) -> OwnArmPose:
     nothing = np.full((6, 6), np.nan)
     if np.linalg.matrix_rank(end.H) < 6:
         problem = "the arm's outline is hardly seen"
-        return OwnArmPose(
-            inverse(end.T), nothing, np.inf, end.score, end.seen, 0.0, views, problem
-        )
+        return OwnArmPose(inverse(end.T), nothing, np.inf, end.score, end.seen, 0.0, views, problem)
     halves = [_refined(scene, end.T, range(k, views, 2)) for k in (0, 1)]
     a, b = (transform(h.T, points) for h in halves)
     apart = float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))
@@ -326,23 +324,19 @@ def _judged(scene: ColorScene, end: _End) -> OwnArmPose:
         problem = f"two halves of the views say {1e3 * apart:.0f} mm apart"
     elif not sigma < o.most_sigma:
         problem = f"what is seen leaves {1e3 * sigma:.0f} mm open; show other poses of the arm"
-    return OwnArmPose(
-        inverse(end.T), covariance, sigma, end.score, end.seen, 0.0, views, problem
-    )
+    return OwnArmPose(inverse(end.T), covariance, sigma, end.score, end.seen, 0.0, views, problem)
 
 
 def _rectified(color: ColorImage, lens: PinholeCamera, small: PinholeCamera) -> Floats32:
     """(h, w, 3) the picture through a straight lens of the working size."""
-    picture = color
-    if not lens.is_ideal:
-        K = lens.K
-        picture = cv2.undistort(color, K, np.array(lens.distortion), None, K)
+    K, distortion = lens.K, np.array(lens.distortion)
+    picture = color if lens.is_ideal else cv2.undistort(color, K, distortion, None, K)
     size = (small.width, small.height)
     how = cv2.INTER_AREA if small.width < lens.width else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(picture, size, interpolation=how), np.float32)
 
 
-def _shadowed(colors: Floats32, median: Floats) -> Masks:
+def _shadowed(colors: Floats32, median: Floats32) -> Masks:
     """(f, h, w) where a picture is as the median one, only darker: an arm's shadow, most likely."""
     ratio = (colors + 4.0) / (median + 4.0)
     middle = ratio.mean(axis=-1)

@@ -36,13 +36,16 @@ def silhouette_agreement(
     frames, count = points.shape[0], points.shape[1]
     h, w = patches.shape[1], patches.shape[2]
     out = np.zeros(poses.shape[0])
+    often = np.zeros((h, w), np.int64)  # in how many views the arm is there
     seen = np.zeros((frames, h, w), np.uint8)
+    marked = np.empty((frames, h * w, 2), np.int64)  # where: only these cells are visited
+    marks = np.zeros(frames, np.int64)
     touched = np.zeros(areas.shape[1], np.bool_)
     for k in range(poses.shape[0]):
         T = poses[k]
-        seen[:] = 0
         outside = 0
         for f in range(frames):
+            marks[f] = 0
             for i in range(count):
                 p = points[f, i]
                 z = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
@@ -53,43 +56,45 @@ def silhouette_agreement(
                 y = T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2] + T[1, 3]
                 u = int(np.floor(lens[0] * x / z + lens[2] + 0.5))
                 v = int(np.floor(lens[1] * y / z + lens[3] + 0.5))
-                r = int(0.5 * spacing * lens[0] / z + 0.3)
                 if u < 0 or v < 0 or u >= w or v >= h:
                     outside += 1
                     continue
+                r = int(0.5 * spacing * lens[0] / z + 0.3)
                 for b in range(max(v - r, 0), min(v + r, h - 1) + 1):
                     for a in range(max(u - r, 0), min(u + r, w - 1) + 1):
-                        seen[f, b, a] = 1
-        hits, asked, beside = 0, 0, 0.0
+                        if seen[f, b, a] == 0:
+                            seen[f, b, a] = 1
+                            often[b, a] += 1
+                            marked[f, marks[f], 0], marked[f, marks[f], 1] = b, a
+                            marks[f] += 1
+        hits, asked, beside = 0, 0, 0
         for f in range(frames):
             touched[:] = False
-            mine, ignored = 0, 0
-            for b in range(h):
-                for a in range(w):
-                    if seen[f, b, a] == 0:
-                        continue
-                    often = 0
-                    for g in range(frames):
-                        often += seen[g, b, a]
-                    patch = patches[f, b, a]
-                    if 2 * often > frames:
-                        if patch > 0:
-                            ignored += 1
-                        continue
-                    asked += 1
-                    if patch > 0:
-                        mine += 1
-                        touched[patch] = True
+            explained = 0
+            for i in range(marks[f]):
+                b, a = marked[f, i, 0], marked[f, i, 1]
+                patch = patches[f, b, a]
+                if 2 * often[b, a] > frames:
+                    explained += patch > 0
+                    continue
+                asked += 1
+                if patch > 0:
+                    hits += 1
+                    explained += 1
+                    touched[patch] = True
             whole = 0
             for patch in range(1, areas.shape[1]):
                 if touched[patch]:
                     whole += areas[f, patch]
-            hits += mine
-            beside += max(whole - mine - ignored, 0)
-        share = 1.0 - outside / (frames * count)
-        bottom = asked + hits + UNEXPLAINED * beside
+            beside += max(whole - explained, 0)
+        for f in range(frames):
+            for i in range(marks[f]):
+                b, a = marked[f, i, 0], marked[f, i, 1]
+                seen[f, b, a] = 0
+                often[b, a] = 0
         if asked >= 4 * frames:
-            out[k] = share * 2.0 * hits / bottom
+            share = 1.0 - outside / (frames * count)
+            out[k] = share * 2.0 * hits / (asked + hits + UNEXPLAINED * beside)
     return out
 
 

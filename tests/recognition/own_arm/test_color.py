@@ -1,0 +1,86 @@
+"""A colour camera finds itself by the moving arm, and knows when it did not."""
+
+import cv2
+import numpy as np
+import pytest
+from tests.recognition.own_arm.synthetic import LENS, T_BASE_CAMERA, corners, robot
+
+from armsight.geometry.pose import exp, inverse, transform
+from armsight.recognition.own_arm.answer import ColorView
+from armsight.recognition.own_arm.color import ColorOptions, register_color
+from armsight.recognition.own_arm.surface import arm_surface
+
+OPTIONS = ColorOptions(width=256, starts=600, cell=(4, 2))
+TURNS = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.9, 0.3, -0.4, 0.3, 0.5, 0.0],
+        [-0.8, -0.3, 0.6, -0.5, 0.2, 0.4],
+        [1.6, 0.2, 0.3, 0.6, -0.6, 0.1],
+        [-1.5, 0.4, -0.2, -0.3, 0.3, 0.2],
+    ]
+)
+
+
+def painted(triangles: np.ndarray, number: int) -> np.ndarray:
+    """(h, w, 3) the arm before a patterned wall, filled triangle by triangle by OpenCV, far first.
+
+    Drawn at four times the size and shrunk, so that its outline is smooth.
+    """
+    rng = np.random.default_rng(number)
+    wall = np.random.default_rng(99).uniform(60, 200, (12, 14, 3)).astype(np.float32)
+    big = cv2.resize(wall, (4 * LENS.width, 4 * LENS.height), interpolation=cv2.INTER_NEAREST)
+    seen = transform(inverse(T_BASE_CAMERA), triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+    n = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12)
+    pixels = (LENS.project(seen.reshape(-1, 3)).reshape(-1, 3, 2) + 0.5) * 4 - 0.5
+    for k in np.argsort(-seen[:, :, 2].mean(axis=1)):
+        if (n[k] * seen[k].mean(axis=0)).sum() < 0:
+            shade = 225 + 25 * float(n[k, 0])
+            cv2.fillConvexPoly(big, np.round(pixels[k] * 16).astype(int), (shade,) * 3, shift=4)
+    small = cv2.resize(big, (LENS.width, LENS.height), interpolation=cv2.INTER_AREA)
+    return np.clip(small + rng.normal(0, 2, small.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def views() -> list[ColorView]:
+    arm = robot()
+    return [
+        ColorView(arm.home + turn, painted(corners(arm, arm.home + turn), k))
+        for k, turn in enumerate(TURNS)
+    ]
+
+
+def off(T_base_camera: np.ndarray) -> float:
+    """Root mean square error of where corners of the arm's reach are placed [m]."""
+    box = np.array([[x, y, z, 1.0] for x in (-0.4, 0.4) for y in (-0.4, 0.4) for z in (0, 0.8)])
+    T = T_base_camera @ inverse(T_BASE_CAMERA)
+    return float(np.sqrt((((box @ T.T - box)[:, :3]) ** 2).sum(axis=1).mean()))
+
+
+def test_an_old_pose_is_mended(views: list[ColorView]) -> None:
+    start = T_BASE_CAMERA @ exp([0.05, -0.06, 0.05, 0.06, -0.06, 0.06])
+    assert off(start) > 0.1
+    answer = register_color(arm_surface(robot()), LENS, views, start, OPTIONS)
+    assert answer.believed
+    assert off(answer.T_base_camera) < 0.012
+    assert answer.sigma < 0.015
+
+
+def test_joints_of_another_moment_are_not_believed(views: list[ColorView]) -> None:
+    wrong = [ColorView(views[(k + 1) % 5].joints, v.color) for k, v in enumerate(views)]
+    answer = register_color(arm_surface(robot()), LENS, wrong, T_BASE_CAMERA, OPTIONS)
+    assert not answer.believed
+    assert answer.problem
+
+
+def test_a_room_in_which_nothing_moves_is_not_believed(views: list[ColorView]) -> None:
+    rng = np.random.default_rng(5)
+    empty = rng.integers(90, 100, views[0].color.shape, np.uint8)
+    still = [ColorView(v.joints, empty) for v in views]
+    assert not register_color(arm_surface(robot()), LENS, still, T_BASE_CAMERA, OPTIONS).believed
+
+
+def test_views_are_asked_for() -> None:
+    with pytest.raises(ValueError, match="at least 3"):
+        register_color(arm_surface(robot()), LENS, [], T_BASE_CAMERA)
