@@ -33,6 +33,7 @@ import numpy as np
 from armsight.devices.data import JointState, RgbdCameraInfo
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.arm_model import ArmState
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import GuardMode, GuardStatus
 from armsight.motion.executed import Executed, thinned
@@ -40,6 +41,7 @@ from armsight.motion.faults import FaultWatch, Severity, Verdict
 from armsight.motion.following import RouteFollower
 from armsight.motion.goals import Goals
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.handover import coast, joined
 from armsight.motion.intents import Intent
 from armsight.motion.nearest import MovingBody
 from armsight.motion.plan import Plan
@@ -96,6 +98,7 @@ class Guard:
         self._executed = Executed()
         self._route: Route | None = None
         self._leaving = False
+        self._coasting = self._joining = False
         self._snapshot: WorkspaceSnapshot | None = None
         self._now = -math.inf
         self._blocked_since = math.inf
@@ -199,14 +202,17 @@ class Guard:
 
     def _take_plan(self, tick: Tick, plan: Plan | None) -> None:
         """Take over an answer that fits, proven once more against what is known now."""
-        good = self._goals.answer(tick.now, plan, tick.ahead.position)
+        coasting = self._route if self._coasting and self._route is not None else None
+        begins = tick.ahead.position if coasting is None else coasting.trajectory.end
+        good = self._goals.answer(tick.now, plan, begins)
         if good is None or good.trajectory is None or tick.snapshot is None:
             return
+        self._joining = coasting is not None and not tick.at_rest and good.escape_s == 0.0
+        self._follower.scale.reset(1.0)  # the motion itself begins at rest
         route = Route(good.trajectory, good.request, good.escape_s)
         route.prove(self._model, tick.snapshot, tick.here.position)
-        self._route, self._leaving = route, False
+        self._route, self._leaving, self._coasting = route, False, False
         self._blocked_since = tick.now if math.isfinite(route.blocked_at) else math.inf
-        self._follower.scale.reset(1.0)  # the motion itself begins at rest
         self._waiting_since = math.inf
 
     # -- deciding -------------------------------------------------------------------------------
@@ -230,7 +236,7 @@ class Guard:
             self._react(tick)
             return
         if steering.intent is not None:
-            self._route, self._leaving = None, False
+            self._route, self._leaving, self._coasting = None, False, False
             steering.steer(tick)
             return
         if self._leaving or not goals.active:
@@ -239,10 +245,15 @@ class Guard:
             if goals.refusal or rest.fault:
                 tick.mode = GuardMode.STOPPED
             if tick.at_rest:
-                self._route, self._leaving = None, False
+                self._route, self._leaving, self._coasting = None, False, False
             return
+        if self._coasting and tick.at_rest and not goals.waiting:
+            self._route, self._coasting = None, False
         if self._route is None:
             self._wait_for_plan(tick)
+            return
+        if self._joining:
+            self._join(tick, self._route)
             return
         limit = 0.0 if self._waited(tick.now) else self._goal_speed()
         self._follower.follow(tick, self._route, limit, self._goal_speed())
@@ -253,8 +264,10 @@ class Guard:
         return self.config.task_speed * (goal.speed if goal is not None else 1.0)
 
     def _wait_for_plan(self, tick: Tick) -> None:
-        """No path: hold still and ask for one."""
+        """No path: hold still and ask for one; or coast, and ask for one from where that ends."""
         if self._steering.moving and not tick.at_rest:
+            if self._coast(tick):
+                return
             self._steering.halt(tick)
         tick.mode = GuardMode.PLANNING
         if self._goals.trouble:
@@ -262,8 +275,47 @@ class Guard:
         if tick.at_rest:
             tick.request = self._goals.ask(tick.now, tick.ahead.position, None)
 
+    def _coast(self, tick: Tick) -> bool:
+        """Go on from a velocity towards rest, and have a plan made that begins on the way."""
+        if tick.snapshot is None:
+            return False
+        before = ArmState(
+            tick.ahead.time,
+            tick.ahead.position - tick.elapsed * tick.ahead.velocity,
+            tick.ahead.velocity,
+        )  # following goes on by one tick
+        acceleration, limits = self._steering.acceleration, self._filter.limits
+        motion = coast(self._model, tick.snapshot, before, acceleration, limits)
+        if motion is None:
+            return False
+        request = self._goals.ask(tick.now, motion.end, None)
+        if request is None:
+            return False
+        self._route, self._coasting = Route(motion), True
+        self._follower.scale.reset(1.0)
+        self._follower.follow(tick, self._route, 1.0, 1.0)
+        tick.request, tick.mode = request, GuardMode.PLANNING
+        return True
+
+    def _join(self, tick: Tick, route: Route) -> None:
+        """Still moving from a velocity: come onto the route, which begins at rest."""
+        speed = self._goal_speed()
+        route.advance(speed * self._steering.scale * tick.elapsed)
+        wanted = route.wanted(tick.ahead.position, speed * self.config.period)
+        motion = speed * wanted.velocity + self.config.gain * wanted.correction
+        # A ramp that has to let go of its acceleration in time lags behind by this much.
+        pull = speed * speed * wanted.acceleration
+        lag = pull * np.abs(pull) / (2.0 * self._filter.limits.jerk)
+        self._steering.pursue(tick, motion + lag)
+        most = self._filter.limits.acceleration * self.config.period
+        if joined(tick, route, motion, most):
+            self._joining = False
+            self._follower.scale.reset(speed)
+
     def _come_to_rest(self, tick: Tick, mode: GuardMode, reason: str) -> None:
         """Slow down along the proven path if there is one, and hold."""
+        if self._joining:  # not on its path yet: it comes to rest as a velocity does
+            self._route, self._joining = None, False
         route = self._reflex.route or self._route
         if route is not None and not tick.at_rest:
             self._follower.follow(tick, route, 0.0, self._goal_speed())

@@ -17,7 +17,7 @@ from armsight.arrays import Floats, JointVector, Pose
 from armsight.robots.robot import Robot
 
 HORIZON = 1.0
-"""A velocity may be valid for this long after now at most [s]: evidence does not keep."""
+"""A velocity is valid for this long after its evidence at most [s]: evidence does not keep."""
 FUTURE = 0.01
 """Evidence may be this far ahead of the guard's clock [s]; more is a clock that lies."""
 
@@ -79,7 +79,8 @@ class VelocityIntent:
             the velocity of the TCP's own point.
         exposure: when the evidence for it was exposed [s]: the stamp of the oldest picture, or
             joint reading, that it rests on.
-        valid_until: from then on it is stale and the arm comes to rest [s]; at most 1 s ahead.
+        valid_until: from then on it is stale and the arm comes to rest [s]; at most 1 s
+            after the exposure.
     """
 
     name: str
@@ -183,9 +184,9 @@ def _of_velocity(intent: VelocityIntent, robot: Robot, now: float) -> str:
         return f"velocity {name} ends {intent.exposure - intent.valid_until:.3f} s before it begins"
     if intent.exposure > now + FUTURE:
         return f"velocity {name}: its evidence is from {intent.exposure - now:.3f} s in the future"
-    if intent.valid_until > now + HORIZON:
-        ahead = intent.valid_until - now
-        return f"velocity {name} would be valid for {ahead:.1f} s; at most {HORIZON:g} s"
+    lasts = intent.valid_until - intent.exposure
+    if lasts > HORIZON:
+        return f"velocity {name} is for {lasts:.1f} s after its evidence; at most {HORIZON:g} s"
     return ""
 
 

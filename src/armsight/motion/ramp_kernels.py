@@ -20,13 +20,19 @@ HALVINGS = 24
 
 @njit(cache=True, nogil=True)
 def acceleration_towards(
-    v: float, a: float, target: float, most: float, jerk: float, seconds: float
+    v: float,
+    a: float,
+    target: float,
+    most: float,
+    jerk: float,
+    seconds: float,
+    period: float,
 ) -> float:
     """The acceleration of this tick that brings a velocity to a target soonest, without overshoot.
 
-    It is the greatest from which the acceleration can be let go by ``jerk`` a tick, tick by tick,
-    before the velocity passes the target: with ``u = jerk * seconds^2`` and n + 1 ticks, those add
-    up to ``(n + 1) a dt - u n (n + 1) / 2``.
+    It is the greatest from which the acceleration can be let go by ``jerk``, tick by tick, before
+    the velocity passes the target. With this tick of dt and n more of a period p, that adds up to
+    ``a dt + p (n a - j p n (n + 1) / 2)``, where n is how often j p goes into a.
 
     Args:
         v: velocity of the tick before [rad/s].
@@ -35,13 +41,16 @@ def acceleration_towards(
         most: greatest acceleration [rad/s^2].
         jerk: greatest change of it [rad/s^3].
         seconds: length of the tick [s].
+        period: of those to come [s].
     """
     left = target - v
     way = 1.0 if left >= 0.0 else -1.0
-    u = jerk * seconds * seconds
-    n = np.floor(0.5 * (np.sqrt(1.0 + 8.0 * abs(left) / u) - 1.0))
-    best = way * (abs(left) + 0.5 * u * n * (n + 1.0)) / ((n + 1.0) * seconds)
-    best = min(max(best, -most), most)
+    step = jerk * period
+    best, n = abs(left) / seconds, 0.0
+    while best >= (n + 1.0) * step and n * step < most:
+        n += 1.0
+        best = (abs(left) + 0.5 * step * period * n * (n + 1.0)) / (seconds + n * period)
+    best = way * min(best, most)
     change = jerk * seconds
     return min(max(best, a - change), a + change)
 
@@ -55,7 +64,7 @@ def stop_extent(
     for _ in range(LONGEST):
         if abs(v) < 1e-9 and abs(a) < 1e-9:
             break
-        a = acceleration_towards(v, a, 0.0, most, jerk, seconds)
+        a = acceleration_towards(v, a, 0.0, most, jerk, seconds, seconds)
         before = v
         v += a * seconds
         # The drives take some of the tick to get there: count the greater of both velocities.
@@ -112,14 +121,14 @@ def ramp(
         share = 1.0
         if longest > 1e-12:
             share = min(max(abs(wanted[j] - v[j]) / (A * longest), 0.02), 1.0)
-        quick = acceleration_towards(v[j], a[j], wanted[j], A, J, dt)
-        best = acceleration_towards(v[j], a[j], wanted[j], share * A, share * J, dt)
+        quick = acceleration_towards(v[j], a[j], wanted[j], A, J, dt, period)
+        best = acceleration_towards(v[j], a[j], wanted[j], share * A, share * J, dt, period)
         # A gentler law may not be able to take back what a joint does already; the full one can.
         change = J * dt
         best = min(max(best, a[j] - change), a[j] + change)
-        if (wanted[j] - v[j]) * a[j] < 0.0 or abs(a[j]) > share * A:
+        if (wanted[j] - v[j]) * a[j] < 0.0 or abs(a[j]) > 1.05 * share * A + change:
             best = quick
-        rest = acceleration_towards(v[j], a[j], 0.0, A, J, dt)
+        rest = acceleration_towards(v[j], a[j], 0.0, A, J, dt, period)
         out[j] = v[j] + dt * _stopping_in(
             q[j], v[j], best, rest, lower[j], upper[j], A, J, dt, period
         )

@@ -17,6 +17,10 @@ from armsight.robots.robot import Robot
 
 ROWS = 12
 """Most constraints that a motion is projected on."""
+SLIDES = 4
+"""How often a motion is projected anew on what limits it then."""
+RECEDE = 0.002
+"""Along something a motion draws away from it by this much [m/s]: rounding would close in."""
 TICKS = 2
 """Between two commands the arm does what it was told: a tick late is not unusual."""
 PIECES = 4
@@ -109,10 +113,61 @@ class SeparationMonitor:
 
         Only the most limiting hazard of each part is projected on; :meth:`judge` has the last word.
         """
-        view = self._view(q, wanted, hazards, self._law)
+        rows, bounds = self._constraints(self._view(q, wanted, hazards, self._law), q, hazards)
+        if not rows:
+            return wanted
+        return np.asarray(project(np.asarray(wanted, float), np.array(rows), np.array(bounds), 50))
+
+    def slide(
+        self, wanted: JointVector, q: JointVector, hazards: Hazards, view: SeparationView
+    ) -> tuple[JointVector, SeparationView]:
+        """The motion along what is near that comes nearest to a wanted one, and its view.
+
+        As :meth:`conform`, again and again: a motion that no longer closes in on the nearest voxel
+        of a hand closes in on the next one. Each time what limits it then is projected on as well.
+
+        Args:
+            wanted: (n,) [rad/s].
+            q: (n,) where it begins [rad].
+            hazards: to look at.
+            view: what :meth:`judge` says of the wanted motion.
+        """
+        wanted = np.asarray(wanted, float)
+        rows: list[JointVector] = []
+        bounds: list[float] = []
+        best, best_view, most = wanted, view, _progress(wanted, wanted, view)
+        for _ in range(SLIDES):
+            more, limits = self._constraints(view, q, hazards)
+            if not more:
+                break
+            rows += more
+            bounds += [limit - RECEDE for limit in limits]
+            motion = np.asarray(project(wanted, np.array(rows), np.array(bounds), 50))
+            view = self._view(q, motion, hazards, self._law)
+            progress = _progress(motion, wanted, view)
+            if progress > most:
+                best, best_view, most = motion, view, progress
+            if view.allowed >= 1.0:
+                break
+        return best, best_view
+
+    def excess(self, view: SeparationView, hazards: Hazards) -> float:
+        """By how much some part closes in faster than allowed, at most [m/s]; 0 if none does."""
+        tight = np.flatnonzero((view.share < 1.0) & (view.limiting >= 0))
+        if len(tight) == 0:
+            return 0.0
+        away = hazards.blocks.points[view.limiting[tight]] - view.center[tight]
+        length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+        closing = np.einsum("ij,ij->i", view.velocity[tight], away) / length
+        return float(np.max(closing * (1.0 - view.share[tight]), initial=0.0))
+
+    def _constraints(
+        self, view: SeparationView, q: JointVector, hazards: Hazards
+    ) -> tuple[list[JointVector], list[float]]:
+        """Rows and bounds that hold each part to what its most limiting hazard allows."""
         tight = np.flatnonzero(view.share < 1.0)
         if len(tight) == 0:
-            return wanted
+            return [], []
         tight = tight[np.argsort(view.share[tight], kind="stable")][:ROWS]
         robot = self._robot
         poses = chain_poses(np.ascontiguousarray(q, float), robot.T_link_joint, robot.axis)
@@ -127,9 +182,7 @@ class SeparationMonitor:
             J = jacobian(poses, robot.axis, int(self.body.link[i]), view.center[i].copy())[:3]
             rows.append(unit @ J)
             bounds.append(float(view.share[i]) * closing)
-        if not rows:
-            return wanted
-        return np.asarray(project(np.asarray(wanted, float), np.array(rows), np.array(bounds), 50))
+        return rows, bounds
 
     def away(
         self, view: SeparationView, q: JointVector, hazards: Hazards, speed: float
@@ -183,6 +236,11 @@ class SeparationMonitor:
         s, config = self._config.separation, self._config
         between = TICKS * config.period
         return Law(s.person_speed, s.K, T_r, between, hazard_radius, config.retreat_speed)
+
+
+def _progress(motion: JointVector, wanted: JointVector, view: SeparationView) -> float:
+    """How much of what is wanted remains of a motion after separation has slowed it."""
+    return float(motion @ wanted) * min(view.allowed, 1.0)
 
 
 def declared_reaction(cameras: Sequence[RgbdCameraInfo], config: GuardConfig) -> float:

@@ -12,9 +12,9 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector
 from armsight.motion.data import GuardMode
-from armsight.motion.following import LAG
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import VelocityIntent
+from armsight.motion.nearest import SeparationView
 from armsight.motion.ramp_kernels import ramp
 from armsight.motion.route import SpeedScale
 from armsight.motion.tick import Tick
@@ -24,6 +24,10 @@ from armsight.robots.robot import Robot
 
 END_ROOM = 0.005
 """A velocity leads no nearer to the end of a joint's travel than this [rad]."""
+USED = 0.9
+"""Of what separation allows this much is used: at the very limit the next look would brake."""
+EXCESS = 0.05
+"""An arm that closes in faster than allowed by more than this [m/s] brakes: a slower one stands."""
 SINGULAR = 0.05
 """Below this smallest singular value of the Jacobian a twist is damped (design "servoing" 5.5)."""
 SHRINK = 0.7
@@ -36,11 +40,13 @@ class Steering:
     Attributes:
         intent: what is wanted, or None; only a checked one.
         moving: the motion under way is one of these, and has not come to rest yet.
+        scale: share of the last wish that separation and room allowed.
     """
 
     def __init__(self, robot: Robot, filter_: VelocityFilter, config: GuardConfig) -> None:
         self.intent: VelocityIntent | None = None
         self.moving = False
+        self.scale = 1.0
         self._robot, self._filter, self._config = robot, filter_, config
         self._room = SpeedScale(config.rise, config.rise_jerk)
         self._room.reset(1.0)
@@ -54,24 +60,32 @@ class Steering:
 
     def steer(self, tick: Tick) -> None:
         """One tick of the intent; towards rest once it is stale."""
-        self.moving = True
         intent = self.intent
         assert intent is not None
         stale = tick.now > intent.valid_until
         wanted = np.zeros(self._robot.n)
         if not stale:
             wanted = self._joint_velocity(intent, tick.ahead.position)
-            wanted = wanted / max(float((np.abs(wanted) / self._speed).max()), 1.0)
+        self.pursue(tick, wanted)
+        if tick.mode == GuardMode.PREDICTIVE:
+            tick.mode = GuardMode.VELOCITY
+        if stale:
+            late = tick.now - intent.valid_until
+            tick.mode = GuardMode.STOPPED
+            tick.reason = f"velocity {intent.name} is stale: it ended {late:.2f} s ago"
+
+    def pursue(self, tick: Tick, wanted: JointVector) -> None:
+        """One tick towards (n,) joint velocities [rad/s], as far as everything allows."""
+        self.moving = True
+        wanted = wanted / max(float((np.abs(wanted) / self._speed).max()), 1.0)
         view = tick.view = self._filter.judge(tick, wanted)
-        target, share = wanted, min(view.allowed, 1.0)
-        if share < 1.0:
-            target = self._filter.conform(tick, wanted)
-            tick.view = self._filter.judge(tick, target)
-            share = min(tick.view.allowed, 1.0)
-            target = share * target
+        target = wanted
+        if view.allowed < 1.0:
+            target, tick.view = self._filter.slide(tick, wanted, view)
+            target = _share(tick.view) * target
         self._command(tick, target * self._room.value)
         self._keep_room(tick)
-        self._say(tick, intent, stale, wanted, view.allowed)
+        self._say(tick, wanted, view.allowed)
 
     def halt(self, tick: Tick) -> None:
         """One tick on the way to rest, whatever the intent: the smooth stop."""
@@ -95,6 +109,11 @@ class Steering:
                 self._acceleration = np.clip(rate, -most, most)
         if tick.at_rest and not self._velocity.any():
             self.moving = False
+
+    @property
+    def acceleration(self) -> JointVector:
+        """(n,) of the motion under way, as commanded [rad/s^2]."""
+        return self._acceleration
 
     def forget(self) -> None:
         """The arm was stopped from outside of this: begin anew from rest."""
@@ -124,20 +143,19 @@ class Steering:
         view = self._filter.judge(tick, tick.command)
         if view.allowed >= 1.0:
             return
-        tick.view = view
-        square = float(tick.command @ tick.command)
-        actual = float(tick.ahead.velocity @ tick.command) / square if square > 1e-9 else 0.0
-        if actual > view.allowed + LAG and not tick.at_rest and square > 1e-6:
+        # The ramp lags behind what slides along: here separation outranks the limit of jerk.
+        tick.command, tick.view = self._filter.slide(tick, tick.command, view)
+        tick.command = _share(tick.view) * tick.command
+        if self._filter.excess(tick, tick.ahead.velocity) > EXCESS:
             tick.stop_hard()
-        else:
-            tick.command = view.allowed * tick.command
 
     def _keep_room(self, tick: Tick) -> None:
         """Go on only where the stop that follows is proven free; else slow down, else brake."""
         if tick.brake:
             return
         if self._filter.stop_is_free(tick):
-            self._room.towards(1.0, tick.elapsed, np.inf)
+            if self._room.towards(1.0, tick.elapsed, np.inf) < 0.98:
+                tick.reason = "keeps room to stop"
             return
         self._room.reset(SHRINK * self._room.value if self._room.value > 0.02 else 0.0)
         tick.reason = "keeps room to stop"
@@ -146,31 +164,18 @@ class Steering:
         if not self._filter.stop_is_free(tick) and not tick.at_rest:
             tick.stop_hard()
 
-    def _say(
-        self,
-        tick: Tick,
-        intent: VelocityIntent,
-        stale: bool,
-        wanted: JointVector,
-        allowed: float,
-    ) -> None:
+    def _say(self, tick: Tick, wanted: JointVector, allowed: float) -> None:
         """What is done, and why not all that was wanted."""
         square = float(wanted @ wanted)
         tick.scale = float(np.clip(tick.command @ wanted / square, 0.0, 1.0)) if square else 0.0
-        tick.wanted = wanted
-        tick.mode = GuardMode.VELOCITY
-        if stale:
-            late = tick.now - intent.valid_until
-            tick.mode = GuardMode.STOPPED
-            tick.reason = f"velocity {intent.name} is stale: it ended {late:.2f} s ago"
-        elif allowed < 1.0:
-            tick.mode = GuardMode.SLOWED if tick.scale > 1e-3 else GuardMode.STOPPED
+        tick.wanted, self.scale = wanted, min(max(allowed, 0.0), 1.0) * self._room.value
+        if allowed < 1.0:
             tick.reason = self._filter.who(tick.view)
-        elif tick.reason:
-            tick.mode = GuardMode.SLOWED if tick.scale > 1e-3 else GuardMode.STOPPED
-        else:
+        elif not tick.reason:
             tick.reason = self._end_of_travel(tick, wanted)
-            tick.mode = GuardMode.SLOWED if tick.reason else tick.mode
+        tick.mode = GuardMode.PREDICTIVE
+        if tick.reason:
+            tick.mode = GuardMode.SLOWED if tick.scale > 1e-3 else GuardMode.STOPPED
 
     def _end_of_travel(self, tick: Tick, wanted: JointVector) -> str:
         """Names the joint that cannot go on, if one wants to."""
@@ -181,6 +186,11 @@ class Steering:
         if not held.any():
             return ""
         return f"{self._robot.joint_names[int(np.argmax(held))]} is at the end of its travel"
+
+
+def _share(view: SeparationView) -> float:
+    """Share of a motion to use, by what separation says of it."""
+    return 1.0 if view.allowed >= 1.0 else USED * view.allowed
 
 
 def joints_of_twist(J: Floats, twist: Floats) -> JointVector:

@@ -205,6 +205,40 @@ def stop_trajectory(
     a0 = np.zeros_like(q) if qdd is None else np.asarray(qdd, float)
     a0 = np.clip(a0, -limits.acceleration, limits.acceleration)
     phases = [_brake(*x) for x in zip(qd, a0, limits.acceleration, limits.jerk)]
+    return _to_rest(phases, q, qd, a0)
+
+
+def coasting(
+    q: JointVector, qd: JointVector, qdd: JointVector, hold: float, limits: JointLimits
+) -> Trajectory:
+    """Let go of the acceleration, go on for a time, then brake every joint to rest.
+
+    Args:
+        q: (n,) present position [rad].
+        qd: (n,) present velocity [rad/s].
+        qdd: (n,) present acceleration [rad/s^2]; clipped to its limit.
+        hold: how long the velocity is held [s].
+        limits: of the joints; velocity and position limits are not needed.
+    """
+    q, qd = np.asarray(q, float), np.asarray(qd, float)
+    a0 = np.clip(np.asarray(qdd, float), -limits.acceleration, limits.acceleration)
+    phases = []
+    for v, a, most, jerk in zip(qd, a0, limits.acceleration, limits.jerk):
+        ease = abs(a) / jerk
+        times, jerks = _brake(v + 0.5 * a * ease, 0.0, most, jerk)
+        phases.append(
+            (
+                np.concatenate([[ease, hold], times]),
+                np.concatenate([[-np.sign(a) * jerk, 0.0], jerks]),
+            )
+        )
+    return _to_rest(phases, q, qd, a0)
+
+
+def _to_rest(
+    phases: Sequence[tuple[Floats, Floats]], q: JointVector, qd: JointVector, a0: JointVector
+) -> Trajectory:
+    """The motion of joints that each have (durations, jerks) of their own, ending at rest."""
     ends = np.unique(np.concatenate([np.cumsum(t) for t, _ in phases]))
     ends = ends[ends > 1e-12]
     if len(ends) == 0:

@@ -86,6 +86,16 @@ class VelocityFilter:
         """The motion nearest to a wanted one that closes in on no limiting hazard too fast."""
         return self.monitor.conform(wanted, tick.ahead.position, self.hazards)
 
+    def slide(
+        self, tick: Tick, wanted: JointVector, view: SeparationView
+    ) -> tuple[JointVector, SeparationView]:
+        """The motion along what limits a wanted one, seen as ``view``; and what is said of it."""
+        return self.monitor.slide(wanted, tick.ahead.position, self.hazards, view)
+
+    def excess(self, tick: Tick, motion: JointVector) -> float:
+        """By how much a motion (n,) [rad/s] closes in faster than allowed, at most [m/s]."""
+        return self.monitor.excess(self.judge(tick, motion), self.hazards)
+
     def stop_is_free(self, tick: Tick) -> bool:
         """Whether the hard stop after this command is proven free: the stop kept in hand.
 
