@@ -150,6 +150,7 @@ def _summary(session: Session) -> dict[str, Any]:
         "ended_by": session.ended_by,
         "failure": session.task_failure,
         "guard": guard.mode.value if guard is not None else "",
+        "goal": guard.goal if guard is not None else "",
         "reason": guard.reason if guard is not None else "",
         "contacts": None if truth is None else len(truth.moving_contacts),
         "state": face.face.state if face is not None else "",
