@@ -18,9 +18,10 @@ compile() { # output, inputs...
         --output-file "$output" "$@"
 }
 
-# What ./run demo needs; then what ./run test needs on top, at the same versions.
+# What ./run demo needs; then what ./run test and ./run docs need on top, at the same versions.
 compile locks/run.txt pyproject.toml --group build "$@"
-compile locks/dev.txt pyproject.toml --group build --group dev --constraints locks/run.txt "$@"
+compile locks/dev.txt pyproject.toml --group build --group dev --group docs \
+    --constraints locks/run.txt "$@"
 # What installs all that, by pip.
 echo uv | "$uv" pip compile --no-config --quiet --universal --python-version 3.11 --generate-hashes \
     --no-emit-index-url --no-annotate --custom-compile-command scripts/lock.sh \

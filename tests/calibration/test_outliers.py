@@ -72,7 +72,7 @@ def test_a_wrong_arm_pose_among_few_is_left_out_whole(arm5):
 
 @pytest.mark.parametrize("views", [6, FEW, 24])
 def test_good_boards_are_kept(arm5, views):
-    """Lenses and arm wrong by all that section 4 says, corners on other things: none is lost."""
+    """Lenses and arm wrong by all error levels, corners on other things: none is lost."""
     problem, _ = good_cell(arm5, 2003, views)
     assert not left_out(problem)[0]
 

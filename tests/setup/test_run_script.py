@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ def checkout(tmp_path: Path) -> Path:
     (place / "src" / "armsight").mkdir(parents=True)
     (place / "src" / "armsight" / "kernels.py").write_text("@njit\ndef f(): pass\n")
     shutil.copytree(ROOT / "locks", place / "locks")
+    shutil.copytree(ROOT / "scripts", place / "scripts")
     for name in ("run", "pyproject.toml"):
         shutil.copy2(ROOT / name, place / name)
     return place
@@ -125,14 +127,37 @@ def test_missing_venv_module_is_told(checkout: Path, tmp_path: Path):
     assert "sudo apt-get install" in ended.stderr
 
 
-def test_compiled_kernels_are_forgotten_when_a_kernel_changes(checkout: Path):
-    made(checkout)
-    kept = checkout / "src" / "armsight" / "__pycache__" / "f.py311.1.nbc"
+def compiled(checkout: Path, name: str) -> Path:
+    """A file as numba leaves one beside ``name.py``."""
+    file = checkout / "src" / "armsight" / "__pycache__" / f"{name}.f-1.py311.1.nbc"
+    file.parent.mkdir(exist_ok=True)
+    file.touch()
+    return file
+
+
+def test_only_kernels_that_something_changed_for_are_forgotten(checkout: Path):
+    """A kernel file, one that calls it, one that takes a constant, and one that does neither."""
+    script(made(checkout) / "bin" / "python", f'exec "{sys.executable}" "$@"')
+    package = checkout / "src" / "armsight"
+    (package / "caller.py").write_text("from armsight.kernels import f\n@njit\ndef g(): f()\n")
+    (package / "reader.py").write_text("from armsight.plain import N\n@njit\ndef g(): N\n")
+    (package / "plain.py").write_text("N = 1\n")
+    (package / "other.py").write_text("@njit\ndef g(): pass\n")
     call(checkout, "--version")
-    kept.touch()
+    files = {name: compiled(checkout, name) for name in ("kernels", "caller", "reader", "other")}
     call(checkout, "--version")
-    assert kept.exists()
-    (checkout / "src" / "armsight" / "kernels.py").write_text("@njit\ndef f(): return 1\n")
+    assert all(file.exists() for file in files.values())
+    (package / "kernels.py").write_text("@njit\ndef f(): return 1\n")
+    call(checkout, "--version")
+    assert [name for name, file in files.items() if file.exists()] == ["reader", "other"]
+    (package / "plain.py").write_text("N = 2\n")
+    call(checkout, "--version")
+    assert [name for name, file in files.items() if file.exists()] == ["other"]
+
+
+def test_without_python_all_kernels_are_forgotten(checkout: Path):
+    script(made(checkout) / "bin" / "python", "exit 1")
+    kept = compiled(checkout, "kernels")
     call(checkout, "--version")
     assert not kept.exists()
 
@@ -159,7 +184,8 @@ def test_locks_hold_what_the_project_needs():
     for wanted in project["project"]["dependencies"] + project["dependency-groups"]["build"]:
         name = wanted.split("<")[0].split(">")[0].split("=")[0].split("[")[0]
         assert f"\n{name.lower()}==" in f"\n{run}", name
-    for wanted in project["dependency-groups"]["dev"]:
+    groups = project["dependency-groups"]
+    for wanted in groups["dev"] + groups["docs"]:
         assert f"\n{wanted.lower()}==" in f"\n{dev}", wanted
     pinned = {line.split(" \\")[0] for line in run.splitlines() if "==" in line}
     assert pinned <= {line.split(" \\")[0] for line in dev.splitlines() if "==" in line}

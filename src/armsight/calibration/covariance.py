@@ -2,7 +2,7 @@
 
 Two estimates are made. One believes the noise model and scales it by what the residuals say; the
 other (the sandwich, clustered by view) believes only that views are independent. They differ when
-the model is wrong; the larger is reported (design page, 5.7).
+the model is wrong; the larger is reported (docs/calibration.md).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A flat board of known place gives the true depth along every ray. The error is modelled as an
 offset, a scale, a spline in z for the wiggle of time-of-flight cameras, and a low-order surface
-over the image (design page, 5.5). Ten thousand pixels of one frame are not independent: each frame
+over the image. Ten thousand pixels of one frame are not independent: each frame
 has an error of its own, so the frame, not the pixel, is what counts.
 """
 

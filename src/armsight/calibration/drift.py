@@ -4,7 +4,7 @@ Every later sighting of the board (in passing, at rest) is compared with where t
 it, and turned into a motion of the camera that would explain it. The last few are combined, and
 judged against everything that is not a motion: corner noise, the arm's repeatability, and what the
 calibration itself did not know, carried through to these very poses. A camera that alone is off has
-moved; all off alike means base, board or robot (design page, 5.9).
+moved; all off alike means base, board or robot (docs/calibration.md).
 
 No single sighting can blame anybody: a board seen wrongly by one square is left out of the sum in
 turn, and the sightings must agree with one another on one motion.

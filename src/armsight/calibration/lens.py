@@ -2,7 +2,7 @@
 
 Z. Zhang, "A flexible new technique for camera calibration", IEEE Trans. Pattern Analysis and
 Machine Intelligence 22(11), 2000. The refinement is the room's own solver with every board free in
-space, so that its covariance and its prior are those of every later solve (design page, 5.4).
+space, so that its covariance and its prior are those of every later solve (docs/calibration.md).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The measurement model: where a lens sees each corner, and how that moves with every unknown.
 
-Corner k in view i through lens c, board on the flange (design page, 5.1):
+Corner k in view i through lens c, board on the flange (docs/calibration.md):
 
     pixel = project(lens_c, inv(T_rig_lens) inv(T_base_rig) FK(q_i, theta) E_i T_flange_board X_k)
 

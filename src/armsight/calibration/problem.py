@@ -157,7 +157,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Priors:
-    """What is believed before any data, as standard deviations (design page, section 4).
+    """What is believed before any data, as standard deviations (docs/calibration.md).
 
     Attributes:
         board_scale: print scale [1].

@@ -2,7 +2,7 @@
 
 Each arm pose's own error, and each freely held board's pose, touches only its own view; it is
 eliminated by a Schur complement, so that the system to solve has about a hundred unknowns however
-many views there are (design page, 5.2). Everything is scaled to unit diagonal before it is
+many views there are (docs/calibration.md). Everything is scaled to unit diagonal before it is
 inverted.
 """
 

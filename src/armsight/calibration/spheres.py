@@ -3,7 +3,7 @@
 A cap of the sphere is fitted with its known radius: with the radius free, 0.3 mm of noise at 2.2 m
 already costs 1.2 mm. Procrustes with random sampling gives the start; then all cameras are solved
 at once, the spheres' centres eliminated, with an offset of depth for each camera, for V's errors of
-3-5 cm were bias, not noise (design page, 5.10).
+3-5 cm were bias, not noise (docs/calibration.md).
 """
 
 from __future__ import annotations

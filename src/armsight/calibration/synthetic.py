@@ -1,7 +1,7 @@
 """A calibration cell in numbers alone: known truth, seen corners with honest errors, no images.
 
 For experiments, bounds and tests: thousands of calibrations a minute. The error models are those of
-the design page's section 4. Truth is only ever used to draw data and to score answers.
+:class:`ErrorLevels`. Truth is only ever used to draw data and to score answers.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ErrorLevels:
         corner_color, corner_infrared: of a corner's coordinate [px].
         outliers: share of corners with 5 times that; wrong_boards: share of mis-seen boards.
         pose: repeatability of the arm (translation [m], rotation [rad]).
-        kinematics: scale of the arm's absolute error (1: section 4); 0 is an exact arm.
+        kinematics: scale of the absolute error of the arm (1: as simulated); 0 is exact.
         board_scale: print scale [1]; board_warp: bending at the edge [m].
         lens: scale of how far the true lens is from its sheet; 0 is the sheet.
     """

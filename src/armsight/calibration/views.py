@@ -3,7 +3,7 @@
 A view's information about cameras, lenses, board and arm, with its own pose error eliminated, adds
 to what is known; no data are needed to compute it, only where everything roughly is. So candidates
 that are reachable and free are ranked by how much they would lower the squared target error over
-the user's volume, over all cameras that would see them (design page, 5.6).
+the user's volume, over all cameras that would see them (docs/calibration.md).
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ LOOK = 0.02
 ABOUT = """
 Each episode is four seconds of patrol without rests in the packaged cell `ur5_four_cameras`, with
 rendered depth, sensor noise, delays and calibration errors. Someone is there: every second episode
-plays a recorded clip (`shared/data/motion`), faster or slower, mirrored and placed at random around
+plays a recorded clip, faster or slower, mirrored and placed at random around
 the arm; the others play a built-in script (without the recordings, all do). In every second one of
 each the right hand leaves that motion at a random time and goes straight at a part of the arm, at
 full speed from the first instant; half of these hands follow the arm, the others keep to where it

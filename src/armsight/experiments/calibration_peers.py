@@ -1,6 +1,6 @@
 """Calibration in numbers: against the bound, against OpenCV, honest ellipsoids, chosen views.
 
-Everything runs in the synthetic cell (known truth, the error models of the design page's section 4,
+Everything runs in the synthetic cell (known truth, the error levels of ``calibration.synthetic``,
 corners without images), so that dozens of calibrations fit in minutes. The rendered procedure has
 experiments of its own.
 """

@@ -70,7 +70,7 @@ ROOM, FLOOR = 0.0002, 0.0002
 """Clearance of paths above that of motions, and of motions above none [m]."""
 
 ABOUT = f"""
-MotionBenchMaker's UR5 and Panda problems (Chamzas et al. 2022; `shared/data/motion`), seven sets
+MotionBenchMaker's UR5 and Panda problems (Chamzas et al. 2022), seven sets
 of 50 each, planned from depth pictures: thirty perfect cameras (960x720, no noise), sixteen in a
 ring of {RING:.1f} m, eight in one of {CLOSE:.1f} m and six above, see the scene without the arm. A
 grid of {1e3 * VOXEL:.0f} mm is free only where a picture saw through the whole voxel; within

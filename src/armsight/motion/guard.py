@@ -1,6 +1,6 @@
 """The one door to the arm: every motion of every task passes here, and nobody is touched.
 
-Each tick (design page "guard" 5.10): judge the input, follow the planned path or react, let
+Each tick (docs/guard.md): judge the input, follow the planned path or react, let
 separation scale the motion, keep a verified stop in hand, and say what is done and why.
 
 Why nobody is touched by an arm that moves. Before a command is sent, the stop after it is looked at

@@ -1,4 +1,4 @@
-"""T2's risk of an obstacle, kept as the paper has it; separation (5.8) goes before it."""
+"""T2's risk of an obstacle, kept as the paper has it; ``separation.py`` goes before it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Speed and separation: how fast the arm may close in on whoever might be nearest.
 
-The protective distance of ISO/TS 15066 (ISO 10218-2:2025), design page "guard" 5.8::
+The protective distance of ISO/TS 15066 (ISO 10218-2:2025), docs/guard.md::
 
     S_p = S_h + S_r + S_s + C + Z_d + Z_r
 

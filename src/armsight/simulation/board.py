@@ -45,7 +45,7 @@ class Print:
 
 @dataclass(frozen=True)
 class StudioErrors:
-    """How wrong the simulated sensors and the board are; scale 1 is the design page's section 4.
+    """How wrong the simulated sensors and the board are; scale 1 as in docs/calibration.md.
 
     Attributes:
         board: scale of print and bracket errors.
@@ -60,7 +60,7 @@ class StudioErrors:
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Systematic depth error of one camera (design page, section 4).
+    """Systematic depth error of one camera (docs/calibration.md).
 
     Attributes:
         offset: [m]; scale: [1]; wiggle: amplitude [m] and phase [rad] with period 0.9 m;

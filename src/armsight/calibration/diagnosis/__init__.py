@@ -1,1 +1,1 @@
-"""The mistakes that users of hand-eye tools report, found by name (design page, 5.8)."""
+"""The mistakes that users of hand-eye tools report, found by name (docs/calibration.md)."""

@@ -3,7 +3,7 @@
 It knows neither the arm nor the cameras: it yields what it wants (:class:`MoveTo`, :class:`LookAt`)
 and is sent what came of it, so that a simulator, the guard or a person with a teach pendant can
 carry it out, and it can stop and go on at any view. T1's stages are kept (``paper``); ours adds the
-choice by information (design page, 5.6).
+choice by information (docs/calibration.md).
 """
 
 from __future__ import annotations

@@ -1,18 +1,14 @@
 """Records a cell, then drives the same mapping from the recording: both maps are alike.
 
-python examples/replay.py [FILE.mcap]
+python examples/03_replay.py [FILE.mcap]
 """
 
 import sys
 from pathlib import Path
 
+from armsight import Recorder, Session, load_workcell, open_cell, open_recording, packaged
 from armsight.mapping.snapshot import OCCUPIED
-from armsight.recording.recorder import Recorder
-from armsight.recording.replay import open_recording
 from armsight.recording.replay_parts import replay_parts
-from armsight.runtime.session import Session
-from armsight.workcell import load_workcell, open_cell
-from armsight.workcell.packaged import packaged
 
 
 def main(file: Path) -> None:

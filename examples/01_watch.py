@@ -1,13 +1,12 @@
 """Watches a cell and looks into the map: what is occupied, what is free, what nobody sees?
 
-python examples/watch.py [WORKCELL]
+python examples/01_watch.py [WORKCELL]
 """
 
 import sys
 
+from armsight import Session, load_workcell, open_cell
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
-from armsight.runtime.session import Session
-from armsight.workcell import load_workcell, open_cell
 from armsight.workcell.packaged import find
 
 

@@ -1,14 +1,11 @@
 """A guarded patrol in a simulated cell, without the page: who came how near, and was it touched?
 
-python examples/patrol.py [SECONDS]
+python examples/02_patrol.py [SECONDS]
 """
 
 import sys
 
-from armsight.runtime.session import Session
-from armsight.tasks.patrol import PatrolTask
-from armsight.workcell import load_workcell, open_cell
-from armsight.workcell.packaged import packaged
+from armsight import PatrolTask, Session, load_workcell, open_cell, packaged
 
 
 def main(seconds: float) -> None:
