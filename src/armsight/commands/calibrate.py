@@ -25,7 +25,8 @@ class Calibrate:
     """Calibrate a cell's cameras by the board that its arm carries, or a recorded set.
 
     Examples: armsight calibrate ur5_calibration --out calibration;
-    armsight calibrate --from recordings/monday --board checkerboard:9x7:25
+    armsight calibrate --from recordings/monday --board checkerboard:9x7:25;
+    armsight calibrate ur5_four_cameras --markerless
 
     Attributes:
         workcell: a workcell file, or the name of a packaged cell, to calibrate live.
@@ -41,6 +42,8 @@ class Calibrate:
         views: at most.
         paper: T1's staged trajectory instead of views chosen by information.
         write: put what was found into the cell's calibration file, which everything then reads.
+        markerless: no board: the fixed cameras are placed by their view of the arm on its patrol.
+        camera: only this one, with --markerless.
         fresh: forget the views of an earlier run.
         force: overwrite a better calibration.
         seed: of everything random.
@@ -61,6 +64,8 @@ class Calibrate:
     views: int = 60
     paper: bool = False
     write: bool = True
+    markerless: bool = False
+    camera: str | None = None
     fresh: bool = False
     force: bool = False
     seed: int = 0
@@ -75,6 +80,14 @@ class Calibrate:
             raise UsageError(
                 "calibrate: give a workcell to calibrate live, or --from FOLDER for a recorded set"
             )
+        if self.camera is not None and not self.markerless:
+            raise UsageError("calibrate: --camera goes with --markerless")
+        if self.markerless:
+            from armsight.commands.calibrate_markerless import calibrate_markerless
+
+            if self.workcell is None:
+                raise UsageError("calibrate: --markerless watches a live cell, not --from a folder")
+            return calibrate_markerless(self.workcell, self.camera, self.seed, self.write)
         return self._recorded() if self.from_ is not None else self._live()
 
     def _board(self) -> Board | None:

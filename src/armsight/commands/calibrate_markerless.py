@@ -1,0 +1,104 @@
+"""``armsight calibrate WORKCELL --markerless``: cameras placed by their view of the arm at work."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from armsight.recognition.own_arm import OwnArmPose
+    from armsight.runtime.session import Session
+    from armsight.tasks.markerless import ArmViews
+
+SECONDS = 60.0
+"""After this, the views that there are must do [s]."""
+
+
+def calibrate_markerless(
+    workcell_name: str, camera: str | None, seed: int, write: bool, seconds: float = SECONDS
+) -> int:
+    """Watch the guarded arm, place the cameras, write the calibration file; the exit code.
+
+    Args:
+        workcell_name: a workcell file, or the name of a packaged cell.
+        camera: its name, or None for all fixed cameras.
+        seed: of everything random.
+        write: whether the calibration file is changed.
+        seconds: how long is watched at most.
+
+    Raises:
+        UsageError: the cell has no such camera, or none that is fixed.
+        CalibrationError: no camera could be placed.
+    """
+    from armsight.commands.calibration_store import store
+    from armsight.commands.running import RunOptions, run_session
+    from armsight.errors import CalibrationError, UsageError
+    from armsight.geometry.pose import angle_between
+    from armsight.tasks.markerless import MarkerlessTask, entry_of, find_camera
+    from armsight.workcell import open_cell
+    from armsight.workcell.packaged import load
+
+    workcell = load(workcell_name)
+    fixed = [c.name for c in workcell.camera if c.mounted_on == "world"]
+    names = fixed if camera is None else [camera]
+    if camera is not None and camera not in fixed:
+        raise UsageError(
+            f'{workcell_name}: no fixed camera "{camera}"; it has {", ".join(fixed) or "none"}'
+        )
+    if not names:
+        raise UsageError(f"{workcell_name}: has no fixed camera to place by its view of the arm")
+    with open_cell(workcell, seed) as cell:
+        task = MarkerlessTask(workcell.goals, names)
+        ends = _EndsWhenSeen(task.arm_views)
+        speed = float("inf") if cell.simulated else 1.0
+        wanted = RunOptions(seconds, page=None, seed=seed, speed=speed, observers=(ends,))
+        run_session(cell, task, wanted)
+        found: dict[str, OwnArmPose] = {}
+        infos = {c.info.name: c.info for c in cell.cameras}
+        for name in names:
+            views = task.arm_views.views[name]
+            if not views:
+                print(f"{name}: not placed: no view with the arm's joints came in {seconds:.0f} s")
+                continue
+            answer = find_camera(cell.robot, infos[name], views, seed)
+            if not answer.believed:
+                print(f"{name}: not placed: {answer.problem} ({answer.frames} views)")
+                continue
+            found[name] = answer
+            old = infos[name].T_mount_camera
+            shift = 1e3 * np.linalg.norm(answer.T_base_camera[:3, 3] - old[:3, 3])
+            turn = np.rad2deg(angle_between(old, answer.T_base_camera))
+            print(
+                f"{name}: {answer.frames} views, {100 * answer.seen:.0f} % of the arm confirmed, "
+                f"points on it to {1e3 * answer.sigma:.1f} mm; moved by {shift:.1f} mm, "
+                f"{turn:.2f} deg; depth reads {1e3 * answer.bias:+.1f} mm"
+            )
+        if not found:
+            raise CalibrationError(
+                f"{workcell_name}: no camera could be placed; let the arm move more in their view"
+            )
+        if write:
+            entries = [entry_of(workcell, infos[n], cell.robot, a) for n, a in found.items()]
+            print(f"{store(workcell, entries)}: {', '.join(found)} calibrated")
+    return 0 if len(found) == len(names) else 1
+
+
+class _EndsWhenSeen:
+    """Ends the run when every camera has its views."""
+
+    name = "views"
+    period = 0.1
+
+    def __init__(self, views: ArmViews) -> None:
+        self._views = views
+        self._session: Session | None = None
+
+    def attach(self, session: Session) -> None:
+        """The session to end."""
+        self._session = session
+
+    def update(self, now: float) -> None:
+        """Look whether there are enough."""
+        if self._session is not None and self._views.complete:
+            self._session.stop("enough views")
