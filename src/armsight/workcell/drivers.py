@@ -6,7 +6,8 @@ A driver package declares, in its ``pyproject.toml``::
     realsense = "armsight_realsense:Camera"
 
 and the cell file then says ``driver = "realsense"``. A class in a module that Python finds needs no
-package: ``driver = "my_camera:Camera"``. What a driver is stands in :mod:`armsight.devices.port`.
+package: ``driver = "my_camera:Camera"``; the present folder is looked into as well. What a driver
+is stands in :mod:`armsight.devices.port`.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ import difflib
 import importlib
 import importlib.util
 import re
+import sys
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from armsight.devices.port import GROUPS, Kind
@@ -40,8 +43,11 @@ def is_known(kind: Kind, name: str) -> bool:
     """Whether there is such a driver, without running any of its code."""
     if ":" not in name:
         return name in driver_names(kind)
+    top = name.partition(":")[0].partition(".")[0]
+    if Path(f"{top}.py").is_file() or Path(top, "__init__.py").is_file():
+        return True
     try:
-        return importlib.util.find_spec(name.partition(":")[0].partition(".")[0]) is not None
+        return importlib.util.find_spec(top) is not None
     except (ImportError, ValueError):
         return False
 
@@ -90,7 +96,15 @@ def find_driver(kind: Kind, name: str) -> Callable[[Any], Any]:
 
 def _named(name: str) -> Any:
     module, _, attribute = name.partition(":")
-    found: Any = importlib.import_module(module)
+    here = str(Path.cwd())  # a driver beside the cell file needs no package
+    added = here not in sys.path
+    if added:
+        sys.path.append(here)
+    try:
+        found: Any = importlib.import_module(module)
+    finally:
+        if added and here in sys.path:
+            sys.path.remove(here)
     for part in attribute.split("."):
         if not hasattr(found, part):
             raise ImportError(f"module {module} has no {attribute}")
