@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from toy_episode import doubled
 
 from armsight.experiments import approach, episodes, false_stops, hand_search, patrol
 from armsight.experiments.cache import RunCache
@@ -48,10 +49,6 @@ def test_remembered_runs_are_not_done_again(tmp_path, monkeypatch):
     )
     assert [f["run"] for f in found] == [0, 1, 2]
     assert told == [1.0]
-
-
-def doubled(seed, run):
-    return {"run": run, "double": 2 * run + seed}
 
 
 @pytest.mark.parametrize("workers", [1, 2])
