@@ -33,7 +33,7 @@ class Recognise:
         what: picture, folder of pictures, or video.
         network: a network that comes with armsight, or an .onnx file of a training.
         out: folder for drawings, masks and JSON; nothing is written if left out.
-        camera: the pictures' camera, YAML in ROS's camera_info layout.
+        camera: the pictures' camera, YAML in ROS's camera_info layout; else what the files say.
         intrinsics: instead of a file: fx,fy,cx,cy in pixels.
         every: of a video, one frame in so many.
         threads: of the CPU; 0 for all.
@@ -122,7 +122,7 @@ class Recognise:
             return parse_intrinsics(self.intrinsics, width, height)
         if self.camera is not None:
             return camera_for(read_camera(self.camera), width, height, str(self.camera))
-        return None
+        return picture.camera
 
     def _show(self, found: Recognition) -> None:
         from armsight.recognition.inference.recogniser import as_line

@@ -13,6 +13,8 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from armsight.arrays import ColorImage
 from armsight.errors import RecognitionError
+from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.inference.exif import exif_camera
 
 PICTURES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
@@ -30,11 +32,13 @@ class Picture:
         name: of its file, with the frame's number where it is of a video.
         image: (h, w, 3) RGB, upright.
         notes: what had to be done to it.
+        camera: by what its file says of its lens, or None.
     """
 
     name: str
     image: ColorImage
     notes: tuple[str, ...] = ()
+    camera: PinholeCamera | None = None
 
 
 def read_picture(file: Path) -> Picture:
@@ -52,6 +56,7 @@ def read_picture(file: Path) -> Picture:
                 notes = _notes(opened)
                 turned = ImageOps.exif_transpose(opened)
                 image = _as_rgb(turned)
+                camera = exif_camera(opened.getexif(), image.shape[1], image.shape[0])
     except FileNotFoundError:
         raise RecognitionError(f"{file}: there is no such file") from None
     except UnidentifiedImageError:
@@ -64,7 +69,7 @@ def read_picture(file: Path) -> Picture:
         # Pillow says OSError of truncated data, SyntaxError of a broken PNG.
         words = getattr(error, "strerror", None) or error
         raise RecognitionError(f"{file}: is truncated or damaged ({words})") from None
-    return Picture(file.name, image, notes)
+    return Picture(file.name, image, notes, camera)
 
 
 def pictures_in(path: Path) -> list[Path]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -22,6 +22,8 @@ _CUT_SHARE = 0.04
 _UNSURE = 0.7
 _BAD_MM = 100.0
 
+Intrinsics = Literal["given", "exif", "assumed"]
+
 
 @dataclass(frozen=True)
 class Recognition:
@@ -37,7 +39,7 @@ class Recognition:
         joints: (j, 3) joint origins in the camera's frame [m].
         K: (3, 3) camera of the picture [px].
         distortion: (5,) of its lens.
-        intrinsics_given: else the camera is assumed, and with it every metre.
+        intrinsics: given, from the picture's own file (exif), or assumed, and with it every metre.
         expected_mm: mean joint error on validation frames by the network's card; NaN if unknown.
         notes: what makes the answer less sure, in words.
     """
@@ -51,7 +53,7 @@ class Recognition:
     joints: Points
     K: Floats
     distortion: Floats
-    intrinsics_given: bool
+    intrinsics: Intrinsics
     expected_mm: float
     notes: tuple[str, ...]
 
@@ -76,7 +78,7 @@ class Recognition:
             ),
             "base_px": pixels[0] if found else None,
             "joints_px": pixels[1:] if found else None,
-            "intrinsics": "given" if self.intrinsics_given else "assumed",
+            "intrinsics": self.intrinsics,
             "K": np.round(self.K, 3).tolist(),
             "expected_joint_error_mm": _number(self.expected_mm),
             "notes": list(self.notes),
@@ -116,7 +118,8 @@ class Recogniser:
                 f"{100 * least:.1f}"
             )
         expected = validation_figure(self.model.card, robot, "joint_mean_mm")
-        notes = [*picture.notes, *self._notes(view, answer.mask, float(answer.type[best]))]
+        exif = camera is not None and camera is picture.camera
+        notes = [*picture.notes, *self._notes(view, answer.mask, float(answer.type[best]), exif)]
         if not expected < _BAD_MM:
             notes.append(self._warning(expected, robot))
         return Recognition(
@@ -129,13 +132,23 @@ class Recogniser:
             answer.joints[: JOINTS[robot]].astype(float),
             view.K,
             view.distortion,
-            view.given,
+            self._source(view, picture, camera),
             expected,
             tuple(notes),
         )
 
-    def _notes(self, view: View, mask: Floats32, probability: float) -> list[str]:
+    def _source(self, view: View, picture: Picture, camera: PinholeCamera | None) -> Intrinsics:
+        if not view.given:
+            return "assumed"
+        return "exif" if camera is picture.camera else "given"
+
+    def _notes(self, view: View, mask: Floats32, probability: float, exif: bool) -> list[str]:
         notes = []
+        if exif:
+            notes.append(
+                "focal length from the picture's own file, which is rounded: distances may be off "
+                "by as many percent, some 5"
+            )
         if not view.given:
             fov = 2 * math.degrees(math.atan(0.5 * mask.shape[1] / self.model.K[0, 0]))
             notes.append(

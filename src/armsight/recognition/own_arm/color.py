@@ -21,7 +21,7 @@ from armsight.recognition.own_arm.answer import ColorView, OwnArmPose, spread
 from armsight.recognition.own_arm.color_kernels import outline_equations, silhouette_agreement
 from armsight.recognition.own_arm.depth import clustered_covariance
 from armsight.recognition.own_arm.kernels import lens_array
-from armsight.recognition.own_arm.starts import Stage, beam, best_apart, scattered
+from armsight.recognition.own_arm.starts import Narrowing, beam, best_apart, scattered
 from armsight.recognition.own_arm.surface import SPACING, ArmSurface, render
 
 Masks = NDArray[np.bool_]
@@ -182,9 +182,9 @@ def register_color(
 
 
 NEAR_BEAM = (
-    Stage(0.05, 0.06, 0.0, 300, 40, 16),
-    Stage(0.025, 0.03, 1.0, 400, 20, 24),
-    Stage(0.012, 0.015, 1.0, 600, 12, 24),
+    Narrowing(0.05, 0.06, 0.0, 300, 40, 16),
+    Narrowing(0.025, 0.03, 1.0, 400, 20, 24),
+    Narrowing(0.012, 0.015, 1.0, 600, 12, 24),
 )
 """Stages with a tolerance compare in the fine cells."""
 
@@ -192,13 +192,13 @@ NEAR_BEAM = (
 def narrowed_starts(
     scene: ColorScene,
     poses: Poses,
-    stages: Sequence[Stage],
+    stages: Sequence[Narrowing],
     rng: np.random.Generator,
     followed: int = 0,
 ) -> list[Pose]:
     """The best few poses, none like another; as many as the options say, or ``followed``."""
 
-    def score(candidates: Poses, stage: Stage) -> Floats:
+    def score(candidates: Poses, stage: Narrowing) -> Floats:
         return scene.agreement(candidates, stage.tolerance > 0.0, stage.points)
 
     found, scores = beam(poses, scene.pivot, score, stages, rng)

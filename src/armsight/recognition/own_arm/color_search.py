@@ -20,7 +20,7 @@ from armsight.recognition.own_arm.color import (
     follow,
     narrowed_starts,
 )
-from armsight.recognition.own_arm.starts import Stage, all_rotations
+from armsight.recognition.own_arm.starts import Narrowing, all_rotations
 from armsight.recognition.own_arm.surface import ArmSurface
 
 ROTATIONS = 1500
@@ -37,12 +37,12 @@ FOLLOWED = 10
 THINNED = 12
 """One in so many points of the surface says where its middle is."""
 BEAM = (
-    Stage(0.15, 0.20, 0.0, 120, 900, 16),
-    Stage(0.10, 0.15, 0.0, 150, 350, 20),
-    Stage(0.07, 0.10, 0.0, 200, 150, 24),
-    Stage(0.045, 0.06, 0.0, 300, 70, 30),
-    Stage(0.03, 0.04, 1.0, 400, 50, 24),
-    Stage(0.015, 0.02, 1.0, 500, 40, 24),
+    Narrowing(0.15, 0.20, 0.0, 120, 900, 16),
+    Narrowing(0.10, 0.15, 0.0, 150, 350, 20),
+    Narrowing(0.07, 0.10, 0.0, 200, 150, 24),
+    Narrowing(0.045, 0.06, 0.0, 300, 70, 30),
+    Narrowing(0.03, 0.04, 1.0, 400, 50, 24),
+    Narrowing(0.015, 0.02, 1.0, 500, 40, 24),
 )
 """Stages with a tolerance compare in the fine cells."""
 

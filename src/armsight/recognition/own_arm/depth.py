@@ -36,7 +36,7 @@ class DepthOptions:
         windows: distances beyond which a reading is no part of the arm, one an iteration [m].
         drawn: width of the pictures in which the arm is drawn [px].
         least_score, least_seen, most_sigma: what an answer must reach to be believed: see
-            :class:`Verdict`; the standard deviation on the arm [m].
+            :class:`Confirmation`; the standard deviation on the arm [m].
     """
 
     bias: float = 0.004
@@ -228,7 +228,7 @@ def _judged(scene: DepthScene, T: Pose, bias: float, H: Floats, g: Floats, used:
             inverse(T), nothing, np.inf, -1.0, 0.0, bias, len(scene.views), "the arm is hardly seen"
         )
     covariance = clustered_covariance(H, g)[:6, :6]
-    found = verdict(scene, T, bias)
+    found = confirmation(scene, T, bias)
     points = scene.points.reshape(-1, 3)[:: max(scene.points.size // 600, 1)]
     sigma = spread(covariance, T, points)
     problem = ""
@@ -262,7 +262,7 @@ def clustered_covariance(H: Floats, g: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Confirmation:
     """How an arm drawn at a pose compares with the readings.
 
     Attributes:
@@ -284,7 +284,7 @@ class Verdict:
         return self.agree / max(self.drawn, 1)
 
 
-def verdict(scene: DepthScene, T_camera_base: Pose, bias: float) -> Verdict:
+def confirmation(scene: DepthScene, T_camera_base: Pose, bias: float) -> Confirmation:
     """Compare the arm, drawn at a pose, with all views."""
     agree, through, count = 0, 0, 0
     for k in range(len(scene.views)):
@@ -302,7 +302,7 @@ def verdict(scene: DepthScene, T_camera_base: Pose, bias: float) -> Verdict:
         with np.errstate(invalid="ignore"):
             agree += int((np.abs(off) < tolerance).sum())
             through += int((off > np.maximum(2.0 * tolerance, 0.03)).sum())
-    return Verdict(agree, through, count)
+    return Confirmation(agree, through, count)
 
 
 def without_edges(depth: DepthImage, step: float = 0.03) -> DepthImage:

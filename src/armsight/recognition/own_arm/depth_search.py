@@ -25,7 +25,7 @@ from armsight.recognition.own_arm.depth import (
     better,
     follow,
 )
-from armsight.recognition.own_arm.starts import Stage, all_rotations, beam, best_apart
+from armsight.recognition.own_arm.starts import Narrowing, all_rotations, beam, best_apart
 from armsight.recognition.own_arm.surface import ArmSurface
 
 LEAST_VIEWS = 3
@@ -49,12 +49,12 @@ WIDTH = 2000
 
 
 BEAM = (
-    Stage(0.10, 0.20, 0.08, 60, 800, 20),
-    Stage(0.07, 0.15, 0.07, 60, 300, 24),
-    Stage(0.05, 0.10, 0.06, 80, 120, 32),
-    Stage(0.035, 0.07, 0.05, 100, 60, 40),
-    Stage(0.025, 0.05, 0.035, 150, 40, 40),
-    Stage(0.015, 0.03, 0.025, 200, 40, 40),
+    Narrowing(0.10, 0.20, 0.08, 60, 800, 20),
+    Narrowing(0.07, 0.15, 0.07, 60, 300, 24),
+    Narrowing(0.05, 0.10, 0.06, 80, 120, 32),
+    Narrowing(0.035, 0.07, 0.05, 100, 60, 40),
+    Narrowing(0.025, 0.05, 0.035, 150, 40, 40),
+    Narrowing(0.015, 0.03, 0.025, 200, 40, 40),
 )
 
 
@@ -112,7 +112,7 @@ def _searched(
     scores = scene.agreement(poses, first, 60, images[first])
     poses = poses[np.argsort(-scores, kind="stable")[:WIDTH]]
 
-    def score(candidates: Poses, stage: Stage) -> Floats:
+    def score(candidates: Poses, stage: Narrowing) -> Floats:
         image = images[stage.tolerance]
         return scene.agreement(candidates, stage.tolerance, stage.points, image)
 

@@ -44,7 +44,7 @@ def scattered(
 
 
 @dataclass(frozen=True)
-class Stage:
+class Narrowing:
     """One narrowing of a beam.
 
     Attributes:
@@ -64,8 +64,8 @@ class Stage:
 def beam(
     poses: Poses,
     pivot: Vector3,
-    score: Callable[[Poses, Stage], Floats],
-    stages: Sequence[Stage],
+    score: Callable[[Poses, Narrowing], Floats],
+    stages: Sequence[Narrowing],
     rng: np.random.Generator,
 ) -> tuple[Poses, Floats]:
     """Poses after all stages, the best first, and their scores.
@@ -80,7 +80,7 @@ def beam(
     scores: Floats = np.zeros(len(poses))
     for stage in stages:
 
-        def compare(candidates: Poses, stage: Stage = stage) -> Floats:
+        def compare(candidates: Poses, stage: Narrowing = stage) -> Floats:
             return score(candidates, stage)
 
         poses, scores = narrowed(
