@@ -175,7 +175,7 @@ def calibrate(
     return Calibration(
         solution.model.problem,
         solution,
-        covariance(solution),
+        covariance(solution, options.select),
         freedom,
         selection,
         left_out,

@@ -7,14 +7,15 @@ the model is wrong; the larger is reported (docs/calibration.md).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri, fdtri
 
 from armsight.arrays import Floats, Ints
-from armsight.calibration.model import project
+from armsight.calibration.model import Model, project
 from armsight.calibration.problem import lens_from_vector
-from armsight.calibration.solver import Solution
+from armsight.calibration.solver import Solution, normal_equations
 from armsight.geometry.pose import skews
 
 
@@ -69,8 +70,14 @@ class Covariance:
         return float(np.sqrt(np.mean(np.trace(self.points(lens, pixels, depth), axis1=1, axis2=2))))
 
 
-def covariance(solution: Solution) -> Covariance:
-    """Both covariances of a solution's global unknowns."""
+def covariance(solution: Solution, stranger: bool = False) -> Covariance:
+    """Both covariances of a solution's global unknowns.
+
+    Args:
+        solution: of a solve.
+        stranger: the arm and the lens are somebody else's: errors of similar poses are alike, and
+            a lens that was not solved is as unsure as its prior says.
+    """
     normal, model = solution.normal, solution.model
     S_inv = invert(normal.reduced())
     share = solution.chi2_share
@@ -89,12 +96,97 @@ def covariance(solution: Solution) -> Covariance:
     # The priors are known to be right; only the data's share of the information is in doubt.
     prior = model.prior_information[np.ix_(normal.free, normal.free)]
     sandwich = S_inv @ (meat + prior) @ S_inv
+    own = S_inv * max(share, 1.0)
+    if stranger:
+        common = S_inv @ common_errors(solution) @ S_inv
+        factor = few_views(n)
+        own, sandwich = factor * (own + common), factor * (sandwich + common)
     G = model.size
     full_model, full_sandwich = np.zeros((G, G)), np.zeros((G, G))
     at = np.ix_(normal.free, normal.free)
-    full_model[at] = S_inv * max(share, 1.0)
-    full_sandwich[at] = sandwich
+    full_model[at], full_sandwich[at] = own, sandwich
+    if stranger:
+        doubt = lens_doubt(solution, S_inv)
+        full_model, full_sandwich = full_model + doubt, full_sandwich + doubt
     return Covariance(solution, full_model, full_sandwich, share)
+
+
+ALIKE = 0.6
+"""Share of an arm's error variance that is the same at the same pose [1]."""
+NEAR = 0.4
+"""Distance over which it stays alike; a radian counts as 0.3 m [m]."""
+
+
+def common_errors(solution: Solution) -> Floats:
+    """(g, g) what errors that similar poses share add to the scores' covariance.
+
+    An unmodelled arm errs alike at like poses (zeros, lengths, sag): twenty views from one corner
+    tell little more than five. Errors of two views are correlated by ``ALIKE exp(-(d / NEAR)^2)``;
+    the independent share is in the solve already. An arm whose kinematics were solved has nothing
+    but its repeatability left.
+    """
+    normal, model = solution.normal, solution.model
+    g = len(normal.free)
+    on = np.trace(model.view_information[normal.views], axis1=1, axis2=2) > 0
+    if model.freedom.robot or not on.any():
+        return np.zeros((g, g))
+    views = normal.views[on]
+    W = model.view_information[views]
+    T = np.array([model.problem.views[int(v)].T_base_flange for v in views])
+    x = np.concatenate([T[:, :3, 3], 0.3 * T[:, :3, 0], 0.3 * T[:, :3, 1]], axis=1)
+    d = np.linalg.norm(x[:, None] - x[None], axis=-1)
+    rho = ALIKE * np.exp(-((d / NEAR) ** 2))
+    np.fill_diagonal(rho, 0.0)
+    # An error e of the arm moves the scores by H_xi inv(H_ii) W e.
+    P = normal.H_mixed[on] @ np.linalg.solve(normal.H_view[on], np.sqrt(W))
+    out = np.einsum("vgi,vw,whi->gh", P, rho, P, optimize=True)
+    values, vectors = np.linalg.eigh(0.5 * (out + out.T))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, np.float64)
+
+
+def few_views(views: int) -> float:
+    """By how much a 95 % ellipsoid of six numbers grows because the scatter is told by few views.
+
+    Hotelling's: F(6, m) times six over chi squared(6), with m = 6 n - 12 degrees of freedom of the
+    pose errors.
+    """
+    left = max(6 * views - 12, 4)
+    return float(6 * fdtri(6, left, 0.95) / chdtri(6, 0.05))
+
+
+def lens_doubt(solution: Solution, S_inv: Floats) -> Floats:
+    """(G, G) what an unsure lens that was not solved adds: its prior, carried to the unknowns.
+
+    Consider covariance (Schmidt, 1966): delta x = -inv(S_xx) S_xl delta l.
+    """
+    model = solution.model
+    G = model.size
+    out = np.zeros((G, G))
+    held = [
+        k
+        for k, lens in enumerate(model.problem.lenses)
+        if lens.prior is not None and (lens.keep or not model.freedom.lens) and k in model.lens_of
+    ]
+    if not held:
+        return out
+    lenses = tuple(replace(lens, keep=False) for lens in model.problem.lenses)
+    trial = Model(
+        replace(model.problem, lenses=lenses), replace(model.freedom, lens=True), model.priors
+    )
+    normal, _ = normal_equations(trial, solution.state, 3.0)
+    S = np.zeros((G, G))
+    S[np.ix_(normal.free, normal.free)] = normal.reduced()
+    free = solution.normal.free
+    for k in held:
+        at = np.arange(9 * k, 9 * k + 9)
+        prior = model.problem.lenses[k].prior
+        assert prior is not None
+        P = invert(prior)
+        move = np.zeros((G, 9))
+        move[free] = -S_inv @ S[np.ix_(free, at)]
+        move[at] = np.eye(9)
+        out += move @ P @ move.T
+    return out
 
 
 def invert(S: Floats) -> Floats:

@@ -120,11 +120,11 @@ def prediction_errors(problem: Problem, solution: Solution) -> tuple[Floats, Flo
         lens = problem.lenses[model.lens_of[f]].camera
         camera = lens_from_vector(state.lens[model.lens_of[f]], lens.width, lens.height)
         rays = np.column_stack([camera.normalise(model.pixel[f][seen]), np.ones(seen.sum())])
-        mm.append(1e3 * _on_plane(rays, corners[f][seen]))
+        mm.append(1e3 * on_plane(rays, corners[f][seen]))
     return px, np.concatenate(mm) if mm else np.zeros(0)
 
 
-def _on_plane(rays: Floats, corners: Floats) -> Floats:
+def on_plane(rays: Floats, corners: Floats) -> Floats:
     """Distance between corners and where their rays meet the corners' plane [m]."""
     middle = corners.mean(0)
     normal = np.linalg.svd(corners - middle)[2][2]

@@ -38,7 +38,8 @@ class RecordedAnswer:
     """What a recorded set says.
 
     Attributes:
-        calibration: cameras and boards, or None for a set of lens frames.
+        calibration: cameras and boards; None for a set of lens frames, and where a mistake that
+            was found leaves nothing to solve.
         lenses: of a set of lens frames, one a camera; else empty.
         findings: everything odd, mistakes first.
         problem: what the solve began with.
@@ -97,6 +98,27 @@ def problem_of(
     errors = RobotErrors(robot) if joints is not None and robot is not None else None
     problem = Problem(tuple(rigs), tuple(lenses), tuple(boards), views, tuple(sightings), errors)
     return settle_turns(problem, recorded.board.turns)
+
+
+def without_what_follows(findings: list[Finding], start: list[Finding]) -> list[Finding]:
+    """All findings, without those that a lens of another size or views that cannot tell make.
+
+    Where views are alike, many readings of their poses fit alike; with a wrong lens none fits.
+    """
+    codes = {f.code for f in start if f.severity == "error"}
+    if "lens_resolution" in codes:
+        findings = [f for f in findings if f.code not in ("poses_do_not_match", "board_size")]
+    if codes & {"alike", "one_axis", "few_views"}:
+        findings = [f for f in findings if f.code not in READINGS]
+    return findings + start
+
+
+READINGS = (
+    *("shifted", "order", "quaternion_order", "matrix_order", "rotation_format", "degrees"),
+    *("millimetres", "pose_inverted", "board_size", "poses_do_not_match", "mirrored", "slip"),
+    "two_cameras",
+)
+"""Codes of mistakes in reading poses."""
 
 
 def unturned(problem: Problem, recorded: RecordedSet) -> tuple[Problem, list[Finding]]:
@@ -172,8 +194,8 @@ def solve_set(
         return RecordedAnswer(None, _lenses(recorded), by_severity(findings))
     problem, turned = unturned(problem_of(recorded, robot, keep_lens=keep_lens), recorded)
     findings += turned
-    for rig in range(len(problem.rigs)):
-        findings += diagnose_start(problem, rig, recorded.names)
+    start = [f for rig in range(len(problem.rigs)) for f in diagnose_start(problem, rig)]
+    findings = without_what_follows(findings, start)
     fatal = [f for f in findings if f.severity == "error"]
     options = CalibrationOptions(
         solve_lenses=all(c.lens is None for c in recorded.cameras), select=True
@@ -181,15 +203,16 @@ def solve_set(
     try:
         answer = calibrate(problem, np.random.default_rng(seed), options, progress)
     except CalibrationError as error:
-        if fatal:
-            raise CalibrationError(
-                f"{recorded.folder}: {fatal[0].message}; {fatal[0].cure}"
-            ) from None
+        if fatal:  # what is wrong has been found: that is the answer
+            return RecordedAnswer(None, (), by_severity(findings), problem)
         raise CalibrationError(f"{recorded.folder}: {error}") from None
     if not fatal:
         for rig in range(len(problem.rigs)):
-            findings += diagnose_solution(answer, rig, recorded.names, seed)
+            given = [c.lens is not None for c in recorded.cameras]
+            findings += diagnose_solution(answer, rig, recorded.names, seed, given)
         findings += verdict_findings(answer, problem, recorded.names)
+    if any(f.code in ("slip", "two_cameras") for f in findings):
+        findings = [f for f in findings if f.code != "mostly_left_out"]  # has its cause
     return RecordedAnswer(answer, (), by_severity(findings), problem)
 
 

@@ -80,6 +80,12 @@ class SyntheticSet:
         return float(np.sqrt(np.mean(np.sum((places[0] - places[1]) ** 2, axis=1))))
 
 
+def seen_from(one: SyntheticSet, flanges: Poses, X: Pose, Z: Pose) -> Floats:
+    """(n, k, 2) exact pixels of a set's board with camera X and board Z in their mounts [px]."""
+    p = _in_camera(flanges, one.points, X, Z, one.mount)
+    return one.camera.project(p.reshape(-1, 3)).reshape(*p.shape[:2], 2)
+
+
 def corner_grid(columns: int, rows: int, spacing: float) -> Points:
     """(columns * rows, 3) corners of a checkerboard, row by row [m]."""
     y, x = np.mgrid[0:rows, 0:columns]

@@ -37,6 +37,8 @@ class Calibrate:
         keep_lenses: the lenses stay as they are: those of --lens, or those that the cameras report.
         hand: the camera of a recorded set is on the flange, the board beside the arm; beside: the
             camera is beside the arm. Without either the pictures tell.
+        compare: show OpenCV's solvers beside ours on a recorded set: the same corners, the errors
+            in views left out.
         robot: model of the arm of a recorded set that has joint angles, such as ur5.
         goal_mm: stop when points 1.0-1.5 m away are this sure.
         views: at most.
@@ -58,6 +60,7 @@ class Calibrate:
     lens: Path | None = None
     keep_lenses: bool = False
     hand: bool = False
+    compare: bool = False
     beside: bool = False
     robot: str | None = None
     goal_mm: float = 1.2
@@ -117,10 +120,20 @@ class Calibrate:
             print(line)
         answer = solve_set(recorded, robot, self.seed, _say, self.keep_lenses)
         _say("")
-        if answer.calibration is None:
+        if answer.lenses:
             return self._lenses(recorded, answer)
+        if answer.calibration is None:
+            for finding in answer.findings:
+                print(finding)
+            print("nothing was written: mend what is wrong first", file=sys.stderr)
+            return 1
         for line in report.lines(answer.calibration, (), answer.findings):
             print(line)
+        if self.compare:
+            from armsight.calibration.peers import compare, peer_lines
+
+            for line in peer_lines(compare(answer.calibration)):
+                print(line)
         wrong = any(f.severity == "error" for f in answer.findings)
         if wrong and not self.force:
             print("nothing was written: mend what is wrong first, or use --force", file=sys.stderr)

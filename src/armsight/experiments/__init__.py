@@ -28,6 +28,7 @@ NAMES: dict[str, str] = {
     "calibration-drift": "drift watch: moved cameras named, cells that stand still left alone",
     "own-arm": "cameras placed by their own arm, from depth and from colour",
     "recognition": "T4 to T7: the robot in one colour image, the papers' four networks",
+    "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",
     "calibration-real": "real hand-eye sets, beside the figures published with them",
 }
 """Every experiment and its help; the module of ``a-b`` is ``armsight.experiments.a_b``."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from armsight.arrays import Floats
 from armsight.calibration.calibrate import Calibration
 from armsight.calibration.diagnosis.noise import noise_findings
 from armsight.calibration.diagnosis.slip import slip_findings
@@ -17,7 +18,11 @@ from armsight.calibration.solver import Solution, SolverOptions, solve
 
 
 def diagnose_solution(
-    answer: Calibration, rig: int, names: Sequence[str], seed: int = 0
+    answer: Calibration,
+    rig: int,
+    names: Sequence[str],
+    seed: int = 0,
+    given: Sequence[bool] = (),
 ) -> list[Finding]:
     """Mistakes that show only in the residuals of a good solve.
 
@@ -26,9 +31,10 @@ def diagnose_solution(
         rig: the camera.
         names: of the views, for messages.
         seed: of random draws.
+        given: of each lens, whether somebody gave it.
     """
     solution = answer.solution
-    bent = distortion_findings(solution, rig)
+    bent = distortion_findings(solution, rig, given)
     return [
         *bent,
         # A lens that is wrong leaves residuals that a second board would explain in part.
@@ -38,13 +44,42 @@ def diagnose_solution(
     ]
 
 
-def distortion_findings(solution: Solution, rig: int) -> list[Finding]:
+def _left_its_prior(solution: Solution, rig: int, given: Sequence[bool]) -> list[Finding]:
+    """A given lens that was solved, too, and came out bent otherwise than it was given."""
+    out = []
+    for index, lens in enumerate(solution.model.problem.lenses):
+        if lens.rig != rig or lens.prior is None or not (index < len(given) and given[index]):
+            continue
+        before, after = lens_vector(lens.camera), solution.state.lens[index]
+        bend = _bend(before, after, lens.camera.width, lens.camera.height)
+        if bend > 3.0:
+            out.append(
+                Finding(
+                    "distortion",
+                    "warning",
+                    f"lens {lens.name}: the distortion that was given is missing, wrong or applied "
+                    f"twice: the pictures want up to {bend:.1f} px otherwise; solved anew",
+                    "calibrate the lens, or give pictures as they came from the camera",
+                )
+            )
+    return out
+
+
+def _bend(before: Floats, after: Floats, width: int, height: int) -> float:
+    """Largest difference of two lenses' distortions over the image [px]."""
+    r = np.linspace(0, np.hypot(width, height) / 2 / before[0], 20)
+    change = (after - before)[[4, 5, 8]] @ np.array([r**3, r**5, r**7])
+    change -= r * (change @ r) / (r @ r)  # a change of focal length is no distortion
+    return float(np.abs(change).max() * before[0])
+
+
+def distortion_findings(solution: Solution, rig: int, given: Sequence[bool] = ()) -> list[Finding]:
     """A kept distortion that the data contradict."""
     model = solution.model
     problem = model.problem
     out: list[Finding] = []
     if model.freedom.lens and not any(lens.keep for lens in problem.lenses):
-        return out
+        return _left_its_prior(solution, rig, given)
     for index, lens in enumerate(problem.lenses):
         if lens.rig != rig or index not in model.lens_of:
             continue
@@ -60,10 +95,7 @@ def distortion_findings(solution: Solution, rig: int) -> list[Finding]:
         trial = Model(replace(problem, lenses=lenses), replace(arm, lens=True))
         freed = solve(trial, state, fast)
         before, after = lens_vector(lens.camera), freed.state.lens[index]
-        r = np.linspace(0, np.hypot(lens.camera.width, lens.camera.height) / 2 / before[0], 20)
-        change = (after - before)[[4, 5, 8]] @ np.array([r**3, r**5, r**7])
-        change -= r * (change @ r) / (r @ r)  # a change of focal length is no distortion
-        bend = float(np.abs(change).max() * before[0])
+        bend = _bend(before, after, lens.camera.width, lens.camera.height)
         kept, free = _median_px(held, index), _median_px(freed, index)
         if bend > 1.0 and kept > 1.4 * free:
             out.append(

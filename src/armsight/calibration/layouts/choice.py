@@ -22,6 +22,7 @@ from armsight.calibration.layouts.conventions import Reading, readings
 from armsight.calibration.layouts.folder import Series
 from armsight.calibration.layouts.pairing import Pairing, mistaken_pairings, proper_pairings
 from armsight.calibration.layouts.table import PoseTable
+from armsight.calibration.layouts.two_recordings import two_findings, two_parts
 from armsight.calibration.problem import Mount
 
 BETTER = 3.0
@@ -133,7 +134,39 @@ def choose(
     second = min(others, key=lambda c: c.fit.median_px, default=None)
     trusted = best.fit.median_px < limit
     findings = _named(best, said, stated, boards, square) if trusted else [_nothing(best, boards)]
+    if not trusted or np.mean(best.fit.px > limit) > 0.15:
+        parted = _parted(series, found, best, trusted, seen, boards, limit)
+        if parted is not None:
+            best, findings = parted
+            trusted = True
     return Choice(best, second, said, tuple(findings), trusted)
+
+
+def _parted(
+    series: Series,
+    found: Sequence[Candidate],
+    best: Candidate,
+    trusted: bool,
+    seen: Ints,
+    boards: SeenBoards,
+    limit: float,
+) -> tuple[Candidate, list[Finding]] | None:
+    """Two cameras in one folder, by the reading that tells; None when there are not two."""
+    ways = [best]
+    if not trusted:
+        proper = [c for c in found if c.pairing.code == ""]
+        ways = sorted(proper, key=lambda c: (not c.reading.declared, c.reading.rank))[:6]
+    for way in ways:
+        place = {int(p): k for k, p in enumerate(seen)}
+        tied = zip(way.pairing.picture.tolist(), way.pairing.row.tolist())
+        pairs = [(place[p], r, p) for p, r in tied if p in place]
+        T = way.reading.poses()[[r for _, r, _ in pairs]]
+        A = T if way.mount == "base" else se3.inverses(T)
+        parts = two_parts([A], boards.only(np.array([k for k, _, _ in pairs])), 0.5 * limit)
+        if parts is not None:
+            names = [series.files[p].name for _, _, p in pairs]
+            return way, two_findings(parts[0], names)
+    return None
 
 
 def _candidates(
