@@ -31,8 +31,7 @@ class CalibrationOptions:
     """How a calibration is made.
 
     Attributes:
-        solve_lenses: lenses have never been calibrated and are part of the answer; otherwise they
-            are freed only if unseen groups of views gain from it.
+        solve_lenses: lenses are part of the answer, each held by its prior.
         select: choose the error model by left-out views (recorded sets of unknown arms); otherwise
             everything that can be wrong is modelled with its prior.
         left_out: test the answer on views left out.

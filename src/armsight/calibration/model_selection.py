@@ -1,9 +1,10 @@
 """Which unknowns to free: those by which views gain that no similar view has told of.
 
 The arm's independent errors are always in the model, of a size that the data tell (a rigid arm is
-their limit). Freedoms, the board's print, the lens, the arm's kinematics, are added one by one, the
-most helpful first, while groups of similar poses that were left out are predicted better by it: on
-the whole by a few per cent, and in most groups. Every model that was tried is reported.
+their limit), and so are the lenses, each held by its prior: that of a lens file is a few pixels
+wide. Freedoms, the board's print and the arm's kinematics, are added one by one, the most helpful
+first, while groups of similar poses that were left out are predicted better by it: on the whole by
+a few per cent, and in most groups. Every model that was tried is reported.
 """
 
 from __future__ import annotations
@@ -62,8 +63,7 @@ def select_model(
 
     Args:
         problem: with start values.
-        lens: lenses are to be solved in every model (they have never been calibrated); otherwise
-            freeing them is one of the freedoms.
+        lens: lenses are solved in every model, each held by its prior.
         priors: of the solves.
         options: of the solves.
         folds: groups for the left-out test.
@@ -74,8 +74,6 @@ def select_model(
     extras: dict[str, dict[str, Any]] = {"board's print": {"shape": True}}
     if problem.robot is not None:
         extras["arm's kinematics"] = {"robot": True}
-    if not lens and any(not item.keep for item in problem.lenses):
-        extras["lenses"] = {"lens": True}
 
     def test(names: tuple[str, ...], near: Trial | None) -> Trial:
         title = "camera and board" if not names else "+ " + ", ".join(names)

@@ -198,7 +198,9 @@ def solve_set(
     findings = without_what_follows(findings, start)
     fatal = [f for f in findings if f.severity == "error"]
     options = CalibrationOptions(
-        solve_lenses=all(c.lens is None for c in recorded.cameras), select=True
+        # A lens that was given is solved as well, with what was given as its prior.
+        solve_lenses=True,
+        select=True,
     )
     try:
         answer = calibrate(problem, np.random.default_rng(seed), options, progress)
@@ -211,7 +213,7 @@ def solve_set(
             given = [c.lens is not None for c in recorded.cameras]
             findings += diagnose_solution(answer, rig, recorded.names, seed, given)
         findings += verdict_findings(answer, problem, recorded.names)
-    if any(f.code in ("slip", "two_cameras") for f in findings):
+    if any(f.code in ("slip", "two_cameras", "rounded", "stale_pose") for f in findings):
         findings = [f for f in findings if f.code != "mostly_left_out"]  # has its cause
     return RecordedAnswer(answer, (), by_severity(findings), problem)
 

@@ -60,11 +60,11 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     rows: list[Row] = []
     notes: list[str] = []
     for part, done, work in (
-        ("shipped sets", 0.0, lambda: _shipped(seed, progress)),
         ("layouts", 0.1, lambda: _layouts(seed, robot)),
         ("mistakes", 0.2, lambda: _mistakes(count("mistakes"), seed, robot, progress)),
         ("clean sets", 0.5, lambda: _clean(count("clean"), seed, robot, progress)),
         ("coverage", 0.8, lambda: _coverage(count("coverage"), seed, robot, progress)),
+        ("shipped sets", 0.95, lambda: _shipped(seed, progress)),
     ):
         progress(part, done)
         more, words = work()
@@ -78,7 +78,7 @@ def _shipped(seed: int, progress: Progress) -> tuple[list[Row], list[str]]:
     cache = RunCache("calibration-strangers-shipped", seed, {"sets": SHIPPED})
     found: dict[str, dict[str, Any]] = {}
     for k, (name, words) in enumerate(SHIPPED.items()):
-        progress(f"shipped sets: {name}", 0.1 * k / len(SHIPPED))
+        progress(f"shipped sets: {name}", 0.95 + 0.05 * k / len(SHIPPED))
         if not (DATA / name).is_dir():
             continue
         found[name] = cache.get(k, lambda n=name, w=words: _one_shipped(n, w, seed))  # type: ignore[misc]
@@ -309,7 +309,7 @@ def _coverage(
     """How often the 95 % ellipsoid of the camera's pose (six numbers) holds the truth."""
     rows = []
     for number, (name, (lens, views, arm)) in enumerate(CONDITIONS.items()):
-        progress(f"coverage: {name}", 0.8 + 0.2 * number / len(CONDITIONS))
+        progress(f"coverage: {name}", 0.8 + 0.15 * number / len(CONDITIONS))
         cache = RunCache("calibration-strangers-coverage", seed, {"condition": name})
 
         def one(

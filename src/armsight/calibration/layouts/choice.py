@@ -30,6 +30,9 @@ BETTER = 3.0
 ALIKE = 1.3
 """Readings within this factor are alike: the more usual one is taken."""
 UNITS = ((1.0, "metres"), (1e-3, "millimetres"), (1e-2, "centimetres"), (0.0254, "inches"))
+SUSPECT = 0.008
+"""Misfit over the focal length beyond which two recordings may be mixed [1]: a good arm is off by
+0.001, one that errs by 3 mm by 0.005."""
 SCORED = 40
 """Views that are enough to tell readings apart."""
 
@@ -134,8 +137,10 @@ def choose(
     second = min(others, key=lambda c: c.fit.median_px, default=None)
     trusted = best.fit.median_px < limit
     findings = _named(best, said, stated, boards, square) if trusted else [_nothing(best, boards)]
-    if not trusted or np.mean(best.fit.px > limit) > 0.15:
-        parted = _parted(series, found, best, trusted, seen, boards, limit)
+    middling = best.fit.median_px
+    if middling > SUSPECT * boards.focal or np.mean(best.fit.px > limit) > 0.15:
+        near = limit if trusted and middling < 0.5 * limit else min(limit, 0.8 * middling)
+        parted = _parted(series, found, best, trusted, seen, boards, near)
         if parted is not None:
             best, findings = parted
             trusted = True

@@ -11,8 +11,8 @@ from armsight.calibration import se3
 from armsight.calibration.findings import Finding
 from armsight.calibration.hand_eye_fit import HandEyeFit, SeenBoards, fit
 
-LEAST = 4
-"""Views of a part, at least."""
+LEAST = 5
+"""Views of a part, at least: fewer fit by chance."""
 TOGETHER = 0.85
 """Share of the views that both parts explain."""
 
