@@ -59,13 +59,14 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
     rows: list[Row] = []
     notes: list[str] = []
-    for part, done, work in (
+    parts: tuple[tuple[str, float, Callable[[], tuple[list[Row], list[str]]]], ...] = (
         ("layouts", 0.1, lambda: _layouts(seed, robot)),
         ("mistakes", 0.2, lambda: _mistakes(count("mistakes"), seed, robot, progress)),
         ("clean sets", 0.5, lambda: _clean(count("clean"), seed, robot, progress)),
         ("coverage", 0.8, lambda: _coverage(count("coverage"), seed, robot, progress)),
         ("shipped sets", 0.95, lambda: _shipped(seed, progress)),
-    ):
+    )
+    for part, done, work in parts:
         progress(part, done)
         more, words = work()
         rows += more
