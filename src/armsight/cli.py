@@ -13,23 +13,23 @@ from typing import Annotated, Any, Union
 import tyro
 
 from armsight import __version__
-from armsight.commands.board import Board
+from armsight.commands.board import BoardCommand
 from armsight.commands.calibrate import Calibrate
 from armsight.commands.check import Check
 from armsight.commands.dataset import Dataset
 from armsight.commands.demo import Demo
 from armsight.commands.doctor import Doctor
-from armsight.commands.experiment import Experiment
+from armsight.commands.experiment import ExperimentCommand
 from armsight.commands.new import New
 from armsight.commands.patrol import Patrol
 from armsight.commands.recognise import Recognise
 from armsight.commands.record import Record
 from armsight.commands.replay import Replay
 from armsight.commands.robots import Robots
-from armsight.commands.run import Run, run_with
+from armsight.commands.run import RunCommand, run_with
 from armsight.commands.train import Train
 from armsight.commands.transfer import Transfer
-from armsight.commands.view import View
+from armsight.commands.view import ViewCommand
 
 COMMANDS = (
     Demo,
@@ -37,18 +37,18 @@ COMMANDS = (
     Check,
     New,
     Patrol,
-    Run,
+    RunCommand,
     Calibrate,
-    Board,
+    BoardCommand,
     Record,
     Replay,
     Robots,
-    View,
+    ViewCommand,
     Dataset,
     Recognise,
     Train,
     Transfer,
-    Experiment,
+    ExperimentCommand,
 )
 
 DESCRIPTION = """armsight: a robot arm that knows its surroundings.
@@ -69,11 +69,16 @@ an error. armsight is no certified safety function: never rely on it alone besid
 
 def _commands(words: Sequence[str]) -> Any:
     """All commands for the parser; ``run`` with the options of the task that the words name."""
-    wanted = [run_with(words[1:]) if c is Run and words[0] == "run" else c for c in COMMANDS]
+    wanted = [run_with(words[1:]) if c is RunCommand and words[0] == "run" else c for c in COMMANDS]
     # Built from the tuple, so that a command is named once.
     return Union[  # noqa: UP007
-        tuple(Annotated[c, tyro.conf.subcommand(c.__name__.lower())] for c in wanted)
+        tuple(Annotated[c, tyro.conf.subcommand(name_of(c))] for c in wanted)
     ]
+
+
+def name_of(command: type) -> str:
+    """What a command is called on the command line."""
+    return command.__name__.removesuffix("Command").lower()
 
 
 INTERRUPTED = 130

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from armsight import __version__
-from armsight.cli import COMMANDS, run
+from armsight.cli import COMMANDS, name_of, run
 from armsight.commands.doctor import findings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,9 +23,7 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"armsight {__version__}\n"
 
 
-@pytest.mark.parametrize(
-    "words", [["--help"], [], *([c.__name__.lower(), "--help"] for c in COMMANDS)]
-)
+@pytest.mark.parametrize("words", [["--help"], [], *([name_of(c), "--help"] for c in COMMANDS)])
 def test_help(words, capsys):
     with pytest.raises(SystemExit) as ended:
         run(words)
@@ -35,7 +33,7 @@ def test_help(words, capsys):
 
 def test_help_of_every_command_has_an_example():
     for command in COMMANDS:
-        name = command.__name__.lower()
+        name = name_of(command)
         assert re.search(rf"Examples?: armsight {name}\b", command.__doc__ or ""), name
 
 

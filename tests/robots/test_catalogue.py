@@ -21,6 +21,8 @@ UR_LENGTHS = {
     "ur3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
     "ur5": (0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
     "ur10": (0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
+    "ur3e": (0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921),
+    "ur5e": (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
 }
 
 
@@ -60,9 +62,10 @@ def test_universal_robots_follow_the_makers_dh_table(name):
         np.testing.assert_allclose(flange_pose(robot, q), expected, atol=1e-9)
 
 
-def test_panda_follows_the_makers_dh_table():
+@pytest.mark.parametrize("name", ["panda", "fr3"])
+def test_franka_follows_the_makers_dh_table(name):
     """Franka Control Interface documentation, Denavit-Hartenberg parameters (Craig)."""
-    robot = load_robot("panda")
+    robot = load_robot(name)
     h = np.pi / 2
     rows = [
         (0, 0.333, 0),
@@ -78,14 +81,17 @@ def test_panda_follows_the_makers_dh_table():
         np.testing.assert_allclose(flange_pose(robot, q), expected, atol=1e-9)
 
 
-def test_iiwa_has_the_makers_lengths():
-    """Data sheet of the LBR iiwa 7 R800: 340, 400, 400, 126 mm; axes cross at the joints."""
-    robot = load_robot("iiwa")
+@pytest.mark.parametrize(
+    ("name", "shoulder", "elbow"), [("iiwa", 0.34, 0.4), ("iiwa14", 0.36, 0.42)]
+)
+def test_iiwas_have_the_makers_lengths(name, shoulder, elbow):
+    """Data sheets: 340, 400, 400, 126 mm (7 R800) and 360, 420, 400, 126 mm (14 R820)."""
+    robot = load_robot(name)
     h = np.pi / 2
     rows = [
-        (0, 0.34, -h),
+        (0, shoulder, -h),
         (0, 0, h),
-        (0, 0.4, h),
+        (0, elbow, h),
         (0, 0, -h),
         (0, 0.4, -h),
         (0, 0, h),
@@ -101,14 +107,19 @@ def test_iiwa_has_the_makers_lengths():
         ("ur3", 6, 0.5, 3, (180, 360)),
         ("ur5", 6, 0.85, 5, (180, 180)),
         ("ur10", 6, 1.3, 10, (120, 180)),
+        ("ur3e", 6, 0.5, 3, (180, 360)),
+        ("ur5e", 6, 0.85, 5, (180, 180)),
         ("iiwa", 7, 0.8, 7, (98, 180)),
+        ("iiwa14", 7, 0.82, 14, (75, 135)),
         ("panda", 7, 0.855, 3, (150, 180)),
+        ("fr3", 7, 0.855, 3, (150, 301)),
     ],
 )
 def test_data_sheets(name, n, reach, payload, speed_deg):
     robot, sheet = load_robot(name), robot_sheet(name)
     assert (robot.n, robot.reach, sheet.payload) == (n, reach, payload)
-    assert sheet.repeatability == 0.0001
+    accurate = {"ur3e": 3e-5, "ur5e": 3e-5, "ur10e": 5e-5, "ur16e": 5e-5}
+    assert sheet.repeatability == accurate.get(name, 1e-4)
     speed = np.rad2deg(robot.limits.velocity)
     if name == "panda":
         # The sheet's 150 and 180 deg/s are the drives'; who controls from outside gets less.

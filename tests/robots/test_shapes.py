@@ -299,7 +299,7 @@ def test_crowded_is_where_another_link_is_nearer():
     np.testing.assert_array_equal(share, 0.0)
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize("name", FITTED)
 def test_depth_cameras_see_nearly_the_same_arm_in_fewer_triangles(name):
     """Surfaces sampled densely: sampling itself adds up to a millimetre."""
     rng = np.random.default_rng(0)

@@ -10,7 +10,7 @@ import tyro
 
 
 @dataclass(frozen=True)
-class Board:
+class BoardCommand:
     """Draw a calibration board to print, true to scale.
 
     Example: armsight board --pdf board.pdf; armsight board --kind charuco:7x5:36:27 --pdf b.pdf

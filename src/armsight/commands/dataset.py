@@ -128,7 +128,7 @@ class Show:
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckSet:
     """Find damage in a set and print what is in it.
 
     Example: armsight dataset check paper_like
@@ -172,7 +172,7 @@ class Dataset:
     action: (
         Annotated[Generate, tyro.conf.subcommand("generate")]
         | Annotated[Show, tyro.conf.subcommand("show")]
-        | Annotated[Check, tyro.conf.subcommand("check")]
+        | Annotated[CheckSet, tyro.conf.subcommand("check")]
     )
 
     def run(self) -> int:

@@ -12,7 +12,7 @@ Verdict = Literal["good", "slow", "missing", "info"]
 
 
 @dataclass(frozen=True)
-class Finding:
+class MachineFinding:
     """One thing looked at.
 
     Attributes:
@@ -80,9 +80,9 @@ class Doctor:
         return 1 if missing else 0
 
 
-def findings(port: int) -> Iterator[Finding]:
+def findings(port: int) -> Iterator[MachineFinding]:
     """Everything that is looked at; a check that breaks is itself a finding."""
-    checks: tuple[tuple[str, Callable[[], Finding]], ...] = (
+    checks: tuple[tuple[str, Callable[[], MachineFinding]], ...] = (
         ("armsight", _version),
         ("Python", _python),
         ("cores", _cores),
@@ -101,27 +101,29 @@ def findings(port: int) -> Iterator[Finding]:
             yield check()
         except Exception as error:  # the doctor must not fall ill
             first = (str(error).splitlines() or [""])[0]
-            yield Finding("missing", title, f"{type(error).__name__}: {first}")
+            yield MachineFinding("missing", title, f"{type(error).__name__}: {first}")
 
 
-def _version() -> Finding:
+def _version() -> MachineFinding:
     from armsight import __version__
     from armsight.machine import commit
 
-    return Finding("info", "armsight", f"{__version__}, commit {commit()}")
+    return MachineFinding("info", "armsight", f"{__version__}, commit {commit()}")
 
 
-def _python() -> Finding:
+def _python() -> MachineFinding:
     import platform
     import sys
 
     found = f"{platform.python_version()} at {sys.prefix}"
     if sys.version_info >= (3, 14):
-        return Finding("slow", "Python", found, "tested with 3.11 to 3.13; prefer one of these")
-    return Finding("good", "Python", found)
+        return MachineFinding(
+            "slow", "Python", found, "tested with 3.11 to 3.13; prefer one of these"
+        )
+    return MachineFinding("good", "Python", found)
 
 
-def _cores() -> Finding:
+def _cores() -> MachineFinding:
     import os
 
     from armsight.machine import processor, usable_cores
@@ -129,33 +131,41 @@ def _cores() -> Finding:
     cores, load = usable_cores(), os.getloadavg()[0]
     found = f"{cores} of {processor()}, load {load:.1f}"
     if cores < 2:
-        return Finding("slow", "cores", found, "mapping and planning want 2 cores beside the page")
+        return MachineFinding(
+            "slow", "cores", found, "mapping and planning want 2 cores beside the page"
+        )
     if load > cores:
-        return Finding("slow", "cores", found, "other programs keep this machine busy; end them")
-    return Finding("good", "cores", found)
+        return MachineFinding(
+            "slow", "cores", found, "other programs keep this machine busy; end them"
+        )
+    return MachineFinding("good", "cores", found)
 
 
-def _memory() -> Finding:
+def _memory() -> MachineFinding:
     from armsight.machine import memory_gib
 
     size = memory_gib()
     if size < 3.5:
-        return Finding("slow", "memory", f"{size:.1f} GiB", "4 GiB or more; use a coarser voxel")
-    return Finding("good", "memory", f"{size:.1f} GiB")
+        return MachineFinding(
+            "slow", "memory", f"{size:.1f} GiB", "4 GiB or more; use a coarser voxel"
+        )
+    return MachineFinding("good", "memory", f"{size:.1f} GiB")
 
 
-def _disk() -> Finding:
+def _disk() -> MachineFinding:
     import shutil
     from pathlib import Path
 
     free = shutil.disk_usage(Path.cwd()).free / 2**30
     found = f"{free:.1f} GiB free in {Path.cwd()}"
     if free < 2:
-        return Finding("slow", "disk", found, "a recording of four cameras takes 1 GiB a minute")
-    return Finding("good", "disk", found)
+        return MachineFinding(
+            "slow", "disk", found, "a recording of four cameras takes 1 GiB a minute"
+        )
+    return MachineFinding("good", "disk", found)
 
 
-def _packages() -> Finding:
+def _packages() -> MachineFinding:
     from importlib.metadata import PackageNotFoundError, version
 
     names = ("numpy", "numba", "mujoco", "viser", "opencv-python-headless", "mcap")
@@ -166,24 +176,24 @@ def _packages() -> Finding:
         except PackageNotFoundError:
             lost.append(name)
     if lost:
-        return Finding(
+        return MachineFinding(
             "missing", "packages", f"not installed: {', '.join(lost)}", "remove .venv, run ./run"
         )
-    return Finding("good", "packages", ", ".join(found))
+    return MachineFinding("good", "packages", ", ".join(found))
 
 
-def _opengl() -> Finding:
+def _opengl() -> MachineFinding:
     from armsight.errors import ArmsightError
     from armsight.simulation.gl import OPENGL_HELP, check_opengl
 
     try:
         renderer = check_opengl()
     except ArmsightError as error:
-        return Finding("missing", "OpenGL", str(error).partition(":")[0], OPENGL_HELP)
-    return Finding("good", "OpenGL", renderer)
+        return MachineFinding("missing", "OpenGL", str(error).partition(":")[0], OPENGL_HELP)
+    return MachineFinding("good", "OpenGL", renderer)
 
 
-def _rendering() -> Finding:
+def _rendering() -> MachineFinding:
     import time
 
     from armsight.errors import ArmsightError
@@ -198,16 +208,16 @@ def _rendering() -> Finding:
             cell.world.advance(1.15)
             factor = 1.0 / (time.perf_counter() - start)
     except ArmsightError as error:
-        return Finding("missing", "rendering", str(error))
+        return MachineFinding("missing", "rendering", str(error))
     found = f"four Kinect v2 at 15 Hz: {factor:.1f} simulated seconds a second, world alone"
     if factor < 1.5:
-        return Finding(
+        return MachineFinding(
             "slow", "rendering", found, "the page will run slower than life; use fewer cameras"
         )
-    return Finding("good", "rendering", found)
+    return MachineFinding("good", "rendering", found)
 
 
-def _kernels() -> Finding:
+def _kernels() -> MachineFinding:
     import os
     from pathlib import Path
 
@@ -217,25 +227,27 @@ def _kernels() -> Finding:
     compiled = sum(1 for _ in package.rglob("__pycache__/*.nbc"))
     folder = os.environ.get("NUMBA_CACHE_DIR", "")
     if not folder and not os.access(package, os.W_OK):
-        return Finding(
+        return MachineFinding(
             "info",
             "kernels",
             f"{compiled} compiled; {package} is read-only, new ones go to the user's cache",
         )
     if compiled == 0 and not folder:
-        return Finding("info", "kernels", "none compiled yet: the first start takes longer")
-    return Finding("good", "kernels", f"{compiled} compiled and kept")
+        return MachineFinding("info", "kernels", "none compiled yet: the first start takes longer")
+    return MachineFinding("good", "kernels", f"{compiled} compiled and kept")
 
 
-def _cells() -> Finding:
+def _cells() -> MachineFinding:
     from armsight.workcell import load_workcell
     from armsight.workcell.packaged import packaged
 
     names = [load_workcell(file).name for file in packaged().values()]
-    return Finding("good" if names else "missing", "cells", ", ".join(names) or "none packaged")
+    return MachineFinding(
+        "good" if names else "missing", "cells", ", ".join(names) or "none packaged"
+    )
 
 
-def _port(port: int) -> Finding:
+def _port(port: int) -> MachineFinding:
     import socket
 
     with socket.socket() as probe:
@@ -243,20 +255,20 @@ def _port(port: int) -> Finding:
         try:
             probe.bind(("127.0.0.1", port))
         except OSError:
-            return Finding(
+            return MachineFinding(
                 "slow",
                 "port",
                 f"{port} is in use",
                 "choose another with --port; --port 0 takes a free one",
             )
-    return Finding("good", "port", f"{port} is free")
+    return MachineFinding("good", "port", f"{port} is free")
 
 
-def _browser() -> Finding:
+def _browser() -> MachineFinding:
     import shutil
 
     for name in ("chromium", "chromium-browser", "google-chrome"):
         found = shutil.which(name)
         if found:
-            return Finding("info", "browser", f"{found} (for the tests of the page)")
-    return Finding("info", "browser", "no Chromium here: the tests of the page are skipped")
+            return MachineFinding("info", "browser", f"{found} (for the tests of the page)")
+    return MachineFinding("info", "browser", "no Chromium here: the tests of the page are skipped")

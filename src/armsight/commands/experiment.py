@@ -10,7 +10,7 @@ import tyro
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ExperimentCommand:
     """Run an experiment and print its table beside the paper's figures.
 
     Example: armsight experiment patrol-smoke --seed 3 --json result.json

@@ -38,10 +38,10 @@ class Record:
     def run(self) -> int:
         """Run and record."""
         from armsight.commands.patrol import Patrol
-        from armsight.commands.view import View
+        from armsight.commands.view import ViewCommand
 
         if self.watch:
-            return View(
+            return ViewCommand(
                 self.workcell,
                 seconds=self.seconds,
                 headless=self.headless,

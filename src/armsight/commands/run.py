@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Run:
+class RunCommand:
     """Run a task in a cell, guarded. The task's own options follow: run CELL --task NAME --help.
 
     Example: armsight run ur5_four_cameras --task patrol --dwell 1 --seconds 60 --headless
@@ -105,7 +105,7 @@ class EndsWithTask:
             self._session.stop("task failed")
 
 
-def run_with(words: Sequence[str]) -> type[Run]:
+def run_with(words: Sequence[str]) -> type[RunCommand]:
     """The command for the words after ``run``, with the options of the task that they name.
 
     Raises:
@@ -116,19 +116,19 @@ def run_with(words: Sequence[str]) -> type[Run]:
 
     names = list(_values(words, "--task"))
     if not names:
-        return Run  # says itself what it lacks
+        return RunCommand  # says itself what it lacks
     name = one_task(names)
     options = load_options(name)
-    ours = {f.name for f in fields(Run)} | {f.name for f in fields(Page)}
+    ours = {f.name for f in fields(RunCommand)} | {f.name for f in fields(Page)}
     taken = sorted(ours & {f.name for f in fields(options) if f.init})
     if taken:
         raise TaskError(
             f"task {name}: its option {taken[0]} is one of armsight run; give it another name"
         )
     made = make_dataclass(
-        "Run", [("task_options", options)], bases=(Run,), frozen=True, kw_only=True
+        "RunCommand", [("task_options", options)], bases=(RunCommand,), frozen=True, kw_only=True
     )
-    made.__doc__ = f"{(options.__doc__ or Run.__doc__ or name).strip()}"
+    made.__doc__ = f"{(options.__doc__ or RunCommand.__doc__ or name).strip()}"
     return made
 
 

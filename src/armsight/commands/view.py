@@ -12,7 +12,7 @@ from armsight.commands.serving import Page
 
 
 @dataclass(frozen=True)
-class View:
+class ViewCommand:
     """Show a cell and its map on the live page; the arm gets no command.
 
     Example: armsight view workcells/panda_table.toml

@@ -14,7 +14,17 @@ from armsight.robots.shapes import BodyShapes, read_shapes
 from armsight.robots.sheet import read_toml
 
 DATA = Path(__file__).parent / "data"
-ROBOT_NAMES: tuple[str, ...] = ("ur3", "ur5", "ur10", "iiwa", "panda")
+ROBOT_NAMES: tuple[str, ...] = (
+    "ur3",
+    "ur5",
+    "ur10",
+    "ur3e",
+    "ur5e",
+    "iiwa",
+    "iiwa14",
+    "panda",
+    "fr3",
+)
 """The arms that :func:`load_robot` knows."""
 
 

@@ -29,6 +29,7 @@ QUICK = FitOptions(
     voxel=0.005,
     spacing=0.008,
     check_spacing=0.003,
+    margin=0.0015,
     configurations=60,
     most_axes=500,
     most_points=1500,

@@ -15,7 +15,7 @@ from armsight.robots.kinematics import flange_jacobian
 from armsight.runtime.view import SessionView
 from armsight.viewer.cameras import mosaic
 from armsight.viewer.panels import Controls, Panels
-from armsight.viewer.scene import Scene
+from armsight.viewer.scene import CellScene
 from armsight.viewer.server import open_server, stop_server
 from armsight.workcell import Cell
 
@@ -104,7 +104,7 @@ class LivePage:
         self._camera_turn = 0
         self._clients = 0
         with self._server.atomic():
-            self._scene = Scene(self._server, cell)
+            self._scene = CellScene(self._server, cell)
             self._panels = Panels(
                 self._server,
                 cell.workcell.name,

@@ -54,7 +54,7 @@ class Layer:
     switch: Callable[[bool], None]
 
 
-class Scene:
+class CellScene:
     """Draws a cell and follows a session's view."""
 
     def __init__(self, server: viser.ViserServer, cell: Cell) -> None:
