@@ -17,7 +17,8 @@ class BoardCommand:
 
     Attributes:
         kind: which board, sizes in mm: `checkerboard:7x5:30`, `charuco:7x5:36:27`,
-            `apriltag:6x4:30:0.3`.
+            `circles:7x5:30:15`, `acircles:4x11:20:12`, `apriltag:6x4:30:0.3`, `aruco:4x3:40`,
+            `aprilgrid:6x6:25:0.3` (Kalibr's), `tag:48:10`.
         pdf: the file to write.
         paper: A4, A3, A2, A1 or letter.
     """

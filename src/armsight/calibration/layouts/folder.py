@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from armsight.calibration.layouts.bags import BAGS
 from armsight.calibration.layouts.matlab import matlab_tables
 from armsight.calibration.layouts.structured import read_document, structured_tables
 from armsight.calibration.layouts.table import PoseTable, natural, ordinals
@@ -21,6 +20,7 @@ TEXT = (
     *(".txt", ".csv", ".tsv", ".dat", ".src", ".mod", ".modx", ".prg", ".script", ".urscript"),
     *(".log", ".m", ".pose", ".tfm", ".asc", ".tum", ".pos", ".tf", ""),
 )
+BAGS = (".bag", ".mcap", ".db3")
 ASIDE = re.compile(
     r"depth|mask|disp|label|seg(ment)?|result|corner|annot|overlay|debug|vis\b|undist|rectif",
     re.IGNORECASE,
@@ -187,7 +187,10 @@ def pose_tables(
 def _tables_of(file: Path, pictures: int) -> list[PoseTable]:
     suffix = file.suffix.lower()
     if suffix in BAGS:
-        return []  # read apart: they hold the pictures, too
+        raise CalibrationError(
+            f"{file}: a recording of ROS is not read; save its pictures as files, and the pose at "
+            "each as a line of poses.csv"
+        )
     if suffix == ".mat":
         return matlab_tables(file)
     if suffix in STRUCTURED:
