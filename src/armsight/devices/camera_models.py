@@ -17,6 +17,7 @@ from armsight.devices.data import DepthNoise, RgbdCameraInfo
 from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, make_pose
+from armsight.geometry.stereo import StereoPair, converging_pair
 
 Principle = Literal["structured_light", "time_of_flight", "active_stereo", "coded_light", "stereo"]
 
@@ -123,6 +124,39 @@ def camera_info(
     )
 
 
+def stereo_pair(
+    name: str = "converging_pair",
+    *,
+    baseline: float | None = None,
+    toe_in: float | None = None,
+    focal: float | None = None,
+) -> StereoPair:
+    """The two lenses of a stereo model.
+
+    Args:
+        name: key of :data:`CAMERA_MODELS`.
+        baseline: distance of the lenses [m] instead of the model's.
+        toe_in: angle between their axes [rad] instead of the model's.
+        focal: focal length of both [px] instead of the model's.
+
+    Raises:
+        UsageError: unknown model, or none of two lenses that measure together.
+    """
+    entry = camera_model(name)
+    if entry.principle != "stereo":
+        raise UsageError(f"camera model '{name}' is no stereo pair")
+    left, right = entry.depth, entry.color
+    if focal is not None:
+        left, right = replace(left, fx=focal, fy=focal), replace(right, fx=focal, fy=focal)
+    as_sold = StereoPair(left, right, entry.T_depth_color)
+    return converging_pair(
+        left,
+        as_sold.baseline if baseline is None else baseline,
+        as_sold.toe_in if toe_in is None else toe_in,
+        right,
+    )
+
+
 _IDEAL = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -194,6 +228,11 @@ def _microsoft_tof(name: str, title: str, color_fov_deg: tuple[float, float]) ->
         range=(0.5, 3.86),
         noise=DepthNoise(1.5e-3, -0.5e-3, 0.3e-3),
     )
+
+
+_PAIR_LENS = PinholeCamera(
+    1280, 960, 1200.0, 1200.0, 642.0, 478.0, (-0.06, 0.04, 0.0, 0.0, 0.0)
+)
 
 
 CAMERA_MODELS: dict[str, CameraModel] = {
@@ -282,6 +321,21 @@ CAMERA_MODELS: dict[str, CameraModel] = {
         _microsoft_tof("azure_kinect", "Microsoft Azure Kinect DK", (90.0, 59.0)),
         _microsoft_tof("femto_bolt", "Orbbec Femto Bolt", (80.0, 51.0)),
         _microsoft_tof("femto_mega", "Orbbec Femto Mega", (80.0, 51.0)),
+        CameraModel(
+            name="converging_pair",
+            title="two cameras that look slightly inward (the charging paper's)",
+            principle="stereo",
+            depth=_PAIR_LENS,
+            color=replace(_PAIR_LENS, cx=_PAIR_LENS.cx - 5.0, cy=_PAIR_LENS.cy + 2.0),
+            # axes that cross at 1.2 m; the paper gives neither angle nor baseline (assumption)
+            T_depth_color=from_rpy((0.0, -float(np.arctan(0.2 / 1.2)), 0.0), (0.20, 0.0, 0.0)),
+            rate=10.0,
+            max_rate=15.0,
+            latency=0.06,
+            range=(0.25, 3.0),
+            noise=DepthNoise(0.0, 0.0, 0.9e-3),  # Z^2 sqrt(2) 0.15 px / (f b)
+            baseline=0.20,
+        ),
     )
 }
 """All models by key."""

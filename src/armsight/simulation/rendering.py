@@ -27,7 +27,6 @@ _GROUPS: dict[Kind, tuple[int, ...]] = {
     "depth": (SEEN, DEPTH_ONLY),
     "color": (SEEN, COLOR_ONLY),
 }
-_SAMPLES = {"depth": 0, "color": 4}
 _SHADOWS = {"depth": 0, "color": 2048}
 STILL_LIVES = 16
 """Fixed views of which the unmoving part is kept."""
@@ -87,8 +86,15 @@ class Renderer:
     share a renderer: drawing is serialised.
     """
 
-    def __init__(self, cell: CellModel) -> None:
+    def __init__(self, cell: CellModel, color_samples: int = 4) -> None:
+        """Prepare to draw.
+
+        Args:
+            cell: the compiled cell.
+            color_samples: of antialiasing in colour pictures; 0 for none, in half the time.
+        """
         self._cell = cell
+        self._samples = {"depth": 0, "color": color_samples}
         self._gl_or_none: OpenGLContext | None = None
         self._contexts: dict[str, Any] = {}
         self._options = {kind: _option(groups) for kind, groups in _GROUPS.items()}
@@ -247,7 +253,7 @@ class Renderer:
         model = self._cell.model
         context = self._contexts.get(kind)
         if context is None:
-            model.vis.quality.offsamples = _SAMPLES[kind]
+            model.vis.quality.offsamples = self._samples[kind]
             model.vis.quality.shadowsize = _SHADOWS[kind]
             context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
             context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR

@@ -1,0 +1,284 @@
+"""The joint fit of a port's known edges to any number of pictures of it.
+
+Every edge is looked for along its projected normal, at its own depth; pose and what a make may
+differ in (size, place and depth of each edge, each with its tolerance as prior) are solved by
+Gauss-Newton. What lighting does to one edge in one picture (a chamfer lit from the side moves it)
+is a small unknown of that edge and picture, so that the stated covariance does not count a
+hundred points that err alike as a hundred opinions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armsight.arrays import Floats, Ints, Mask, Points, Pose
+from armsight.charging.kernels import edge_search
+from armsight.charging.looks import Look
+from armsight.charging.ports.curves import Curves, curves
+from armsight.charging.ports.table import Port
+from armsight.geometry.pose import exp
+
+POINT_SIGMA = 0.35
+"""Standard deviation of one edge point [px]."""
+SHIFT_SIGMA = 0.15
+"""Standard deviation of what light does to the place of one edge in one picture [px]."""
+SWELL_SIGMA = 0.35
+"""The same for its size [px]."""
+MATCHED = 1.5
+"""An edge this near to where it should be counts as found [px]."""
+MISSING = 9.0
+"""Cost of a point without an edge, in squared standard deviations."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to fit.
+
+    Attributes:
+        reach: of the first search along the normals [px].
+        iterations: at the full reach and down to 2.5 px.
+        makes: whether sizes and places of edges may differ from the table's.
+        spacing: of points along the edges [px].
+        most_spacing: the same in the port [m].
+    """
+
+    reach: float = 6.0
+    iterations: int = 8
+    makes: bool = True
+    spacing: float = 2.0
+    most_spacing: float = 0.003
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where a fit ended.
+
+    Attributes:
+        T_ref_port: the pose.
+        covariance: (6, 6) of the pose as a twist in the port's frame: metres, radians.
+        score: share of the edge points that were found, 0..1.
+        cost: sum of squared standardised residuals; a missing point costs :data:`MISSING`.
+        points: how many points were looked for.
+        make: (rims, 4) how size, x, y and z of each edge differ from the table [m].
+        edges: one (n, 2) array of pixels a picture, NaN where no edge was found.
+        found: (views * n,) which points were found.
+        curves: the points that were looked for.
+        rms: of what was found [px].
+        rim_scores: (rims,) share found of each edge.
+    """
+
+    T_ref_port: Pose
+    covariance: Floats
+    score: float
+    cost: float
+    points: int
+    make: Floats
+    edges: tuple[Floats, ...]
+    found: Mask
+    curves: Curves
+    rms: float
+    rim_scores: Floats
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Linear picture of one view about a pose."""
+
+    pixels: Floats
+    normals: Floats
+    by_pose: Floats
+    by_make: Floats
+
+
+def spaced_curves(port: Port, looks: Sequence[Look], T: Pose, options: FitOptions) -> Curves:
+    """Points along the port's edges about as dense as asked for in the sharpest picture."""
+    fine = max(
+        look.lens.fx / max((look.T_lens_ref @ T)[2, 3], 0.05) for look in looks
+    )
+    step = float(np.clip(options.spacing / fine, 0.0004, options.most_spacing))
+    return curves(port, float(2.0 ** (0.5 * np.round(2.0 * np.log2(step)))))
+
+
+def fit(
+    looks: Sequence[Look],
+    port: Port,
+    T_ref_port: Pose,
+    options: FitOptions | None = None,
+) -> Fit:
+    """Fit a port's pose to pictures.
+
+    Args:
+        looks: at least one.
+        port: what is looked for.
+        T_ref_port: where it is about.
+        options: how.
+    """
+    options = options or FitOptions()
+    model = spaced_curves(port, looks, T_ref_port, options)
+    T = T_ref_port.copy()
+    make = np.zeros((len(model.rims), 4))
+    reaches = np.geomspace(max(options.reach, 2.5), 2.5, max(options.iterations - 2, 1))
+    H = np.eye(6)
+    for i in range(options.iterations):
+        reach = float(reaches[min(i, len(reaches) - 1)])
+        rows = [_predict(view, model, T, make) for view in looks]
+        offsets = [_search(view, row, reach) for view, row in zip(looks, rows)]
+        bend = options.makes and i >= options.iterations // 2
+        step, H, make = _solve(model, rows, offsets, make, bend)
+        T = T @ exp(step)
+        if np.linalg.norm(step[:3]) < 2e-6 and np.linalg.norm(step[3:]) < 2e-5 and reach < 2.6:
+            break
+    return _result(looks, model, T, make, H)
+
+
+def _predict(view: Look, model: Curves, T_ref_port: Pose, make: Floats) -> _Row:
+    """Where edges should be in a picture, and how pose and make move them."""
+    own = make[model.rim]
+    p = model.points + own[:, :1] * model.normals
+    p = p + own[:, 1:]
+    T = view.T_lens_ref @ T_ref_port
+    R, lens = T[:3, :3], view.lens
+    q = p @ R.T + T[:3, 3]
+    tangent = np.stack([-model.normals[:, 1], model.normals[:, 0], np.zeros(len(p))], 1) @ R.T
+    outward = model.normals @ R.T
+    h = 1e-4
+    pixels = lens.project(np.concatenate([q, q + h * tangent, q + h * outward]))
+    u, along, out = np.split(pixels, 3)
+    t = along - u
+    n = np.stack([t[:, 1], -t[:, 0]], 1)
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-12)
+    n *= np.where(np.einsum("ij,ij->i", n, out - u) < 0, -1.0, 1.0)[:, None]
+    z = q[:, 2:]
+    # change of pixel along the normal with the point's place in the lens's frame
+    g = np.stack([n[:, 0] * lens.fx, n[:, 1] * lens.fy], 1) / z
+    ray = q[:, :2] / z
+    along_q = np.column_stack([g, -np.einsum("ij,ij->i", g, ray)])
+    in_port = along_q @ R
+    by_pose = np.column_stack([in_port, np.cross(p, in_port)])
+    by_make = np.column_stack([np.einsum("ij,ij->i", in_port, model.normals), in_port])
+    return _Row(u, n, by_pose, by_make)
+
+
+def _search(view: Look, row: _Row, reach: float) -> Floats:
+    least = max(2.5 * view.noise, 0.25)
+    good = np.isfinite(row.pixels).all(axis=1)
+    pixels = np.where(good[:, None], row.pixels, -1e6)
+    offsets, _ = edge_search(
+        view.gx, view.gy, pixels, row.normals, reach, max(0.6 * reach, 1.0), least, 0.92
+    )
+    return offsets
+
+
+def _solve(
+    model: Curves,
+    rows: Sequence[_Row],
+    offsets: Sequence[Floats],
+    make: Floats,
+    bend: bool,
+) -> tuple[Floats, Floats, Floats]:
+    """One step: (6,) twist, (6, 6) information of the pose, new (rims, 4) make."""
+    k = len(model.rims)
+    d = np.concatenate(offsets)
+    seen = np.isfinite(d)
+    r = np.where(seen, d, 0.0)
+    if seen.sum() < 12:
+        return np.zeros(6), np.eye(6) * 1e-3, make
+    spread = max(1.4826 * float(np.median(np.abs(r[seen]))), POINT_SIGMA)
+    size = np.abs(r) / (1.5 * spread)
+    weight = np.where(seen, 1.0 / np.maximum(size, 1.0), 0.0)
+    weight *= np.where(np.abs(r) > 4.0 * spread, 0.1, 1.0) / spread**2
+    by_pose = np.concatenate([row.by_pose for row in rows])
+    if not bend:
+        A, prior, about = by_pose, np.full(6, 1e-6), np.zeros(6)
+    else:
+        A, prior, about = _with_nuisance(model, rows, by_pose, make)
+    H = A.T @ (A * weight[:, None])
+    H[np.diag_indices(len(H))] += prior
+    g = A.T @ (weight * r) - prior * about
+    x = np.linalg.solve(H, g)
+    if bend:
+        make = make + x[6 : 6 + 4 * k].reshape(k, 4)
+        rest = H[6:, 6:]
+        information = H[:6, :6] - H[:6, 6:] @ np.linalg.solve(rest, H[6:, :6])
+    else:
+        information = H
+    step = x[:6]
+    # a first guess may be far off, but not by more than what was searched
+    too_far = max(np.linalg.norm(step[:3]) / 0.05, np.linalg.norm(step[3:]) / 0.25, 1.0)
+    return step / too_far, information, make
+
+
+def _with_nuisance(
+    model: Curves, rows: Sequence[_Row], by_pose: Floats, make: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Columns of pose, make, and light on each edge in each picture; with their priors."""
+    k, n, views = len(model.rims), len(model.points), len(rows)
+    A = np.zeros((n * views, 6 + 4 * k + 3 * k * views))
+    A[:, :6] = by_pose
+    index = np.arange(n)
+    for v, row in enumerate(rows):
+        at = index + v * n
+        for c in range(4):
+            A[at, 6 + 4 * model.rim + c] = row.by_make[:, c]
+        own = 6 + 4 * k + 3 * (v * k + model.rim)
+        A[at, own], A[at, own + 1], A[at, own + 2] = row.normals[:, 0], row.normals[:, 1], 1.0
+    tolerance = np.array(
+        [
+            (rim.radius_tolerance, rim.place_tolerance, rim.place_tolerance, rim.depth_tolerance)
+            for rim in model.rims
+        ]
+    )
+    light = np.tile([SHIFT_SIGMA, SHIFT_SIGMA, SWELL_SIGMA], k * views)
+    sigma = np.concatenate([tolerance.ravel(), light])
+    prior = np.concatenate([np.full(6, 1e-6), 1.0 / sigma**2])
+    about = np.concatenate([np.zeros(6), make.ravel(), np.zeros(3 * k * views)])
+    return A, prior, about
+
+
+def _result(
+    looks: Sequence[Look], model: Curves, T: Pose, make: Floats, information: Floats
+) -> Fit:
+    rows = [_predict(view, model, T, make) for view in looks]
+    offsets = [_search(view, row, 2.5) for view, row in zip(looks, rows)]
+    d = np.concatenate(offsets)
+    found = np.abs(np.where(np.isfinite(d), d, 99.0)) <= MATCHED
+    squares = np.where(np.isfinite(d), np.minimum((d / POINT_SIGMA) ** 2, MISSING), MISSING)
+    rms = float(np.sqrt(np.mean(d[found] ** 2))) if found.any() else float("nan")
+    inflation = max((rms / POINT_SIGMA) ** 2, 1.0) if found.any() else 1.0
+    covariance = np.linalg.pinv(information) * inflation
+    edges = tuple(row.pixels + np.asarray(o)[:, None] * row.normals for row, o in zip(rows, offsets))
+    views = len(looks)
+    rim_scores = _share(np.tile(model.rim, views), found, len(model.rims))
+    return Fit(
+        T,
+        covariance,
+        float(found.mean()),
+        float(squares.sum()),
+        len(d),
+        make,
+        edges,
+        found,
+        model,
+        rms,
+        rim_scores,
+    )
+
+
+def _share(index: Ints, found: Mask, size: int) -> Floats:
+    total = np.maximum(np.bincount(index, minlength=size), 1)
+    return np.asarray(np.bincount(index, found, size) / total, np.float64)
+
+
+def turned(T_ref_port: Pose, angle: float) -> Pose:
+    """The pose rolled about the port's own axis [rad]."""
+    return np.asarray(T_ref_port @ exp(np.array([0, 0, 0, 0, 0, angle])))
+
+
+def model_points(result: Fit) -> Points:
+    """(n, 3) points of the fitted make in the reference frame [m]."""
+    own = result.make[result.curves.rim]
+    p = result.curves.points + own[:, :1] * result.curves.normals + own[:, 1:]
+    return np.asarray(p @ result.T_ref_port[:3, :3].T + result.T_ref_port[:3, 3])
