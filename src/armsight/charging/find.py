@@ -39,8 +39,18 @@ RING_SHARE = 0.76
 """Inner rim over outer rim: 0.73 (Type 2), 0.78 (Type 1), 0.76 (Type 2 plug)."""
 ROLLS = 36
 LEAST_ROUGH = 0.55
+PLUG_TRIES = tuple((side, size) for side in (1.0, -1.0) for size in (0.9, 1.0, 1.12))
 LEAST_RING = 0.7
-QUICK_REACHES = np.array([5.0, 5.0, 4.0, 3.5, 3.0, 2.5, 2.5, 2.5])
+QUICK_REACHES = np.array([5.0, 5.0, 4.0, 3.5, 3.0, 2.5, 2.5])
+KIN = {
+    "type1": ("ccs1",),
+    "type2": ("ccs2", "type2_plug"),
+    "ccs1": ("type1",),
+    "ccs2": ("type2",),
+    "type2_plug": ("type2", "ccs2_plug"),
+    "ccs2_plug": ("type2_plug",),
+}
+"""Types that look alike, or hold one another: where one fits, the others are tried."""
 INLETS = ("type1", "type2", "ccs1", "ccs2")
 PLUGS = ("type1_plug", "type2_plug", "ccs2_plug")
 
@@ -59,8 +69,8 @@ class FindOptions:
     ports: tuple[str, ...] = (*INLETS, "type2_plug")
     distance: tuple[float, float] = (0.25, 2.8)
     least_score: float = 0.6
-    seeds: int = 40
-    rings: int = 30
+    seeds: int = 60
+    rings: int = 24
     quick_fits: int = 14
     fits: int = 3
 
@@ -210,7 +220,7 @@ def _rings_about(level: Level, seeds: Floats32) -> Floats:
     )
     s, r = np.nonzero(crest & (found[:, :, 0] >= LEAST_RING))
     model = _double_ring()
-    points = np.ascontiguousarray(model[:, :2])
+    points = np.column_stack([model[:, :2], np.zeros(len(model), np.float32)])
     normals = np.stack([np.cos(model[:, 2]), np.sin(model[:, 2])], 1).astype(np.float32)
     rows = np.zeros((len(s), 6))
     for k, (i, j) in enumerate(zip(s, r)):
@@ -243,7 +253,7 @@ def _seeds(level: Level, most: int) -> Floats32:
     best: Floats32 = np.zeros(level.gx.shape, np.float32)
     for layer in votes:
         best = np.maximum(best, cv2.boxFilter(layer.astype(np.float32), -1, (3, 3), normalize=False))
-    crest = best == cv2.dilate(best, np.ones((5, 5), np.uint8))
+    crest = best == cv2.dilate(best, np.ones((3, 3), np.uint8))
     v, u = np.nonzero(crest & (best >= 8))
     order = np.argsort(-best[v, u], kind="stable")[:most]
     return np.stack([u[order], v[order]], 1).astype(np.float32)
@@ -296,14 +306,14 @@ def _grid(step: float, n: int) -> Floats32:
 
 @lru_cache(maxsize=32)
 def template(name: str) -> tuple[Floats32, Floats32]:
-    """(n, 2) points and normals of a type's edges [m], the small ones as dense as the large."""
+    """(n, 3) points [m] and (n, 2) normals of a type's edges, the small ones as dense as the large."""
     model = curves(port(name), 0.002, fit_only=True)
     keep = np.zeros(len(model.points), bool)
     for k, rim in enumerate(model.rims):
         mine = np.flatnonzero(model.rim == k)
         most = 12 if rim.kind == "recess" else 26
         keep[mine[:: max(1, len(mine) // most)]] = True
-    return model.points[keep, :2].astype(np.float32), model.normals[keep, :2].astype(np.float32)
+    return model.points[keep].astype(np.float32), model.normals[keep, :2].astype(np.float32)
 
 
 def _types(
@@ -317,18 +327,28 @@ def _types(
         soft = 0.7 * level.least
         at = (np.array([u, v]) + 0.5) * level.scale - 0.5
         for name in options.ports:
-            size = _ring_radius(name)
-            if not nearest < lens.fx * size / radius < farthest:
+            size_m = _ring_radius(name)
+            if not nearest < lens.fx * size_m / radius < farthest:
                 continue
             points, normals = template(name)
-            start = np.array([*at, radius / size * level.scale, lean_x, lean_y, 0.0])
-            rough, best = best_roll(level.bits, points, normals, start, ROLLS)
-            if rough < LEAST_ROUGH:
-                continue
-            score, best = climb(level.gx, level.gy, soft, points, normals, best, 1.5)
-            guesses.append(_guess(name, score, best, level))
-    guesses.sort(key=lambda g: -g.score)
+            # a tilt and its mirror image look alike, but not where parts lie at other depths;
+            # and the body behind a plug's mouth moves its outer ring
+            plug = PORTS[name].plug
+            for side, size in PLUG_TRIES if plug else ((1.0, 1.0),):
+                lean = (side * lean_x, side * lean_y)
+                start = np.array([*at, size * radius / size_m * level.scale, *lean, 0.0])
+                rough, best = best_roll(level.bits, points, normals, start, ROLLS)
+                if rough < LEAST_ROUGH:
+                    continue
+                score, best = climb(level.gx, level.gy, soft, points, normals, best, 1.5)
+                guesses.append(_guess(name, score, best, level))
+    guesses.sort(key=_promise)
     return guesses
+
+
+def _promise(guess: _Guess) -> float:
+    """A small template fits clutter more easily than a large one: scores weighed by size."""
+    return -(guess.score - 0.5) * float(len(template(guess.port)[0])) ** 0.25
 
 
 @lru_cache(maxsize=32)
@@ -376,19 +396,25 @@ def _fits(
     options: FindOptions,
 ) -> list[Detection]:
     """Guesses fitted in space: many quickly, the best with all that is known of them."""
-    tried = []
+    tried: list[tuple[float, Pose, str]] = []
     for guess in _best_apart(guesses, options.quick_fits):
-        for sign in (1.0, -1.0) if guess.tilt > 0.12 else (1.0,):
+        for sign in (1.0, -1.0) if guess.tilt > 0.2 else (1.0,):
             T = _pose(guess, lens, sign)
             tried.append((*_quick_fit(levels, lens, guess.port, T), guess.port))
-    tried.sort(key=lambda t: -t[0] - _bonus(t[2]))
+    tried.sort(key=_rank)
+    tried = [t for t in tried[:8] if t[0] > 0.5 * options.least_score]
+    for _, T, name in tuple(tried[:4]):
+        for other in KIN.get(name, ()):
+            if other in options.ports:
+                tried.append((*_quick_fit(levels, lens, other, T), other))
+    tried = [(*_quick_fit(levels, lens, name, T, finer=1), name) for _, T, name in tried]
+    tried.sort(key=_rank)
     out: list[Detection] = []
     for score, T, name in tried:
         if len(out) == options.fits or score < 0.8 * options.least_score:
             break
         pixel = lens.project(T[None, :3, 3])[0]
-        scale = float(lens.fx / T[2, 3])
-        size = PORTS[name].radius * scale
+        size = PORTS[name].radius * float(lens.fx / T[2, 3])
         if any(d.port == name and np.hypot(*(d.pixel - pixel)) < 0.5 * size for d in out):
             continue
         found = fit_coarse_to_fine([image], [lens], [np.eye(4)], PORTS[name], T, levels=0)
@@ -404,35 +430,32 @@ def _fits(
     return out
 
 
-def _bonus(name: str) -> float:
-    """Types with more to see are tried first where they score nearly the same."""
-    return 0.05 if PORTS[name].contains else 0.0
+def _rank(tried: tuple[float, Pose, str]) -> float:
+    """Types with more to see come first where they score nearly the same."""
+    return -tried[0] - (0.05 if PORTS[tried[2]].contains else 0.0)
 
 
 def _quick_fit(
-    levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose
+    levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose, finer: int = 0
 ) -> tuple[float, Pose]:
-    """Share of a type's edges found, and the pose; at the size of the guess and then the next."""
+    """Share of a type's edges found, and the pose, where a mouth has 16 to 32 px, or finer."""
     radius = lens.fx * PORTS[name].radius / max(T[2, 3], 0.05)
-    score, first = 0.0, int(np.clip(np.floor(np.log2(max(radius, 1.0) / 16.0)), 0, len(levels) - 1))
-    for i in range(first, max(first - 2, -1), -1):
-        level = levels[i]
-        own = lens.scaled(level.scale)
-        model = curves(PORTS[name], _quick_step(own.fx / max(T[2, 3], 0.05)))
-        numbers = np.array([own.fx, own.fy, own.cx, own.cy, *own.distortion])
-        reaches = QUICK_REACHES if i == first else QUICK_REACHES[3:]
-        least = max(0.8 * level.least, 0.25)
-        score, T = fit_rigid(
-            level.gx, level.gy, numbers, model.points, model.normals, T, reaches, least
-        )
-        if score < 0.3:
-            break
-    return score, T
+    i = int(np.clip(np.floor(np.log2(max(radius, 1.0) / 16.0)), 0, len(levels) - 1))
+    level = levels[max(i - finer, 0)]
+    own = lens.scaled(level.scale)
+    model = curves(PORTS[name], _quick_step(own.fx / max(T[2, 3], 0.05)))
+    numbers = np.array([own.fx, own.fy, own.cx, own.cy, *own.distortion])
+    reaches = QUICK_REACHES[3:] if finer else QUICK_REACHES
+    least = max(0.8 * level.least, 0.25)
+    score, T = fit_rigid(
+        level.gx, level.gy, numbers, model.points, model.normals, T, reaches, least
+    )
+    return float(score), T
 
 
 def _quick_step(scale: float) -> float:
-    """Spacing of edge points for 2.5 px at a scale [px/m], in coarse steps so that it is kept."""
-    return float(2.0 ** np.round(np.log2(np.clip(2.5 / scale, 0.0008, 0.004))))
+    """Spacing of edge points for 3 px at a scale [px/m], in coarse steps so that it is kept."""
+    return float(2.0 ** np.round(np.log2(np.clip(3.0 / scale, 0.0008, 0.004))))
 
 
 def _best_apart(guesses: Sequence[_Guess], most: int) -> list[_Guess]:
@@ -463,6 +486,7 @@ def fit_coarse_to_fine(
     makes: bool = True,
     reach: float = 5.0,
     levels: int = 3,
+    coarse_only: bool = False,
 ) -> Fit:
     """Fit a port to pictures, first made small so that a mouth is about 24 px in radius.
 
@@ -474,19 +498,21 @@ def fit_coarse_to_fine(
         makes: see :class:`FitOptions`.
         reach: of the search at the smallest size [px].
         levels: most halvings.
+        coarse_only: stop after the smallest size: to compare starts.
     """
     extent = max(
         float(np.abs(rim.outline.y) + rim.outline.radius + rim.outline.spread) for rim in entry.rims
     )
     T = T_ref_port
     result: Fit | None = None
+    corners: list[Floats] = []
     radius = max(
         lens.fx * entry.radius / max((T_l @ T)[2, 3], 0.05) for lens, T_l in zip(lenses, T_lens_ref)
     )
     halvings = int(np.clip(np.round(np.log2(radius / 24.0)), 0, levels))
     for k in range(halvings, -1, -1):
         scale = 0.5**k
-        looks = []
+        looks, corners = [], []
         for image, lens, T_l in zip(images, lenses, T_lens_ref):
             window = window_about(lens, T_l @ T, 1.25 * extent)
             if window is None:
@@ -501,22 +527,25 @@ def fit_coarse_to_fine(
                 part = cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA)
                 own = _resized(own, w, h)
             looks.append(look(part, own, T_l))
+            corners.append(np.array([left, top], float))
         if not looks:
             break
-        last = k == 0
+        last = k == 0 and not coarse_only
         options = FitOptions(
             reach=reach if k == halvings else 3.5,
             iterations=9 if last else 6,
             makes=makes and last,
-            spacing=2.0,
+            spacing=2.5 if last else 2.0,
         )
         result = fit(looks, entry, T, options)
         T = result.T_ref_port
+        if coarse_only:
+            break
         if not 0.05 < (T_lens_ref[0] @ T)[2, 3] < 10.0:
             break
     if result is None:
         return _nothing(entry, T_ref_port)
-    return result
+    return replace(result, corners=tuple(corners))
 
 
 def _resized(lens: PinholeCamera, w: int, h: int) -> PinholeCamera:
@@ -571,7 +600,7 @@ def _worth(d: Detection) -> float:
     extra = [
         share
         for rim, share in zip(d.fit.curves.rims, d.fit.rim_scores)
-        if rim.name.startswith("DC") or rim.name.endswith("hole")
+        if rim.name.startswith("DC")
     ]
     if not extra:
         return d.score

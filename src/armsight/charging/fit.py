@@ -27,6 +27,10 @@ SHIFT_SIGMA = 0.15
 """Standard deviation of what light does to the place of one edge in one picture [px]."""
 SWELL_SIGMA = 0.35
 """The same for its size [px]."""
+OVAL_SIGMA = 0.2
+"""The same for its ovalness: the far wall of a groove shows below its rim, the near one does not."""
+LIGHT = 5
+"""Unknowns of light for each edge in each picture."""
 MATCHED = 1.5
 """An edge this near to where it should be counts as found [px]."""
 MISSING = 9.0
@@ -68,6 +72,7 @@ class Fit:
         curves: the points that were looked for.
         rms: of what was found [px].
         rim_scores: (rims,) share found of each edge.
+        corners: (2,) of each picture: what was fitted began at this pixel of it.
     """
 
     T_ref_port: Pose
@@ -81,6 +86,7 @@ class Fit:
     curves: Curves
     rms: float
     rim_scores: Floats
+    corners: tuple[Floats, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -216,25 +222,29 @@ def _with_nuisance(
 ) -> tuple[Floats, Floats, Floats]:
     """Columns of pose, make, and light on each edge in each picture; with their priors."""
     k, n, views = len(model.rims), len(model.points), len(rows)
-    A = np.zeros((n * views, 6 + 4 * k + 3 * k * views))
+    A = np.zeros((n * views, 6 + 4 * k + LIGHT * k * views))
     A[:, :6] = by_pose
     index = np.arange(n)
     for v, row in enumerate(rows):
         at = index + v * n
         for c in range(4):
             A[at, 6 + 4 * model.rim + c] = row.by_make[:, c]
-        own = 6 + 4 * k + 3 * (v * k + model.rim)
-        A[at, own], A[at, own + 1], A[at, own + 2] = row.normals[:, 0], row.normals[:, 1], 1.0
+        own = 6 + 4 * k + LIGHT * (v * k + model.rim)
+        x, y = row.normals.T
+        for c, column in enumerate((x, y, np.ones(n), x * x - y * y, 2.0 * x * y)):
+            A[at, own + c] = column
     tolerance = np.array(
         [
             (rim.radius_tolerance, rim.place_tolerance, rim.place_tolerance, rim.depth_tolerance)
             for rim in model.rims
         ]
     )
-    light = np.tile([SHIFT_SIGMA, SHIFT_SIGMA, SWELL_SIGMA], k * views)
+    light = np.array([SHIFT_SIGMA, SHIFT_SIGMA, SWELL_SIGMA, OVAL_SIGMA, OVAL_SIGMA])
+    deep = np.array([2.0 if rim.kind == "mouth" else 1.0 for rim in model.rims])
+    light = np.tile((deep[:, None] * light).ravel(), views)
     sigma = np.concatenate([tolerance.ravel(), light])
     prior = np.concatenate([np.full(6, 1e-6), 1.0 / sigma**2])
-    about = np.concatenate([np.zeros(6), make.ravel(), np.zeros(3 * k * views)])
+    about = np.concatenate([np.zeros(6), make.ravel(), np.zeros(LIGHT * k * views)])
     return A, prior, about
 
 
@@ -272,9 +282,11 @@ def _share(index: Ints, found: Mask, size: int) -> Floats:
     return np.asarray(np.bincount(index, found, size) / total, np.float64)
 
 
-def turned(T_ref_port: Pose, angle: float) -> Pose:
-    """The pose rolled about the port's own axis [rad]."""
-    return np.asarray(T_ref_port @ exp(np.array([0, 0, 0, 0, 0, angle])))
+def turned(
+    T_ref_port: Pose, lean_x: float = 0.0, lean_y: float = 0.0, roll: float = 0.0
+) -> Pose:
+    """The pose turned about the port's own axes [rad]."""
+    return np.asarray(T_ref_port @ exp(np.array([0, 0, 0, lean_x, lean_y, roll])))
 
 
 def model_points(result: Fit) -> Points:

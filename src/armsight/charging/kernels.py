@@ -107,22 +107,33 @@ def flat_affine(guess: Floats) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True, nogil=True)
+def flat_rise(guess: Floats) -> tuple[float, float]:
+    """Where a point above the template's plane is seen, per metre of height [px/m]."""
+    tilt = np.sqrt(guess[3] * guess[3] + guess[4] * guess[4])
+    if tilt < 1e-9:
+        return 0.0, 0.0
+    k = guess[2] * np.sin(tilt) / tilt
+    return -k * guess[4], k * guess[3]
+
+
+@njit(cache=True, nogil=True)
 def rough_score(bits: Shorts, points: Floats32, normals: Floats32, guess: Floats) -> float:
     """Share of a flat template's points that lie near an edge of their direction.
 
     Args:
         bits: (h, w) directions, spread.
-        points: (n, 2) template [m], y up; normals: (n, 2).
+        points: (n, 3) template [m], y up, z towards who looks; normals: (n, 2).
         guess: see :func:`flat_affine`.
     """
     h, w = bits.shape
     a, b, c, d = flat_affine(guess)
+    e, f = flat_rise(guess)
     scale = BINS / np.pi
     hits = 0
     n = len(points)
     for i in range(n):
-        x = int(guess[0] + a * points[i, 0] + b * points[i, 1] + 0.5)
-        y = int(guess[1] + c * points[i, 0] + d * points[i, 1] + 0.5)
+        x = int(guess[0] + a * points[i, 0] + b * points[i, 1] + e * points[i, 2] + 0.5)
+        y = int(guess[1] + c * points[i, 0] + d * points[i, 1] + f * points[i, 2] + 0.5)
         if 0 <= x < w and 0 <= y < h:
             nx, ny = c * normals[i, 1] - d * normals[i, 0], b * normals[i, 0] - a * normals[i, 1]
             k = int(np.arctan2(ny, nx) * scale + BINS + 0.5) % BINS
@@ -148,16 +159,17 @@ def fine_score(
     Args:
         gx, gy: (h, w) gradients.
         soft: size of a gradient that counts half.
-        points: (n, 2) template [m], y up; normals: (n, 2).
+        points: (n, 3) template [m], y up, z towards who looks; normals: (n, 2).
         guess: see :func:`flat_affine`.
     """
     h, w = gx.shape
     a, b, c, d = flat_affine(guess)
+    e, f = flat_rise(guess)
     total = 0.0
     n = len(points)
     for i in range(n):
-        x = int(guess[0] + a * points[i, 0] + b * points[i, 1] + 0.5)
-        y = int(guess[1] + c * points[i, 0] + d * points[i, 1] + 0.5)
+        x = int(guess[0] + a * points[i, 0] + b * points[i, 1] + e * points[i, 2] + 0.5)
+        y = int(guess[1] + c * points[i, 0] + d * points[i, 1] + f * points[i, 2] + 0.5)
         if 0 <= x < w and 0 <= y < h:
             nx, ny = c * normals[i, 1] - d * normals[i, 0], b * normals[i, 0] - a * normals[i, 1]
             p, q = gx[y, x], gy[y, x]

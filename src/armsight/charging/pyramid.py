@@ -40,7 +40,7 @@ def pyramid(image: Bytes, levels: int = LEVELS) -> tuple[Level, ...]:
     out = []
     soft = image
     for i in range(levels):
-        gx, gy = gradients(soft, 0.6 if i == 0 else 0.0)
+        gx, gy = gradients(soft, 1.0 if i == 0 else 0.0)
         least = max(3.0 * noise_of(gx, gy), 0.7)
         size, angle = cv2.cartToPolar(gx, gy)
         bits = spread_bits(direction_bits(size, angle, least))

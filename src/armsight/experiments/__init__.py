@@ -29,6 +29,9 @@ NAMES: dict[str, str] = {
     "own-arm": "cameras placed by their own arm, from depth and from colour",
     "recognition": "T4 to T7: the robot in one colour image, the papers' four networks",
     "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",
+    "port-detection": "T3: charging ports found in one picture: speed, recall, false alarms",
+    "port-pose": "T3: the pose of a port by a converging pair, beside the paper's plane",
+    "plug-calibration": "T3: calibration without a marker, the plug before the pair",
     "calibration-real": "real hand-eye sets, beside the figures published with them",
 }
 """Every experiment and its help; the module of ``a-b`` is ``armsight.experiments.a_b``."""

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from armsight.arrays import Bytes, Pose
 from armsight.experiments.cache import cache_folder
 from armsight.experiments.frame import write_atomically
 from armsight.experiments.port_scene import (
@@ -22,12 +23,12 @@ from armsight.experiments.port_scene import (
     PortStudio,
     PortView,
     cut,
-    pair_pose,
+    left_pose,
 )
 from armsight.geometry.pose import inverse
 from armsight.geometry.stereo import StereoPair
 
-LOOKS = 1
+LOOKS = 3
 """Raise it when the studio draws differently: old pictures are then left aside."""
 
 
@@ -41,44 +42,52 @@ class Album:
         self._studio: PortStudio | None = None
 
     def picture(
-        self, view: PortView, both: bool = True, window: float | None = None
+        self,
+        view: PortView,
+        both: bool = True,
+        window: float | None = None,
+        T_left_port: Pose | None = None,
     ) -> PortPicture:
         """Pictures of a situation; see :meth:`PortStudio.photograph`."""
-        files = [self._folder / f"{self._name(view, window)}-{side}.png" for side in "lr"]
+        files = [self._folder / f"{self._name(view, window, T_left_port)}-{side}.png" for side in "lr"]
         files = files[: 1 + both]
-        kept = [cv2.imread(str(file), cv2.IMREAD_UNCHANGED) for file in files]
+        kept = [
+            cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
+            for file in files
+        ]
         if any(image is None for image in kept):
             if self._studio is None:
                 self._studio = PortStudio(self.pair, self.samples)
-            drawn = self._studio.photograph(view, both, window)
+            drawn = self._studio.photograph(view, both, window, T_left_port)
             for file, image in zip(files, drawn.images):
                 done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
                 assert done
                 write_atomically(file, data.tobytes())
             return drawn
-        return _known(view, self.pair, [np.asarray(image) for image in kept], window)
+        T_world_left = left_pose(view, self.pair, T_left_port)
+        return _known(T_world_left, self.pair, [np.asarray(image) for image in kept], window)
 
     def close(self) -> None:
         """Give OpenGL's memory back."""
         if self._studio is not None:
             self._studio.close()
 
-    def _name(self, view: PortView, window: float | None) -> str:
+    def _name(self, view: PortView, window: float | None, T: Pose | None) -> str:
         pair = [
             self.pair.left.fx,
             self.pair.left.width,
             self.pair.right.cx,
             *self.pair.T_left_right.ravel().tolist(),
         ]
-        key = json.dumps([LOOKS, self.samples, pair, window, asdict(view)], sort_keys=True)
+        place = None if T is None else T.ravel().tolist()
+        key = json.dumps([LOOKS, self.samples, pair, window, asdict(view), place], sort_keys=True)
         return hashlib.sha256(key.encode()).hexdigest()[:20]
 
 
 def _known(
-    view: PortView, pair: StereoPair, images: list[np.ndarray], window: float | None
+    T_world_left: Pose, pair: StereoPair, images: list[Bytes], window: float | None
 ) -> PortPicture:
     """A kept picture with its truth, which the view alone decides."""
-    T_world_left = pair_pose(view, pair)
     lenses, poses = [], []
     for lens, T in ((pair.left, np.eye(4)), (pair.right, pair.T_left_right))[: len(images)]:
         pose = inverse(T_world_left @ T) @ T_WORLD_PORT

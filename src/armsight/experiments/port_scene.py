@@ -29,7 +29,7 @@ Light = Literal["indoor", "dim", "low_sun", "overcast", "glare"]
 LIGHTS: tuple[Light, ...] = ("indoor", "dim", "low_sun", "overcast", "glare")
 HIDDEN = 5
 CLUTTER = 10
-T_WORLD_PORT = make_pose([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0.0, 0.0, 1.0])
+T_WORLD_PORT = make_pose([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [0.0, 0.0, 3.0])
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,13 @@ def pair_pose(view: PortView, pair: StereoPair) -> Pose:
     return T_world_middle @ from_rpy((pitch, yaw, 0.0)) @ inverse(T_left_middle)
 
 
+def left_pose(view: PortView, pair: StereoPair, T_left_port: Pose | None) -> Pose:
+    """``T_world_left`` of a view, or of a port that stands at a given pose."""
+    if T_left_port is None:
+        return pair_pose(view, pair)
+    return np.asarray(T_WORLD_PORT @ inverse(T_left_port))
+
+
 class PortStudio:
     """Draws situations; keeps a few compiled scenes, one a make of a port.
 
@@ -123,7 +130,11 @@ class PortStudio:
         self._sets: dict[tuple[str, int], tuple[Any, Any, Renderer]] = {}
 
     def photograph(
-        self, view: PortView, both: bool = True, window: float | None = None
+        self,
+        view: PortView,
+        both: bool = True,
+        window: float | None = None,
+        T_left_port: Pose | None = None,
     ) -> PortPicture:
         """Pictures of a situation.
 
@@ -131,12 +142,13 @@ class PortStudio:
             view: the situation.
             both: both cameras, or the left one alone.
             window: half the side of what is drawn about the port [m]; None draws all.
+            T_left_port: where the port is, instead of where the view says.
         """
         model, data, renderer = self._set(view.port, view.make)
         rng = np.random.default_rng((view.seed, 7))
         style = _dress(model, view, rng)
         mujoco.mj_forward(model, data)
-        T_world_left = pair_pose(view, self.pair)
+        T_world_left = left_pose(view, self.pair, T_left_port)
         seen = []
         for whole, T in (
             (self.pair.left, np.eye(4)),
@@ -313,7 +325,7 @@ def _dress(model: Any, view: PortView, rng: np.random.Generator) -> Style:
         * float(rng.uniform(0.8, 1.3)),
         noise=2.2 if view.light == "dim" else 1.2,
         blur=float(rng.uniform(0.35, 0.75)),
-        dirt=float(rng.uniform(0.0, 0.35)),
+        dirt=float(rng.uniform(0.0, 0.15)),
         wet=wet,
         mirror=float(rng.uniform(0.0, 14.0)) * (1.0 + wet) * gloss,
         shade=float(rng.uniform(0.35, 0.7)) if rng.random() < 0.3 else 1.0,
@@ -330,19 +342,19 @@ def _place_clutter(model: Any, view: PortView, rng: np.random.Generator, paint: 
         if name.startswith("clutter"):
             i = int(name[7:])
             paint(f"m_c{i}", float(rng.uniform(0.03, 0.8)), 0.5, 0.3, 0.4)
-            model.geom(name).size[:] = rng.uniform(0.015, 0.10, 3)
-            angle, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.22, 0.6)
+            model.geom(name).size[:] = rng.uniform(0.015, 0.08, 3)
+            angle, far = rng.uniform(-np.pi, np.pi), rng.uniform(0.30, 0.7)
             place = [far * np.cos(angle), far * np.sin(angle), rng.uniform(-0.05, 0.05)]
         elif name.startswith("decoy"):
             show = not view.port or rng.random() < 0.15
             angle = rng.uniform(-np.pi, np.pi)
-            far = rng.uniform(0.0, 0.5) if not view.port else rng.uniform(0.22, 0.5)
+            far = rng.uniform(0.0, 0.5) if not view.port else rng.uniform(0.28, 0.5)
             place = [far * np.cos(angle), far * np.sin(angle), rng.uniform(-0.2, 0.0)]
             if not show:
                 place = [0, 0, -30.0]
         else:  # the shadow of the arm itself, or of a post
             show = view.light == "low_sun" and rng.random() < 0.5
-            place = [rng.uniform(-0.25, 0.25), rng.uniform(0.1, 0.5), rng.uniform(0.4, 0.9)]
+            place = [rng.uniform(-0.25, 0.25), rng.uniform(0.9, 1.5), rng.uniform(1.2, 2.0)]
             if not show:
                 place = [0, 0, -30.0]
         T = T_WORLD_PORT @ make_pose(None, place)
@@ -409,8 +421,8 @@ def _weather(gray: Floats32, lens: PinholeCamera, T_camera_port: Pose, style: St
         part += style.mirror * near * np.clip(_field(rng, x + shift, y, 0.05), 0.0, 1.5)
     if style.wet > 0:
         drops = _field(rng, x, y, 0.0022)
-        part += near * style.wet * np.where(drops > 1.7, 55.0, 0.0)
-        part -= near * style.wet * np.where(drops < -1.9, 8.0, 0.0)
+        part += near * style.wet * np.where(drops > 2.3, 40.0, 0.0)
+        part -= near * style.wet * np.where(drops < -2.3, 8.0, 0.0)
     if style.shade < 1.0:
         a, offset = rng.uniform(-np.pi, np.pi), rng.uniform(-0.03, 0.03)
         side = x * np.cos(a) + y * np.sin(a) - offset

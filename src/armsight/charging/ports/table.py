@@ -183,12 +183,12 @@ def _type1_core() -> tuple[tuple[Rim, ...], tuple[Pin, ...]]:
 
 def _dc(x: float, y: float, mouth: Outline) -> tuple[tuple[Rim, ...], tuple[Pin, ...]]:
     rims = [
-        Rim("DC mouth", "mouth", mouth, -0.7 * MM, 0.7 * MM, 0.4 * MM),
-        Rim("DC insert", "pedestal", _mm(0, y, 14.0, 12.0), 0, 0.5 * MM, 0.35 * MM),
+        Rim("DC mouth", "mouth", mouth, -0.7 * MM, 0.7 * MM, 0.8 * MM),
+        Rim("DC insert", "pedestal", _mm(0, y, 14.0, 12.0), 0, 0.7 * MM, 0.8 * MM),
     ]
     pins = []
     for name, side in (("DC+", 1), ("DC-", -1)):
-        rims.append(Rim(name, "recess", _mm(side * x, y, 11.0), 0, 0.5 * MM, 0.35 * MM))
+        rims.append(Rim(name, "recess", _mm(side * x, y, 11.0), 0, 0.5 * MM, 0.7 * MM))
         pins.append(Pin(name, side * x * MM, y * MM, 8 * MM, -12 * MM))
     return tuple(rims), tuple(pins)
 

@@ -1,0 +1,285 @@
+"""Where the camera stands and where the plug's tip is, without a marker: the plug is the marker.
+
+The plug is turned to the camera and moved about; each look gives its pose in the camera with a
+covariance (:mod:`armsight.charging.pose`), each stop of the arm its joints. Two transforms follow,
+camera in base and plug on flange, by the closed form of Park or Shah as in the charging paper
+(which cites Tsai), then by a bundle in which the arm's own errors are unknowns with priors and each
+look counts by its covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armsight.arrays import Floats, JointVector, Mask, Pose, Poses
+from armsight.calibration import se3
+from armsight.calibration.arm import flange_poses
+from armsight.calibration.closed_form import park
+from armsight.calibration.robot_errors import RobotErrors
+from armsight.errors import CalibrationError
+from armsight.geometry.pose import exp
+from armsight.robots.robot import Robot
+
+LEAST_VIEWS = 6
+LEAST_TURN = np.deg2rad(15.0)
+"""The looks must turn the plug about at least two axes by this much (root mean square)."""
+REST_SIGMA = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
+"""How exactly the arm comes to rest where it says [m, rad]."""
+
+
+@dataclass(frozen=True)
+class PlugLook:
+    """One look at the plug.
+
+    Attributes:
+        joints: (n,) as the arm reports them [rad].
+        T_camera_plug: the plug in the camera's frame.
+        covariance: (6, 6) of it as a twist in the plug's frame [m, rad].
+    """
+
+    joints: JointVector
+    T_camera_plug: Pose
+    covariance: Floats
+
+
+@dataclass(frozen=True)
+class PlugCalibration:
+    """The answer.
+
+    Attributes:
+        T_base_camera: the camera in base.
+        T_flange_plug: the plug on the flange; its tip is its origin, its z points out of it.
+        arm_errors: (size,) see :class:`RobotErrors`; zero where they were not solved.
+        covariance: (12 + size, 12 + size) of camera, plug (twists in their own frames) and arm.
+        used: which looks count.
+        residual: (n, 6) of every look as a twist in the plug's frame [m, rad].
+        errors: the model of the arm's errors.
+    """
+
+    T_base_camera: Pose
+    T_flange_plug: Pose
+    arm_errors: Floats
+    covariance: Floats
+    used: Mask
+    residual: Floats
+    errors: RobotErrors
+
+    def tip_sigma(self, joints: JointVector) -> float:
+        """Standard deviation of the tip against what the camera sees, with the arm there [m]."""
+        C = np.linalg.inv(self.T_base_camera) @ self.base_tip(joints)
+        J = _jacobian(self, np.asarray(joints, float)[None], C[None])[0]
+        return float(np.sqrt(np.trace((J @ self.covariance @ J.T)[:3, :3])))
+
+    def base_tip(self, joints: JointVector) -> Pose:
+        """``T_base_plug`` by the calibrated arm."""
+        A, _ = self.errors.flange_poses(np.asarray(joints, float)[None], self.arm_errors)
+        return np.asarray(A[0] @ self.T_flange_plug)
+
+
+def closed_form(robot: Robot, looks: Sequence[PlugLook]) -> tuple[Pose, Pose]:
+    """``T_base_camera`` and ``T_flange_plug`` by Park's closed form, all looks alike.
+
+    Raises:
+        CalibrationError: see :func:`check_looks`.
+    """
+    A, C = _stacked(robot, looks)
+    check_looks(A)
+    return park(A, C)
+
+
+def calibrate_by_plug(
+    robot: Robot,
+    looks: Sequence[PlugLook],
+    rng: np.random.Generator,
+    arm: bool = True,
+    rounds: int = 15,
+) -> PlugCalibration:
+    """Closed form, wrong looks left out, then the bundle.
+
+    Args:
+        robot: the nominal arm.
+        looks: at least :data:`LEAST_VIEWS`.
+        rng: draws the subsets among which the start is chosen.
+        arm: whether the arm's own errors are solved as well.
+        rounds: of Gauss-Newton, at most.
+
+    Raises:
+        CalibrationError: too few looks, all turned alike, or most of them contradict each other.
+    """
+    A, C = _stacked(robot, looks)
+    check_looks(A)
+    X, Z = _start(A, C, rng)
+    errors = RobotErrors(robot)
+    answer = PlugCalibration(
+        X,
+        Z,
+        np.zeros(errors.size),
+        np.eye(12 + errors.size),
+        np.ones(len(looks), bool),
+        np.zeros((len(looks), 6)),
+        errors,
+    )
+    joints = np.array([look.joints for look in looks])
+    W = np.array([np.linalg.inv(look.covariance + np.diag(REST_SIGMA**2)) for look in looks])
+    for _ in range(rounds):
+        answer, moved = _step(answer, joints, C, W, arm)
+        if moved < 1e-8:
+            break
+    if answer.used.sum() < max(LEAST_VIEWS, 0.5 * len(looks)):
+        raise CalibrationError(
+            f"plug calibration: only {int(answer.used.sum())} of {len(looks)} looks agree; "
+            "check that the plug in the hand is the type that was asked for and sits firmly"
+        )
+    return answer
+
+
+def check_looks(A: Poses) -> None:
+    """Refuse sets of looks that cannot tell the transforms.
+
+    Args:
+        A: (n, 4, 4) ``T_base_flange`` of the looks.
+
+    Raises:
+        CalibrationError: says what is missing.
+    """
+    if len(A) < LEAST_VIEWS:
+        raise CalibrationError(
+            f"plug calibration: {len(A)} looks; at least {LEAST_VIEWS} are needed, 15 are good"
+        )
+    i, j = np.triu_indices(len(A), 1)
+    turns = se3.logs(se3.inverses(A[i]) @ A[j])[:, 3:]
+    spread = np.sqrt(np.linalg.eigvalsh(turns.T @ turns / len(turns)))
+    if spread[1] < LEAST_TURN:
+        raise CalibrationError(
+            "plug calibration: the looks turn the plug about one axis only "
+            f"({np.rad2deg(spread[1]):.0f} deg about the next); turn it about at least two axes by "
+            f"{np.rad2deg(LEAST_TURN):.0f} deg or more"
+        )
+
+
+def _stacked(robot: Robot, looks: Sequence[PlugLook]) -> tuple[Poses, Poses]:
+    if not looks:
+        return np.zeros((0, 4, 4)), np.zeros((0, 4, 4))
+    A = flange_poses(robot, np.array([look.joints for look in looks]))
+    return A, np.array([look.T_camera_plug for look in looks])
+
+
+def _start(A: Poses, C: Poses, rng: np.random.Generator) -> tuple[Pose, Pose]:
+    """The closed form of the subset that most looks agree with (a wrong roll agrees with none)."""
+    best: tuple[float, Pose, Pose] | None = None
+    n = len(A)
+    for attempt in range(40):
+        pick = np.arange(n) if attempt == 0 else rng.choice(n, min(n, 5), replace=False)
+        try:
+            X, Z = park(A[pick], C[pick])
+        except np.linalg.LinAlgError:
+            continue
+        gap = _gap(A, C, X, Z)
+        cost = float(np.minimum(gap, 0.02).sum())
+        if best is None or cost < best[0]:
+            best = (cost, X, Z)
+    assert best is not None
+    good = _gap(A, C, best[1], best[2]) < 0.02
+    if good.sum() >= LEAST_VIEWS:
+        return park(A[good], C[good])
+    return best[1], best[2]
+
+
+def _gap(A: Poses, C: Poses, X: Pose, Z: Pose) -> Floats:
+    """(n,) disagreement of each look: metres, and 0.1 m times radians."""
+    e = se3.logs(se3.inverses(X @ C) @ A @ Z)
+    return np.asarray(np.linalg.norm(e[:, :3], axis=1) + 0.1 * np.linalg.norm(e[:, 3:], axis=1))
+
+
+def _jacobian(answer: PlugCalibration, joints: Floats, C: Poses) -> Floats:
+    """(v, 6, 12 + size) of each look's residual by camera, plug and arm."""
+    _, B = answer.errors.flange_poses(joints, answer.arm_errors)
+    Z = answer.T_flange_plug
+    J = np.zeros((len(joints), 6, 12 + B.shape[2]))
+    J[:, :, :6] = -se3.adjoints(se3.inverses(C))
+    J[:, :, 6:12] = np.eye(6)
+    J[:, :, 12:] = se3.adjoints(np.linalg.inv(Z)[None]) @ B
+    return J
+
+
+def _step(
+    answer: PlugCalibration, joints: Floats, C: Poses, W: Floats, arm: bool
+) -> tuple[PlugCalibration, float]:
+    """One Gauss-Newton step with Huber's weights; looks beyond all reason do not count."""
+    errors = answer.errors
+    A, _ = errors.flange_poses(joints, answer.arm_errors)
+    r = se3.logs(se3.inverses(answer.T_base_camera @ C) @ A @ answer.T_flange_plug)
+    J = _jacobian(answer, joints, C)
+    size = np.sqrt(np.einsum("vi,vij,vj->v", r, W, r))
+    scale = max(float(np.median(size)) / 2.3, 1.0)  # 2.3: median of chi with six degrees
+    used = size < 8.0 * scale
+    weight = np.where(used, 1.0 / np.maximum(size / (3.5 * scale), 1.0), 0.0) / scale**2
+    free = 12 + errors.size if arm else 12
+    J = J[:, :, :free]
+    H = np.einsum("v,via,vij,vjb->ab", weight, J, W, J)
+    g = -np.einsum("v,via,vij,vj->a", weight, J, W, r)
+    if arm:
+        prior = 1.0 / errors.sigma**2
+        H[12:, 12:] += np.diag(prior)
+        g[12:] -= prior * answer.arm_errors
+    x = np.linalg.solve(H, g)
+    covariance = np.zeros((12 + errors.size, 12 + errors.size))
+    covariance[:free, :free] = np.linalg.inv(H)
+    moved = replace(
+        answer,
+        T_base_camera=answer.T_base_camera @ exp(x[:6]),
+        T_flange_plug=answer.T_flange_plug @ exp(x[6:12]),
+        arm_errors=answer.arm_errors + x[12:] if arm else answer.arm_errors,
+        covariance=covariance,
+        used=used,
+        residual=r,
+    )
+    return moved, float(np.linalg.norm(x[:12]))
+
+
+def choose_looks(
+    answer: PlugCalibration,
+    candidates: Floats,
+    C: Poses,
+    noise: Floats,
+    targets: Floats,
+    count: int,
+) -> list[int]:
+    """The looks that make the tip surest, one after the other (greedy A-optimal design).
+
+    Args:
+        answer: what is believed now.
+        candidates: (c, n) configurations [rad]; C: (c, 4, 4) the plug in the camera there.
+        noise: (c, 6, 6) covariance to be expected of each look.
+        targets: (t, n) configurations at which the tip has to be right.
+        count: how many to choose.
+
+    Returns:
+        Indices of the chosen candidates, the most telling first.
+    """
+    J = _jacobian(answer, candidates, C)
+    W = np.linalg.inv(noise + np.diag(REST_SIGMA**2))
+    gain = np.einsum("via,vij,vjb->vab", J, W, J)
+    inverse_camera = np.linalg.inv(answer.T_base_camera)
+    at = np.array([inverse_camera @ answer.base_tip(q) for q in targets])
+    Jt = _jacobian(answer, targets, at)[:, :3]
+    goal = np.einsum("tia,tib->ab", Jt, Jt) / len(targets)
+    size = J.shape[2]
+    H = np.zeros((size, size))
+    H[12:, 12:] = np.diag(1.0 / answer.errors.sigma**2)
+    H[:12, :12] = np.eye(12) * 1e2  # what a cold start knows: a decimetre, some degrees
+    chosen: list[int] = []
+    for _ in range(min(count, len(candidates))):
+        best, pick = np.inf, -1
+        for i in range(len(candidates)):
+            if i in chosen:
+                continue
+            value = float(np.trace(np.linalg.solve(H + gain[i], goal)))
+            if value < best:
+                best, pick = value, i
+        chosen.append(pick)
+        H += gain[pick]
+    return chosen

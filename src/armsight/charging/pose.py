@@ -1,0 +1,188 @@
+"""Where a port is, by two or more pictures: the joint fit, and how sure it is.
+
+The roll is decided from what is not symmetric (sizes of the recesses, the flat, the DC contacts):
+every roll at which the layout nearly fits is fitted and scored. Where two are nearly as good the
+pose says so (``doubtful``), and somebody should look again from nearer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from armsight.arrays import Bytes, Floats, Pose
+from armsight.charging.find import (
+    Detection,
+    FindOptions,
+    dark_windows,
+    find_ports,
+    fit_coarse_to_fine,
+)
+from armsight.charging.fit import Fit, turned
+from armsight.charging.ports.table import PORTS
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse
+from armsight.geometry.stereo import StereoPair
+
+INDEPENDENT = 6.0
+"""Neighbouring edge points err alike: this many count as one (about the blur of the picture and
+the spacing of the points)."""
+SURE = 10.0
+"""Difference in log-likelihood between the best roll and the next above which it is sure."""
+LEANS = ((0.0, 0.0), (0.13, 0.0), (-0.13, 0.0), (0.0, 0.13), (0.0, -0.13))
+"""Tilts about the port's x and y from which a fit is tried [rad]."""
+FINALISTS = 3
+"""Rolls that are fitted with all there is."""
+
+
+@dataclass(frozen=True, eq=False)
+class PortPose:
+    """Where a port is.
+
+    Attributes:
+        port: its type.
+        T_ref_port: pose in the reference frame (the left camera's).
+        covariance: (6, 6) of it as a twist in the port's frame: metres, radians.
+        score: share of its edges found in all pictures, 0..1.
+        roll_gap: log-likelihood of this roll less that of the next.
+        fit: all of the fit.
+    """
+
+    port: str
+    T_ref_port: Pose
+    covariance: Floats
+    score: float
+    roll_gap: float
+    fit: Fit
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the roll cannot be told: look again, from nearer."""
+        return self.roll_gap < SURE
+
+    @property
+    def sigma(self) -> Floats:
+        """(6,) standard deviations along and about the port's axes [m, rad]."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def locate(
+    images: tuple[Bytes, Bytes],
+    pair: StereoPair,
+    options: FindOptions | None = None,
+    windows: bool = False,
+) -> tuple[PortPose, ...]:
+    """Ports that a pair sees, the surest first.
+
+    Args:
+        images: left and right, grey.
+        pair: that took them.
+        options: what to look for.
+        windows: look only at the darker-than-average regions.
+
+    Raises:
+        UsageError: a picture is not as it has to be.
+    """
+    seen = [
+        find_ports(image, lens, options, dark_windows(image) if windows else None)
+        for image, lens in zip(images, (pair.left, pair.right))
+    ]
+    out = []
+    lenses = (pair.left, pair.right)
+    T_lens_ref = (np.eye(4), inverse(pair.T_left_right))
+    taken: set[int] = set()
+    for left in seen[0]:
+        match = _partner(left, seen[1], pair, taken)
+        if match is None:
+            continue
+        taken.add(match)
+        T = _start(left, seen[1][match], pair)
+        out.append(fit_pose(images, lenses, T_lens_ref, left.port, T))
+    return tuple(sorted(out, key=lambda pose: -pose.score))
+
+
+def _partner(
+    left: Detection, right: Sequence[Detection], pair: StereoPair, taken: set[int]
+) -> int | None:
+    """The detection in the other picture that can be the same port: both rays meet there."""
+    best, choice = np.inf, None
+    for i, other in enumerate(right):
+        if i in taken or other.port != left.port:
+            continue
+        point = pair.triangulate(left.pixel[None], other.pixel[None])
+        if not 0.1 < point[0, 2] < 10.0:
+            continue
+        miss = float(np.linalg.norm(pair.left.project(point)[0] - left.pixel))
+        size = left.T_camera_port[2, 3] / point[0, 2]
+        if miss < 6.0 and 0.8 < size < 1.25 and miss < best:
+            best, choice = miss, i
+    return choice
+
+
+def _start(left: Detection, right: Detection, pair: StereoPair) -> Pose:
+    """Place by triangulation, attitude from the picture that fits better."""
+    T = left.T_camera_port.copy()
+    if right.score > left.score:
+        T = pair.T_left_right @ right.T_camera_port
+    T[:3, 3] = pair.triangulate(left.pixel[None], right.pixel[None])[0]
+    return T
+
+
+def fit_pose(
+    images: Sequence[Bytes],
+    lenses: Sequence[PinholeCamera],
+    T_lens_ref: Sequence[Pose],
+    name: str,
+    T_ref_port: Pose,
+) -> PortPose:
+    """The joint fit of a known type from a start, all rolls scored.
+
+    Args:
+        images: grey pictures of any number of lenses.
+        lenses: of each.
+        T_lens_ref: the reference frame in each lens's.
+        name: type of the port.
+        T_ref_port: about where it is.
+    """
+    entry = PORTS[name]
+
+    def fitted(T: Pose, coarse_only: bool = False, levels: int = 2) -> Fit:
+        return fit_coarse_to_fine(
+            images, lenses, T_lens_ref, entry, T, levels=levels, coarse_only=coarse_only
+        )
+
+    # both mirror images of the tilt, since one picture from far cannot tell them apart
+    tilted = [turned(T_ref_port, *lean) for lean in LEANS]
+    first = max((fitted(T, True) for T in (_mirrored(T_ref_port), *tilted)), key=_likelihood)
+    rolls = [2 * np.pi * k / entry.turns for k in range(1, entry.turns)]
+    if entry.turns % 2:
+        rolls.append(np.pi)
+    others = [fitted(turned(first.T_ref_port, roll=roll), True) for roll in rolls]
+    order = sorted([first, *others], key=_likelihood, reverse=True)
+    finals = [fitted(near.T_ref_port, levels=0) for near in order[:FINALISTS]]
+    best, rival = sorted(finals, key=_likelihood, reverse=True)[:2]
+    gap = _likelihood(best) - _likelihood(rival)
+    return PortPose(name, best.T_ref_port, best.covariance, best.score, gap, best)
+
+
+def _likelihood(found: Fit) -> float:
+    """Logarithm of the likelihood, missing edges counted; per picture point that is independent."""
+    if found.points == 0:
+        return -np.inf
+    return -0.5 * found.cost / INDEPENDENT
+
+
+def _mirrored(T: Pose) -> Pose:
+    """The pose with the port's axis mirrored at the line of sight."""
+    sight = -T[:3, 3] / np.linalg.norm(T[:3, 3])
+    axis = T[:3, 2]
+    turn = np.cross(axis, sight)
+    angle = float(np.arctan2(np.linalg.norm(turn), axis @ sight))
+    out = T.copy()
+    if angle > 1e-6:
+        about = Rotation.from_rotvec(2 * angle * turn / np.linalg.norm(turn)).as_matrix()
+        out[:3, :3] = about @ T[:3, :3]
+    return out
