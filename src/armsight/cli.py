@@ -6,6 +6,7 @@ Exit codes: 0 well, 1 an error, 2 not understood, 130 interrupted.
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any, Union
@@ -18,6 +19,7 @@ from armsight.commands.calibrate import Calibrate
 from armsight.commands.check import Check
 from armsight.commands.dataset import Dataset
 from armsight.commands.demo import Demo
+from armsight.commands.detect_port import DetectPort
 from armsight.commands.doctor import Doctor
 from armsight.commands.experiment import ExperimentCommand
 from armsight.commands.new import New
@@ -46,6 +48,7 @@ COMMANDS = (
     ViewCommand,
     Dataset,
     Recognise,
+    DetectPort,
     Train,
     Transfer,
     ExperimentCommand,
@@ -61,6 +64,7 @@ DESCRIPTION = """armsight: a robot arm that knows its surroundings.
   armsight run my_cell.toml --task my_module:MyTask   a task of your own, guarded
   armsight calibrate ur5_calibration             find cameras and lenses by the board on the arm
   armsight recognise photo.jpg                   type, mask, base and joints of a robot in it
+  armsight detect-port photo.jpg                 type and pose of a charging port in it
   armsight experiment patrol-smoke               a table beside the papers' figures
 
 armsight COMMAND --help explains a command; --version tells the version; --debug shows the trace of
@@ -77,8 +81,8 @@ def _commands(words: Sequence[str]) -> Any:
 
 
 def name_of(command: type) -> str:
-    """What a command is called on the command line."""
-    return command.__name__.removesuffix("Command").lower()
+    """What a command is called on the command line: ``DetectPort`` is ``detect-port``."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", command.__name__.removesuffix("Command")).lower()
 
 
 INTERRUPTED = 130

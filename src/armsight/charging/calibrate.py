@@ -26,6 +26,9 @@ from armsight.robots.robot import Robot
 LEAST_VIEWS = 6
 LEAST_TURN = np.deg2rad(15.0)
 """The looks must turn the plug about at least two axes by this much (root mean square)."""
+AGREE = 0.02
+"""A look that disagrees by more than this is of another plug, or of another roll [m]; an angle
+counts as what it moves at 0.1 m."""
 REST_SIGMA = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
 """How exactly the arm comes to rest where it says [m, rad]."""
 
@@ -128,9 +131,10 @@ def calibrate_by_plug(
         answer, moved = _step(answer, joints, C, W, arm)
         if moved < 1e-8:
             break
-    if answer.used.sum() < max(LEAST_VIEWS, 0.5 * len(looks)):
+    agree = answer.used & (_size(answer.residual) < AGREE)
+    if agree.sum() < max(LEAST_VIEWS, 0.5 * len(looks)):
         raise CalibrationError(
-            f"plug calibration: only {int(answer.used.sum())} of {len(looks)} looks agree; "
+            f"plug calibration: only {int(agree.sum())} of {len(looks)} looks agree; "
             "check that the plug in the hand is the type that was asked for and sits firmly"
         )
     return answer
@@ -178,20 +182,25 @@ def _start(A: Poses, C: Poses, rng: np.random.Generator) -> tuple[Pose, Pose]:
         except np.linalg.LinAlgError:
             continue
         gap = _gap(A, C, X, Z)
-        cost = float(np.minimum(gap, 0.02).sum())
+        cost = float(np.minimum(gap, AGREE).sum())
         if best is None or cost < best[0]:
             best = (cost, X, Z)
     assert best is not None
-    good = _gap(A, C, best[1], best[2]) < 0.02
+    good = _gap(A, C, best[1], best[2]) < AGREE
     if good.sum() >= LEAST_VIEWS:
         return park(A[good], C[good])
     return best[1], best[2]
 
 
 def _gap(A: Poses, C: Poses, X: Pose, Z: Pose) -> Floats:
-    """(n,) disagreement of each look: metres, and 0.1 m times radians."""
-    e = se3.logs(se3.inverses(X @ C) @ A @ Z)
-    return np.asarray(np.linalg.norm(e[:, :3], axis=1) + 0.1 * np.linalg.norm(e[:, 3:], axis=1))
+    """(n,) disagreement of each look [m]."""
+    return _size(se3.logs(se3.inverses(X @ C) @ A @ Z))
+
+
+def _size(twists: Floats) -> Floats:
+    """(n,) metres, and 0.1 m times radians."""
+    across = np.linalg.norm(twists[:, :3], axis=1)
+    return np.asarray(across + 0.1 * np.linalg.norm(twists[:, 3:], axis=1))
 
 
 def _jacobian(answer: PlugCalibration, joints: Floats, C: Poses) -> Floats:
@@ -201,7 +210,7 @@ def _jacobian(answer: PlugCalibration, joints: Floats, C: Poses) -> Floats:
     J = np.zeros((len(joints), 6, 12 + B.shape[2]))
     J[:, :, :6] = -se3.adjoints(se3.inverses(C))
     J[:, :, 6:12] = np.eye(6)
-    J[:, :, 12:] = se3.adjoints(np.linalg.inv(Z)[None]) @ B
+    J[:, :, 12:] = se3.adjoints(se3.inverses(Z[None])) @ B
     return J
 
 
@@ -252,7 +261,8 @@ def choose_looks(
 
     Args:
         answer: what is believed now.
-        candidates: (c, n) configurations [rad]; C: (c, 4, 4) the plug in the camera there.
+        candidates: (c, n) configurations [rad].
+        C: (c, 4, 4) the plug in the camera there.
         noise: (c, 6, 6) covariance to be expected of each look.
         targets: (t, n) configurations at which the tip has to be right.
         count: how many to choose.

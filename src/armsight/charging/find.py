@@ -142,7 +142,7 @@ def find_ports(
             lens, width=right - left, height=bottom - top, cx=lens.cx - left, cy=lens.cy - top
         )
         for d in _find(part, own, options):
-            found.append(replace(d, pixel=d.pixel + [left, top]))
+            found.append(replace(d, pixel=d.pixel + np.array([left, top])))
     return _merge(found)
 
 
@@ -164,7 +164,9 @@ def check_picture(image: Bytes, lens: PinholeCamera) -> None:
             "give the lens of this picture"
         )
     if min(image.shape) < 48:
-        raise UsageError(f"find: a picture of {image.shape[1]}x{image.shape[0]} pixels is too small")
+        raise UsageError(
+            f"find: a picture of {image.shape[1]}x{image.shape[0]} pixels is too small"
+        )
 
 
 def dark_windows(image: Bytes, margin: int = 40, most: int = 4) -> list[tuple[int, int, int, int]]:
@@ -252,7 +254,9 @@ def _seeds(level: Level, most: int) -> Floats32:
     votes = vote_centers(level.size, level.angle, level.least, _vote_shifts(), VOTE_RADII)
     best: Floats32 = np.zeros(level.gx.shape, np.float32)
     for layer in votes:
-        best = np.maximum(best, cv2.boxFilter(layer.astype(np.float32), -1, (3, 3), normalize=False))
+        best = np.maximum(
+            best, cv2.boxFilter(layer.astype(np.float32), -1, (3, 3), normalize=False)
+        )
     crest = best == cv2.dilate(best, np.ones((3, 3), np.uint8))
     v, u = np.nonzero(crest & (best >= 8))
     order = np.argsort(-best[v, u], kind="stable")[:most]
@@ -306,7 +310,7 @@ def _grid(step: float, n: int) -> Floats32:
 
 @lru_cache(maxsize=32)
 def template(name: str) -> tuple[Floats32, Floats32]:
-    """(n, 3) points [m] and (n, 2) normals of a type's edges, the small ones as dense as the large."""
+    """A type's edges: (n, 3) points [m] and (n, 2) normals, small ones as dense as large ones."""
     model = curves(port(name), 0.002, fit_only=True)
     keep = np.zeros(len(model.points), bool)
     for k, rim in enumerate(model.rims):
@@ -382,7 +386,7 @@ def _pose(guess: _Guess, lens: PinholeCamera, sign: float) -> Pose:
     R = tilted.as_matrix() @ rolled
     # seen off the middle of the picture, the port is turned with the ray
     toward = np.cross([0.0, 0.0, 1.0], ray / np.linalg.norm(ray))
-    angle = np.arcsin(min(np.linalg.norm(toward), 1.0))
+    angle = np.arcsin(min(float(np.linalg.norm(toward)), 1.0))
     if angle > 1e-9:
         R = Rotation.from_rotvec(toward / np.linalg.norm(toward) * angle).as_matrix() @ R
     return make_pose(R, center)
@@ -492,7 +496,8 @@ def fit_coarse_to_fine(
 
     Args:
         images: grey pictures.
-        lenses: of each; T_lens_ref: reference frame in each lens's.
+        lenses: of each.
+        T_lens_ref: reference frame in each lens's.
         entry: the type.
         T_ref_port: start.
         makes: see :class:`FitOptions`.
@@ -524,7 +529,7 @@ def fit_coarse_to_fine(
             )
             if k:
                 h, w = int(part.shape[0] * scale), int(part.shape[1] * scale)
-                part = cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA)
+                part = np.asarray(cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
                 own = _resized(own, w, h)
             looks.append(look(part, own, T_l))
             corners.append(np.array([left, top], float))

@@ -28,7 +28,7 @@ SHIFT_SIGMA = 0.15
 SWELL_SIGMA = 0.35
 """The same for its size [px]."""
 OVAL_SIGMA = 0.2
-"""The same for its ovalness: the far wall of a groove shows below its rim, the near one does not."""
+"""The same for its ovalness: the far wall of a groove shows below its rim, the near one not."""
 LIGHT = 5
 """Unknowns of light for each edge in each picture."""
 MATCHED = 1.5
@@ -101,9 +101,7 @@ class _Row:
 
 def spaced_curves(port: Port, looks: Sequence[Look], T: Pose, options: FitOptions) -> Curves:
     """Points along the port's edges about as dense as asked for in the sharpest picture."""
-    fine = max(
-        look.lens.fx / max((look.T_lens_ref @ T)[2, 3], 0.05) for look in looks
-    )
+    fine = max(look.lens.fx / max((look.T_lens_ref @ T)[2, 3], 0.05) for look in looks)
     step = float(np.clip(options.spacing / fine, 0.0004, options.most_spacing))
     return curves(port, float(2.0 ** (0.5 * np.round(2.0 * np.log2(step)))))
 
@@ -170,7 +168,7 @@ def _predict(view: Look, model: Curves, T_ref_port: Pose, make: Floats) -> _Row:
 
 def _search(view: Look, row: _Row, reach: float) -> Floats:
     least = max(2.5 * view.noise, 0.25)
-    good = np.isfinite(row.pixels).all(axis=1)
+    good = np.asarray(np.isfinite(row.pixels).all(axis=1))
     pixels = np.where(good[:, None], row.pixels, -1e6)
     offsets, _ = edge_search(
         view.gx, view.gy, pixels, row.normals, reach, max(0.6 * reach, 1.0), least, 0.92
@@ -258,8 +256,10 @@ def _result(
     squares = np.where(np.isfinite(d), np.minimum((d / POINT_SIGMA) ** 2, MISSING), MISSING)
     rms = float(np.sqrt(np.mean(d[found] ** 2))) if found.any() else float("nan")
     inflation = max((rms / POINT_SIGMA) ** 2, 1.0) if found.any() else 1.0
-    covariance = np.linalg.pinv(information) * inflation
-    edges = tuple(row.pixels + np.asarray(o)[:, None] * row.normals for row, o in zip(rows, offsets))
+    covariance = np.asarray(np.linalg.pinv(information) * inflation, np.float64)
+    edges = tuple(
+        row.pixels + np.asarray(o)[:, None] * row.normals for row, o in zip(rows, offsets)
+    )
     views = len(looks)
     rim_scores = _share(np.tile(model.rim, views), found, len(model.rims))
     return Fit(
@@ -282,9 +282,7 @@ def _share(index: Ints, found: Mask, size: int) -> Floats:
     return np.asarray(np.bincount(index, found, size) / total, np.float64)
 
 
-def turned(
-    T_ref_port: Pose, lean_x: float = 0.0, lean_y: float = 0.0, roll: float = 0.0
-) -> Pose:
+def turned(T_ref_port: Pose, lean_x: float = 0.0, lean_y: float = 0.0, roll: float = 0.0) -> Pose:
     """The pose turned about the port's own axes [rad]."""
     return np.asarray(T_ref_port @ exp(np.array([0, 0, 0, lean_x, lean_y, roll])))
 

@@ -43,7 +43,8 @@ def vote_centers(
     """Votes of edges for the middle of the rings that they may belong to.
 
     Args:
-        size: (h, w) of the gradient; angle: (h, w) of it, 0 to 2 pi.
+        size: (h, w) of the gradient.
+        angle: (h, w) of it, 0 to 2 pi.
         least: gradients below this do not vote; nor do those that are no crest of an edge.
         shift: (classes, directions, 2) step towards the middle for a ring of radius 1 seen at a
             class's tilt, for each direction of the gradient over a whole turn.
@@ -122,7 +123,8 @@ def rough_score(bits: Shorts, points: Floats32, normals: Floats32, guess: Floats
 
     Args:
         bits: (h, w) directions, spread.
-        points: (n, 3) template [m], y up, z towards who looks; normals: (n, 2).
+        points: (n, 3) template [m], y up, z towards who looks.
+        normals: (n, 2) across its edges.
         guess: see :func:`flat_affine`.
     """
     h, w = bits.shape
@@ -157,9 +159,11 @@ def fine_score(
     and with weak gradients counting less.
 
     Args:
-        gx, gy: (h, w) gradients.
+        gx: (h, w) gradient along x [levels/px].
+        gy: (h, w) gradient along y.
         soft: size of a gradient that counts half.
-        points: (n, 3) template [m], y up, z towards who looks; normals: (n, 2).
+        points: (n, 3) template [m], y up, z towards who looks.
+        normals: (n, 2) across its edges.
         guess: see :func:`flat_affine`.
     """
     h, w = gx.shape
@@ -285,9 +289,10 @@ def best_rings(
             x, y, angle = ring[p, 0], ring[p, 1], ring[p, 2]
             unit[t, p, 0], unit[t, p, 1] = a * x + b * y, c * x + d * y
             nx, ny = np.cos(angle), np.sin(angle)
-            bins[t, p] = int(
-                np.floor(np.arctan2(a * ny - b * nx, d * nx - c * ny) * scale + BINS + 0.5)
-            ) % BINS
+            bins[t, p] = (
+                int(np.floor(np.arctan2(a * ny - b * nx, d * nx - c * ny) * scale + BINS + 0.5))
+                % BINS
+            )
     for s in range(s_count):
         for i in range(len(radii)):
             r = radii[i]
@@ -325,7 +330,8 @@ def edge_search(
     """Edges along the normals of projected curves.
 
     Args:
-        gx, gy: (h, w) gradients [levels/px].
+        gx: (h, w) gradient along x [levels/px].
+        gy: (h, w) gradient along y.
         pixels: (n, 2) where the curve is expected.
         normals: (n, 2) unit normals in the picture.
         reach: how far to search to both sides [px].
@@ -343,16 +349,16 @@ def edge_search(
     step = 0.5
     half = int(np.ceil(reach / step))
     count = 2 * half + 1
-    along = np.zeros(count + 2)
-    size = np.zeros(count + 2)
+    along = np.zeros(count + 4)
+    size = np.zeros(count + 4)
     for i in range(n):
         nx, ny = normals[i, 0], normals[i, 1]
-        far = reach + 2.0
+        far = reach + 2.5
         u, v = pixels[i, 0], pixels[i, 1]
         if not (far < u < w - 1 - far and far < v < h - 1 - far):
             continue
-        for k in range(count + 2):
-            d = (k - half - 1) * step
+        for k in range(count + 4):
+            d = (k - half - 2) * step
             x, y = u + d * nx, v + d * ny
             x0, y0 = int(x), int(y)
             fx, fy = x - x0, y - y0
@@ -364,17 +370,19 @@ def edge_search(
             along[k] = abs(a * nx + b * ny)
             size[k] = np.sqrt(a * a + b * b)
         best = 0.0
-        for k in range(1, count + 1):
+        for k in range(2, count + 2):
             p, q, r = along[k - 1], along[k], along[k + 1]
             if q < least or q < p or q <= r or q < cos_least * size[k]:
                 continue
-            d = (k - half - 1) * step
+            d = (k - half - 2) * step
             value = q * np.exp(-0.5 * (d / width) ** 2)
             if value > best:
                 best = value
+                # Samples a whole pixel apart are interpolated alike; half a pixel apart they are
+                # not, and the crest would be drawn to the middle of a pixel.
+                p, r = along[k - 2], along[k + 2]
                 bend = p - 2 * q + r
-                shift = 0.5 * (p - r) / bend if bend < -1e-12 else 0.0
-                offset[i] = d + shift * step
+                offset[i] = d + (0.5 * (p - r) / bend if bend < -1e-12 else 0.0)
                 strength[i] = q
     return offset, strength
 
@@ -404,9 +412,11 @@ def fit_rigid(
     """A quick fit of a rigid model's edges to one picture, to compare many guesses.
 
     Args:
-        gx, gy: (h, w) gradients.
+        gx: (h, w) gradient along x [levels/px].
+        gy: (h, w) gradient along y.
         lens: see :func:`project_lens`.
-        points: (n, 3) of the edges [m]; normals: (n, 3) across them, in the plane z = const.
+        points: (n, 3) of the edges [m].
+        normals: (n, 3) across them, in the plane z = const.
         pose: (4, 4) start.
         reaches: of the search, one an iteration [px].
         least: crests below this are none [levels/px].
@@ -476,9 +486,13 @@ def fit_rigid(
             x /= far
         angle = np.sqrt((x[3:] ** 2).sum())
         K = np.array([[0.0, -x[5], x[4]], [x[5], 0.0, -x[3]], [-x[4], x[3], 0.0]])
-        s, c = (1.0, 0.5) if angle < 1e-6 else (
-            np.sin(angle) / angle,
-            (1.0 - np.cos(angle)) / angle**2,
+        s, c = (
+            (1.0, 0.5)
+            if angle < 1e-6
+            else (
+                np.sin(angle) / angle,
+                (1.0 - np.cos(angle)) / angle**2,
+            )
         )
         T[:3, 3] += np.ascontiguousarray(T[:3, :3]) @ x[:3]
         T[:3, :3] = np.ascontiguousarray(T[:3, :3]) @ (np.eye(3) + s * K + c * (K @ K))

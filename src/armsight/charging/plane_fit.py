@@ -67,7 +67,8 @@ def paper_pose(
 
     Args:
         name: type of the port.
-        left: (n, 2) pixels in the order of the table; right: the same in the other picture.
+        left: (n, 2) pixels in the order of the table.
+        right: the same in the other picture.
         pair: that took the pictures.
         exact: triangulate by the rays, not by equation 1, which holds near the axis only.
 

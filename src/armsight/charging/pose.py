@@ -156,7 +156,7 @@ def fit_pose(
 
     # both mirror images of the tilt, since one picture from far cannot tell them apart
     tilted = [turned(T_ref_port, *lean) for lean in LEANS]
-    first = max((fitted(T, True) for T in (_mirrored(T_ref_port), *tilted)), key=_likelihood)
+    first = max((fitted(T, True) for T in (mirrored(T_ref_port), *tilted)), key=_likelihood)
     rolls = [2 * np.pi * k / entry.turns for k in range(1, entry.turns)]
     if entry.turns % 2:
         rolls.append(np.pi)
@@ -175,7 +175,7 @@ def _likelihood(found: Fit) -> float:
     return -0.5 * found.cost / INDEPENDENT
 
 
-def _mirrored(T: Pose) -> Pose:
+def mirrored(T: Pose) -> Pose:
     """The pose with the port's axis mirrored at the line of sight."""
     sight = -T[:3, 3] / np.linalg.norm(T[:3, 3])
     axis = T[:3, 2]

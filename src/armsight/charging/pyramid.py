@@ -42,11 +42,12 @@ def pyramid(image: Bytes, levels: int = LEVELS) -> tuple[Level, ...]:
     for i in range(levels):
         gx, gy = gradients(soft, 1.0 if i == 0 else 0.0)
         least = max(3.0 * noise_of(gx, gy), 0.7)
-        size, angle = cv2.cartToPolar(gx, gy)
+        polar = cv2.cartToPolar(gx, gy)
+        size, angle = (np.asarray(part, np.float32) for part in polar)
         bits = spread_bits(direction_bits(size, angle, least))
         out.append(Level(0.5**i, gx, gy, size, angle, least, bits))
         soft = np.asarray(cv2.pyrDown(soft), np.uint8)
-        if min(soft.shape) < 48:
+        if min(soft.shape) < 20:
             break
     return tuple(out)
 

@@ -230,9 +230,7 @@ def _microsoft_tof(name: str, title: str, color_fov_deg: tuple[float, float]) ->
     )
 
 
-_PAIR_LENS = PinholeCamera(
-    1280, 960, 1200.0, 1200.0, 642.0, 478.0, (-0.06, 0.04, 0.0, 0.0, 0.0)
-)
+_PAIR_LENS = PinholeCamera(1280, 960, 1200.0, 1200.0, 642.0, 478.0, (-0.06, 0.04, 0.0, 0.0, 0.0))
 
 
 CAMERA_MODELS: dict[str, CameraModel] = {

@@ -70,7 +70,8 @@ def offset_free_errors(found: Poses, truth: Poses) -> tuple[list[float], list[fl
     """Errors of poses after one constant offset of the origins and axes [m], [rad].
 
     Args:
-        found: (n, 4, 4) ours; truth: (n, 4, 4) theirs.
+        found: (n, 4, 4) ours.
+        truth: (n, 4, 4) theirs.
     """
     offsets = np.array([inverse(t) @ f for t, f in zip(truth, found)])
     mean = Rotation.from_matrix(offsets[:, :3, :3]).mean()

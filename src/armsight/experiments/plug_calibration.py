@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,8 +67,6 @@ class Cell:
 
 def make_cell(rng: np.random.Generator) -> Cell:
     """Draw a cell."""
-    from dataclasses import replace
-
     nominal = load_robot("ur10")
     robot = replace(nominal, T_link_joint=true_geometry(nominal, 1.0, rng))
     eye = np.array([1.55, rng.uniform(-0.2, 0.2), rng.uniform(0.6, 0.9)])
@@ -140,7 +139,14 @@ def measure(album: Album, seed: int, run: int) -> dict[str, Any]:
     looks, dropped = [], 0
     for i, (configuration, T) in enumerate(zip(q, truth)):
         view = PortView(
-            "type2_plug", 0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), LIGHTS[i % len(LIGHTS)],
+            "type2_plug",
+            0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            (0.0, 0.0),
+            LIGHTS[i % len(LIGHTS)],
             int(rng.integers(2**31)),
         )
         picture = album.picture(view, both=True, window=0.06, T_left_port=T)
@@ -192,7 +198,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     results = []
     for i in range(runs):
         progress("cells", i / runs)
-        results.append(cache.get(i, lambda i=i: measure(album, seed, i)))
+        results.append(cache.get(i, partial(measure, album, seed, i)))
     album.close()
     rows = []
     where = f"{LOOKS} looks, {runs} cells"
@@ -205,27 +211,68 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         turn = np.rad2deg([r[f"{prefix}turn"] for r in results])
         own = prefix == ""
         rows.append(
-            Row(f"{prefix}tip_mm", f"true error of the tip, rms over cells: {how}", where,
-                float(np.sqrt(np.mean(tip**2))), "mm", runs, float(tip.min()), float(tip.max()),
-                paper=1.5 if own else None, must=0.8 if own else None, aim=0.4 if own else None)
+            Row(
+                f"{prefix}tip_mm",
+                f"true error of the tip, rms over cells: {how}",
+                where,
+                float(np.sqrt(np.mean(tip**2))),
+                "mm",
+                runs,
+                float(tip.min()),
+                float(tip.max()),
+                paper=1.5 if own else None,
+                must=0.8 if own else None,
+                aim=0.4 if own else None,
+            )
         )
         rows.append(
-            Row(f"{prefix}tip_deg", f"true error of its attitude, rms over cells: {how}", where,
-                float(np.sqrt(np.mean(turn**2))), "deg", runs, float(turn.min()),
-                float(turn.max()), must=0.2 if own else None, aim=0.1 if own else None)
+            Row(
+                f"{prefix}tip_deg",
+                f"true error of its attitude, rms over cells: {how}",
+                where,
+                float(np.sqrt(np.mean(turn**2))),
+                "deg",
+                runs,
+                float(turn.min()),
+                float(turn.max()),
+                must=0.2 if own else None,
+                aim=0.1 if own else None,
+            )
         )
     seconds = [r["seconds"] for r in results]
     rows.append(
-        Row("robot_time_s", "travel and looks, from cold, median", where,
-            float(np.median(seconds)), "s", runs, min(seconds), max(seconds), must=150, aim=90)
+        Row(
+            "robot_time_s",
+            "travel and looks, from cold, median",
+            where,
+            float(np.median(seconds)),
+            "s",
+            runs,
+            min(seconds),
+            max(seconds),
+            must=150,
+            aim=90,
+        )
     )
     rows.append(
-        Row("dropped", "looks that were dropped, of 26, mean", where,
-            float(np.mean([r["dropped"] for r in results])), n=runs, paper=3)
+        Row(
+            "dropped",
+            "looks that were dropped, of 26, mean",
+            where,
+            float(np.mean([r["dropped"] for r in results])),
+            n=runs,
+            paper=3,
+        )
     )
     rows.append(
-        Row("stated_mm", "the tip's error as the calibration itself states it, rms", where,
-            1e3 * float(np.sqrt(np.mean([r["stated"] ** 2 for r in results]))), "mm", runs)
+        Row(
+            "stated_mm",
+            "the tip's error as the calibration itself states it, rms",
+            where,
+            1e3 * float(np.sqrt(np.mean([r["stated"] ** 2 for r in results]))),
+            "mm",
+            runs,
+        )
     )
     return Outcome(tuple(rows), {"cells": lambda: _plot(results)})
 

@@ -16,7 +16,6 @@ import numpy as np
 
 from armsight.arrays import Bytes, Pose
 from armsight.experiments.cache import cache_folder
-from armsight.experiments.frame import write_atomically
 from armsight.experiments.port_scene import (
     T_WORLD_PORT,
     PortPicture,
@@ -27,6 +26,7 @@ from armsight.experiments.port_scene import (
 )
 from armsight.geometry.pose import inverse
 from armsight.geometry.stereo import StereoPair
+from armsight.writing import write_atomically
 
 LOOKS = 3
 """Raise it when the studio draws differently: old pictures are then left aside."""
@@ -49,7 +49,9 @@ class Album:
         T_left_port: Pose | None = None,
     ) -> PortPicture:
         """Pictures of a situation; see :meth:`PortStudio.photograph`."""
-        files = [self._folder / f"{self._name(view, window, T_left_port)}-{side}.png" for side in "lr"]
+        files = [
+            self._folder / f"{self._name(view, window, T_left_port)}-{side}.png" for side in "lr"
+        ]
         files = files[: 1 + both]
         kept = [
             cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None

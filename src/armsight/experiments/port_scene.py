@@ -18,8 +18,8 @@ from armsight.charging.ports.meshes import Surface, surfaces
 from armsight.charging.ports.table import MM, PORTS, Port, drawn
 from armsight.experiments.port_surroundings import DECOYS, decoy, flank
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.stereo import StereoPair
 from armsight.geometry.pose import from_rpy, inverse, look_at, make_pose
+from armsight.geometry.stereo import StereoPair
 from armsight.simulation import looks
 from armsight.simulation.gl import mujoco
 from armsight.simulation.model import COLOR_ONLY, CellModel
@@ -407,18 +407,22 @@ def _weather(gray: Floats32, lens: PinholeCamera, T_camera_port: Pose, style: St
     n, origin = T_camera_port[:3, 2].astype(np.float32), T_camera_port[:3, 3].astype(np.float32)
     distance = (n @ origin) / (rays @ n)
     local = (rays * distance[..., None] - origin) @ T_camera_port[:3, :3].astype(np.float32)
-    x, y = local[..., 0], local[..., 1]
+    x, y = np.asarray(local[..., 0], np.float32), np.asarray(local[..., 1], np.float32)
     near = np.clip((0.15 - np.hypot(x, y)) / 0.03, 0.0, 1.0)
     out = gray.copy()
     part = out[top:bottom, left:right].copy()
     if style.dirt > 0:
         cloud = _field(rng, x, y, 0.012) + 0.6 * _field(rng, x, y, 0.004)
         dust = np.clip(cloud - 0.4, 0.0, 1.0) * style.dirt * near
-        part = part * (1 - dust) + 95.0 * dust
+        part = np.asarray(part * (1 - dust) + 95.0 * dust, np.float32)
     if style.mirror > 0:
         # The sky moves with the view, so each camera mirrors another part of it.
         shift = 0.3 * origin[0]
-        part += style.mirror * near * np.clip(_field(rng, x + shift, y, 0.05), 0.0, 1.5)
+        part += (
+            style.mirror
+            * near
+            * np.clip(_field(rng, np.asarray(x + shift, np.float32), y, 0.05), 0.0, 1.5)
+        )
     if style.wet > 0:
         drops = _field(rng, x, y, 0.0022)
         part += near * style.wet * np.where(drops > 2.3, 40.0, 0.0)

@@ -1,4 +1,4 @@
-"""What stands about a port: the painted flank with its pocket; round dark things that are no port."""
+"""What stands about a port: the painted flank with its pocket; round dark things of other kinds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from armsight.charging.ports.outline import Outline
 from armsight.charging.ports.table import MM, Port
 
 DECOYS = ("cup", "ring", "wheel", "vent", "knob", "socket")
-"""Round dark things: a cup, a washer, a wheel's hub with its nuts, a vent, a knob, a wall socket."""
+"""Round dark things: a cup, a washer, a hub with its nuts, a vent, a knob, a wall socket."""
 
 
 def flank(port: Port) -> tuple[tuple[Surface, str], ...]:

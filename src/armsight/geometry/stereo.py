@@ -82,4 +82,3 @@ def converging_pair(
     """
     T = from_rpy((0.0, -toe_in, 0.0), (baseline, 0.0, 0.0))
     return StereoPair(lens, right or lens, T)
-

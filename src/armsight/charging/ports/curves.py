@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from armsight.arrays import Floats, Ints, Points
+from armsight.arrays import Floats, Ints
 from armsight.charging.ports.outline import sample_union
 from armsight.charging.ports.table import Port, Rim
 
@@ -23,8 +23,8 @@ class Curves:
         rims: the edges.
     """
 
-    points: Points
-    normals: Points
+    points: Floats
+    normals: Floats
     rim: Ints
     rims: tuple[Rim, ...]
 
@@ -45,7 +45,10 @@ def curves(port: Port, step: float, fit_only: bool = True) -> Curves:
         normals.append(np.column_stack([n, np.zeros(len(p))]))
         index.append(np.full(len(p), i))
     return Curves(
-        np.concatenate(points), np.concatenate(normals), np.concatenate(index).astype(np.int64), rims
+        np.concatenate(points),
+        np.concatenate(normals),
+        np.concatenate(index).astype(np.int64),
+        rims,
     )
 
 

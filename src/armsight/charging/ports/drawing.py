@@ -1,5 +1,7 @@
-"""The simplified drawing of a port (SVG, true to scale), as the charging paper makes its templates
-from (its figure 3)."""
+"""The simplified drawing of a port as SVG, true to scale.
+
+The charging paper makes its templates from such drawings (its figure 3).
+"""
 
 from __future__ import annotations
 

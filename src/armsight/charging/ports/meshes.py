@@ -157,9 +157,7 @@ def band(
         vertices += [np.column_stack([q, np.full(k, z_second)])]
         normals += [normal, normal]
         a, b = np.flatnonzero(keep), following[keep]
-        quads = np.concatenate(
-            [np.stack([a, b, b + k], 1), np.stack([a, b + k, a + k], 1)]
-        )
+        quads = np.concatenate([np.stack([a, b, b + k], 1), np.stack([a, b + k, a + k], 1)])
         faces.append(quads + count)
         count += 2 * k
     v, m, f = np.concatenate(vertices), np.concatenate(normals), np.concatenate(faces)
@@ -192,9 +190,7 @@ def _pin(pin: Pin, floor: float) -> Surface:
         (pin.z - 0.13 * r, 0.5 * r, 0.87),
         (pin.z, 0.0, 1.0),
     ):
-        rows.append(
-            np.column_stack([ring * radius + [pin.x, pin.y], np.full(turns, height)])
-        )
+        rows.append(np.column_stack([ring * radius + [pin.x, pin.y], np.full(turns, height)]))
         normals.append(np.column_stack([ring * np.sqrt(1 - nz * nz), np.full(turns, nz)]))
     a = np.arange(turns)
     b = np.roll(a, -1)

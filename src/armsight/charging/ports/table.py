@@ -168,7 +168,9 @@ def _type2_core() -> tuple[tuple[Rim, ...], tuple[Pin, ...]]:
     for name, (x, y) in _PLACE_2.items():
         small = name in ("CP", "PP")
         rims.append(Rim(name, "recess", _mm(x, y, 0.5 * _RECESS_2[name]), 0, 0.25 * MM, 0.2 * MM))
-        pins.append(Pin(name, x * MM, y * MM, (3 if small else 6) * MM, (-12 if small else -9) * MM))
+        pins.append(
+            Pin(name, x * MM, y * MM, (3 if small else 6) * MM, (-12 if small else -9) * MM)
+        )
     return tuple(rims), tuple(pins)
 
 
@@ -278,7 +280,9 @@ def _plugs() -> tuple[Port, ...]:
     bore_1 = Rim("bore", "mouth", _mm(0, 0, 17.85), 0, 0.2 * MM, 0.1 * MM)
     tubes_1, holes_1 = _tubes(_PLACE_1, _RECESS_1, _PIN_1)
     dc_places = {"DC+": (13.5, -49.5), "DC-": (-13.5, -49.5)}
-    tubes_dc, holes_dc = _tubes(dc_places, dict.fromkeys(dc_places, 22.0), dict.fromkeys(dc_places, 8.0))
+    tubes_dc, holes_dc = _tubes(
+        dc_places, dict.fromkeys(dc_places, 22.0), dict.fromkeys(dc_places, 8.0)
+    )
     bore_dc = Rim("DC bore", "mouth", _mm(0, -49.5, 14.45, 12.0), 0, 0.2 * MM, 0.1 * MM)
     sleeve_2 = _mm(0, 0, 35, flat=28.0)
     return (

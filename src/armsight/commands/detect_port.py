@@ -1,0 +1,216 @@
+"""``armsight detect-port``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from armsight.arrays import Bytes, ColorImage, Floats, Pose
+    from armsight.charging.fit import Fit
+    from armsight.geometry.camera import PinholeCamera
+
+GREEN, RED, WHITE = (0, 200, 0), (230, 40, 40), (255, 255, 255)
+
+
+@dataclass(frozen=True)
+class DetectPort:
+    """Find charging ports in a picture, or in a pair of pictures of two calibrated cameras.
+
+    Examples: armsight detect-port photo.jpg --out found.png; armsight detect-port left.png
+    right.png --intrinsics 1200,1200,642,478 --baseline 0.2 --toe-in-deg 9.46
+
+    One JSON line a port goes to standard output: type, score, pixel, pose in the (left) camera with
+    standard deviations, and for a pair whether the roll is in doubt. Exit code 1 if none was found.
+
+    Attributes:
+        images: a picture, or the left and right one of a pair.
+        out: the (left) picture with the fitted edges, seen ones green and missed ones red.
+        json: the JSON lines into a file as well.
+        camera: the pictures' camera, YAML in ROS's camera_info layout.
+        intrinsics: instead of a file: fx,fy,cx,cy in pixels. Without either, 60 deg of view are
+            assumed, and distances are only as good as that.
+        baseline: distance of a pair's cameras [m].
+        toe_in_deg: angle between a pair's axes, looking inward [deg].
+        ports: types to look for, separated by commas: type1, type2, ccs1, ccs2, type1_plug,
+            type2_plug, ccs2_plug.
+        least_score: what scores below is not reported.
+        windows: search the darker-than-average regions only, as fast as these are small.
+    """
+
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="IMAGE")]
+    out: Path | None = None
+    json: Path | None = None
+    camera: Path | None = None
+    intrinsics: str | None = None
+    baseline: float | None = None
+    toe_in_deg: float = 0.0
+    ports: str = "type1,type2,ccs1,ccs2"
+    least_score: float = 0.68
+    windows: bool = False
+
+    def run(self) -> int:
+        """Find and print; 1 where nothing was found."""
+        from armsight.charging.find import FindOptions, dark_windows, find_ports
+        from armsight.charging.ports.table import port
+        from armsight.charging.pose import locate
+        from armsight.errors import UsageError
+        from armsight.geometry.stereo import converging_pair
+        from armsight.writing import write_atomically
+
+        if len(self.images) not in (1, 2):
+            raise UsageError(f"detect-port: {len(self.images)} pictures; give one, or a pair")
+        if not 0.0 < self.least_score <= 1.0:
+            raise UsageError(f"--least-score is {self.least_score:g}, expected above 0, at most 1")
+        names = tuple(name.strip() for name in self.ports.split(",") if name.strip())
+        for name in names:
+            port(name)
+        grays = [_read(file) for file in self.images]
+        lens = self._lens(grays[0].shape[1], grays[0].shape[0])
+        options = FindOptions(ports=names, least_score=self.least_score)
+        found: list[tuple[dict[str, Any], Pose, Fit]] = []
+        if len(grays) == 1:
+            windows = dark_windows(grays[0]) if self.windows else None
+            for d in find_ports(grays[0], lens, options, windows):
+                row = _row(d.port, d.score, d.T_camera_port, d.covariance, lens)
+                found.append((row, d.T_camera_port, d.fit))
+        else:
+            if self.baseline is None or not 0.0 < self.baseline < 10.0:
+                raise UsageError("detect-port: a pair needs --baseline, its cameras' distance [m]")
+            if grays[0].shape != grays[1].shape:
+                raise UsageError(
+                    f"{self.images[1]}: another size than {self.images[0]}; both pictures of a "
+                    "pair have to come from cameras of one size"
+                )
+            pair = converging_pair(lens, self.baseline, self.toe_in_deg * 3.141592653589793 / 180)
+            for p in locate((grays[0], grays[1]), pair, options, self.windows):
+                row = _row(p.port, p.score, p.T_ref_port, p.covariance, lens)
+                row |= {"roll_gap": round(p.roll_gap, 1), "doubtful": p.doubtful}
+                found.append((row, p.T_ref_port, p.fit))
+        lines = [json.dumps(row) for row, _, _ in found]
+        for line in lines:
+            print(line)
+        if self.json is not None:
+            write_atomically(self.json, "".join(f"{line}\n" for line in lines).encode())
+        if self.out is not None:
+            _draw(self.out, grays[0], lens, found)
+        if not found:
+            print(f"no port of {', '.join(names)} found", file=sys.stderr)
+        return 0 if found else 1
+
+    def _lens(self, width: int, height: int) -> PinholeCamera:
+        from armsight.calibration.files import read_lens
+        from armsight.errors import UsageError
+        from armsight.geometry.camera import PinholeCamera
+
+        if self.camera is not None and self.intrinsics is not None:
+            raise UsageError("detect-port: give one of --camera and --intrinsics")
+        if self.camera is not None:
+            lens = read_lens(self.camera, width, height)
+            if lens is None:
+                raise UsageError(f"{self.camera}: holds no lens for {width}x{height} pixels")
+            return lens
+        if self.intrinsics is not None:
+            try:
+                fx, fy, cx, cy = (float(part) for part in self.intrinsics.split(","))
+            except ValueError:
+                raise UsageError(
+                    f"--intrinsics is '{self.intrinsics}', expected fx,fy,cx,cy in pixels"
+                ) from None
+            if not (0.1 * width < fx < 50 * width and 0.1 * width < fy < 50 * width):
+                raise UsageError(f"--intrinsics: focal lengths of {fx:g} and {fy:g} px cannot be")
+            return PinholeCamera(width, height, fx, fy, cx, cy)
+        f = 0.5 * width / 0.5773502691896257  # tan 30 deg
+        return PinholeCamera(width, height, f, f, 0.5 * (width - 1), 0.5 * (height - 1))
+
+
+def _read(file: Path) -> Bytes:
+    """A grey picture.
+
+    Raises:
+        UsageError: it cannot be read.
+    """
+    import cv2
+    import numpy as np
+
+    from armsight.errors import UsageError
+
+    if not file.is_file():
+        raise UsageError(f"{file}: there is no such picture")
+    image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise UsageError(f"{file}: is no picture that can be read (PNG, JPEG, BMP, TIFF)")
+    if max(image.shape) > 8192:
+        raise UsageError(f"{file}: {image.shape[1]}x{image.shape[0]} pixels; at most 8192 a side")
+    return np.asarray(image, np.uint8)
+
+
+def _row(
+    name: str, score: float, T: Pose, covariance: Floats, lens: PinholeCamera
+) -> dict[str, Any]:
+    """What is said of a port, as JSON values."""
+    import numpy as np
+
+    from armsight.geometry.pose import to_quaternion
+
+    sigma = np.sqrt(np.diag(covariance))
+    pixel = lens.project(T[None, :3, 3])[0]
+    return {
+        "port": name,
+        "score": round(score, 3),
+        "pixel": np.round(pixel, 2).tolist(),
+        "position_m": np.round(T[:3, 3], 5).tolist(),
+        "quaternion_xyzw": np.round(to_quaternion(T), 5).tolist(),
+        "sigma_mm": np.round(1e3 * sigma[:3], 2).tolist(),
+        "sigma_deg": np.round(np.rad2deg(sigma[3:]), 2).tolist(),
+    }
+
+
+def _draw(
+    file: Path, gray: Bytes, lens: PinholeCamera, found: list[tuple[dict[str, Any], Pose, Fit]]
+) -> None:
+    """Write the picture with the fitted edges."""
+    import cv2
+    import numpy as np
+
+    from armsight.charging.fit import model_points
+    from armsight.errors import UsageError
+    from armsight.writing import write_atomically
+
+    picture: ColorImage = np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2RGB), np.uint8)
+    for row, T, result in found:
+        pixels = lens.project(model_points(result))
+        for (u, v), seen in zip(pixels, result.found[: len(pixels)]):
+            at = (round(16 * float(u)), round(16 * float(v)))
+            cv2.circle(picture, at, 20, GREEN if seen else RED, -1, cv2.LINE_AA, 4)
+        _axes(picture, lens, T)
+        u, v = row["pixel"]
+        words = f"{row['port']} {100 * row['score']:.0f} %"
+        cv2.putText(
+            picture, words, (int(u) + 12, int(v) - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.7, WHITE, 2
+        )
+    done, data = cv2.imencode(file.suffix or ".png", picture[:, :, ::-1])
+    if not done:
+        raise UsageError(f"{file}: not a kind of picture that can be written; use .png or .jpg")
+    write_atomically(file, data.tobytes())
+
+
+def _axes(picture: np.ndarray[Any, Any], lens: PinholeCamera, T: Pose) -> None:
+    """The port's frame, 3 cm long: x red, y green, z blue."""
+    import cv2
+    import numpy as np
+
+    ends = T[:3, 3] + 0.03 * np.vstack([np.zeros(3), T[:3, :3].T])
+    pixels = lens.project(ends)
+    if not np.isfinite(pixels).all():
+        return
+    start = (round(float(pixels[0, 0])), round(float(pixels[0, 1])))
+    for end, color in zip(pixels[1:], ((255, 0, 0), (0, 255, 0), (60, 120, 255))):
+        cv2.line(picture, start, (round(float(end[0])), round(float(end[1]))), color, 2)

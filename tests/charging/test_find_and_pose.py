@@ -1,0 +1,130 @@
+"""Finding and fitting on painted pictures, whose truth no renderer of ours decides."""
+
+import numpy as np
+import pytest
+from painted_ports import LENS, PAIR, facing, paint
+
+from armsight.charging.find import FindOptions, dark_windows, find_ports
+from armsight.charging.fit import fit, turned
+from armsight.charging.looks import look
+from armsight.charging.plane_fit import paper_pose
+from armsight.charging.ports.table import PORTS
+from armsight.charging.pose import fit_pose, locate, mirrored
+from armsight.errors import UsageError
+from armsight.geometry.pose import angle_between, exp, inverse, log, transform
+
+T_LENS_REF = (np.eye(4), inverse(PAIR.T_left_right))
+LENSES = (PAIR.left, PAIR.right)
+
+
+def _pair(name, T, seed=0):
+    return tuple(
+        paint(PORTS[name], T_lens @ T, lens, seed + i)
+        for i, (lens, T_lens) in enumerate(zip(LENSES, T_LENS_REF))
+    )
+
+
+@pytest.mark.parametrize("name", ["type1", "type2", "ccs1"])
+def test_a_port_is_found_with_its_type(name: str) -> None:
+    T = facing(0.03, -0.02, 0.55, (0.35, -0.2), -0.3)
+    found = find_ports(paint(PORTS[name], T, LENS, 1), LENS)
+    assert found[0].port == name
+    assert found[0].score > 0.9
+    assert np.linalg.norm(found[0].pixel - LENS.project(T[None, :3, 3])[0]) < 1.0
+    # one picture from far hardly tells a tilt from its mirror image
+    seen = found[0].T_camera_port
+    assert min(angle_between(seen, T), angle_between(mirrored(seen), T)) < np.deg2rad(4)
+
+
+def test_nothing_is_found_in_noise_or_on_a_plain_wall() -> None:
+    rng = np.random.default_rng(0)
+    assert find_ports(rng.integers(0, 255, (480, 640)).astype(np.uint8), LENS) == ()
+    assert find_ports(np.full((480, 640), 90, np.uint8), LENS) == ()
+    assert find_ports(np.zeros((480, 640), np.uint8), LENS) == ()
+
+
+def test_the_dark_window_holds_the_port_and_finds_the_same() -> None:
+    T = facing(0.06, 0.03, 0.7, (0.2, 0.1), 0.1)
+    image = paint(PORTS["type2"], T, LENS, 2)
+    windows = dark_windows(image)
+    u, v = LENS.project(T[None, :3, 3])[0]
+    assert any(t < v < b and le < u < r for t, b, le, r in windows)
+    whole = find_ports(image, LENS)[0]
+    part = find_ports(image, LENS, windows=windows)[0]
+    assert part.port == whole.port == "type2"
+    assert np.linalg.norm(part.pixel - whole.pixel) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (np.zeros((480, 640, 3), np.uint8), r"shape \(480, 640, 3\)"),
+        (np.zeros((480, 640)), "give a grey picture"),
+        (np.zeros((240, 320), np.uint8), "the picture has 320x240 pixels, its lens 640x480"),
+    ],
+)
+def test_pictures_that_cannot_be_searched_are_refused(image, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        find_ports(image, LENS)
+
+
+def test_the_joint_fit_reaches_the_painted_pose_and_knows_how_sure_it_is() -> None:
+    rng = np.random.default_rng(4)
+    T = facing(-0.02, 0.01, 0.45, (-0.3, 0.25), 0.1)
+    images = _pair("type2", T)
+    start = T @ exp(rng.normal(0, [1e-3, 1e-3, 3e-3, 0.05, 0.05, 0.05]))
+    found = fit_pose(images, LENSES, T_LENS_REF, "type2", start)
+    e = log(inverse(T) @ found.T_ref_port)
+    assert np.linalg.norm(e[:3]) < 0.3e-3
+    assert np.linalg.norm(e[3:]) < np.deg2rad(0.4)
+    assert e @ np.linalg.solve(found.covariance, e) < 22.5  # chi squared of 6, 99.9 %
+    assert not found.doubtful
+
+
+@pytest.mark.parametrize("name", ["type1", "type2"])
+def test_a_start_on_the_wrong_roll_ends_on_the_right_one(name: str) -> None:
+    T = facing(0.0, 0.0, 0.4, (0.2, 0.3), 0.0)
+    turns = PORTS[name].turns
+    start = turned(T, roll=2 * np.pi * 2 / turns)
+    found = fit_pose(_pair(name, T, 5), LENSES, T_LENS_REF, name, start)
+    assert angle_between(found.T_ref_port, T) < np.deg2rad(1.0)
+
+
+def test_locate_pairs_both_pictures() -> None:
+    T = facing(0.05, 0.02, 0.6, (0.25, -0.15), 0.2)
+    poses = locate(_pair("type2", T, 7), PAIR, FindOptions(ports=("type1", "type2")))
+    assert poses[0].port == "type2"
+    e = log(inverse(T) @ poses[0].T_ref_port)
+    assert np.linalg.norm(e[:3]) < 1e-3
+    assert np.linalg.norm(e[3:]) < np.deg2rad(1)
+
+
+def test_other_sizes_than_the_table_says_are_told_apart_from_the_pose() -> None:
+    """A mouth that is 0.8 mm larger: the make takes it up, the pose does not move."""
+    from dataclasses import replace
+
+    nominal = PORTS["type2"]
+    rims = tuple(
+        replace(rim, outline=rim.outline.grown(0.8e-3)) if rim.kind == "mouth" else rim
+        for rim in nominal.rims
+    )
+    T = facing(0.0, 0.0, 0.4, (0.3, 0.0), 0.0)
+    image = paint(replace(nominal, rims=rims), T, LENS, 3)
+    found = fit([look(image, LENS)], nominal, T)
+    mouth = [rim.kind for rim in found.curves.rims].index("mouth")
+    assert found.make[mouth, 0] == pytest.approx(0.8e-3, abs=0.25e-3)
+    assert np.linalg.norm(log(inverse(T) @ found.T_ref_port)[:3]) < 1e-3
+
+
+def test_the_papers_plane_is_exact_without_noise() -> None:
+    T = facing(0.02, 0.03, 0.8, (0.2, -0.3), 0.15)
+    contacts = np.array([(p.x, p.y, 0.0) for p in PORTS["type2"].pins])
+    in_left = transform(T, contacts)
+    left = PAIR.left.project(in_left)
+    right = PAIR.right.project(transform(inverse(PAIR.T_left_right), in_left))
+    exact = paper_pose("type2", left, right, PAIR, exact=True)
+    assert np.allclose(exact, T, atol=1e-6)
+    by_equation_1 = paper_pose("type2", left, right, PAIR)
+    assert by_equation_1 is not None
+    assert angle_between(by_equation_1, T) > np.deg2rad(0.5)  # it holds near the axis only
+    assert paper_pose("type2", left * np.nan, right, PAIR) is None
