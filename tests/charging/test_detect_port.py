@@ -32,6 +32,23 @@ def test_a_port_is_printed_written_and_drawn(picture: Path, tmp_path: Path, caps
     assert cv2.imread(str(out)).shape == (480, 640, 3)
 
 
+def test_a_lens_file_is_read_and_has_to_fit(picture: Path, tmp_path: Path, capsys) -> None:
+    lens = tmp_path / "lens.yaml"
+    text = (
+        "image_width: {}\nimage_height: {}\ndistortion_model: plumb_bob\n"
+        f"camera_matrix: {{{{rows: 3, cols: 3, data: [{LENS.fx}, 0, {LENS.cx}, 0, {LENS.fy}, "
+        f"{LENS.cy}, 0, 0, 1]}}}}\n"
+        "distortion_coefficients: {{rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}}\n"
+    )
+    lens.write_text(text.format(640, 480))
+    assert run(["detect-port", str(picture), "--camera", str(lens)]) == 0
+    z = json.loads(capsys.readouterr().out.splitlines()[0])["position_m"][2]
+    assert z == pytest.approx(0.5, abs=0.01)
+    lens.write_text(text.format(1280, 960))
+    assert run(["detect-port", str(picture), "--camera", str(lens)]) == 2
+    assert "the picture 640x480" in capsys.readouterr().err
+
+
 def test_no_port_is_exit_code_1(tmp_path: Path, capsys) -> None:
     file = tmp_path / "wall.png"
     cv2.imwrite(str(file), paint(PORTS["type2"], facing(0, 0, 0.5, (0, 0), 0), LENS, 0) // 255)

@@ -106,17 +106,25 @@ class DetectPort:
         return 0 if found else 1
 
     def _lens(self, width: int, height: int) -> PinholeCamera:
-        from armsight.calibration.files import read_lens
+        from armsight.calibration.layouts.lens_files import read_lenses
         from armsight.errors import UsageError
         from armsight.geometry.camera import PinholeCamera
 
         if self.camera is not None and self.intrinsics is not None:
             raise UsageError("detect-port: give one of --camera and --intrinsics")
         if self.camera is not None:
-            lens = read_lens(self.camera, width, height)
-            if lens is None:
-                raise UsageError(f"{self.camera}: holds no lens for {width}x{height} pixels")
-            return lens
+            lenses = read_lenses(self.camera, width, height)
+            if len(lenses) != 1:
+                raise UsageError(
+                    f"{self.camera}: holds {len(lenses)} lenses; detect-port needs a file with one"
+                )
+            camera = lenses[0].camera
+            if (camera.width, camera.height) != (width, height):
+                raise UsageError(
+                    f"{self.camera}: its lens has {camera.width}x{camera.height} pixels, the "
+                    f"picture {width}x{height}; give the lens of this picture"
+                )
+            return camera
         if self.intrinsics is not None:
             try:
                 fx, fy, cx, cy = (float(part) for part in self.intrinsics.split(","))
