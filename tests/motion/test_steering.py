@@ -344,3 +344,27 @@ def test_coasting_keeps_acceleration_and_jerk_and_ends_at_rest():
         assert motion.velocity(0.1) == pytest.approx(eased, abs=0.35)
         before_end = motion.velocity(motion.duration - 1e-9)
         assert before_end == pytest.approx(np.zeros(6), abs=1e-6)
+
+
+def test_rows_that_limit_a_motion_are_the_closing_speeds():
+    """The compiled rows against plain numpy: the speed towards the hazard of each sphere."""
+    from armsight.motion.guard_kernels import limiting_rows
+    from armsight.robots.kernels import chain_poses
+
+    world = ready()
+    body, robot, rng = world.guard.body, world.robot, np.random.default_rng(5)
+    q, v = world.q + rng.normal(size=6) * 0.3, rng.normal(size=6)
+    center, velocity = body.motion(q, v)
+    tight = rng.permutation(len(center))[:12]
+    hazard = center[tight] + rng.normal(size=(12, 3))
+    share = rng.uniform(size=len(center))
+    poses = chain_poses(q, robot.T_link_joint, robot.axis)
+    rows, bounds = limiting_rows(
+        poses, robot.axis, body.link, center, velocity, share, hazard, tight
+    )
+    unit = (hazard - center[tight]) / np.linalg.norm(hazard - center[tight], axis=1)[:, None]
+    closing = (velocity[tight] * unit).sum(axis=1)
+    closes = closing > 0.0
+    assert len(rows) == closes.sum()
+    assert rows @ v == pytest.approx(closing[closes])
+    assert bounds == pytest.approx((share[tight] * closing)[closes])

@@ -6,18 +6,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armsight.arrays import JointVector, Mask, Points
+from armsight.arrays import Ints, JointVector, Mask, Points, Poses
 from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
 from armsight.motion.guard_config import ContactZone, GuardConfig
-from armsight.motion.guard_kernels import Law, in_reach, project, protective, stop_path
+from armsight.motion.guard_kernels import (
+    Law,
+    in_reach,
+    limiting_rows,
+    project,
+    protective,
+    stop_path,
+)
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.robots.kernels import chain_poses, jacobian
 from armsight.robots.robot import Robot
 
 ROWS = 12
 """Most constraints that a motion is projected on."""
-SLIDES = 4
+SLIDES = 3
 """How often a motion is projected anew on what limits it then."""
 RECEDE = 0.002
 """Along something a motion draws away from it by this much [m/s]: rounding would close in."""
@@ -113,7 +120,19 @@ class SeparationMonitor:
 
         Only the most limiting hazard of each part is projected on; :meth:`judge` has the last word.
         """
-        rows, bounds = self._constraints(self._view(q, wanted, hazards, self._law), q, hazards)
+        view = self._view(q, wanted, hazards, self._law)
+        tight, poses = self._tight(view, q)
+        rows, bounds = [], []
+        for i in tight:
+            hazard = hazards.blocks.points[view.limiting[i]].astype(float)
+            away = hazard - view.center[i]
+            unit = away / max(float(np.linalg.norm(away)), 1e-9)
+            closing = float(view.velocity[i] @ unit)
+            if closing <= 0.0:
+                continue
+            axis, link = self._robot.axis, int(self.body.link[i])
+            rows.append(unit @ jacobian(poses, axis, link, view.center[i].copy())[:3])
+            bounds.append(float(view.share[i]) * closing)
         if not rows:
             return wanted
         return np.asarray(project(np.asarray(wanted, float), np.array(rows), np.array(bounds), 50))
@@ -133,16 +152,18 @@ class SeparationMonitor:
             view: what :meth:`judge` says of the wanted motion.
         """
         wanted = np.asarray(wanted, float)
-        rows: list[JointVector] = []
-        bounds: list[float] = []
+        rows, bounds = np.empty((0, len(wanted))), np.empty(0)
         best, best_view, most = wanted, view, _progress(wanted, wanted, view)
         for _ in range(SLIDES):
-            more, limits = self._constraints(view, q, hazards)
-            if not more:
+            tight, poses = self._tight(view, q)
+            more, limits = limiting_rows(
+                poses, self._robot.axis, self.body.link, view.center, view.velocity, view.share,
+                hazards.blocks.points[view.limiting[tight]].astype(float), tight,
+            )  # fmt: skip
+            if len(more) == 0:
                 break
-            rows += more
-            bounds += [limit - RECEDE for limit in limits]
-            motion = np.asarray(project(wanted, np.array(rows), np.array(bounds), 50))
+            rows, bounds = np.concatenate([rows, more]), np.concatenate([bounds, limits - RECEDE])
+            motion = np.asarray(project(wanted, rows, bounds, 50))
             view = self._view(q, motion, hazards, self._law)
             progress = _progress(motion, wanted, view)
             if progress > most:
@@ -161,28 +182,13 @@ class SeparationMonitor:
         closing = np.einsum("ij,ij->i", view.velocity[tight], away) / length
         return float(np.max(closing * (1.0 - view.share[tight]), initial=0.0))
 
-    def _constraints(
-        self, view: SeparationView, q: JointVector, hazards: Hazards
-    ) -> tuple[list[JointVector], list[float]]:
-        """Rows and bounds that hold each part to what its most limiting hazard allows."""
+    def _tight(self, view: SeparationView, q: JointVector) -> tuple[Ints, Poses]:
+        """The spheres that limit a motion, the most limiting first, and the links' poses."""
         tight = np.flatnonzero(view.share < 1.0)
-        if len(tight) == 0:
-            return [], []
         tight = tight[np.argsort(view.share[tight], kind="stable")][:ROWS]
         robot = self._robot
-        poses = chain_poses(np.ascontiguousarray(q, float), robot.T_link_joint, robot.axis)
-        rows, bounds = [], []
-        for i in tight:
-            hazard = hazards.blocks.points[view.limiting[i]].astype(float)
-            away = hazard - view.center[i]
-            unit = away / max(float(np.linalg.norm(away)), 1e-9)
-            closing = float(view.velocity[i] @ unit)
-            if closing <= 0.0:
-                continue
-            J = jacobian(poses, robot.axis, int(self.body.link[i]), view.center[i].copy())[:3]
-            rows.append(unit @ J)
-            bounds.append(float(view.share[i]) * closing)
-        return rows, bounds
+        q = np.ascontiguousarray(q, float)
+        return tight, np.asarray(chain_poses(q, robot.T_link_joint, robot.axis))
 
     def away(
         self, view: SeparationView, q: JointVector, hazards: Hazards, speed: float
