@@ -15,12 +15,14 @@ from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, Stereo
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
 from armsight.simulation.clock import SimulatedClock
+from armsight.simulation.photographer import Photographer
 from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import DepthPicture, Shot
 from armsight.simulation.sensor_errors import DepthSensor, interference_mask, structured
 from armsight.simulation.spec import CameraSpec
 from armsight.simulation.units import draw_camera
 
+_Develop = Callable[[], Bytes] | None
 FaultKind = Literal["fail", "lost", "freeze", "delay", "drop", "empty"]
 Frame = TypeVar("Frame", RgbdFrame, StereoFrame)
 
@@ -156,6 +158,7 @@ class SimulatedCamera:
         self, spec: CameraSpec, clock: SimulatedClock, materials: Bytes, seed: tuple[int, ...]
     ) -> None:
         self._spec = spec
+        self._number = seed[-1]
         self._timing = _Timing(spec, clock, (*seed, 1))
         self.faults = self._timing.faults
         self.unit = draw_camera(spec, seed)
@@ -167,6 +170,7 @@ class SimulatedCamera:
         )
         self.disturbs = spec.errors and structured(spec.info)
         self.rivals: tuple[SimulatedCamera, ...] = ()
+        self.photographer: Photographer | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -176,6 +180,7 @@ class SimulatedCamera:
         self._frozen: Future[Any] | None = None
         self._color_rate, self._color_scale = 0.0, 1.0
         self._color_due = -np.inf
+        self._infrared_wanted = False
         self.seen: tuple[DepthPicture, Pose] | None = None
 
     @property
@@ -193,8 +198,16 @@ class SimulatedCamera:
         found = self._deliveries.newest(self._timing.clock.now())
         if found is None:
             return None
-        depth, color = found.picture.result()
-        return RgbdFrame(self.info.name, found.sequence, found.stamp, found.arrival, depth, color)
+        depth, color, infrared = found.picture.result()
+        return RgbdFrame(
+            self.info.name,
+            found.sequence,
+            found.stamp,
+            found.arrival,
+            depth,
+            color,
+            infrared=infrared,
+        )
 
     def want_color(self, rate: float, scale: float = 1.0) -> None:
         """Ask for colour beside depth from the next exposure on; a rate of 0 spares it.
@@ -213,6 +226,10 @@ class SimulatedCamera:
         """The true colour lens at the size that is wanted."""
         full, scale = self.unit.color, self._color_scale
         return full.scaled(scale) if full is not None and scale < 1.0 else full
+
+    def want_infrared(self, wanted: bool) -> None:
+        """Ask for the depth lens's own picture beside every colour picture, or spare it."""
+        self._infrared_wanted = wanted
 
     @property
     def T_mount_camera(self) -> Pose:
@@ -248,21 +265,36 @@ class SimulatedCamera:
         else:
             unit = self.unit
             shot = take(T_world_camera, unit.depth)
-            color, lens = None, self._color_lens()
-            if lens is not None and self._color_rate > 0.0 and now >= self._color_due - 1e-9:
-                # From the time it was due, not from now: exposures do not fit the rate exactly.
-                late = now - self._color_due < 1.0 / self._color_rate
-                self._color_due = (self._color_due if late else now) + 1.0 / self._color_rate
-                color = take(T_world_camera @ unit.T_depth_color, lens, "color")
+            pictures = self._pictures(T_world_camera, sequence, now)
             empty = self.faults.find("empty", now) is not None
             picture = renders.submit(
-                lambda: self._develop(
-                    renders, shot, T_world_camera, sequence, now, color, lens, empty
-                )
+                lambda: self._develop(renders, shot, T_world_camera, sequence, now, pictures, empty)
             )
             self._frozen = picture
         keep = bool(self.rivals) or picture is self._frozen
         self._deliveries.add(_Delivery(sequence, stamp, arrival, picture), now, cancel=not keep)
+
+    def _pictures(
+        self, T_world_camera: Pose, sequence: int, now: float
+    ) -> tuple[_Develop, _Develop]:
+        """How the colour and the infrared picture of this instant are developed, if wanted."""
+        unit, photographer, lens = self.unit, self.photographer, self._color_lens()
+        if photographer is None or self._color_rate <= 0.0 or now < self._color_due - 1e-9:
+            return None, None
+        # From the time it was due, not from now: exposures do not fit the rate exactly.
+        late = now - self._color_due < 1.0 / self._color_rate
+        self._color_due = (self._color_due if late else now) + 1.0 / self._color_rate
+        camera, noisy = (self.info.name, self._number), self._sensor is not None
+        color = infrared = None
+        if lens is not None:
+            T = T_world_camera @ unit.T_depth_color
+            color = photographer.shoot(camera, T, lens, "color", sequence, noisy)
+        if self._infrared_wanted and self.info.infrared_scale > 0:
+            lens = unit.infrared(self.info.infrared_scale)
+            infrared = photographer.shoot(
+                camera, T_world_camera, lens, "infrared", sequence, noisy
+            )
+        return color, infrared
 
     def _develop(
         self,
@@ -271,19 +303,15 @@ class SimulatedCamera:
         T_world_camera: Pose,
         sequence: int,
         now: float,
-        color_shot: Shot | None,
-        color_lens: PinholeCamera | None,
+        pictures: tuple[_Develop, _Develop],
         empty: bool,
-    ) -> tuple[DepthImage, ColorImage | None]:
+    ) -> tuple[DepthImage, ColorImage | None, Bytes | None]:
         """Depth as the sensor gives it, and colour; runs in the render thread."""
         renderer, info, unit = renders.renderer, self.info, self.unit
         picture = renderer.depth(shot, unit.depth)
         self.seen = (picture, T_world_camera)
-        color = None
         renderer.give_back(shot)
-        if color_shot is not None and color_lens is not None:
-            color = renderer.color(color_shot, color_lens)
-            renderer.give_back(color_shot)
+        color, infrared = (None if develop is None else develop() for develop in pictures)
         if empty:
             depth = np.full_like(picture.depth, np.nan)
         elif self._sensor is None:
@@ -295,7 +323,7 @@ class SimulatedCamera:
             mask = self._interference(picture, T_world_camera)
             depth = self._sensor.measure(picture, sequence, now, mask)
         depth.flags.writeable = False
-        return depth, color
+        return depth, color, infrared
 
     def _interference(self, picture: DepthPicture, T_world_camera: Pose) -> Any:
         mask = None

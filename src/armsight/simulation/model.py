@@ -13,6 +13,7 @@ from armsight.geometry.pose import to_wxyz
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Capsules, LinkMesh, Robot
 from armsight.simulation import looks
+from armsight.simulation.board import BoardUnit
 from armsight.simulation.gl import mujoco
 from armsight.simulation.hulls import convex_pieces, load_mesh
 from armsight.simulation.people import BodyPart, PersonBody
@@ -85,6 +86,7 @@ def build_model(
     spec: WorldSpec,
     people: Sequence[PersonBody],
     T_link_joint_true: Poses,
+    board: BoardUnit | None = None,
 ) -> CellModel:
     """Compile the cell.
 
@@ -92,6 +94,7 @@ def build_model(
         spec: of the cell.
         people: bodies of ``spec.people``, in order.
         T_link_joint_true: (n, 4, 4) the arm's true geometry.
+        board: a calibration board as it truly hangs.
     """
     mj = mujoco.MjSpec()
     mj.modelname = "cell"
@@ -110,7 +113,7 @@ def build_model(
     for solid in spec.undeclared:
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "undeclared")
     link_names = builder.arm(
-        spec.arm.robot, spec.arm.T_world_base, T_link_joint_true, spec.wrench is not None
+        spec.arm.robot, spec.arm.T_world_base, T_link_joint_true, spec.wrench is not None, board
     )
     people_first = tuple(builder.person(person) for person in people)
     objects_first = tuple(builder.moving_object(item) for item in spec.objects)
@@ -215,9 +218,17 @@ class _Builder:
         )
 
     def arm(
-        self, robot: Robot, T_world_base: Pose, T_link_joint: Poses, sensing: bool
+        self,
+        robot: Robot,
+        T_world_base: Pose,
+        T_link_joint: Poses,
+        sensing: bool,
+        board: BoardUnit | None = None,
     ) -> tuple[str, ...]:
         """The links; with a force sensor the tool is a body of its own, else part of the last."""
+        carried = board if board is not None and board.mounted_on == "flange" else None
+        if board is not None and carried is None:
+            self._board(self.mj.worldbody, Part("static", "board"), board, np.eye(4))
         body = self.mj.worldbody
         tool = robot.tool
         names = []
@@ -235,21 +246,45 @@ class _Builder:
                 )
             self._inertia(body, robot, link, with_tool=not sensing)
             meshes = [(m, m.T_link_mesh) for m in robot.meshes if m.link == link]
-            if link == robot.n and tool is not None and not sensing:
+            if link == robot.n and carried is not None and not sensing:
+                # The tool's drawn plate hangs where it was designed, the board where it truly does.
+                part = Part("arm", robot.name, robot.link_names[link], link)
+                self._board(body, part, carried, robot.T_last_flange)
+            elif link == robot.n and tool is not None and not sensing:
                 meshes += [(m, robot.T_last_flange @ m.T_link_mesh) for m in tool.meshes]
             self._link(body, robot, link, meshes)
         if sensing:
-            self._flange(body, robot)
+            self._flange(body, robot, carried)
         return tuple(names)
 
-    def _flange(self, last: Any, robot: Robot) -> None:
+    def _board(self, body: Any, part: Part, board: BoardUnit, T_body_mount: Pose) -> None:
+        """The plate behind the print; the print itself is cast onto pictures."""
+        center, half = board.plate
+        T = T_body_mount @ board.T_mount_board
+        self._geom(
+            body,
+            part,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=half,
+            pos=T[:3, :3] @ center + T[:3, 3],
+            quat=to_wxyz(T),
+            material=looks.arm_material(self.mj, (0.9, 0.9, 0.9)),
+            group=SEEN,
+            contype=ARM if part.kind == "arm" else OTHER,
+            conaffinity=OTHER if part.kind == "arm" else ARM,
+        )
+
+    def _flange(self, last: Any, robot: Robot, board: BoardUnit | None) -> None:
         """What hangs on the force sensor."""
         T, tool = robot.T_last_flange, robot.tool
         body = last.add_body(name="arm/flange", pos=T[:3, 3], quat=to_wxyz(T), gravcomp=1.0)
         mass = 1e-3 if tool is None else max(tool.mass, 1e-3)
         center = np.zeros(3) if tool is None else tool.center_of_mass
         _set_inertia(body, mass, center, np.eye(3) * mass * TOOL_GYRATION**2)
-        if tool is not None:
+        if board is not None:
+            part = Part("arm", robot.name, robot.link_names[robot.n], robot.n)
+            self._board(body, part, board, np.eye(4))
+        elif tool is not None:
             meshes = [(m, m.T_link_mesh) for m in tool.meshes]
             if meshes:
                 self._link(body, robot, robot.n, meshes, "arm/tool")

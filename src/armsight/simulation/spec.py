@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from armsight.arrays import JointVector, Pose
+from armsight.arrays import Bytes, JointVector, Pose
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Robot
@@ -166,6 +166,46 @@ class MovingObjectSpec:
     max_speed: float = 1.5
 
 
+@dataclass(frozen=True, eq=False)
+class Print:
+    """A printed board.
+
+    Attributes:
+        image: (h, w) uint8, the print at ``per_meter`` pixels a metre.
+        x0, y0: its first pixel's outer corner in the board's frame [m]; per_meter: [px/m].
+        center: (2,) middle of the corners [m]; half: (2,) half their extent [m].
+        scale: print error [1]; bend: (2,) bending along x and y at the edge [m].
+    """
+
+    image: Bytes
+    x0: float
+    y0: float
+    per_meter: float
+    center: tuple[float, float]
+    half: tuple[float, float]
+    scale: float = 0.0
+    bend: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class BoardSpec:
+    """A calibration board in the cell.
+
+    Attributes:
+        print: as designed.
+        mounted_on: ``flange`` (it then takes the place of the tool's looks) or ``world``.
+        T_mount_board: where it is declared to hang; the truth is drawn around it.
+        error: scale of the errors of bracket and print; 0 is exact.
+        glare: brightness of the lamp's reflection on it, 0..1.
+    """
+
+    print: Print
+    mounted_on: Literal["flange", "world"]
+    T_mount_board: Pose
+    error: float = 1.0
+    glare: float = 0.8
+
+
 @dataclass(frozen=True)
 class WorldSpec:
     """The whole simulated cell.
@@ -180,6 +220,7 @@ class WorldSpec:
         time_step: of the physics [s].
         stereo: stereo pairs: the left lens is ``depth``, the right one ``color``.
         wrench: the force sensor at the flange, or None; gripper: likewise.
+        board: a calibration board, or None.
     """
 
     arm: ArmSpec
@@ -193,3 +234,4 @@ class WorldSpec:
     stereo: tuple[CameraSpec, ...] = ()
     wrench: WrenchSpec | None = None
     gripper: GripperSpec | None = None
+    board: BoardSpec | None = None

@@ -15,6 +15,7 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
 from armsight.simulation.arm import SimulatedArm
 from armsight.simulation.arm_errors import compliance, true_geometry
+from armsight.simulation.board import draw_board
 from armsight.simulation.cameras import SimulatedCamera, SimulatedStereo, make_rivals
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.gl import mujoco
@@ -29,6 +30,7 @@ from armsight.simulation.movers import (
     drawn_solids,
     make_person,
 )
+from armsight.simulation.photographer import Photographer
 from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import Kind, Renderer, Shot
 from armsight.simulation.spec import WorldSpec
@@ -50,6 +52,7 @@ class SimulatedWorld:
 
     Attributes:
         clock, arm, cameras, stereo_cameras: the devices.
+        board: the truth about the calibration board, or None.
         truth: what really happened, for experiments only.
         renderer: pictures from any pose (see also :meth:`picture`).
     """
@@ -65,7 +68,8 @@ class SimulatedWorld:
             raise UsageError("people and moving objects need names of their own")
         robot, scale = spec.arm.robot, spec.arm.kinematic_error
         geometry = true_geometry(robot, scale, np.random.default_rng((seed, 10)))
-        self._cell = build_model(spec, [p.body for p in self._people], geometry)
+        self.board = None if spec.board is None else draw_board(spec.board, seed)
+        self._cell = build_model(spec, [p.body for p in self._people], geometry, self.board)
         self._data: Any = mujoco.MjData(self._cell.model)
         self.arm = SimulatedArm(
             spec.arm,
@@ -96,6 +100,17 @@ class SimulatedWorld:
         if spec.cameras or spec.stereo:
             self.renderer.open()
         self._renders = RenderThread(self.renderer)
+        self._photographer = Photographer(
+            self.renderer,
+            self._data,
+            spec.arm.robot.n,
+            bool(self._movers),
+            self.board,
+            self._board_pose,
+            seed,
+        )
+        for camera in self.cameras:
+            camera.photographer = self._photographer
         self.truth = Truth(self._cell, spec.arm.robot, self._data)
         self._drawn = [drawn_solids(p.body, cloth_colors(p.name)) for p in self._people]
         self._looks = [drawn_bodies(p.body, cloth_colors(p.name)) for p in self._people]
@@ -115,6 +130,7 @@ class SimulatedWorld:
         for mover in self._movers.values():
             mover.reset()
         self._renders.finish()
+        self._photographer.reset()
         for camera in self._shutters:
             camera.reset()
         for device in (self.wrench, self.gripper):
@@ -289,8 +305,20 @@ class SimulatedWorld:
         """True optical pose of the depth lens in world."""
         if camera.info.mounted_on == "base":
             return camera.T_mount_camera
+        return np.asarray(self._flange() @ camera.T_mount_camera)
+
+    def _board_pose(self) -> Pose:
+        """Where the board truly is, in world."""
+        board = self.board
+        assert board is not None
+        if board.mounted_on == "world":
+            return board.T_mount_board
+        return np.asarray(self._flange() @ board.T_mount_board)
+
+    def _flange(self) -> Pose:
+        """``T_world_flange`` as it truly is, once everything has been settled."""
         last = int(self._cell.link_bodies[-1])
         T = np.eye(4)
         T[:3, :3] = self._data.xmat[last].reshape(3, 3)
         T[:3, 3] = self._data.xpos[last]
-        return np.asarray(T @ self.spec.arm.robot.T_last_flange @ camera.T_mount_camera)
+        return np.asarray(T @ self.spec.arm.robot.T_last_flange)

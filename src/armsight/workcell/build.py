@@ -30,6 +30,7 @@ from armsight.simulation.spec import (
     WrenchSpec,
 )
 from armsight.simulation.world import SimulatedWorld
+from armsight.workcell.board import board_spec
 from armsight.workcell.calibration_file.reading import (
     calibrated_info,
     calibrated_robot,
@@ -328,6 +329,7 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
         stereo=tuple(_pair(workcell, s) for s in workcell.stereo if s.driver == SIMULATED),
         wrench=_wrench(workcell),
         gripper=_gripper(workcell),
+        board=board_spec(workcell),
     )
 
 

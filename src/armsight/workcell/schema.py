@@ -239,6 +239,30 @@ class SolidSection(Section):
         return Solid(self.name, self.kind, size, pose, self.color, self.material)
 
 
+class BoardSection(Section):
+    """A calibration board, on the arm or beside it; `armsight board` prints one."""
+
+    kind: Text = key(
+        "checkerboard:7x5:30", "Which, sizes in mm, such as `checkerboard:7x5:30`."
+    )
+    mounted_on: Literal["flange", "world"] = key(
+        "flange", "`flange` for a board that the arm carries, `world` for one that stands still."
+    )
+    position: Triple = key(
+        (0.0, 0.0, 0.06), "Middle of its corners, in the flange's frame or in world.", "m"
+    )
+    rpy_deg: Triple = key(
+        (180.0, 0.0, 0.0),
+        "Roll, pitch, yaw of its frame: x right and y down as it is read, z into the paper.",
+        "deg",
+    )
+
+    @property
+    def pose(self) -> Pose:
+        """Frame of the board moved to the middle of its corners, in its mount."""
+        return from_rpy(np.deg2rad(self.rpy_deg), self.position)
+
+
 class PersonSection(Section):
     """Someone in the simulated cell, moved by a script, by a recorded clip, or by the page."""
 
@@ -351,6 +375,11 @@ class SimulationSection(Section):
         "less where the camera corrects itself.",
         le=5.0,
     )
+    board_error: NotNegative = key(
+        1.0,
+        "Scale of the board's errors: its bracket off by 12 mm and 3 deg, its print by 0.2 %.",
+        le=5.0,
+    )
     arm_repeatability_mm: NotNegative = key(
         0.1, "Standard deviation of the tip's position.", "mm", le=50.0
     )
@@ -443,6 +472,7 @@ class Workcell(Section):
     mapping: MappingSection = key(MappingSection(), "The workspace map.")
     guard: GuardSection = key(GuardSection(), "The guard.")
     patrol: PatrolSection = key(PatrolSection(), "Goals of the patrol.")
+    board: BoardSection | None = key(None, "A calibration board.")
     simulation: SimulationSection = key(SimulationSection(), "What only the simulator knows.")
 
     _file: Path | None = PrivateAttr(default=None)
