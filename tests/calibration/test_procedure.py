@@ -11,8 +11,11 @@ from armsight.calibration.calibrate import Calibration
 from armsight.calibration.live.drive import drive
 from armsight.calibration.live.log import ProcedureOptions
 from armsight.calibration.live.procedure import procedure
+from armsight.calibration.live.watcher import Silent
 from armsight.calibration.synthetic import ErrorLevels, t1_cameras, target_error
 from armsight.errors import CalibrationError
+from armsight.motion.face import face_fault
+from armsight.tasks.calibration_face import CalibrationFace
 
 LEVELS = replace(ErrorLevels(), wrong_boards=0.0, kinematics=0.5)
 SHORT = ProcedureOptions(goal=0.004, least_views=12, most_views=18, candidates=24)
@@ -63,27 +66,27 @@ def test_the_watcher_sees_doubt_shrink(whole):
     assert {v.stage for v in log.views} == {"find", "tilt", "learn"}
 
 
-def test_the_page_follows(whole):
-    """Views, coverage, doubt and cameras are on the page, and it ends quietly."""
-    from armsight.commands.calibrate_page import CalibrationPage
-    from armsight.commands.serving import Page
-
+def test_the_face_follows(whole):
+    """Views, coverage, doubt and cameras are on the page."""
     cell, result, log = whole
-    page = CalibrationPage(cell.setup, "a <cell>", Page(port=0))
-    try:
-        assert page.url.startswith("http://127.0.0.1:")
-        empty = page._coverage.image.copy()
-        for view in result.views:
-            page.view(view)
-        for progress in log.stages:
-            page.stage(progress)
-        assert np.count_nonzero(page._coverage.image != empty) > 1000
-        assert set(page._cameras) == {0, 1, 2}
-        assert page._plot.data[1][-1] < page._plot.data[1][0]
-        assert "learning" in page._words.content
-        assert "front color" in page._table.content
-    finally:
-        page.close()
+    shown = CalibrationFace(cell.setup, Silent())
+    empty = [p.image.copy() for p in shown.face().pictures]
+    assert face_fault(shown.face()) == ""
+    doubt = []
+    for view in result.views:
+        shown.view(view)
+    for progress in log.stages:
+        shown.stage(progress)
+        doubt.append(shown.face().curves[0].value)
+    face = shown.face()
+    assert face_fault(face) == ""
+    for before, picture in zip(empty, face.pictures):
+        assert np.count_nonzero(before != picture.image) > 1000
+    known = [d for d in doubt if np.isfinite(d)]
+    assert known[-1] < known[0]
+    assert face.state == "learning"
+    names = [mark.name for mark in face.marks]
+    assert {"camera left", "camera right", "camera front", "doubt about front"} <= set(names)
 
 
 @pytest.mark.parametrize("after", [3, 9, 14])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import sys
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -15,9 +15,17 @@ from armsight.commands.serving import Page
 if TYPE_CHECKING:
     from armsight.calibration.boards import Board
     from armsight.calibration.live.seen import SeenView
-    from armsight.calibration.live.watcher import Progress, Watcher
+    from armsight.calibration.live.watcher import Progress
     from armsight.calibration.recorded_set import RecordedSet
     from armsight.calibration.recorded_solve import RecordedAnswer
+    from armsight.runtime.session import Session
+    from armsight.tasks.calibrate import CalibrateTask
+
+INTERRUPTED = 130
+PLANNING = 0.2
+"""Of a core for a path: nobody is near, so there is time [s]."""
+PATIENCE = 600.0
+"""A solve may take this long on a slow machine before the task is given up [s]."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,7 @@ class Calibrate:
         fresh: forget the views of an earlier run.
         force: overwrite a better calibration.
         seed: of everything random.
+        cell_is_empty: somebody has made sure that nobody is in the (real) cell, and stays out.
         headless: no live page.
         page: where the live page of a live calibration is served; it ends with the calibration.
     """
@@ -72,6 +81,7 @@ class Calibrate:
     fresh: bool = False
     force: bool = False
     seed: int = 0
+    cell_is_empty: bool = False
     headless: bool = False
     page: Page = field(default_factory=Page)
 
@@ -167,65 +177,74 @@ class Calibrate:
 
         from armsight.calibration import report, views_file
         from armsight.calibration.export import write_results
-        from armsight.calibration.live.drive import drive
         from armsight.calibration.live.log import ProcedureOptions
-        from armsight.calibration.live.procedure import procedure
         from armsight.commands.calibration_store import store
+        from armsight.commands.running import RunOptions, run_session
         from armsight.errors import CalibrationError
-        from armsight.experiments.calibration_cell import open_calibration_cell
+        from armsight.runtime.config import SessionConfig
+        from armsight.runtime.configure import mapping_config
+        from armsight.tasks.calibrate import CalibrateTask
+        from armsight.tasks.calibration_cell import (
+            calibration_setup,
+            to_calibrate,
+            unseen_is_empty,
+        )
         from armsight.tasks.calibration_entries import arm_of, camera_entries
-        from armsight.workcell.drivers import SIMULATED
+        from armsight.workcell import open_cell
         from armsight.workcell.packaged import load
         from armsight.writing import write_text
 
         assert self.workcell is not None
-        workcell = load(self.workcell)
-        real = {workcell.robot.driver, *(c.driver for c in workcell.camera)} - {SIMULATED}
-        if real:
-            raise CalibrationError(
-                f"{self.workcell}: live calibration drives simulated devices only so far (this "
-                f"cell uses {', '.join(sorted(real))}); record images and poses, and use --from"
-            )
-        if not workcell.camera:
-            raise CalibrationError(f"{self.workcell}: has no [[camera]] to calibrate")
+        workcell = to_calibrate(load(self.workcell), self.board)
         log = self.out / "views.jsonl"
-        board = self._board()
         about = {
             "cell": workcell.name,
             "cameras": [c.name for c in workcell.camera],
-            "board": self.board or "checkerboard:7x5:30",
+            "board": workcell.board.kind if workcell.board is not None else "",
             "lenses": "kept" if self.keep_lenses else "solved",
         }
-        if self.fresh:
-            log.unlink(missing_ok=True)
-        done = views_file.read(log, about)
-        views_file.begin(log, about)
-        if done:
-            print(f"going on from {len(done)} views in {log}; --fresh starts anew")
-        cell = open_calibration_cell(
-            workcell, board, self.seed, redraw=0.3, factory=self.keep_lenses
-        )
-        options = ProcedureOptions(
-            goal=1e-3 * self.goal_mm, most_views=self.views, paper=self.paper
-        )
-        with ExitStack() as stack:
-            stack.callback(cell.close)
-            watchers: list[Watcher] = [_Terminal(log)]
-            if not self.headless:
-                from armsight.commands.calibrate_page import CalibrationPage
-
-                page = CalibrationPage(cell.setup, workcell.name, self.page)
-                stack.callback(page.close)
-                print(f"live page: {page.url}", file=sys.stderr)
-                for view in done:
-                    page.view(view)
-                watchers.append(page)
-            watcher = _All(watchers)
-            steps = procedure(
-                cell.setup, options, np.random.default_rng(self.seed), watcher, cell.now, done
+        with open_cell(workcell, self.seed, calibrated=False) as cell:
+            if not (cell.simulated or self.cell_is_empty):
+                raise CalibrationError(
+                    f"{workcell.name}: cameras that are being calibrated protect nobody; make sure "
+                    "that nobody is in the cell and stays out of it, then say --cell-is-empty"
+                )
+            mapping = unseen_is_empty(mapping_config(workcell, cell.T_world_base, cell.robot.reach))
+            setup = calibration_setup(cell, mapping, self.keep_lenses)
+            if self.fresh:
+                log.unlink(missing_ok=True)
+            done = views_file.read(log, about)
+            views_file.begin(log, about)
+            if done:
+                print(f"going on from {len(done)} views in {log}; --fresh starts anew")
+            options = ProcedureOptions(
+                goal=1e-3 * self.goal_mm, most_views=self.views, paper=self.paper
             )
-            result = drive(steps, cell, cell)
-            seconds = cell.now()
+            rng = np.random.default_rng(self.seed)
+            task = CalibrateTask(setup, options, rng, _Terminal(log), done)
+            ending = _Ending(task)
+            session = run_session(
+                cell,
+                task,
+                RunOptions(
+                    page=None if self.headless else self.page,
+                    seed=self.seed,
+                    speed=math.inf,
+                    observers=(ending,),
+                    config=SessionConfig(
+                        mapping=mapping, patience=PATIENCE, planning_time=PLANNING
+                    ),
+                ),
+            )
+            seconds = session.now()
+        if task.error is not None:
+            raise task.error
+        if session.task_failure:
+            raise CalibrationError(session.task_failure)
+        if task.result is None:
+            print(f"stopped; the views are in {log}: the same command goes on from them")
+            return INTERRUPTED
+        result = task.result
         _say("")
         findings = result.findings
         print(f"{len(result.views)} views in {seconds:.0f} s of robot time: {result.stopped}")
@@ -251,19 +270,25 @@ class Calibrate:
         return 0
 
 
-class _All:
-    """Tells several watchers."""
+class _Ending:
+    """Ends the run when the task has ended."""
 
-    def __init__(self, watchers: list[Watcher]) -> None:
-        self._watchers = watchers
+    name = "calibration watch"
+    period = 0.05
 
-    def stage(self, progress: Progress) -> None:
-        for watcher in self._watchers:
-            watcher.stage(progress)
+    def __init__(self, task: CalibrateTask) -> None:
+        self._task = task
+        self._session: Session | None = None
 
-    def view(self, view: SeenView) -> None:
-        for watcher in self._watchers:
-            watcher.view(view)
+    def attach(self, session: Session) -> None:
+        """The session to end."""
+        self._session = session
+
+    def update(self, now: float) -> None:
+        """Look whether it has."""
+        session = self._session
+        if session is not None and (self._task.done or session.task_failure):
+            session.stop("done")
 
 
 class _Terminal:

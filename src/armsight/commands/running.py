@@ -19,6 +19,7 @@ from armsight.commands.serving import Page
 if TYPE_CHECKING:
     from armsight.motion.task import Task
     from armsight.runtime.component import Component
+    from armsight.runtime.config import SessionConfig
     from armsight.runtime.parts import MakeParts
     from armsight.runtime.session import Session
     from armsight.workcell import Cell
@@ -41,6 +42,7 @@ class RunOptions:
         cell_is_empty: somebody has looked: nobody is in the cell when it starts.
         look_only: send the arm no command at all.
         make: builds map, planner and guard, where not those of a live cell.
+        config: periods, latencies and configuration of the parts, where not the defaults.
     """
 
     seconds: float | None = None
@@ -52,6 +54,7 @@ class RunOptions:
     cell_is_empty: bool = False
     look_only: bool = False
     make: MakeParts | None = None
+    config: SessionConfig | None = None
 
 
 def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
@@ -68,6 +71,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             cell_is_empty=wanted.cell_is_empty,
             look_only=wanted.look_only,
             make=wanted.make or make_parts,
+            config=wanted.config,
         )
         if wanted.record is not None:
             from armsight.recording.recorder import Recorder

@@ -1,195 +1,140 @@
-"""A simulated cell ready to be calibrated: world, studio, mover, what is believed, and scoring."""
+"""A simulated cell ready to be calibrated: the task on it, photographs, truth, and scoring."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Pose
-from armsight.calibration.boards import Board, Checkerboard, raster
+from armsight.arrays import Bytes, DepthImage, Floats, JointVector, Pose
 from armsight.calibration.calibrate import Calibration, target_points
+from armsight.calibration.live.log import ProcedureOptions
 from armsight.calibration.live.result import LiveResult
-from armsight.calibration.live.seen import Picture
-from armsight.calibration.live.setup import CameraSetup, Setup
+from armsight.calibration.live.setup import Setup
+from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import from_rpy, inverse, make_pose
-from armsight.geometry.shapes import Solid
-from armsight.robots.kinematics import sphere_centers
-from armsight.robots.robot import Robot
-from armsight.simulation.board import BoardStudio, Print, StudioErrors
-from armsight.simulation.spec import ArmSpec
-from armsight.simulation.studio_mover import StudioMover
+from armsight.geometry.pose import inverse
+from armsight.runtime.config import SessionConfig
+from armsight.runtime.configure import mapping_config
+from armsight.runtime.session import Session
+from armsight.simulation.cameras import SimulatedCamera
+from armsight.simulation.scoring import systematic
 from armsight.simulation.world import SimulatedWorld
-from armsight.workcell.build import world_spec
+from armsight.tasks.calibrate import CalibrateTask
+from armsight.tasks.calibration_cell import calibration_setup, to_calibrate, unseen_is_empty
+from armsight.workcell import Cell, open_cell
+from armsight.workcell.build import simulated_world
 from armsight.workcell.schema import Workcell
 
-PER_METER = 6000
-"""Pixels a metre of the print in simulation: 180 a square of 30 mm."""
+FRAMES = 5
+"""Exposures averaged in a photograph."""
 
 
-@dataclass
+@dataclass(frozen=True)
+class Photograph:
+    """What one camera sees of the resting arm: several exposures averaged.
+
+    Attributes:
+        color, infrared: (h, w) uint8 grey.
+        depth: (h, w) float32 [m] at the infrared picture's resolution; NaN without a return.
+    """
+
+    color: Bytes
+    infrared: Bytes
+    depth: DepthImage
+
+
 class CalibrationCell:
     """Everything that a calibration in simulation needs.
 
     Attributes:
-        setup: as believed; world, studio: the truth; mover: moves and photographs.
+        cell: open; setup: as believed; world: the truth.
         T_world_base: where the arm stands.
     """
 
-    setup: Setup
-    world: SimulatedWorld
-    studio: BoardStudio
-    mover: StudioMover
-    T_world_base: Floats
+    def __init__(self, workcell: Workcell, seed: int) -> None:
+        self.cell: Cell = open_cell(to_calibrate(workcell), seed, calibrated=False)
+        self.world: SimulatedWorld = simulated_world(self.cell)
+        self.T_world_base = self.cell.T_world_base
+        file, reach = self.cell.workcell, self.cell.robot.reach
+        self._mapping = unseen_is_empty(mapping_config(file, self.T_world_base, reach))
+        self.setup: Setup = calibration_setup(self.cell, self._mapping)
+        self._joints = np.array(self.cell.robot.home)
+        self._taken = 0
 
-    def move(self, joints: JointVector) -> bool:
-        """See :class:`armsight.calibration.live.drive.Mover`."""
-        return self.mover.move(joints)
+    def calibrate(self, options: ProcedureOptions, seed: int) -> tuple[LiveResult, float]:
+        """Run the task on the cell; the result and the robot time that it took [s].
+
+        Raises:
+            CalibrationError: it failed; the message says why.
+        """
+        task = CalibrateTask(self.setup, options, np.random.default_rng(seed))
+        config = SessionConfig(mapping=self._mapping, patience=3600.0, planning_time=0.2)
+        session = Session(self.cell, task, seed=seed, config=config)
+        while not task.done and not session.task_failure:
+            session.run(1.0)
+        if task.result is None:
+            raise task.error or CalibrationError(session.task_failure)
+        return task.result, session.now()
+
+    def camera(self, rig: int) -> SimulatedCamera:
+        """A camera with the truth about it."""
+        return self.world.cameras[rig]
+
+    def infrared(self, rig: int) -> PinholeCamera:
+        """The true lens of a camera's infrared picture."""
+        camera = self.camera(rig)
+        return camera.unit.infrared(camera.info.infrared_scale)
+
+    def T_base_camera(self, rig: int) -> Pose:
+        """Where a camera truly is."""
+        return np.asarray(inverse(self.T_world_base) @ self.camera(rig).T_mount_camera)
+
+    def place(self, joints: JointVector) -> None:
+        """Put the arm there at once, sagging as it would; for pools of photographs."""
+        self._joints = np.array(joints, float)
+        self.world.place(self._joints)
 
     def joints(self) -> JointVector:
-        """See :class:`armsight.calibration.live.drive.Mover`."""
-        return self.mover.joints()
+        """Where the arm was placed, as it reports [rad]."""
+        return self._joints
 
-    def now(self) -> float:
-        """See :class:`armsight.calibration.live.drive.Mover`."""
-        return self.mover.now()
-
-    def look(self, cameras: tuple[int, ...], rest: float, frames: int) -> list[Picture]:
-        """See :class:`armsight.calibration.live.drive.Eyes`."""
-        photographs = self.mover.look(cameras, rest, frames)
-        return [Picture(p.color, p.infrared, p.depth) for p in photographs]
+    def photograph(self, rig: int) -> Photograph:
+        """What a camera sees of the placed arm."""
+        color, infrared, depth = [], [], []
+        for _ in range(FRAMES):
+            self._taken += 1
+            frame = self.world.snap(rig, self._taken)
+            assert frame.color is not None
+            assert frame.infrared is not None
+            color.append(cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY).astype(np.float32))
+            infrared.append(frame.infrared.astype(np.float32))
+            depth.append(frame.depth)
+        mean = np.nanmean(np.stack(depth), axis=0) if len(depth) else depth[0]
+        scale = self.camera(rig).info.infrared_scale
+        return Photograph(
+            np.rint(np.mean(color, axis=0)).astype(np.uint8),
+            np.rint(np.mean(infrared, axis=0)).astype(np.uint8),
+            np.kron(mean, np.ones((scale, scale))).astype(np.float32),
+        )
 
     def close(self) -> None:
         """Let the simulation go."""
-        self.world.close()
+        self.cell.close()
 
 
-def sheet(lens: PinholeCamera) -> PinholeCamera:
-    """What the maker's sheet says of a lens: its focal length, the middle, no distortion."""
-    f = 0.5 * (lens.fx + lens.fy)
-    return PinholeCamera(
-        lens.width, lens.height, f, f, 0.5 * (lens.width - 1), 0.5 * (lens.height - 1)
-    )
-
-
-def open_calibration_cell(
-    workcell: Workcell,
-    board: Board | None = None,
-    seed: int = 0,
-    errors: StudioErrors | None = None,
-    redraw: float = float("inf"),
-    factory: bool = False,
-) -> CalibrationCell:
-    """Build a simulated cell with a board on its flange.
-
-    Args:
-        workcell: the cell.
-        board: T1's when None.
-        seed: of the truth.
-        errors: how wrong everything is.
-        redraw: see :class:`BoardStudio`.
-        factory: the cameras report lenses calibrated at the factory, which are kept.
-    """
-    board = board or Checkerboard()
-    spec = world_spec(workcell)
-    world = SimulatedWorld(replace(spec, cameras=(), arm=_without_plate(spec.arm)), seed)
-    image, x0, y0 = raster(board, PER_METER, 0.02)
-    points = board.points
-    middle = 0.5 * (points.max(0) + points.min(0))
-    half = 0.5 * np.ptp(points, axis=0)
-    printed = Print(image, x0, y0, PER_METER, (middle[0], middle[1]), (half[0], half[1]))
-    guess = from_rpy((np.pi, 0.0, 0.0), (0.0, 0.0, 0.06)) @ make_pose(None, -middle)
-    studio = BoardStudio(world, spec.cameras, printed, guess, seed, errors, redraw)
-    cameras = []
-    for truth, declared in zip(studio.cameras, spec.cameras):
-        info = declared.info
-        if factory:
-            color = truth.color if info.color is not None else None
-            T = truth.T_infrared_color
-            cameras.append(CameraSetup(info.name, truth.infrared, color, T, keep=True))
-            continue
-        cameras.append(
-            CameraSetup(
-                info.name,
-                sheet(truth_sheet(info.depth, truth.infrared)),
-                sheet(info.color) if info.color is not None else None,
-                make_pose(None, info.T_depth_color[:3, 3]),
-                depth_scale=1.0,
-            )
-        )
-    T_world_base = spec.arm.T_world_base
-    static = tuple(
-        replace(s, T_frame_solid=inverse(T_world_base) @ s.T_frame_solid) for s in spec.static
-    )
-    robot = spec.arm.robot
-    setup = Setup(
-        robot,
-        tuple(cameras),
-        board,
-        guess,
-        lambda q: stands_free(robot, q, static),
-        lambda a, b: way_free(robot, a, b, static),
-        spec.arm.speed,
-        spec.arm.acceleration,
-        1.0 / min(c.info.rate for c in spec.cameras),
-    )
-    return CalibrationCell(setup, world, studio, StudioMover(world, studio), T_world_base)
-
-
-def _without_plate(arm: ArmSpec) -> ArmSpec:
-    """The arm without the looks of its tool: the studio draws the board where it really hangs.
-
-    The designed plate, drawn as well, would hide the true one wherever the bracket is off.
-    """
-    robot = arm.robot
-    if robot.tool is None:
-        return arm
-    return replace(arm, robot=replace(robot, tool=replace(robot.tool, meshes=())))
-
-
-def truth_sheet(declared: PinholeCamera, infrared: PinholeCamera) -> PinholeCamera:
-    """The catalogue's depth lens at the resolution of the infrared picture."""
-    return declared.scaled(infrared.width / declared.width)
-
-
-def stands_free(
-    robot: Robot, q: JointVector, static: tuple[Solid, ...], clearance: float = 0.03
-) -> bool:
-    """Whether no moving part is near a declared solid, the floor below the base or another part."""
-    centers = sphere_centers(robot, q)
-    link, radius = robot.spheres.link, robot.spheres.radius
-    # The shoulder stands on the table; the elbow, where the forearm begins, guards the upper arm.
-    moving = link >= 3
-    for solid in static:
-        if np.any(solid.distance(centers[moving]) < radius[moving] + clearance):
-            return False
-    for a, b in robot.self_pairs:
-        i, j = np.flatnonzero(link == a), np.flatnonzero(link == b)
-        if len(i) and len(j):
-            gap = np.linalg.norm(centers[i][:, None] - centers[j][None], axis=-1)
-            if np.any(gap < radius[i][:, None] + radius[j][None]):
-                return False
-    return True
-
-
-def way_free(
-    robot: Robot, a: JointVector, b: JointVector, static: tuple[Solid, ...], step: float = 0.08
-) -> bool:
-    """Whether the arm is free all along a straight joint move, looked at every ``step`` [rad]."""
-    count = max(2, int(np.ceil(np.abs(b - a).max() / step)))
-    return all(
-        stands_free(robot, a + w * (b - a), static) for w in np.linspace(0.0, 1.0, count + 1)[1:]
-    )
+def open_calibration_cell(workcell: Workcell, seed: int = 0) -> CalibrationCell:
+    """A simulated cell with a board on its flange."""
+    return CalibrationCell(workcell, seed)
 
 
 def true_lens(cell: CalibrationCell, rig: int, name: str) -> tuple[PinholeCamera, Pose]:
     """The true lens of a camera by its name in the answer, and ``T_base_lens``."""
-    truth = cell.studio.cameras[rig]
-    T = inverse(cell.T_world_base) @ truth.T_world_infrared
-    if name.endswith("color"):
-        return truth.color, T @ truth.T_infrared_color
-    return truth.infrared, T
+    unit, T = cell.camera(rig).unit, cell.T_base_camera(rig)
+    if name.endswith("color") and unit.color is not None:
+        return unit.color, T @ unit.T_depth_color
+    return cell.infrared(rig), T
 
 
 def ray_points(camera: PinholeCamera, T: Pose, pixels: Floats, z: Floats) -> Floats:
@@ -214,23 +159,20 @@ def true_depth_errors(cell: CalibrationCell, result: LiveResult) -> dict[str, fl
     """Median absolute depth error after the depth model, 1-2 m, over the image [m]."""
     out = {}
     for index, model in enumerate(result.depth):
-        truth = cell.studio.cameras[index]
-        if model is None:
-            out[truth.name] = float("nan")
+        camera = cell.camera(index)
+        errors, lens = camera.unit.errors, camera.unit.depth
+        if model is None or errors is None:
+            out[camera.info.name] = float("nan")
             continue
-        lens = truth.infrared
-        z = np.linspace(1.0, 2.0, 21)
         u, v = np.meshgrid(np.linspace(0.05, 0.95, 9), np.linspace(0.05, 0.95, 7))
         pixel = np.stack([u.ravel() * (lens.width - 1), v.ravel() * (lens.height - 1)], 1)
-        errors = []
-        for d in z:
+        left = []
+        for d in np.linspace(1.0, 2.0, 21):
             depth = np.full(len(pixel), d)
-            radius = np.hypot((pixel[:, 0] - lens.cx) / lens.cx, (pixel[:, 1] - lens.cy) / lens.cy)
-            error = truth.depth.of(depth, radius / np.sqrt(2))
-            measured = depth + error
+            measured = depth + systematic(errors, lens, pixel, depth)
             true = measured.copy()
             for _ in range(3):
                 true = measured - model.error(true, pixel, lens)
-            errors.append(true - depth)
-        out[truth.name] = float(np.median(np.abs(errors)))
+            left.append(true - depth)
+        out[camera.info.name] = float(np.median(np.abs(left)))
     return out

@@ -18,9 +18,7 @@ from armsight.arrays import Floats
 from armsight.calibration import arm
 from armsight.calibration.boards import Detection
 from armsight.calibration.calibrate import Calibration, target_points
-from armsight.calibration.live.drive import drive
 from armsight.calibration.live.log import ProcedureOptions
-from armsight.calibration.live.procedure import procedure
 from armsight.calibration.live.result import LiveResult
 from armsight.calibration.live.seen import SeenView, problem_of
 from armsight.calibration.model import Model
@@ -56,7 +54,7 @@ PAPER = ((82, 80, 71, 470), (44, 45, 39, 243), (14, 14, 11, 115), (9, 10, 8, 85)
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """Ours from cold, then the five experiments with its lenses, over ``runs`` cells."""
-    cache = RunCache("calibration-eye-to-hand", seed, {"version": 4})
+    cache = RunCache("calibration-eye-to-hand", seed, {"version": 5})
     done = []
     for r in range(runs):
         progress(f"cell {seed + r}", r / runs)
@@ -100,9 +98,8 @@ NOTES = (
 
 def from_cold(cell: CalibrationCell, seed: int) -> tuple[LiveResult, dict[str, float]]:
     """The whole procedure, nothing known but the sheet."""
-    began, wall = cell.now(), time.process_time()
-    steps = procedure(cell.setup, ProcedureOptions(), np.random.default_rng(seed), None, cell.now)
-    result = drive(steps, cell, cell)
+    wall = time.process_time()
+    result, seconds = cell.calibrate(ProcedureOptions(), seed)
     errors = true_target_errors(cell, result.calibration)
     depth = true_depth_errors(cell, result)
     answer = result.calibration
@@ -117,7 +114,7 @@ def from_cold(cell: CalibrationCell, seed: int) -> tuple[LiveResult, dict[str, f
         "px color": float(np.mean([answer.solution.rms_px(k) for k in (1, 3, 5)])),
         "depth": 1e3 * float(np.nanmedian(list(depth.values()))),
         "depth worst": 1e3 * float(np.nanmax(list(depth.values()))),
-        "seconds": cell.now() - began,
+        "seconds": seconds,
         "views": float(len(result.views)),
         "inside": points_inside(cell, answer),
         "compute": time.process_time() - wall,
@@ -332,14 +329,13 @@ PoolFrame = tuple[SeenView, Floats]
 
 def _pool(cell: CalibrationCell, rig: int, count: int, rng: np.random.Generator) -> list[PoolFrame]:
     """Views with the board parallel to a camera's image, and the depth image of each."""
-    truth, setup = cell.studio.cameras[rig], cell.setup
+    lens, setup = cell.infrared(rig), cell.setup
     middle = 0.5 * (setup.board.points.max(0) + setup.board.points.min(0))
-    T_base_camera = inverse(cell.T_world_base) @ truth.T_world_infrared
+    T_base_camera = cell.T_base_camera(rig)
     out: list[PoolFrame] = []
     for _ in range(12):
         targets = []
         for _ in range(24):
-            lens = truth.infrared
             u = rng.uniform(0.15, 0.85, 2) * [lens.width, lens.height]
             ray = np.append(lens.normalise(u[None])[0], 1.0)
             T = make_pose(None, ray * rng.uniform(0.75, 1.1)) @ make_pose(None, -middle)
@@ -348,17 +344,16 @@ def _pool(cell: CalibrationCell, rig: int, count: int, rng: np.random.Generator)
         for x in q[ok]:
             if setup.free is not None and not setup.free(x):
                 continue
-            if not cell.move(x):
-                continue
+            cell.place(x)
             joints = cell.joints()
-            photo = cell.studio.photograph(rig)
+            photo = cell.photograph(rig)
             found = []
             for lens_index, image in ((2 * rig, photo.infrared), (2 * rig + 1, photo.color)):
                 seen = setup.board.detect(image)
                 if isinstance(seen, Detection):
                     found.append((lens_index, seen.corner, seen.pixel))
             if any(k == 2 * rig for k, _, _ in found):
-                view = SeenView(joints, "cover", cell.now(), tuple(found))
+                view = SeenView(joints, "cover", float(len(out)), tuple(found))
                 out.append((view, np.asarray(photo.depth, float)))
             if len(out) >= count:
                 return out
@@ -436,10 +431,9 @@ def _our_method(cell: CalibrationCell, answer: Calibration, views: list[SeenView
 
 def _score(cell: CalibrationCell, pose: Floats, lens: PinholeCamera, rig: int) -> float:
     """True target error of an infrared lens's pose [m]."""
-    truth = cell.studio.cameras[rig]
     pixels, z = target_points(lens)
-    T_true = inverse(cell.T_world_base) @ truth.T_world_infrared
-    d = ray_points(lens, pose, pixels, z) - ray_points(truth.infrared, T_true, pixels, z)
+    true = ray_points(cell.infrared(rig), cell.T_base_camera(rig), pixels, z)
+    d = ray_points(lens, pose, pixels, z) - true
     return float(np.sqrt(np.mean(np.sum(d * d, axis=1))))
 
 

@@ -60,7 +60,7 @@ PAPER = (
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """The nine experiments, ``runs`` cells each; and ours: 20 and 30 tilted frames."""
     workcell = load_workcell(find("ur5_calibration"))
-    cache = RunCache("calibration-intrinsics", seed, {"version": 2})
+    cache = RunCache("calibration-intrinsics", seed, {"version": 3})
     found: dict[str, list[dict[str, float]]] = {}
 
     def compute(r: int) -> dict[str, dict[str, float]]:
@@ -197,15 +197,13 @@ def _pool(
     say: object,
 ) -> list[Frame]:
     """Photographs by the first camera with the arm at reachable poses all over its image."""
-    truth = cell.studio.cameras[0]
-    setup = cell.setup
+    lens, setup = cell.infrared(0), cell.setup
     middle = 0.5 * (setup.board.points.max(0) + setup.board.points.min(0))
-    T_base_camera = inverse(cell.T_world_base) @ truth.T_world_infrared
+    T_base_camera = cell.T_base_camera(0)
     joints: list[Floats] = []
     while len(joints) < count:
         targets = []
         for _ in range(40):
-            lens = truth.infrared
             spread = (0.1, 0.9) if tilt else (0.3, 0.7)
             u = rng.uniform(*spread, 2) * [lens.width, lens.height]
             ray = np.append(lens.normalise(u[None])[0], 1.0)
@@ -225,8 +223,8 @@ def _pool(
     for k, q in enumerate(order):
         if callable(say):
             say(f"photograph {k + 1} of {count}")
-        cell.studio.place(q)
-        photo = cell.studio.photograph(0)
+        cell.place(q)
+        photo = cell.photograph(0)
         seen = {}
         for index, image in ((0, photo.infrared), (1, photo.color)):
             result = setup.board.detect(image)
@@ -271,8 +269,7 @@ def _solve(cell: CalibrationCell, frames: list[Frame], unseen: list[Frame]) -> d
     start = find_start(_problem(cell, frames), np.random.default_rng(0))
     solution, _ = solve_with_noise(start.problem, Freedom(lens=True, shape=True, white=None))
     test = _test(cell, solution, unseen)
-    truth = cell.studio.cameras[0]
-    offset = inverse(truth.T_infrared_color) @ solution.state.T_rig_lens[1]
+    offset = inverse(cell.camera(0).unit.T_depth_color) @ solution.state.T_rig_lens[1]
     tour = _tour(np.array([q for q, _ in frames]))
     seconds = sum(
         float(travel_seconds(cell.setup.robot, a, b[None], 0.5, 0.6)[0]) + 0.3 + 5 / 15

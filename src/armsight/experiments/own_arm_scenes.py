@@ -9,10 +9,10 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
 from armsight.devices.data import RgbdCameraInfo
-from armsight.experiments.calibration_cell import stands_free
 from armsight.geometry.pose import exp, from_rpy, inverse
 from armsight.geometry.shapes import Solid
 from armsight.recognition.own_arm.answer import ColorView, DepthView
+from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 from armsight.simulation.spec import PersonSpec
 from armsight.simulation.world import SimulatedWorld
@@ -169,3 +169,23 @@ def _person(number: int, T_world_base: Pose, rng: np.random.Generator) -> Person
         T_world_person=from_rpy((0.0, 0.0, bearing + np.pi + rng.uniform(-0.6, 0.6)), place),
         start=0.0,
     )
+
+
+def stands_free(
+    robot: Robot, q: JointVector, static: tuple[Solid, ...], clearance: float = 0.03
+) -> bool:
+    """Whether no moving part is near a declared solid, the floor below the base or another part."""
+    centers = sphere_centers(robot, q)
+    link, radius = robot.spheres.link, robot.spheres.radius
+    # The shoulder stands on the table; the elbow, where the forearm begins, guards the upper arm.
+    moving = link >= 3
+    for solid in static:
+        if np.any(solid.distance(centers[moving]) < radius[moving] + clearance):
+            return False
+    for a, b in robot.self_pairs:
+        i, j = np.flatnonzero(link == a), np.flatnonzero(link == b)
+        if len(i) and len(j):
+            gap = np.linalg.norm(centers[i][:, None] - centers[j][None], axis=-1)
+            if np.any(gap < radius[i][:, None] + radius[j][None]):
+                return False
+    return True

@@ -20,6 +20,8 @@ class MappingConfig:
         far_parts: edge of a coarse voxel in fine ones (T2: coarser out of reach).
         distance_cap: where the distance field saturates [m]; at most 15 voxels.
         unknown_is_solid: the distance field keeps away from unseen space as well.
+        unseen_is_empty: somebody has made sure that nobody is in the cell: what no camera sees is
+            free, and only what was seen there counts. For calibration, never beside people.
         crop: radius about the base beyond which points are left out of the snapshot's cloud [m]
             (T2). They are hazards all the same.
         stale_after: a camera is not alive once its newest frame is older than this [s], or than
@@ -57,6 +59,7 @@ class MappingConfig:
     far_parts: int = 3
     distance_cap: float = 0.3
     unknown_is_solid: bool = False
+    unseen_is_empty: bool = False
     crop: float = 1.5
     stale_after: float = 0.1
     future: float = 0.01

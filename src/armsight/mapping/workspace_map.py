@@ -23,7 +23,7 @@ from armsight.mapping.kernels.flood import face_points
 from armsight.mapping.layers import far_grid, fine_grid
 from armsight.mapping.occupancy import Occupancy
 from armsight.mapping.self_filter import BodyPose, SelfFilter
-from armsight.mapping.snapshot import CameraStatus, Emptiness, WorkspaceSnapshot
+from armsight.mapping.snapshot import FREE, UNKNOWN, CameraStatus, Emptiness, WorkspaceSnapshot
 from armsight.mapping.static_geometry import StaticGeometry, rasterise
 from armsight.mapping.things import PATIENCE, TOUCHES, Things
 from armsight.robots.kinematics import flange_pose
@@ -154,7 +154,7 @@ class WorkspaceMap:
             self._take(job, seen)
         alive = self._living(now)
         self._alive = alive
-        state = self._fine.occupancy.state(alive)
+        state = self._state(self._fine, alive)
         lap("occupancy")
         hazards, unknown = self._hazards(state, alive, now)
         # Before the field: space that hides nobody, such as the arm's own, is not solid.
@@ -231,6 +231,13 @@ class WorkspaceMap:
             layer.unseen.nobody()
         self._emptiness = Emptiness(said=True)
 
+    def _state(self, layer: _Layer, alive: Bytes) -> Bytes:
+        """What is free, occupied and unknown by the word of the living cameras."""
+        state = layer.occupancy.state(alive)
+        if self.config.unseen_is_empty:
+            state[state == UNKNOWN] = FREE
+        return state
+
     def _turn_back(self, seconds: float) -> None:
         """The clock was turned back: begin anew, but keep what was seen occupied until seen gone.
 
@@ -251,6 +258,8 @@ class WorkspaceMap:
 
         People who may hide in unseen space go on moving, so not for long.
         """
+        if not self._health and self._snapshot is not None and self.config.unseen_is_empty:
+            return True
         return (
             self._snapshot is not None
             and bool((alive == self._alive).all())
@@ -260,6 +269,8 @@ class WorkspaceMap:
     def _again(self, now: float) -> WorkspaceSnapshot:
         """The last snapshot with the cameras' health as it is now."""
         assert self._snapshot is not None
+        if not self._health:
+            return self._snapshot
         return replace(self._snapshot, cameras=self._statuses(now))
 
     def _statuses(self, now: float) -> tuple[CameraStatus, ...]:
@@ -371,7 +382,7 @@ class WorkspaceMap:
             self._take_word(alive, now)
         parts: list[tuple[Floats32, bool]] = []
         if self.config.has_far_layer:
-            parts = self._far_hazards(far.occupancy.state(alive), elapsed, now)
+            parts = self._far_hazards(self._state(far, alive), elapsed, now)
         seen = self._people(fine, state, fine.occupancy.clusters(self.config.cluster), now)
         self._solid_things = self._centers(fine.things.solid(fine.occupancy.dynamic))
         unseen, _ = fine.unseen.update(state, seen, self._body_near, elapsed)

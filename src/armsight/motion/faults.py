@@ -82,7 +82,7 @@ class FaultWatch:
             self._joints, self._snapshot = None, None
         good_joints, joint_fault = self._judge_joints(now, joints)
         good_snapshot, snapshot_fault = self._judge_snapshot(now, snapshot)
-        age = math.inf if good_snapshot is None else now - _oldest(good_snapshot)
+        age = math.inf if good_snapshot is None else _age(good_snapshot, now)
         severity, reason = max(
             (joint_fault, time_fault, snapshot_fault, self._cameras(now, good_snapshot)),
             key=lambda fault: fault[0],
@@ -200,6 +200,11 @@ class FaultWatch:
             if not status.alive:
                 return slow, f"camera {name} is not trusted ({status.reason or 'no reason given'})"
         return Severity.NONE, ""
+
+
+def _age(snapshot: WorkspaceSnapshot, now: float) -> float:
+    """Of what a snapshot rests on [s]; a map without cameras rests on no picture."""
+    return now - _oldest(snapshot) if snapshot.cameras else 0.0
 
 
 def _oldest(snapshot: WorkspaceSnapshot) -> float:

@@ -20,11 +20,13 @@ class CameraUse:
         color_rate: colour pictures a second [Hz]; 0 for none. Colour costs a driver bandwidth and
             the simulation much time, so it is taken only as often as somebody asks.
         color_scale: edge of the colour picture in shares of the lens's own, above 0 to 1.
+        infrared: the depth lens's own picture as well, with every colour picture.
     """
 
     camera: str = ""
     color_rate: float = 0.0
     color_scale: float = 1.0
+    infrared: bool = False
 
 
 @dataclass(frozen=True)

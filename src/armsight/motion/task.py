@@ -105,12 +105,17 @@ class Task(Protocol):
     Attributes:
         name: for the page and the log.
         period: seconds between rounds [s].
-        subscriptions: what it wants to see.
+        subscriptions: what it wants to see. Which cameras may change from round to round: pictures
+            are costly, and nobody should take those that nobody looks at.
     """
 
     name: str
     period: float
-    subscriptions: Subscriptions
+
+    @property
+    def subscriptions(self) -> Subscriptions:
+        """What it wants to see in the next round."""
+        ...
 
     def update(self, observation: Observation) -> Intent | None:
         """What is wanted from now on; None to rest."""

@@ -48,6 +48,13 @@ class NewestFrames:
         self._newest: dict[str, RgbdFrame] = {}
         self._fresh: set[str] = set()
 
+    def use(self, uses: Sequence[CameraUse]) -> None:
+        """The subscriber wants other cameras from now on; what came before is forgotten."""
+        with self._lock:
+            self._names = {use.camera for use in uses}
+            self._newest.clear()
+            self._fresh.clear()
+
     def wants(self, camera: str) -> bool:
         """Whether a camera's frames are subscribed to."""
         return "" in self._names or camera in self._names

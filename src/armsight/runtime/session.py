@@ -96,6 +96,7 @@ class Session:
         self.config = config or SessionConfig()
         self.ended_by = ""
         self._make = make
+        self._colored: set[str] = set()
         self._cell_is_empty = cell_is_empty
         self._observers = list(observers)
         self._advance = _advance_of(cell)
@@ -413,6 +414,8 @@ class Session:
             if not self._wall:
                 part.call_at = loop.call_at
         self._want_pictures()
+        if self._task is not None:
+            self._task.on_subscriptions = self._want_pictures
         if not self._wall:
             self._guard.call_at = loop.call_at
         if isinstance(loop, SimulatedLoop) and charge == "declared":
@@ -471,6 +474,8 @@ class Session:
     def _want_pictures(self) -> None:
         """Ask each camera for as much colour as its subscribers want together, and each pair.
 
+        One that is no evidence for the guard, and that nobody looks at, may stand by.
+
         Raises:
             UsageError: the task wants a pair that is not in the cell.
         """
@@ -489,11 +494,18 @@ class Session:
         if self.task is not None:
             uses += self.task.subscriptions.cameras
         for camera in self._cameras:
-            those = [u for u in uses if u.color_rate > 0 and u.camera in ("", camera.info.name)]
-            if those:
+            mine = [u for u in uses if u.camera in ("", camera.info.name)]
+            those = [u for u in mine if u.color_rate > 0]
+            if those or camera.info.name in self._colored:
                 camera.want_color(
-                    max(u.color_rate for u in those), max(u.color_scale for u in those)
+                    max((u.color_rate for u in those), default=0.0),
+                    max((u.color_scale for u in those), default=1.0),
                 )
+                self._colored.add(camera.info.name)
+            if hasattr(camera, "want_infrared"):
+                camera.want_infrared(any(u.infrared for u in those))
+            if hasattr(camera, "stand_by"):
+                camera.stand_by(not mine and not camera.info.guard)
 
     def _hold(self, held: bool) -> None:
         """Real time: the arm holds still and the task is not asked."""

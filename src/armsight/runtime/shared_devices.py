@@ -104,6 +104,18 @@ class SharedCamera:
         with self._lock:
             self._camera.want_color(rate, scale)
 
+    def want_infrared(self, wanted: bool) -> None:
+        """Ask for the depth lens's picture, where there is one, or spare it."""
+        if hasattr(self._camera, "want_infrared"):
+            with self._lock:
+                self._camera.want_infrared(wanted)
+
+    def stand_by(self, idle: bool) -> None:
+        """Nobody looks at the camera, or somebody does again."""
+        if hasattr(self._camera, "stand_by"):
+            with self._lock:
+                self._camera.stand_by(idle)
+
 
 class SharedSensor:
     """A stereo pair, a force sensor or a gripper behind a lock: its readings."""

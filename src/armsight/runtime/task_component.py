@@ -46,6 +46,7 @@ class TaskComponent:
         failure: why the task has ended for good, in words; empty while it lives.
         held: the task is not asked while this is true.
         on_seconds: told how long a round computed beside the loop [s].
+        on_subscriptions: told when the task wants other cameras than before.
         call_at: the simulated loop's; None under the wall clock, where a round takes its time.
 
     Args:
@@ -79,7 +80,9 @@ class TaskComponent:
         self.on_seconds: Callable[[float], None] = lambda seconds: None
         self.call_at: Callable[[float, Callable[[], None]], None] | None = None
         self.task = task
-        self.frames = NewestFrames(task.subscriptions.cameras)
+        self._uses = task.subscriptions.cameras
+        self.frames = NewestFrames(self._uses)
+        self.on_subscriptions: Callable[[], None] = lambda: None
         self._channels, self._robot, self._cameras = channels, robot, cameras
         self._perceivers = [
             _of_name(name, task, perceivers) for name in sorted(set(task.subscriptions.perceivers))
@@ -166,6 +169,11 @@ class TaskComponent:
             return
         wanted, face = outcome.value
         self._channels.word.publish(TaskWord(began, wanted), at)
+        uses = self.task.subscriptions.cameras
+        if uses != self._uses:
+            self._uses = uses
+            self.frames.use(uses)
+            self.on_subscriptions()
         if face is not None:
             self._show(face, began, at)
 

@@ -59,7 +59,7 @@ class SimulatedArm:
         self._speed = limits.velocity * spec.speed
         self._acceleration = limits.acceleration * spec.acceleration
         self._brake = limits.acceleration.astype(float)
-        self._compliance = compliance
+        self.compliance = compliance
         # The tip's error follows the joints' with levers of about a reach in all.
         self._rest_sigma = spec.repeatability / (1.1 * spec.robot.reach)
         self._every = max(1, round(1.0 / (spec.state_rate * time_step)))
@@ -208,7 +208,7 @@ class SimulatedArm:
             return
         slot = self._count % HISTORY
         reading = self._readings[slot]
-        reading[0] = position + self._rest_offset + self._compliance * load
+        reading[0] = position + self._rest_offset + self.compliance * load
         reading[1] = velocity
         reading[2] = drive + load
         self._stamps[slot] = now

@@ -180,7 +180,7 @@ class SimulatedCamera:
         self._frozen: Future[Any] | None = None
         self._color_rate, self._color_scale = 0.0, 1.0
         self._color_due = -np.inf
-        self._infrared_wanted = False
+        self._infrared_wanted = self._idle = False
         self.seen: tuple[DepthPicture, Pose] | None = None
 
     @property
@@ -231,6 +231,10 @@ class SimulatedCamera:
         """Ask for the depth lens's own picture beside every colour picture, or spare it."""
         self._infrared_wanted = wanted
 
+    def stand_by(self, idle: bool) -> None:
+        """Take no picture while nobody looks, which spares drawing them."""
+        self._idle = idle
+
     @property
     def T_mount_camera(self) -> Pose:
         """Where the depth lens truly is: in world when fixed, else in the flange."""
@@ -257,7 +261,7 @@ class SimulatedCamera:
     ) -> None:
         """Open the shutter at ``now`` [s] from a true optical pose."""
         times = self._timing.expose(now)
-        if times is None:
+        if times is None or self._idle:
             return
         sequence, stamp, arrival = times
         if self.faults.find("freeze", now) and self._frozen is not None:
@@ -274,16 +278,39 @@ class SimulatedCamera:
         keep = bool(self.rivals) or picture is self._frozen
         self._deliveries.add(_Delivery(sequence, stamp, arrival, picture), now, cancel=not keep)
 
+    def snap(
+        self,
+        T_world_camera: Pose,
+        take: Callable[..., Shot],
+        renders: RenderThread,
+        sequence: int,
+    ) -> RgbdFrame:
+        """A frame of this very moment with both pictures, as if it had been wanted."""
+        self._infrared_wanted, wanted = True, self._infrared_wanted
+        pictures = self._shoot(T_world_camera, sequence)
+        self._infrared_wanted = wanted
+        shot, now = take(T_world_camera, self.unit.depth), self._timing.clock.now()
+        depth, color, infrared = self._develop(
+            renders, shot, T_world_camera, sequence, now, pictures, False
+        )
+        return RgbdFrame(self.info.name, sequence, now, now, depth, color, infrared=infrared)
+
     def _pictures(
         self, T_world_camera: Pose, sequence: int, now: float
     ) -> tuple[_Develop, _Develop]:
-        """How the colour and the infrared picture of this instant are developed, if wanted."""
-        unit, photographer, lens = self.unit, self.photographer, self._color_lens()
-        if photographer is None or self._color_rate <= 0.0 or now < self._color_due - 1e-9:
+        """How the pictures of this instant are developed, if they are wanted and due."""
+        if self._color_rate <= 0.0 or now < self._color_due - 1e-9:
             return None, None
         # From the time it was due, not from now: exposures do not fit the rate exactly.
         late = now - self._color_due < 1.0 / self._color_rate
         self._color_due = (self._color_due if late else now) + 1.0 / self._color_rate
+        return self._shoot(T_world_camera, sequence)
+
+    def _shoot(self, T_world_camera: Pose, sequence: int) -> tuple[_Develop, _Develop]:
+        """How the colour picture of this instant is developed, and the infrared one if wanted."""
+        unit, photographer, lens = self.unit, self.photographer, self._color_lens()
+        if photographer is None:
+            return None, None
         camera, noisy = (self.info.name, self._number), self._sensor is not None
         color = infrared = None
         if lens is not None:
@@ -291,9 +318,7 @@ class SimulatedCamera:
             color = photographer.shoot(camera, T, lens, "color", sequence, noisy)
         if self._infrared_wanted and self.info.infrared_scale > 0:
             lens = unit.infrared(self.info.infrared_scale)
-            infrared = photographer.shoot(
-                camera, T_world_camera, lens, "infrared", sequence, noisy
-            )
+            infrared = photographer.shoot(camera, T_world_camera, lens, "infrared", sequence, noisy)
         return color, infrared
 
     def _develop(

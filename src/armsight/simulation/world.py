@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import ColorImage, JointVector, Pose, Vector3
+from armsight.devices.data import RgbdFrame
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
@@ -228,6 +229,23 @@ class SimulatedWorld:
         image = self.renderer.color(shot, lens)
         self.renderer.give_back(shot)
         return image
+
+    def place(self, joints: JointVector) -> None:
+        """Put the arm at once where it reports (n,) joint angles [rad]; for pools of photographs.
+
+        It sags as it would; the small error of every rest is left out.
+        """
+        n, data = self.spec.arm.robot.n, self._data
+        data.qpos[:n] = joints
+        mujoco.mj_forward(self._cell.model, data)
+        data.qpos[:n] = joints - self.arm.compliance * data.qfrc_gravcomp[:n]
+        self._settle()
+
+    def snap(self, camera: int, sequence: int) -> RgbdFrame:
+        """What a camera sees at this moment, in colour and infrared too, whatever its rate."""
+        taker = self.cameras[camera]
+        self._settle()
+        return taker.snap(self._camera_pose(taker), self._taker(taker), self._renders, sequence)
 
     def close(self) -> None:
         """Give OpenGL's memory back; may be repeated."""

@@ -1,4 +1,4 @@
-"""The cell's calibration board: as declared for whoever looks for it, as a print for the simulation.
+"""The cell's calibration board: as declared, and as a print for the simulation.
 
 The one place of this room that knows what boards look like (``calibration/boards``).
 """

@@ -242,9 +242,7 @@ class SolidSection(Section):
 class BoardSection(Section):
     """A calibration board, on the arm or beside it; `armsight board` prints one."""
 
-    kind: Text = key(
-        "checkerboard:7x5:30", "Which, sizes in mm, such as `checkerboard:7x5:30`."
-    )
+    kind: Text = key("checkerboard:7x5:30", "Which, sizes in mm, such as `checkerboard:7x5:30`.")
     mounted_on: Literal["flange", "world"] = key(
         "flange", "`flange` for a board that the arm carries, `world` for one that stands still."
     )
