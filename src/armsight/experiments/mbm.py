@@ -23,7 +23,8 @@ from armsight.experiments.motion_bench import (
     load_problems,
 )
 from armsight.experiments.rows import Row, wilson
-from armsight.experiments.seen_space import PARTS, Seen, snapshot_of, space_seen
+from armsight.experiments.seen_space import Seen, snapshot_of, space_seen
+from armsight.experiments.seen_space_kernels import PARTS
 from armsight.geometry.camera import PinholeCamera
 from armsight.mapping.snapshot import FREE, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
