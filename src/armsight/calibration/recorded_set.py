@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from armsight.arrays import Floats, Ints, Poses
@@ -331,7 +332,9 @@ def _pose_row(name: str, cameras: int, choice: Choice) -> ReadAs:
     best = choice.best
     words = f"{best.reading.table.source}: {best.words()} ({best.fit.median_px:.1f} px)"
     second = choice.second
-    otherwise = "" if second is None else f"{second.words()} ({second.fit.median_px:.0f} px)"
+    otherwise = (
+        "" if second is None else f"{second.words()} ({min(second.fit.median_px, 99999):.0f} px)"
+    )
     return ReadAs(what, words, otherwise)
 
 
@@ -416,16 +419,30 @@ def mirror_order(board: Board) -> Ints | None:
 def rough_lens(
     board: Board, detections: Sequence[Detection], size: tuple[int, int]
 ) -> PinholeCamera:
-    """A lens from the pictures alone; a usual one where they do not tell it."""
-    found = zhang(
-        [board.points[d.corner] for d in detections], [d.pixel for d in detections], *size
-    )
-    if found is not None:
+    """A lens from the pictures alone, good enough to tell readings of poses apart.
+
+    Zhang's closed form, then focal length and radial distortion by OpenCV over some views; a usual
+    lens where the pictures do not tell.
+    """
+    points = [np.asarray(board.points[d.corner], np.float32) for d in detections]
+    pixels = [np.asarray(d.pixel, np.float32) for d in detections]
+    found = zhang(points, [d.pixel for d in detections], *size)
+    if found is None:
+        f = 1.1 * max(size)
+        return PinholeCamera(*size, f, f, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    pick = np.linspace(0, len(points) - 1, min(len(points), 20)).astype(int)
+    flags = (
+        cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
+        | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
+    )  # fmt: skip
+    try:
+        rms, K, d, _, _ = cv2.calibrateCamera(
+            [points[int(k)] for k in pick], [pixels[int(k)] for k in pick], size,
+            found.K.copy(), np.zeros(5), flags=flags,
+        )  # fmt: skip
+    except cv2.error:
         return found
-    f = 1.1 * max(size)
-    return PinholeCamera(*size, f, f, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-
-
-def with_mount(recorded: RecordedSet, mount: Mount) -> RecordedSet:
-    """The same set with all cameras on another mount."""
-    return replace(recorded, cameras=tuple(replace(c, mount=mount) for c in recorded.cameras))
+    k1, k2 = (float(v) for v in np.ravel(d)[:2])
+    if not np.isfinite(rms) or not 0.6 < K[0, 0] / found.fx < 1.7 or max(abs(k1), abs(k2)) > 3.0:
+        return found
+    return replace(found, fx=float(K[0, 0]), fy=float(K[1, 1]), distortion=(k1, k2, 0.0, 0.0, 0.0))

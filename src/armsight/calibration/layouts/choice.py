@@ -9,7 +9,7 @@ times better; then it is the name of a mistake.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -202,8 +202,10 @@ def _candidates(
         for mount in ("base", "flange"):
             A = T if mount == "base" else se3.inverses(T)
             found = fit(A, mine)
-            if found.scale > 1e-7 and np.isfinite(found.px).all():
-                out.append(Candidate(meanings[k], pairing, mount, found))
+            if not (found.scale > 1e-7 and np.isfinite(found.px).all()):
+                # Mirrored or nonsense: it fits nothing, and stays what the file says.
+                found = replace(found, px=np.full(len(found.px), 1e6), scale=1.0)
+            out.append(Candidate(meanings[k], pairing, mount, found))
     return out
 
 
@@ -255,7 +257,7 @@ def _named(
         add(
             code,
             f"{table.source}: holds {best.reading.words}, not {said.reading.words} as it says "
-            f"({said.fit.median_px:.0f} px so, {best.fit.median_px:.1f} px as read)",
+            f"({_px(said)} so, {_px(best)} as read)",
             cure,
         )
     elif table.angle is not None and best.reading.degrees != (table.angle < 1.0):
@@ -287,6 +289,11 @@ def _named(
         )
     out += _scale(best, length, square)
     return out
+
+
+def _px(candidate: Candidate) -> str:
+    px = candidate.fit.median_px
+    return f"{px:.3g} px" if px < 1e5 else "nothing fits"
 
 
 def _kind_of_mistake(best: Reading, said: Reading) -> tuple[str, str]:
