@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_fakes import GRID, make_guard, make_snapshot
 
+from armsight.devices.data import ArmStatus, GripperState, Wrench
+from armsight.devices.line import DeviceHealth
 from armsight.geometry.pose import from_rpy, transform
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import CameraStatus
@@ -18,6 +20,7 @@ from armsight.runtime.view import ComponentHealth
 from armsight.viewer import colors, html
 from armsight.viewer.cameras import TILE, mosaic
 from armsight.viewer.danger import FADE, voxels
+from armsight.viewer.devices import devices
 from armsight.viewer.history import SECONDS, History
 from armsight.viewer.nodes import quaternions
 from armsight.viewer.primitives import CUBE, CYLINDER, SPHERE
@@ -42,11 +45,24 @@ def test_words_from_outside_cannot_become_markup() -> None:
         html.cameras([CameraStatus(evil, 0.0, False, 1, 2, evil)], 1.0),
         html.components([ComponentHealth(evil, 0.1, 1, 0, 0.0, (0.0, 0.0), evil)]),
         html.timings([(evil, 0.1)]),
+        devices([ArmStatus(0.0, "protective_stop", 0.5, evil)], [DeviceHealth(evil, "lost", evil)]),
     ]
     for piece in pieces:
         assert "<img" not in piece
         assert "&lt;img" in piece
         assert len(re.findall("<div", piece)) == len(re.findall("</div", piece))
+
+
+def test_devices_say_how_they_are() -> None:
+    readings = [
+        ArmStatus(0.0, "emergency_stop", 0.5),
+        Wrench(0.0, np.array([3.0, 4.0, 0.0]), np.zeros(3)),
+        GripperState(0.0, 0.042, True),
+    ]
+    text = devices(readings, [DeviceHealth("camera 'c'", "open", clock_error=0.002)])
+    for word in ("emergency stop", "50 %", "5.0 N", "42 mm", "moves", "±2.0 ms", html.BAD):
+        assert word in text
+    assert devices([], []) == ""
 
 
 def test_too_close_is_red() -> None:

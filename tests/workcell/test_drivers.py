@@ -12,10 +12,12 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "devices"))
 import plugged_doubles
 from plugged_doubles import LOG
 
+from armsight.devices.data import GripperState, Wrench
 from armsight.devices.driven_arm import DrivenArm
 from armsight.devices.driven_cameras import DrivenCamera
-from armsight.errors import DeviceError, WorkcellError
+from armsight.errors import DeviceError, UsageError, WorkcellError
 from armsight.geometry.pose import inverse
+from armsight.runtime.session import Session
 from armsight.workcell import drivers, open_cell, parse_workcell
 
 HERE = "plugged_doubles"
@@ -185,3 +187,28 @@ def test_only_names_are_drivers(name):
 )
 def test_wrong_tables_of_the_new_devices(change, words):
     assert words in problems((REAL + MORE).replace(*change))
+
+
+def test_a_mixed_cell_runs_on_the_computers_time(monkeypatch, tmp_path):
+    """A real camera and a simulated arm: both are dated with one clock, and both go on."""
+    monkeypatch.setenv("ARMSIGHT_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "runtime"))
+    from doubles import make_fake_parts
+
+    text = REAL.replace(f'driver = "{HERE}:Arm"\nconnection', "connection")
+    with open_cell(parse_workcell(text + MORE)) as cell:
+        session = Session(cell, None, make=make_fake_parts, look_only=True)
+        assert session.wall
+        began = session.now()
+        session.run(0.6)
+        view = session.view()
+        assert cell.world.clock.now() == pytest.approx(view.now, abs=0.3)
+        for stamp in (view.joints.stamp, view.frames[0].stamp, view.reading(Wrench).stamp):
+            assert began < stamp <= view.now
+        assert view.reading(GripperState).width == 0.05
+        session.run(0.2)
+        assert session.view().joints.stamp > view.joints.stamp
+        with pytest.raises(UsageError, match="second takes a second"):
+            session.set_speed(2.0)
+        with pytest.raises(UsageError, match="only a simulated"):
+            session.reset()

@@ -109,20 +109,20 @@ def cameras(statuses: Sequence[CameraStatus], now: float) -> str:
         age = now - status.stamp
         told = f"{1e3 * age:.0f} ms" if np.isfinite(age) else "never"
         rows.append(
-            _row(
+            table_row(
                 GOOD if status.alive else BAD,
                 status.name,
                 (told, f"{status.frames}", f"{status.dropped}"),
                 status.reason,
             )
         )
-    return _table(("camera", "age", "frames", "lost"), rows) if rows else _faint("no cameras")
+    return table(("camera", "age", "frames", "lost"), rows) if rows else _faint("no cameras")
 
 
 def components(reports: Sequence[ComponentHealth]) -> str:
     """Health of the loop's components."""
     rows = [
-        _row(
+        table_row(
             BAD if report.problem else GOOD,
             report.name,
             (
@@ -134,7 +134,7 @@ def components(reports: Sequence[ComponentHealth]) -> str:
         )
         for report in reports
     ]
-    return _table(("component", "ms", "p99", "missed"), rows) if rows else _faint("nothing runs")
+    return table(("component", "ms", "p99", "missed"), rows) if rows else _faint("nothing runs")
 
 
 def timings(stages: Sequence[tuple[str, float]]) -> str:
@@ -174,7 +174,8 @@ def metres(value: float) -> str:
     return f"{value:.2f} m" if np.isfinite(value) else "–"
 
 
-def _row(color: str, name: str, values: Sequence[str], reason: str) -> str:
+def table_row(color: str, name: str, values: Sequence[str], reason: str) -> str:
+    """A line with a dot of its colour; the reason, if any, below it."""
     dot = (
         f"<span style='display:inline-block;width:.6em;height:.6em;border-radius:50%;"
         f"background:{color};margin-right:.45em'></span>"
@@ -189,7 +190,8 @@ def _row(color: str, name: str, values: Sequence[str], reason: str) -> str:
     return line
 
 
-def _table(heads: Sequence[str], rows: Sequence[str]) -> str:
+def table(heads: Sequence[str], rows: Sequence[str]) -> str:
+    """Rows under their heads."""
     titles = "".join(
         f"<th style='font-weight:500;{DIM};text-align:{'left' if i == 0 else 'right'}'>{head}</th>"
         for i, head in enumerate(heads)

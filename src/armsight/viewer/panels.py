@@ -12,6 +12,7 @@ import viser
 from armsight.arrays import ColorImage
 from armsight.runtime.view import SessionView
 from armsight.viewer import html
+from armsight.viewer.devices import devices
 from armsight.viewer.face import FacePanel
 from armsight.viewer.history import SECONDS, History
 from armsight.viewer.plots import plot
@@ -87,7 +88,8 @@ class Panels:
         snapshot, guard = view.snapshot, view.guard
         statuses = () if snapshot is None else snapshot.cameras
         self._set("cameras", html.cameras(statuses, view.now))
-        self._set("components", html.components(view.health))
+        words = html.components(view.health) + devices(view.readings, view.devices)
+        self._set("components", words)
         stages = [*(() if snapshot is None else snapshot.timings)]
         stages += [*(() if guard is None else guard.timings)]
         self._set("timings", html.timings(stages))
