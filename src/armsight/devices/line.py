@@ -36,6 +36,14 @@ ABANDONED = 6
 WELL = 5.0
 """A device that was read for so long begins again with the shortest pause [s]."""
 
+_left_behind: list[str] = []
+
+
+def left_behind() -> tuple[str, ...]:
+    """Calls of drivers that have hung since the process began, in words."""
+    return tuple(_left_behind)
+
+
 Stage = Literal["opening", "open", "lost", "closed"]
 Reading = TypeVar("Reading")
 Driver = TypeVar("Driver", bound="Closes")
@@ -229,6 +237,7 @@ class Line(Generic[Driver, Reading]):
         thread.join(STOP_SECONDS)
         if thread.is_alive():
             self._beside[what] = thread
+            _left_behind.append(hangs)
             raise DeviceError(hangs)
         if errors:
             raise DeviceError(_told(self.name, what, errors[0])) from errors[0]
@@ -405,6 +414,7 @@ class Line(Generic[Driver, Reading]):
                 return
             self._stage, self._reason, self._doing = "lost", reason, None
             if hung:
+                _left_behind.append(reason)
                 self._hung.add(self._generation)
             self._generation += 1
             driver = self._driver
