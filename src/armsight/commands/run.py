@@ -54,7 +54,7 @@ class RunCommand:
             say,
             write_summary,
         )
-        from armsight.errors import TaskError, UsageError
+        from armsight.errors import UsageError
         from armsight.tasks.catalogue import load_options, make_task
         from armsight.workcell import open_cell
         from armsight.workcell.packaged import load
@@ -81,8 +81,6 @@ class RunCommand:
             say(f"{key:18}{value}")
         if self.json is not None:
             write_summary(self.json, summary)
-        if session.task_failure:
-            raise TaskError(session.task_failure)
         return exit_code(session, self.seconds)
 
 

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from armsight.commands.serving import Page
+from armsight.errors import TaskError
 
 if TYPE_CHECKING:
     from armsight.motion.task import Task
@@ -102,7 +103,13 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
 
 
 def exit_code(session: Session, seconds: float | None) -> int:
-    """0, or 130 when a run that had an end of its own was interrupted before it."""
+    """0, or 130 when a run that had an end of its own was interrupted before it.
+
+    Raises:
+        TaskError: the task failed.
+    """
+    if session.task_failure:
+        raise TaskError(session.task_failure)
     return INTERRUPTED if seconds is not None and session.ended_by != "time" else 0
 
 

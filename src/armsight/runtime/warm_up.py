@@ -10,7 +10,7 @@ import numpy as np
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.motion.data import PlanRequest
-from armsight.motion.intents import JointIntent
+from armsight.motion.intents import JointIntent, VelocityIntent
 from armsight.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -62,6 +62,11 @@ def warm_up(
             at = now + 0.008 * tick
             joints = JointState(at, home, np.zeros(robot.n))
             guard.step(at, joints, snapshot, goal, plan)
+        for tick in range(3, 6):  # as fast as can be: something limits it, and is slid along
+            at = now + 0.008 * tick
+            joints = JointState(at, home, np.zeros(robot.n))
+            wish = VelocityIntent("warm-up", np.full(6, 2.0), "base", at, at + 0.1)
+            guard.step(at, joints, snapshot, wish, None)
     progress("prepared", 1.0)
 
 
