@@ -8,6 +8,7 @@ from tests.recognition.own_arm.synthetic import LENS, T_BASE_CAMERA, corners, ro
 from armsight.geometry.pose import exp, inverse, transform
 from armsight.recognition.own_arm.answer import ColorView
 from armsight.recognition.own_arm.color import ColorOptions, register_color
+from armsight.recognition.own_arm.color_search import search_color
 from armsight.recognition.own_arm.surface import arm_surface
 
 OPTIONS = ColorOptions(width=256, starts=600, cell=(4, 2))
@@ -78,7 +79,11 @@ def test_a_room_in_which_nothing_moves_is_not_believed(views: list[ColorView]) -
     rng = np.random.default_rng(5)
     empty = rng.integers(90, 100, views[0].color.shape, np.uint8)
     still = [ColorView(v.joints, empty) for v in views]
-    assert not register_color(arm_surface(robot()), LENS, still, T_BASE_CAMERA, OPTIONS).believed
+    surface = arm_surface(robot())
+    assert not register_color(surface, LENS, still, T_BASE_CAMERA, OPTIONS).believed
+    answer = search_color(surface, LENS, still, OPTIONS)
+    assert not answer.believed
+    assert "nothing moves" in answer.problem
 
 
 def test_views_are_asked_for() -> None:

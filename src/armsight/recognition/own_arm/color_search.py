@@ -28,6 +28,8 @@ ATTEMPTS = 2
 """Searches with other rotations while the answer is not believed."""
 DISTANCES = (0.8, 1.1, 1.5, 2.0, 2.7, 3.6)
 """Of the arm's middle from the camera that are tried [m]."""
+LEAST_SEEN = 0.85
+"""Share of the outline on edges; a pose from nowhere must show more than one that was believed."""
 PATCHES = 3
 """Of each view, the largest ones."""
 WIDTH = 2500
@@ -60,13 +62,13 @@ def search_color(
         surface: of the arm.
         lens: of the pictures.
         views: at least three, better six, by a camera that stands.
-        options: how.
+        options: how; if absent, an answer must show more of itself than from an old pose.
         seed: of the rotations that are tried.
 
     Raises:
         ValueError: there are fewer than three views.
     """
-    scene = color_scene(surface, lens, views, options)
+    scene = color_scene(surface, lens, views, options or ColorOptions(least_seen=LEAST_SEEN))
     if not scene.coarse.areas[:, 1:].any():
         nothing = np.full((6, 6), np.nan)
         problem = "nothing moves before the camera"
