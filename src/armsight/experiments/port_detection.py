@@ -145,7 +145,8 @@ def _outcome(shown: list[dict[str, Any]], empty: list[dict[str, Any]]) -> Outcom
     )
     sure = [r for r in shown if r.get("score", 0.0) > 0.95 and r["distance"] < 0.75]
     wrong = sum(
-        r["type"] != r["port"] or r["lateral"] > 1e-3 or r["tilt"] > np.deg2rad(1) for r in sure
+        bool(r["type"] != r["port"] or r["lateral"] > 1e-3 or r["tilt"] > np.deg2rad(1))
+        for r in sure
     )
     low, high = wilson(wrong, len(sure))
     share = wrong / len(sure) if sure else float("nan")

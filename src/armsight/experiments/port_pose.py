@@ -133,7 +133,7 @@ def _rms(values: list[float]) -> float:
 
 def _rows(near: list[dict[str, Any]], far: list[dict[str, Any]]) -> list[Row]:
     good = [r for r in near if r["score"] >= SURE_SCORE and not r["doubtful"]]
-    flips = sum(r["roll"] > np.deg2rad(20) for r in good)
+    flips = sum(bool(r["roll"] > np.deg2rad(20)) for r in good)
     upright = [r for r in good if r["roll"] <= np.deg2rad(20)]
     rows = []
     for key, unit, factor, paper, must, aim in (
@@ -259,7 +259,7 @@ def _rows(near: list[dict[str, Any]], far: list[dict[str, Any]]) -> list[Row]:
         )
     )
     above = [r for r in near if r["score"] > 0.95]
-    wrong = sum(r["lateral"] > 1e-3 or r["tilt"] > np.deg2rad(1.0) for r in above)
+    wrong = sum(bool(r["lateral"] > 1e-3 or r["tilt"] > np.deg2rad(1.0)) for r in above)
     low, high = wilson(wrong, len(above))
     rows.append(
         Row(
