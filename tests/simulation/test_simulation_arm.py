@@ -268,3 +268,13 @@ def test_meshes_of_a_urdf_in_millimetres_and_out_of_place_are_put_right(tmp_path
         boxes = [link_box(w, robot, link) for w in (world, other)]
     np.testing.assert_allclose(boxes[1], boxes[0], atol=2e-3)
     assert np.ptp(boxes[0], axis=0).max() > 0.1
+
+
+def test_the_drives_push_with_what_the_urdf_says():
+    """A UR10's wrists have 56 N m; by their accelerations alone it would be 7 to 9."""
+    ur10 = load_robot("ur10")
+    spec = WorldSpec(ArmSpec(ur10, make_pose(None, (0, 0, 0.75)), ur10.home))
+    with SimulatedWorld(spec) as world:
+        greatest = world._cell.model.jnt_actfrcrange[:6, 1]
+    assert np.all(greatest >= [330, 330, 150, 56, 56, 56])
+    assert np.allclose(greatest[3:], 56)

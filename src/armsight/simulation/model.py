@@ -125,7 +125,11 @@ def build_model(
     mujoco.mj_setConst(model, mujoco.MjData(model))
     inertia = inertia + model.dof_armature[:n]
     kp = inertia * SERVO_BANDWIDTH**2
-    torque = 3.0 * inertia * spec.arm.robot.limits.acceleration + 5.0
+    # what the URDF says of the drives, but no less than their accelerations ask for
+    limits = spec.arm.robot.limits
+    torque = 3.0 * inertia * limits.acceleration + 5.0
+    if limits.effort is not None:
+        torque = np.fmax(torque, limits.effort)
     model.actuator_gainprm[:n, 0] = kp
     model.actuator_biasprm[:n, 1] = -kp
     kv = 2.0 * kp / SERVO_BANDWIDTH
