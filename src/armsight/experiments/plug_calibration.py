@@ -48,9 +48,9 @@ A UR10 with the absolute errors of the simulation (joints off by 0.05 deg, lengt
 Type 2 plug on its flange whose place is known to 3 cm and 5 deg, a converging pair whose place is
 known to 5 cm and 5 deg. 26 looks are chosen from 160 reachable ones by what they tell of the tip,
 driven in the order of the shortest next way, photographed (rendered, five lights) and fitted; looks
-that score below 0.7, whose roll is doubtful, or that contradict the others are dropped. The error is
-that of the tip, by the calibrated arm, against where the calibrated camera says that it is, in 60
-other places of the workspace; sag, and play of the plug in its holder, are not in it.
+that score below 0.7, whose roll is doubtful, or that contradict the others are dropped. The error
+is that of the tip, by the calibrated arm, against where the calibrated camera says that it is, in
+60 other places of the workspace; sag, and play of the plug in its holder, are not in it.
 `robot_time_s` is travel at half speed and 0.5 s a look, from the home position.
 """
 
