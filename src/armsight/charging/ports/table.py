@@ -7,7 +7,7 @@ Layouts are mirror-symmetric in x, so that both speak of the same pins at the sa
 Sources: Type 1 and Type 2 pins, connector nose and plug outside are published figures; pitch of
 the DC contacts from a public measurement by hand (27.0 mm; others say 26); the rest is read off
 photographs. None of it is the standards' own sheets, hence the tolerances: a fit treats every
-radius and every place as uncertain by as much (design page, section 5).
+radius and every place as uncertain by as much (docs/charging.md).
 """
 
 from __future__ import annotations
