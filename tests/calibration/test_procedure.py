@@ -15,7 +15,12 @@ from armsight.calibration.live.watcher import Silent
 from armsight.calibration.synthetic import ErrorLevels, t1_cameras, target_error
 from armsight.errors import CalibrationError
 from armsight.motion.face import face_fault
+from armsight.tasks.calibration_entries import arm_of, camera_entries
 from armsight.tasks.calibration_face import CalibrationFace
+from armsight.workcell import load_workcell
+from armsight.workcell.calibration_file.reading import parse_calibration
+from armsight.workcell.calibration_file.writing import updated
+from armsight.workcell.packaged import packaged
 
 LEVELS = replace(ErrorLevels(), wrong_boards=0.0, kinematics=0.5)
 SHORT = ProcedureOptions(goal=0.004, least_views=12, most_views=18, candidates=24)
@@ -64,6 +69,28 @@ def test_the_watcher_sees_doubt_shrink(whole):
     assert worst[-1] < 0.7 * worst[0]
     assert isinstance(log.stages[-1].answer, Calibration)
     assert {v.stage for v in log.views} == {"find", "tilt", "learn"}
+
+
+def test_the_answer_becomes_entries_of_the_cells_file(whole):
+    """What is found goes through the file and comes back as the cell's belief."""
+    _, result, _ = whole
+    workcell = load_workcell(packaged()["ur5_calibration"])
+    answer = result.calibration
+    entries = camera_entries(workcell, answer, result.depth, "a test")
+    text = updated("", workcell, entries, arm_of(answer, "a test"))
+    kept = parse_calibration(text)
+    assert [c.name for c in kept.camera] == ["left", "right", "front"]
+    for rig, camera in enumerate(kept.camera):
+        np.testing.assert_allclose(camera.pose, answer.camera_pose(rig), atol=1e-9)
+        np.testing.assert_allclose(camera.C, answer.covariance.camera_pose(rig), rtol=1e-6)
+        infrared = answer.lens(2 * rig)
+        assert camera.depth_lens.fx / camera.depth_lens.width == pytest.approx(
+            infrared.fx / infrared.width
+        )
+    assert kept.arm is not None
+    with pytest.raises(CalibrationError, match='has no camera "left"'):
+        smaller = workcell.model_copy(update={"camera": workcell.camera[1:]})
+        camera_entries(smaller, answer, (), "a test")
 
 
 def test_the_face_follows(whole):

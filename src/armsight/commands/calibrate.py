@@ -14,6 +14,7 @@ from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
     from armsight.calibration.boards import Board
+    from armsight.calibration.calibrate import Calibration
     from armsight.calibration.live.seen import SeenView
     from armsight.calibration.live.watcher import Progress
     from armsight.calibration.recorded_set import RecordedSet
@@ -53,7 +54,8 @@ class Calibrate:
         paper: T1's staged trajectory instead of views chosen by information.
         write: put what was found into the cell's calibration file, which everything then reads.
         markerless: no board: the fixed cameras are placed by their view of the arm on its patrol.
-        camera: only this one, with --markerless.
+        camera: only this one, with --markerless; or whose pictures a recorded set has, with --from
+            and a workcell whose calibration file is to keep it.
         fresh: forget the views of an earlier run.
         force: overwrite a better calibration.
         seed: of everything random.
@@ -89,16 +91,16 @@ class Calibrate:
         """Calibrate; prints the report, writes the results."""
         from armsight.errors import UsageError
 
-        if (self.workcell is None) == (self.from_ is None):
+        if self.workcell is None and self.from_ is None:
             raise UsageError(
                 "calibrate: give a workcell to calibrate live, or --from FOLDER for a recorded set"
             )
-        if self.camera is not None and not self.markerless:
-            raise UsageError("calibrate: --camera goes with --markerless")
+        if self.camera is not None and not self.markerless and self.from_ is None:
+            raise UsageError("calibrate: --camera goes with --markerless or --from")
         if self.markerless:
             from armsight.commands.calibrate_markerless import calibrate_markerless
 
-            if self.workcell is None:
+            if self.workcell is None or self.from_ is not None:
                 raise UsageError("calibrate: --markerless watches a live cell, not --from a folder")
             return calibrate_markerless(self.workcell, self.camera, self.seed, self.write)
         return self._recorded() if self.from_ is not None else self._live()
@@ -151,8 +153,26 @@ class Calibrate:
         write_results(self.out, answer.calibration, (), answer.findings, self.force)
         page = report.page(answer.calibration, (), answer.findings, f"Calibration of {self.from_}")
         write_text(self.out / "report.html", page)
+        if self.workcell is not None and self.write and not wrong:
+            self._keep(answer.calibration)
         print(f"written to {self.out}; open {self.out / 'report.html'}")
         return 0
+
+    def _keep(self, answer: Calibration) -> None:
+        """Put what a recorded set has told into the cell's calibration file."""
+        from armsight.commands.calibration_store import store
+        from armsight.tasks.calibration_entries import camera_entries
+        from armsight.workcell.packaged import load
+
+        assert self.workcell is not None
+        workcell = load(self.workcell)
+        name = self.camera
+        if name is None and len(workcell.camera) == len(answer.problem.rigs) == 1:
+            name = workcell.camera[0].name
+        source = f"armsight calibrate --from {self.from_}"
+        entries = camera_entries(workcell, answer, (), source, name)
+        file = store(workcell, entries)
+        print(f"{file}: {', '.join(e.name for e in entries) or 'no camera'} calibrated")
 
     def _lenses(self, recorded: RecordedSet, answer: RecordedAnswer) -> int:
         """Write the lenses of pictures without poses."""
