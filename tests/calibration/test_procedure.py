@@ -88,8 +88,8 @@ def test_the_answer_becomes_entries_of_the_cells_file(whole):
             infrared.fx / infrared.width
         )
     assert kept.arm is not None
+    smaller = workcell.model_copy(update={"camera": workcell.camera[1:]})
     with pytest.raises(CalibrationError, match='has no camera "left"'):
-        smaller = workcell.model_copy(update={"camera": workcell.camera[1:]})
         camera_entries(smaller, answer, (), "a test")
 
 
