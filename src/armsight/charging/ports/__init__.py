@@ -1,1 +1,1 @@
-"""One table of measures; from it drawing, template, curves, meshes and collision shapes."""
+"""One table of measures; from it drawing, template, curves and meshes."""
