@@ -99,3 +99,21 @@ def test_dead_cameras_take_their_free_space_with_them(cell, cameras):
     assert not (snapshot.state == FREE).any()
     assert (~snapshot.hazard_unknown).any()  # what was seen occupied stays
     assert all("old" in c.reason for c in snapshot.cameras)
+
+
+def test_a_camera_that_was_moved_is_gone_on_without():
+    """Excluded, not dead: what it saw frees nothing any more; the guard does not wait for it."""
+    from armsight.mapping.snapshot import CameraStatus
+    from armsight.motion.faults import FaultWatch
+    from armsight.motion.guard_config import GuardConfig
+
+    moved = CameraStatus("cam", 1.0, False, 1, 0, "was moved", excluded=True)
+    info = scenes.camera_info("cam")
+    watch = FaultWatch(None, [info], GuardConfig())
+
+    class Seen:
+        cameras = (moved, CameraStatus("other", 1.0, True, 1, 0))
+
+    assert watch._cameras(1.0, Seen)[1] == ""
+    Seen.cameras = (moved,)
+    assert "no camera can be trusted: cam was moved" in watch._cameras(1.0, Seen)[1]

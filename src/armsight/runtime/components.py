@@ -111,6 +111,7 @@ class MappingComponent:
     ) -> None:
         self.period = period
         self.charge = 0.0
+        self.problem = ""
         self.on_snapshot: Callable[[float], None] = _nothing
         self.beside: Beside | None = None
         self._channels = channels
@@ -140,6 +141,8 @@ class MappingComponent:
         )
 
     def _publish(self, snapshot: WorkspaceSnapshot, visible_at: float) -> None:
+        excluded = [c for c in snapshot.cameras if c.excluded]
+        self.problem = "; ".join(f"camera {c.name} {c.reason}" for c in excluded)
         self._channels.snapshot.publish(snapshot, visible_at)
         self.on_snapshot(visible_at)
 
