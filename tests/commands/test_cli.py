@@ -182,9 +182,9 @@ def commands_of(page: str) -> list[list[str]]:
     """The ``./run ...`` and ``armsight ...`` lines of a page's code blocks."""
     found = []
     for block in re.findall(r"```(?:sh|bash|)\n(.*?)```", (ROOT / page).read_text(), re.DOTALL):
-        for line in block.splitlines():
+        for line in block.replace("\\\n", " ").splitlines():
             words = line.partition("#")[0].split()
-            if words[:1] in (["./run"], ["armsight"]) and words[1:2] != ["test"]:
+            if words[:1] in (["./run"], ["armsight"]) and words[1:2] not in (["test"], ["docs"]):
                 found.append(words[1:])
     return found
 
@@ -196,6 +196,7 @@ def commands_of(page: str) -> list[list[str]]:
 def test_commands_of_the_pages_exist(page, monkeypatch):
     for command in COMMANDS:
         monkeypatch.setattr(command, "run", lambda self: 0)
+    monkeypatch.chdir(ROOT / "examples")  # where the tasks of the examples are found
     for words in commands_of(page):
         assert run(words or ["--version"]) == 0, words
 

@@ -204,7 +204,7 @@ def test_flange_is_where_the_last_link_ends(name):
 def test_unknown_robot_names_the_nearest():
     with pytest.raises(RobotError, match=r'unknown robot "UR-5".*ur3, ur5.*did you mean "ur5"'):
         load_robot("UR-5")
-    with pytest.raises(RobotError, match=r"known: ur3, .*panda; one of your own is a path"):
+    with pytest.raises(RobotError, match=r"known: ur3, .*panda, .*; one of your own is a path"):
         robot_sheet("kuka")
 
 

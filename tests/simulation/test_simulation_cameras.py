@@ -214,6 +214,7 @@ def test_catalogue_is_the_table():
         "femto_bolt": ((640, 576), (1920, 1080), (75, 65), (0.5, 3.86), 30),
         "femto_mega": ((640, 576), (1920, 1080), (75, 65), (0.5, 3.86), 30),
         "wrist_stereo": ((720, 480), (720, 480), (45, None), (0.2, 0.4), 10),
+        "converging_pair": ((1280, 960), (1280, 960), (56.144974, None), (0.25, 3.0), 15),
     }
     assert set(rows) == set(CAMERA_MODELS)
     for name, (depth, color, fov, reach, rate) in rows.items():
@@ -231,7 +232,7 @@ def test_catalogue_is_the_table():
 
 
 def test_bad_cameras_are_refused_with_what_to_do():
-    with pytest.raises(UsageError, match="choose one of azure_kinect, d435"):
+    with pytest.raises(UsageError, match="choose one of azure_kinect, converging_pair"):
         camera_model("kinect_v3")
     with pytest.raises(UsageError, match="up to 30 Hz, not at 60 Hz"):
         camera_info("c", "kinect_v2", rate=60.0)

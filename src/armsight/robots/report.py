@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from rich.table import Table
+from rich.table import Column, Table
 
 from armsight.arrays import JointVector
 from armsight.robots.catalogue import ROBOT_NAMES, load_robot, robot_shapes, robot_sheet
@@ -16,7 +16,7 @@ from armsight.robots.tools import TOOL_NAMES, load_tool, tool_sheet
 def robots_table() -> Table:
     """Every arm: what the maker says, and how well its shapes fit its meshes."""
     table = Table(
-        "robot",
+        Column("robot", no_wrap=True),
         "joints",
         "reach\nmm",
         "payload\nkg",
@@ -24,7 +24,7 @@ def robots_table() -> Table:
         "joint speed\ndeg/s",
         "spheres\ncover, over p50/p95 mm",
         "capsules\ncover, over p50/p95 mm",
-        "licence",
+        Column("licence", no_wrap=True),
         title="Robots",
         title_justify="left",
     )
