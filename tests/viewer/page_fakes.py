@@ -192,6 +192,9 @@ class FakeSession:
     def reset(self) -> None:
         self.asked.append("reset")
 
+    def declare_empty(self) -> None:
+        self.asked.append(("empty",))
+
     def set_speed(self, speed: float) -> None:
         self.asked.append(("speed", speed))
 

@@ -198,7 +198,8 @@ def test_buttons_reach_the_session(page: LivePage, session: FakeSession) -> None
     page._panels._toggle()
     page._panels._toggle()
     page._reset()
-    assert session.asked == ["pause", "resume", "reset", "resume"]
+    page._panels._controls.declare_empty()
+    assert session.asked == ["pause", "resume", "reset", "resume", ("empty",)]
 
 
 def test_dragging_reaches_the_session(page: LivePage, session: FakeSession) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from armsight.devices.data import ArmStatus, GripperState, Wrench
 from armsight.devices.line import DeviceHealth
 from armsight.geometry.pose import from_rpy, transform
 from armsight.geometry.shapes import Solid
-from armsight.mapping.snapshot import CameraStatus
+from armsight.mapping.snapshot import CameraStatus, Emptiness
 from armsight.motion.data import GuardMode
 from armsight.runtime.view import ComponentHealth
 from armsight.viewer import colors, html
@@ -70,6 +71,16 @@ def test_too_close_is_red() -> None:
     assert html.BAD not in html.figures(
         make_guard(1.0, distance=0.4, protective_distance=0.3), 0, 0
     )
+
+
+def test_the_page_says_what_became_of_an_empty_cell() -> None:
+    snapshot = SimpleNamespace(
+        emptiness=Emptiness(waiting=True, reason="something moves near (1, 0, 0) m"), things=()
+    )
+    assert "something moves near" in html.emptiness(snapshot)
+    snapshot.emptiness, snapshot.things = Emptiness(said=True), (1, 2, 3)
+    assert "3 voxels of things" in html.emptiness(snapshot)
+    assert html.emptiness(None) == ""
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True))

@@ -27,6 +27,8 @@ EXECUTED: Color = (125, 150, 190)
 NEAREST: Color = (250, 204, 21)
 UNSEEN: Color = (139, 92, 246)
 SEEN: Color = (251, 146, 60)
+THING: Color = (94, 210, 255)
+"""Solid, but known to be no person."""
 ALIVE: Color = (45, 212, 191)
 DEAD: Color = (239, 68, 68)
 STATIC_OPACITY = 0.55

@@ -156,6 +156,21 @@ def timings(stages: Sequence[tuple[str, float]]) -> str:
     return f"<div style='{FONT};margin:0 .3em'>{bars}</div>"
 
 
+def emptiness(snapshot: WorkspaceSnapshot | None) -> str:
+    """What became of the word that nobody is in the cell."""
+    if snapshot is None:
+        return ""
+    word = snapshot.emptiness
+    if word.said:
+        n = len(snapshot.things)
+        text = (
+            f"things are told from people: {n:,} voxels of things" if n else "nothing stands here"
+        )
+    else:
+        text = word.reason
+    return f"<div style='{FONT};margin:.2em .3em;font-size:.8em;{DIM}'>{escape(text)}</div>"
+
+
 def legend() -> str:
     """What the voxels' colours mean, and the plain word on safety."""
     return (

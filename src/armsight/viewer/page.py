@@ -48,6 +48,10 @@ class ShownSession(Protocol):
         """Simulated seconds a second."""
         ...
 
+    def declare_empty(self) -> None:
+        """Somebody says that nobody is in the cell."""
+        ...
+
     def reset(self) -> None:
         """Back to time 0."""
         ...
@@ -112,6 +116,7 @@ class LivePage:
                     self._pause,
                     self._reset if cell.world is not None else None,
                     session.set_speed if cell.world is not None else None,
+                    session.declare_empty,
                 ),
                 self._scene.layers(),
                 not cell.robot.n,

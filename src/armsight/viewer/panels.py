@@ -33,8 +33,10 @@ class Controls:
         pause: Callable[[bool], None],
         reset: Callable[[], None] | None,
         speed: Callable[[float], None] | None,
+        declare_empty: Callable[[], None],
     ) -> None:
         self.pause = pause
+        self.declare_empty = declare_empty
         self.reset = reset
         self.speed = speed
 
@@ -67,6 +69,7 @@ class Panels:
         self._put("figures", html.figures(None, 0.0, 0.0))
         self._face = FacePanel(gui, press)
         self._add_controls(draggable, drag)
+        self._put("emptiness", html.emptiness(None))
         self._add_layers(layers)
         self._put("legend", html.legend())
         gui.main_panel.dock_right()
@@ -86,6 +89,7 @@ class Panels:
         """Tables, plots and the task's pictures; a few times a second is enough."""
         self._face.update_slowly(view.face)
         snapshot, guard = view.snapshot, view.guard
+        self._set("emptiness", html.emptiness(snapshot))
         statuses = () if snapshot is None else snapshot.cameras
         self._set("cameras", html.cameras(statuses, view.now))
         words = html.components(view.health) + devices(view.readings, view.devices)
@@ -145,6 +149,14 @@ class Panels:
                 )
                 reset_now = controls.reset
                 reset.on_click(lambda _: reset_now())
+            if not self._armless:
+                empty = gui.add_button(
+                    "Nobody is in the cell",
+                    icon=viser.Icon.USER_OFF,
+                    color="gray",
+                    hint="you have looked: what stands there now is no person",
+                )
+                empty.on_click(lambda _: controls.declare_empty())
             if draggable:
                 nothing = "nothing"
                 choice = gui.add_dropdown(

@@ -104,6 +104,7 @@ class CellScene:
         self.cloud = Cloud(api, f"{base}/cloud", 0.008 if armed else 0.013, "circle")
         self.hazards = Cloud(api, f"{base}/hazards", 0.012, "square")
         self.hazards.visible = False
+        self.things = Cloud(api, f"{base}/things", 0.016, "square")
         self.voxels = Cubes(api, f"{base}/voxels")
         self.voxels.visible = armed
         self._most_points = MOST_POINTS if armed else MOST_SCANNED
@@ -148,6 +149,12 @@ class CellScene:
                 "where a person could be, near the arm: seen (orange), unseen (violet)",
                 False,
                 of(self.hazards),
+            ),
+            Layer(
+                "Things",
+                "what is solid but known to be no person, once the cell was said to be empty",
+                True,
+                of(self.things),
             ),
             Layer(
                 "Paths",
@@ -230,6 +237,9 @@ class CellScene:
                 points = points[:: -(-len(points) // self._most_points)]
             low, high = float(snapshot.grid.origin[2]), _top(snapshot)
             self.cloud.show(points, colors.by_value(colors.HEIGHT, points[:, 2], low, high))
+        if self.things.visible:
+            shades = np.tile(np.array(colors.THING, np.uint8), (len(snapshot.things), 1))
+            self.things.show(snapshot.things, shades)
         if self.voxels.visible:
             centers, shades, _ = voxels(snapshot, now, MOST_VOXELS)
             self.voxels.show(centers, 0.92 * snapshot.grid.voxel, shades)
