@@ -219,8 +219,12 @@ def test_signals_end_in_order(number, wall):
     cell = make_cell()
     session = session_of(cell, GoTo(), wall=wall)
     session.set_speed(1.0)
-    threading.Timer(0.2, lambda: os.kill(os.getpid(), number)).start()
-    session.run(30.0)
+    timer = threading.Timer(0.2, lambda: os.kill(os.getpid(), number))
+    timer.start()
+    try:
+        session.run(30.0)
+    finally:
+        timer.cancel()  # a run that failed must not have the tests killed
     assert session.ended_by == number.name
     assert cell.arm.stops >= 1
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
