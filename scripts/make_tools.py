@@ -26,7 +26,9 @@ import trimesh
 from trimesh.creation import box, capsule, cylinder, icosphere
 
 from armsight.geometry.pose import from_rpy, make_pose, transform
-from armsight.robots.fitting import Fellows, FitOptions, fit_body, measure, prepare, report
+from armsight.robots.fit_quality import measure, report
+from armsight.robots.fitting import fit_body
+from armsight.robots.link_body import FitOptions, NeighbourLinks, prepare
 from armsight.robots.meshes import join_triangles
 
 TOOLS = source.DATA / "tools"
@@ -231,7 +233,7 @@ def write(tool: Draft, folder: Path) -> None:
         sphere_price=tool.sphere_price,
         capsule_price=tool.capsule_price,
     )
-    body = prepare(join_triangles(full), options, Fellows())
+    body = prepare(join_triangles(full), options, NeighbourLinks())
     axes, radius = fit_body(body, options, "balls")
     balls = np.column_stack([axes.start, radius])
     ball_fit = report([measure(body, axes, radius, 0.002)])

@@ -13,8 +13,9 @@ import trimesh
 from robot_sources.parts import Color, Joint, Link, Part, Source
 
 from armsight.robots.chain import fold_chain
-from armsight.robots.fitting import FitOptions, fit_chain
+from armsight.robots.fitting import fit_chain
 from armsight.robots.folder import QUICK
+from armsight.robots.link_body import FitOptions
 from armsight.robots.meshes import join_triangles, read_mesh_file
 from armsight.robots.shapes import BodyShapes, shapes_json
 from armsight.robots.urdf import read_urdf

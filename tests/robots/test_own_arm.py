@@ -13,8 +13,8 @@ from armsight.cli import run
 from armsight.errors import RobotError, WorkcellError
 from armsight.robots import folder, load_arm, load_robot
 from armsight.robots.fit_cache import cache_folder
-from armsight.robots.fitting import FitOptions
 from armsight.robots.kinematics import flange_pose
+from armsight.robots.link_body import FitOptions
 from armsight.workcell import load_workcell
 
 LIMIT = '<limit lower="-2" upper="2.5" velocity="1.5" effort="10"/>'

@@ -13,9 +13,12 @@ from armsight.errors import RobotError
 from armsight.geometry.pose import transform
 from armsight.robots import ROBOT_NAMES, load_robot
 from armsight.robots.catalogue import DATA, robot_shapes
-from armsight.robots.covering import Axes, axis_distances, refine
-from armsight.robots.fitting import FitOptions, NeighbourLinks, complete, fit_body, measure, prepare
+from armsight.robots.covering import Axes, refine
+from armsight.robots.covering_kernels import axis_distances
+from armsight.robots.fit_quality import measure
+from armsight.robots.fitting import complete, fit_body
 from armsight.robots.kinematics import link_poses, sphere_centers
+from armsight.robots.link_body import FitOptions, NeighbourLinks, prepare
 from armsight.robots.meshes import join_triangles, read_mesh, read_mesh_file
 from armsight.robots.near_links import crowding, distance_field
 from armsight.robots.shapes import read_shapes, shapes_json

@@ -55,10 +55,6 @@ def uses_numba(text: str) -> bool:
 
 TO_MOVE = {
     "motion/obstacles.py",
-    "robots/covering.py",
-    "robots/near_links.py",
-    "robots/pairs.py",
-    "robots/solids.py",
 }
 """Older files with hot loops among the rest. None is added; one that is moved leaves this list."""
 

@@ -26,8 +26,8 @@ class Fit:
     def run(self) -> int:
         """Fit, print, write ``shapes.json``."""
         from armsight.errors import RobotError
-        from armsight.robots.fitting import FitOptions
         from armsight.robots.folder import QUICK, fit_arm, fit_lines, mark_of
+        from armsight.robots.link_body import FitOptions
         from armsight.robots.shapes import shapes_json
         from armsight.writing import write_text
 

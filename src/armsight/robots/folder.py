@@ -16,7 +16,8 @@ import numpy as np
 from armsight.errors import RobotError
 from armsight.robots.chain import Chain, fold_chain
 from armsight.robots.fit_cache import cached_shapes, fingerprint, keep_shapes
-from armsight.robots.fitting import FitOptions, fit_chain
+from armsight.robots.fitting import fit_chain
+from armsight.robots.link_body import FitOptions
 from armsight.robots.loading import link_meshes, load_urdf
 from armsight.robots.robot import Robot
 from armsight.robots.shapes import BodyShapes, FitReport, made_from, read_shapes

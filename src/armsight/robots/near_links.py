@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from armsight.arrays import Floats, JointPath, Points, Poses
 from armsight.geometry.pose import inverse
+from armsight.robots.fit_kernels import nearer
 from armsight.robots.kernels import chain_poses
 from armsight.robots.solids import VoxelSolid
 
@@ -81,52 +81,8 @@ def crowding(
         if field is None or abs(other - link) < 2:
             continue
         T_other_link = np.stack([inverse(T[other]) @ T[link] for T in poses])
-        count, free = _nearer(
+        count, free = nearer(
             points, own + ROOM, skin, T_other_link, field.origin, field.voxel, field.distance
         )
         share += count / max(free, 1)
     return np.minimum(share, 1.0)
-
-
-@njit(cache=True, nogil=True)
-def _nearer(
-    points: Points,
-    bound: Floats,
-    skin: Points,
-    T_other_link: Poses,
-    origin: Floats,
-    voxel: float,
-    distance: Floats,
-) -> tuple[Floats, int]:
-    """In how many free configurations the other link is nearer than a bound, and how many are."""
-    count = np.zeros(points.shape[0])
-    free = 0
-    for c in range(T_other_link.shape[0]):
-        T = T_other_link[c]
-        touches = False
-        for k in range(skin.shape[0]):
-            if _look(skin[k], T, origin, voxel, distance) <= 0.0:
-                touches = True
-                break
-        if touches:
-            continue
-        free += 1
-        for k in range(points.shape[0]):
-            if _look(points[k], T, origin, voxel, distance) < bound[k]:
-                count[k] += 1.0
-    return count, free
-
-
-@njit(cache=True, nogil=True)
-def _look(point: Floats, T: Floats, origin: Floats, voxel: float, distance: Floats) -> float:
-    """The field at a point that a pose carries into its frame; infinite beyond it."""
-    x = T[0, 0] * point[0] + T[0, 1] * point[1] + T[0, 2] * point[2] + T[0, 3]
-    y = T[1, 0] * point[0] + T[1, 1] * point[1] + T[1, 2] * point[2] + T[1, 3]
-    z = T[2, 0] * point[0] + T[2, 1] * point[1] + T[2, 2] * point[2] + T[2, 3]
-    i = int(np.floor((x - origin[0]) / voxel))
-    j = int(np.floor((y - origin[1]) / voxel))
-    m = int(np.floor((z - origin[2]) / voxel))
-    nx, ny, nz = distance.shape
-    if 0 <= i < nx and 0 <= j < ny and 0 <= m < nz:
-        return distance[i, j, m]
-    return np.inf

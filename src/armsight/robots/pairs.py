@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from armsight.arrays import Floats, Ints, JointPath, JointVector, Points, Poses
-from armsight.robots.kernels import chain_poses_into
+from armsight.arrays import Floats, Ints, JointVector, Points, Poses
+from armsight.robots.fit_kernels import mesh_touches, sphere_gaps
 from armsight.robots.near_links import ROOM
 from armsight.robots.robot import Spheres
 from armsight.robots.solids import VoxelSolid
@@ -87,9 +85,7 @@ def pair_statistics(
     pairs = np.array([(i, j) for i in range(n + 1) for j in range(i + 2, n + 1)], np.int64)
     pairs = pairs.reshape(-1, 2)
     path = rng.uniform(lower, upper, (samples, n))
-    gap = _sphere_gaps(
-        path, T_link_joint, axis, spheres.link, spheres.center, spheres.radius, pairs
-    )
+    gap = sphere_gaps(path, T_link_joint, axis, spheres.link, spheres.center, spheres.radius, pairs)
     touching = gap < ROOM
     met = touching[:mesh_samples].copy()
     if bodies is not None:
@@ -105,7 +101,7 @@ def pair_statistics(
                 if mover is None or still is None or inside is None:
                     continue
                 rows = np.flatnonzero((gap[:mesh_samples, p] < 0.01) & ~met[:, p])
-                met[rows, p] |= _mesh_touches(
+                met[rows, p] |= mesh_touches(
                     path[rows],
                     T_link_joint,
                     axis,
@@ -123,74 +119,3 @@ def pair_statistics(
         met.mean(axis=0),
         (touching[:mesh_samples] & ~met).mean(axis=0),
     )
-
-
-@njit(cache=True, nogil=True)
-def _sphere_gaps(
-    path: JointPath,
-    T_link_joint: Poses,
-    axis: Points,
-    link: Ints,
-    center: Points,
-    radius: Floats,
-    pairs: Ints,
-) -> Floats:
-    """(k, p) least gap [m] between the spheres of each pair of links at each configuration."""
-    out = np.full((path.shape[0], pairs.shape[0]), np.inf)
-    poses = np.empty((path.shape[1] + 1, 4, 4))
-    at = np.empty((link.shape[0], 3))
-    for c in range(path.shape[0]):
-        chain_poses_into(path[c], T_link_joint, axis, poses)
-        for s in range(link.shape[0]):
-            T = poses[link[s]]
-            for r in range(3):
-                at[s, r] = (
-                    T[r, 0] * center[s, 0] + T[r, 1] * center[s, 1] + T[r, 2] * center[s, 2]
-                ) + T[r, 3]
-        for p in range(pairs.shape[0]):
-            for a in range(link.shape[0]):
-                if link[a] != pairs[p, 0]:
-                    continue
-                for b in range(link.shape[0]):
-                    if link[b] != pairs[p, 1]:
-                        continue
-                    x, y, z = at[a, 0] - at[b, 0], at[a, 1] - at[b, 1], at[a, 2] - at[b, 2]
-                    gap = np.sqrt(x * x + y * y + z * z) - radius[a] - radius[b]
-                    out[c, p] = min(out[c, p], gap)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _mesh_touches(
-    path: JointPath,
-    T_link_joint: Poses,
-    axis: Points,
-    a: int,
-    b: int,
-    points: Points,
-    origin: Floats,
-    voxel: float,
-    inside: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
-    """(k,) whether a point of link a lies in a voxel of link b at each configuration."""
-    out = np.zeros(path.shape[0], np.bool_)
-    poses = np.empty((path.shape[1] + 1, 4, 4))
-    for c in range(path.shape[0]):
-        chain_poses_into(path[c], T_link_joint, axis, poses)
-        A, B = poses[a], poses[b]
-        R = B[:3, :3].T.copy() @ A[:3, :3].copy()
-        t = B[:3, :3].T.copy() @ (A[:3, 3] - B[:3, 3])
-        for k in range(points.shape[0]):
-            v = R @ points[k] + t
-            i = int(np.floor((v[0] - origin[0]) / voxel))
-            j = int(np.floor((v[1] - origin[1]) / voxel))
-            m = int(np.floor((v[2] - origin[2]) / voxel))
-            if (
-                0 <= i < inside.shape[0]
-                and 0 <= j < inside.shape[1]
-                and 0 <= m < inside.shape[2]
-                and inside[i, j, m]
-            ):
-                out[c] = True
-                break
-    return out

@@ -10,12 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from armsight.arrays import Floats, Ints, Points
+from armsight.robots.fit_kernels import triangle_lattices
 from armsight.robots.meshes import Triangles
 
 
@@ -25,42 +25,7 @@ def sample_surface(triangles: Triangles, spacing: float) -> Points:
     A lattice on every triangle, its corners included; no randomness.
     """
     vertices, faces = triangles
-    return np.asarray(_lattices(np.ascontiguousarray(vertices[faces]), spacing))
-
-
-@njit(cache=True, nogil=True)
-def _lattices(corners: Floats, spacing: float) -> Points:
-    """Rows parallel to each triangle's shortest edge, from the corner opposite to it."""
-    total = 0
-    out = np.empty((0, 3))
-    for fill in range(2):  # first count, then write
-        at = 0
-        for f in range(corners.shape[0]):
-            best, short = 0, np.inf
-            for e in range(3):
-                d = corners[f, (e + 2) % 3] - corners[f, (e + 1) % 3]
-                length = np.sqrt(np.sum(d * d))
-                if length < short:
-                    best, short = e, length
-            tip = corners[f, best]
-            left = corners[f, (best + 1) % 3]
-            right = corners[f, (best + 2) % 3]
-            a, b = left - tip, right - tip
-            high = max(np.sqrt(np.sum(a * a)), np.sqrt(np.sum(b * b)))
-            rows = int(np.ceil(high / spacing)) if high > 0.0 else 0
-            for i in range(rows + 1):
-                t = i / rows if rows else 0.0
-                columns = int(np.ceil(t * short / spacing))
-                for j in range(columns + 1):
-                    if fill:
-                        u = j / columns if columns else 0.0
-                        for c in range(3):
-                            out[at, c] = tip[c] + t * (a[c] + u * (b[c] - a[c]))
-                    at += 1
-        if not fill:
-            total = at
-            out = np.empty((total, 3))
-    return out
+    return np.asarray(triangle_lattices(np.ascontiguousarray(vertices[faces]), spacing))
 
 
 def thin(points: Points, spacing: float) -> Points:
