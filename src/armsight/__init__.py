@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from armsight.motion.guard import Guard
     from armsight.motion.guard_config import GuardConfig
     from armsight.motion.intents import JointIntent, PoseIntent, VelocityIntent
+    from armsight.motion.permits import Permit, PermitRequest
+    from armsight.motion.regions import Region
     from armsight.motion.task import Observation
     from armsight.recognition.inference.recogniser import Recogniser
     from armsight.recording.recorder import Recorder
@@ -47,10 +49,13 @@ __all__ = [
     "LivePage",
     "Observation",
     "PatrolTask",
+    "Permit",
+    "PermitRequest",
     "PinholeCamera",
     "PoseIntent",
     "Recogniser",
     "Recorder",
+    "Region",
     "RgbdFrame",
     "Robot",
     "Session",
@@ -78,6 +83,9 @@ _HOME = {
     "JointState": "devices.data",
     "LivePage": "viewer",
     "Observation": "motion.task",
+    "Permit": "motion.permits",
+    "PermitRequest": "motion.permits",
+    "Region": "motion.regions",
     "PatrolTask": "tasks.patrol",
     "PinholeCamera": "geometry.camera",
     "PoseIntent": "motion.intents",

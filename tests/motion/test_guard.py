@@ -9,11 +9,10 @@ from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.motion.arm_model import ArmState
 from armsight.motion.data import GuardMode
 from armsight.motion.guard import Guard
-from armsight.motion.guard_config import ContactZone, GuardConfig
+from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards
 from armsight.motion.separation_monitor import SeparationMonitor
 from armsight.robots import ROBOT_NAMES, load_robot
-from armsight.robots.kinematics import tcp_pose
 
 A = np.deg2rad([-55, -70, 85, -105, -90, 0])
 B = np.deg2rad([55, -70, 85, -105, -90, 0])
@@ -243,32 +242,3 @@ def test_a_robot_without_shapes_is_refused():
     )
     with pytest.raises(ValueError, match="no link spheres"):
         Guard(empty, [])
-
-
-def test_contact_zone_lets_the_tool_in_slowly_and_nothing_else():
-    """A socket 5 cm before the tool: with a declared zone the tool may go on, at its speed."""
-    robot = load_robot("ur5")
-    q = robot.home
-    tip = tcp_pose(robot, q)[:3, 3]
-    hazard = tip + np.array([0.0, 0.0, -0.06])
-    hazards = Hazards.at(hazard[None], 0.0173)
-    zone = ContactZone("socket", tuple(tip), 0.25, speed=0.05)
-    motion = np.array([0.0, 0.3, 0.2, 0.1, 0.0, 0.0])
-    still = {}
-    for zones in ((), (zone,)):
-        gate = SeparationMonitor(robot, GuardConfig(zones=zones), robot.limits.acceleration)
-        gate.set_reaction(0.15, 0.0173)
-        still[bool(zones)] = gate.judge(q, motion, hazards)
-        tool = gate.body.link == robot.n
-        _, velocity = gate.body.motion(q, motion)
-        inside = tool & (
-            np.linalg.norm(gate.body.motion(q, motion)[0] - zone.center, axis=1) <= zone.radius
-        )
-        assert inside.any()
-        if zones:
-            share = still[True].share[inside]
-            speed = np.linalg.norm(velocity, axis=1)[inside]
-            assert share == pytest.approx(0.05 / speed)
-    assert still[False].share[tool].min() < 0.05
-    rest = ~tool
-    assert np.array_equal(still[False].share[rest], still[True].share[rest])

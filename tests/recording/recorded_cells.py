@@ -13,6 +13,8 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, look_at
 from armsight.geometry.shapes import Solid
 from armsight.motion.data import GuardMode, GuardStatus
+from armsight.motion.permits import Permit, PermitState
+from armsight.motion.regions import Region
 from armsight.recording.replay import bare_workcell
 from armsight.robots import load_robot
 from armsight.runtime.view import ComponentHealth, SessionView
@@ -91,6 +93,21 @@ def make_status(stamp: float, n: int, rng: np.random.Generator) -> GuardStatus:
         snapshot_age=0.05,
         replans=3,
         reflexes=1,
+        permit=Permit(
+            "ball",
+            "thing",
+            PermitState.LESS,
+            "speed 0.25 instead of 3",
+            Region(
+                "capsule",
+                (0.03, 0.1, 0.0),
+                from_rpy(rng.normal(size=3), rng.normal(size=3)),
+                float(rng.random()),
+                rng.normal(size=3),
+                np.diag(rng.random(3)),
+            ),
+            *map(float, rng.random(5)),
+        ),
         timings=(("risk", 0.001),),
     )
 

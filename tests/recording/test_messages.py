@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from recorded_cells import camera_info, make_joints, make_movers, make_status
 from armsight.devices.data import JointState
 from armsight.errors import RecordingError
 from armsight.geometry.pose import from_rpy
+from armsight.motion.regions import Region
 from armsight.recording import messages
 from armsight.recording.markers import decode_movers, encode_movers, encode_solids
 from armsight.recording.status_messages import GUARD, guard_from_status, guard_to_status
@@ -181,6 +183,19 @@ def test_the_guards_word_comes_back_exactly(seed: int) -> None:
         assert getattr(back, name) == getattr(status, name)
     np.testing.assert_array_equal(back.command, status.command)
     np.testing.assert_array_equal(back.nearest_hazard, status.nearest_hazard)
+    assert back.permit is not None
+    assert status.permit is not None
+    assert replace(back.permit, region=None) == replace(status.permit, region=None)
+    for field in fields(Region):
+        was, now = (getattr(s.permit.region, field.name) for s in (status, back))
+        np.testing.assert_array_equal(was, now)
+
+
+def test_no_permit_comes_back_as_none() -> None:
+    status = replace(make_status(1.0, 6, np.random.default_rng(0)), permit=None)
+    back = guard_from_status("", guard_to_status(status)[3])
+    assert back is not None
+    assert back.permit is None
 
 
 def test_words_of_another_guard_are_not_ours() -> None:

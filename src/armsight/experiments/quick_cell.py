@@ -54,11 +54,18 @@ class Ball:
 
 @dataclass(frozen=True)
 class Touch:
-    """Arm and ball overlap: time [s], speed of the arm's fastest point [m/s], distance [m]."""
+    """Arm and ball overlap.
+
+    Attributes:
+        time: [s]; speed: of the arm's fastest point [m/s]; distance: of the surfaces [m].
+        ball: number of the ball; sphere: of the moving body, the nearest.
+    """
 
     time: float
     speed: float
     distance: float
+    ball: int = 0
+    sphere: int = 0
 
 
 class QuickCell:
@@ -162,7 +169,9 @@ class QuickCell:
         sent: JointVector = np.array([*decision.command, float(decision.brake)])
         self.commands.append(sent)
         if decision.request is not None and self.snapshot is not None:
-            plan = self.planner.plan(decision.request, self.snapshot, 0.05, self.rng)
+            request = decision.request
+            around = request.surroundings(self.snapshot)
+            plan = self.planner.plan(request, around, 0.05, self.rng)
             self.plans.append((self.now + PLAN_LATENCY, plan))
         self.log.append(decision.status)
         self.drive(self.now + self.config.period)
@@ -249,9 +258,10 @@ class QuickCell:
         body = self.guard.body
         center, velocity = body.motion(self.q, self.v)
         fastest = body.fastest(self.q, self.v, velocity)
-        for ball in self.balls:
+        for number, ball in enumerate(self.balls):
             gaps = np.linalg.norm(center - ball.center(self.now), axis=1) - body.radius
-            touch = Touch(self.now, fastest, float(gaps.min()) - ball.radius)
+            nearest = int(np.argmin(gaps))
+            touch = Touch(self.now, fastest, float(gaps[nearest]) - ball.radius, number, nearest)
             self.margins.append(touch)
             if touch.distance < 0.0:
                 self.touches.append(touch)

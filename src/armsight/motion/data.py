@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from armsight.arrays import JointPath, JointVector, Vector3
+from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.intents import JointIntent, PoseIntent
+from armsight.motion.permits import Permit
+from armsight.motion.permitted import Grant, permitted
 
 
 class GuardMode(StrEnum):
@@ -44,6 +47,7 @@ class GuardStatus:
         replans: plans made so far; reflexes: reflexes started so far.
         wanted: (n,) joint velocities that a velocity intent asks for [rad/s]; None without one.
         evidence_age: of the velocity intent at the tick [s]; NaN without one.
+        permit: what became of the contact that was asked for; None when none is.
         timings: (stage, seconds).
     """
 
@@ -66,6 +70,7 @@ class GuardStatus:
     reflexes: int = 0
     wanted: JointVector | None = None
     evidence_age: float = math.nan
+    permit: Permit | None = None
     timings: tuple[tuple[str, float], ...] = field(default=())
 
 
@@ -79,6 +84,7 @@ class PlanRequest:
         goal: where to: joint positions, or a pose of the TCP.
         warm: (k, n) a path that was good a moment ago, or None.
         held: how long the arm has stood on its way to this goal [s].
+        grant: what may be touched, or None.
     """
 
     sequence: int
@@ -86,6 +92,11 @@ class PlanRequest:
     goal: JointIntent | PoseIntent
     warm: JointPath | None = None
     held: float = 0.0
+    grant: Grant | None = None
+
+    def surroundings(self, snapshot: WorkspaceSnapshot) -> WorkspaceSnapshot:
+        """A snapshot as the planner is to see it for this request."""
+        return snapshot if self.grant is None else permitted(snapshot, self.grant)
 
     @property
     def target(self) -> JointVector:

@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,7 +36,7 @@ from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import ArmState
 from armsight.motion.collision import CollisionModel
-from armsight.motion.data import GuardMode, GuardStatus
+from armsight.motion.data import GuardMode
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.faults import FaultWatch, Severity, Verdict
 from armsight.motion.following import RouteFollower
@@ -44,9 +45,11 @@ from armsight.motion.guard_config import GuardConfig
 from armsight.motion.handover import coast, joined
 from armsight.motion.intents import Intent
 from armsight.motion.nearest import MovingBody
+from armsight.motion.permit_office import PermitOffice
 from armsight.motion.plan import Plan
 from armsight.motion.reflex import Reflex, ReflexStage
 from armsight.motion.route import Route
+from armsight.motion.status_writer import StatusWriter
 from armsight.motion.steering import Steering
 from armsight.motion.tick import GuardDecision, Tick
 from armsight.motion.velocity_filter import VelocityFilter
@@ -96,9 +99,14 @@ class Guard:
         self._wishes = Wishes(robot, self._goals, self._steering)
         self._reflex = Reflex(config, robot.limits.scaled(*config.planned))
         self._executed = Executed()
+        self._permits = PermitOffice(robot, self._filter.monitor.body, config.separation.arm_error)
+        self._writer = StatusWriter(
+            self._filter, self._goals, self._wishes, self._executed, self._reflex, self._permits
+        )
         self._route: Route | None = None
         self._leaving = False
         self._coasting = self._joining = False
+        self._mapped: WorkspaceSnapshot | None = None
         self._snapshot: WorkspaceSnapshot | None = None
         self._now = -math.inf
         self._blocked_since = math.inf
@@ -136,10 +144,7 @@ class Guard:
         if self._wishes.take(now, intent):
             self._leaving = self._route is not None
             self._executed.clear()
-        fresh = verdict.snapshot is not None and verdict.snapshot is not self._snapshot
-        if fresh and verdict.snapshot is not None:
-            self._snapshot = verdict.snapshot
-            self._filter.see(verdict.snapshot)
+        fresh = self._see(now, intent, verdict)
         self._filter.measure(now, None if verdict.snapshot is None else verdict.age)
         if verdict.joints is None or verdict.severity == Severity.BRAKE:
             return self._blind(now, verdict, began)
@@ -155,6 +160,17 @@ class Guard:
         return self._decision(tick, began)
 
     # -- seeing ---------------------------------------------------------------------------------
+
+    def _see(self, now: float, intent: Intent | None, verdict: Verdict) -> bool:
+        """Take in the newest map as what may be touched lets it count; whether it is another."""
+        seen = verdict.snapshot
+        changed = self._permits.consider(now, getattr(intent, "permit", None), seen)
+        self._filter.monitor.contact = self._permits.contact_speed(now + self.config.start_delay)
+        if seen is None or (seen is self._mapped and not changed):
+            return False
+        self._mapped, self._snapshot = seen, self._permits.apply(seen)
+        self._filter.see(self._snapshot)
+        return True
 
     def _look(self, now: float, elapsed: float, verdict: Verdict, joints: JointState) -> Tick:
         """Where the arm is, where it will be, and how far hazards are from it at rest."""
@@ -418,32 +434,11 @@ class Guard:
             tick.mode, tick.reason = GuardMode.STOPPED, "the command was not finite; report this"
         self._filter.arm.sent(tick.now, tick.command, tick.brake)
         self._steering.sent(tick)
-        monitor, hazards, view = self._filter.monitor, self._filter.hazards, tick.near
-        pair = monitor.body.pair(view, hazards, view.closest)
-        route = self._reflex.route or self._route
-        status = GuardStatus(
-            stamp=tick.now,
-            mode=tick.mode,
-            reason=tick.reason,
-            goal=self._wishes.name,
-            reached=self._goals.reached,
-            command=tick.command,
-            speed_scale=float(tick.scale),
-            distance=view.least,
-            protective_distance=monitor.protective_distance(view, tick.here, hazards),
-            nearest_hazard=None if pair is None else pair[1],
-            nearest_body=None if pair is None else pair[0],
-            path=None if route is None else route.remaining,
-            executed=self._executed.path,
-            snapshot_sequence=-1 if tick.snapshot is None else tick.snapshot.sequence,
-            snapshot_age=tick.verdict.age,
-            replans=self._goals.replans,
-            reflexes=self._reflex.count,
-            wanted=tick.wanted,
-            evidence_age=self._wishes.evidence_age(tick.now),
-            timings=(("guard_step", time.perf_counter() - began),),
-        )
-        return GuardDecision(tick.command, status, tick.request, tick.brake)
+        status = self._writer.of(tick, self._reflex.route or self._route, began)
+        request = tick.request
+        if request is not None:
+            request = replace(request, grant=self._permits.grant)
+        return GuardDecision(tick.command, status, request, tick.brake)
 
     def _blind(self, now: float, verdict: Verdict, began: float) -> GuardDecision:
         """The arm's own state or time cannot be trusted: brake, and say why."""
@@ -454,25 +449,4 @@ class Guard:
         self._route = None
         self._reflex.end()
         self._goals.drop_request()
-        status = GuardStatus(
-            stamp=now,
-            mode=GuardMode.STOPPED,
-            reason=verdict.reason,
-            goal=self._wishes.name,
-            reached=self._goals.reached,
-            command=zero,
-            speed_scale=0.0,
-            distance=math.inf,
-            protective_distance=0.0,
-            nearest_hazard=None,
-            nearest_body=None,
-            path=None,
-            executed=self._executed.path,
-            snapshot_sequence=-1 if verdict.snapshot is None else verdict.snapshot.sequence,
-            snapshot_age=verdict.age,
-            replans=self._goals.replans,
-            reflexes=self._reflex.count,
-            evidence_age=self._wishes.evidence_age(now),
-            timings=(("guard_step", time.perf_counter() - began),),
-        )
-        return GuardDecision(zero, status, None, True)
+        return GuardDecision(zero, self._writer.blind(now, verdict, began), None, True)

@@ -10,26 +10,6 @@ from armsight.motion.separation import Separation
 
 
 @dataclass(frozen=True)
-class ContactZone:
-    """A place where the tool must touch something: a socket, a ball, a hand that takes.
-
-    Inside it the *tool* (the last link and what it carries) does not keep its distance from hazards
-    that lie inside as well; it moves at no more than ``speed`` there. The rest of the body, and
-    the tool towards everything outside, keep S_p.
-
-    Attributes:
-        name: for the page and the log.
-        center: (x, y, z) in ``base`` [m]; radius: [m].
-        speed: greatest speed of any part of the tool inside [m/s].
-    """
-
-    name: str
-    center: tuple[float, float, float]
-    radius: float
-    speed: float = 0.05
-
-
-@dataclass(frozen=True)
 class GuardConfig:
     """Settings of :class:`~armsight.motion.guard.Guard`; defaults suit T2's cell.
 
@@ -65,7 +45,6 @@ class GuardConfig:
         retrace_share: share of the executed path that the reflex retraces (T2: 10 %).
         patience: standing for separation this long, another way is asked for [s].
         retry: time between two requests after a plan failed [s].
-        zones: declared contact zones.
     """
 
     period: float = 0.008
@@ -95,7 +74,6 @@ class GuardConfig:
     retrace_share: float = 0.1
     patience: float = 0.8
     retry: float = 0.4
-    zones: tuple[ContactZone, ...] = ()
 
     @property
     def planned(self) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
+from armsight.motion.permits import PermitRequest
 from armsight.robots.robot import Robot
 
 HORIZON = 1.0
@@ -34,12 +35,14 @@ class JointIntent:
         position: (n,) [rad].
         tolerance: reached when every joint is this close [rad].
         speed: share of the cell's allowed speed, 0..1.
+        permit: what it has to touch on the way or there, see :mod:`armsight.motion.permits`.
     """
 
     name: str
     position: JointVector
     tolerance: float = 0.01
     speed: float = 1.0
+    permit: PermitRequest | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class PoseIntent:
         tolerance: reached when the TCP is this close [m]; tolerance_rad: and turned by no more
             than this [rad].
         speed: share of the cell's allowed speed, 0..1.
+        permit: what it has to touch on the way or there.
     """
 
     name: str
@@ -61,6 +65,7 @@ class PoseIntent:
     tolerance: float = 0.001
     tolerance_rad: float = 0.005
     speed: float = 1.0
+    permit: PermitRequest | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,7 @@ class VelocityIntent:
             joint reading, that it rests on.
         valid_until: from then on it is stale and the arm comes to rest [s]; at most 1 s
             after the exposure.
+        permit: what it has to touch.
     """
 
     name: str
@@ -88,6 +94,7 @@ class VelocityIntent:
     frame: Frame
     exposure: float
     valid_until: float
+    permit: PermitRequest | None = None
 
 
 @dataclass(frozen=True)
@@ -97,10 +104,12 @@ class Rest:
     Attributes:
         reason: why, for the page and the log; may be empty.
         fault: something is wrong: shown as a stop, not as a pause.
+        permit: what it goes on touching.
     """
 
     reason: str = ""
     fault: bool = False
+    permit: PermitRequest | None = None
 
 
 Intent: TypeAlias = JointIntent | PoseIntent | VelocityIntent | Rest

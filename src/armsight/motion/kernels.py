@@ -19,6 +19,8 @@ from armsight.arrays import Floats, Floats32, Ints, JointPath, JointVector, Poin
 from armsight.motion.body import Body
 
 OCCUPIED = 2
+PERMITTED = 4
+"""A solid voxel in a region that some parts may touch: solid for all others."""
 QUEUE = 4096
 """Intervals that one proof may hold open; a motion that needs more is refused."""
 CHUNK = 8
@@ -38,6 +40,7 @@ class Obstacles(NamedTuple):
         avoid_unknown: whether unknown voxels are solid.
         floor: a clearance below this is a collision [m].
         points, rows: solid points besides the cubes, see :class:`~armsight.motion.detail.Detail`.
+        touching: (m,) bool, moving spheres for which PERMITTED voxels are free; (0,) for none.
     """
 
     origin: Floats
@@ -50,6 +53,7 @@ class Obstacles(NamedTuple):
     floor: float
     points: Floats32
     rows: Ints
+    touching: np.ndarray
 
 
 class Scratch(NamedTuple):
@@ -195,12 +199,12 @@ def body_motion(body: Body, q: JointVector, dq: JointVector, scratch: Scratch) -
 
 @njit(cache=True, nogil=True)
 def exact_distance(
-    ob: Obstacles, x: float, y: float, z: float, limit: float, enough: float
+    ob: Obstacles, x: float, y: float, z: float, limit: float, enough: float, touching: bool
 ) -> float:
     """Distance [m] to the nearest solid cube or point, or ``limit`` when none is nearer.
 
     Stops early, with any distance below ``enough``, once one is found. Rows of voxels are walked
-    in the strides that the distance field allows.
+    in the strides that the distance field allows. For what is ``touching`` PERMITTED is free.
     """
     nx, ny, nz = ob.state.shape
     scale = 1.0 / ob.voxel
@@ -226,7 +230,7 @@ def exact_distance(
             iz, z1 = max(0, int(np.floor(gz - span))), min(nz - 1, int(np.floor(gz + span)))
             while iz <= z1:
                 s = ob.state[ix, iy, iz]
-                if s == 2 or (s == 0 and ob.avoid_unknown):
+                if s == 2 or (s == 0 and ob.avoid_unknown) or (s == 4 and not touching):
                     dz = max(iz - gz, gz - iz - 1.0, 0.0)
                     d = dxy + dz * dz
                     if d < best:
@@ -293,6 +297,12 @@ def field_at(ob: Obstacles, x: float, y: float, z: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def may_touch(ob: Obstacles, sphere: int) -> bool:
+    """Whether PERMITTED voxels are free for a moving sphere."""
+    return sphere < ob.touching.shape[0] and ob.touching[sphere]
+
+
+@njit(cache=True, nogil=True)
 def sphere_clearances(ob: Obstacles, centers: Points, radius: Floats, out: Floats) -> None:
     """Write the clearance [m] of (m,) spheres.
 
@@ -304,7 +314,7 @@ def sphere_clearances(ob: Obstacles, centers: Points, radius: Floats, out: Float
         x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radius[i]
         clear = field_at(ob, x, y, z) - r
         if clear < ob.voxel:
-            clear = exact_distance(ob, x, y, z, r + ob.voxel, 0.0) - r
+            clear = exact_distance(ob, x, y, z, r + ob.voxel, 0.0, may_touch(ob, i)) - r
         out[i] = min(clear, wall_clearance(ob, x, y, z, r))
 
 
@@ -386,8 +396,9 @@ def surroundings_span(
         if clearance[i] < need:
             r = radius[i]
             distance = exact_distance(
-                ob, centers[i, 0], centers[i, 1], centers[i, 2], r + need, r + floor
-            )
+                ob, centers[i, 0], centers[i, 1], centers[i, 2], r + need, r + floor,
+                may_touch(ob, i),
+            )  # fmt: skip
             # Not "distance - r < floor": the difference may round below a floor that is kept.
             if distance < r + floor:
                 return -1.0

@@ -89,6 +89,9 @@ class SeparationView:
 class MovingBody:
     """The spheres of a robot that its joints can move.
 
+    Attributes:
+        moving: (k,) bool, which of ``Robot.spheres`` these are.
+
     Raises:
         ValueError: the robot has no spheres, so nothing of it could be protected.
     """
@@ -103,6 +106,7 @@ class MovingBody:
         moving = np.asarray(spheres.link) > 0
         self.robot = robot
         self.brake = np.ascontiguousarray(brake, float)
+        self.moving = moving
         self.link = np.ascontiguousarray(np.asarray(spheres.link)[moving], np.int64)
         self.local = np.ascontiguousarray(np.asarray(spheres.center)[moving], float)
         self.radius = np.ascontiguousarray(np.asarray(spheres.radius)[moving], float)
@@ -125,6 +129,12 @@ class MovingBody:
         rates = np.ascontiguousarray(q_dot, float)
         poses, axis = self._poses(q), self.robot.axis
         return float(fastest_point(poses, axis, self.link, self.radius, rates, velocity))
+
+    def spin(self, q: JointVector, q_dot: JointVector) -> Points:
+        """(n + 1, 3) turning rate of each link in ``base`` [rad/s]."""
+        poses = self._poses(q)
+        turns = np.einsum("jab,jb->ja", poses[1:, :3, :3], self.robot.axis) * q_dot[:, None]
+        return np.concatenate([np.zeros((1, 3)), np.cumsum(turns, axis=0)])
 
     def stopping(self, q_dot: JointVector) -> Floats:
         """(m,) time until each sphere stands when all joints brake [s]."""

@@ -12,6 +12,8 @@
   arm is mounted there. The shoulder is the first moving link and what of the second lies on the
   second joint's axis. Nothing that was ever seen to move or may move is excused, and no other part
   gets there without touching the shoulder.
+* In the region of a contact permit what is solid is solid for all but the parts that may touch
+  (:mod:`armsight.motion.permitted`).
 * What cannot move (the base, and what lies on the first joint's axis) is not checked: no plan can
   make it touch anything.
 """
@@ -31,11 +33,14 @@ from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid, Worksp
 from armsight.motion.body import Body
 from armsight.motion.detail import NO_DETAIL, DetailedSnapshot
 from armsight.motion.field import distance_to_solid
-from armsight.motion.kernels import Obstacles, body_centers
+from armsight.motion.kernels import PERMITTED, Obstacles, body_centers
+from armsight.motion.permitted import PermittedSnapshot, voxels_within
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 NOTHING = -1
+NOBODY = np.zeros(0, bool)
+"""No part may touch anything."""
 TURNS = 48
 """Angles at which the shoulder is placed to find what it is mounted in."""
 ON_AXIS = 0.02
@@ -84,6 +89,10 @@ def obstacles_of(
             upper = np.maximum(upper, (centers + reach).max(axis=0))
         if config.avoid_unknown:
             state = _excused(state, origin, grid.voxel, centers, body.radius + config.excuse)
+    touching = NOBODY
+    if isinstance(snapshot, PermittedSnapshot):
+        state = _opened(state, voxels_within(snapshot, snapshot.grant.region), config)
+        touching = np.ascontiguousarray(snapshot.grant.touching[body.original])
     return Obstacles(
         origin,
         float(grid.voxel),
@@ -94,7 +103,21 @@ def obstacles_of(
         config.avoid_unknown,
         config.floor,
         *(snapshot.detail if isinstance(snapshot, DetailedSnapshot) else NO_DETAIL),
+        touching,
     )
+
+
+def _opened(
+    state: NDArray[np.uint8], within: tuple[Ints, ...], config: CollisionConfig
+) -> NDArray[np.uint8]:
+    """A copy of ``state`` in which what is solid of some voxels is PERMITTED."""
+    copy = state.copy()
+    there = copy[within]
+    solid = there == OCCUPIED
+    if config.avoid_unknown:
+        solid |= there == UNKNOWN
+    copy[within] = np.where(solid, np.uint8(PERMITTED), there)
+    return copy
 
 
 def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armsight.arrays import Ints, JointVector, Mask, Points, Poses
+from armsight.arrays import Ints, JointVector, Poses
 from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
-from armsight.motion.guard_config import ContactZone, GuardConfig
+from armsight.motion.contact_speed import ContactSpeed
+from armsight.motion.guard_config import GuardConfig
 from armsight.motion.guard_kernels import (
     Law,
     in_reach,
@@ -42,13 +43,17 @@ class SeparationMonitor:
     the hard stop after a command ends before anybody could be there, looked at in its course and
     with the present age of the pictures. Where it does not, the arm brakes at once, as hard as it
     can: :mod:`armsight.motion.guard` says why that is in time.
+
+    Attributes:
+        body: the parts that are protected.
+        contact: the speed that a contact permit leaves to the parts that may touch, or None.
     """
 
     def __init__(self, robot: Robot, config: GuardConfig, brake: JointVector) -> None:
         self.body = MovingBody(robot, brake)
         self._robot = robot
         self._config = config
-        self._tool = self.body.link == robot.n
+        self.contact: ContactSpeed | None = None
         self._law = self._make_law(0.2, 0.0)
 
     def set_reaction(self, T_r: float, hazard_radius: float) -> None:
@@ -88,17 +93,7 @@ class SeparationMonitor:
         times = np.linspace(0.0, float((np.abs(state.velocity) / brake).max()), PIECES + 1)
         law = self._law._replace(T_person=T_r)
 
-        def free(parts: Mask, those: Hazards) -> bool:
-            moving = np.where(parts, until, 0.0)
-            return in_reach(those.blocks, places, self.body.radius, times, moving, law) < 0
-
-        rest = np.ones(len(until), bool)
-        for zone in self._config.zones:
-            inside = self._inside(zone, center)
-            if inside.any() and not free(inside, _outside(hazards, zone)):
-                return False
-            rest &= ~inside
-        return free(rest, hazards)
+        return in_reach(hazards.blocks, places, self.body.radius, times, until, law) < 0
 
     def protective_distance(self, view: SeparationView, state: ArmState, hazards: Hazards) -> float:
         """S_p of the part nearest to a hazard at the arm's present velocity [m]; 0 without one."""
@@ -184,7 +179,7 @@ class SeparationMonitor:
 
     def _tight(self, view: SeparationView, q: JointVector) -> tuple[Ints, Poses]:
         """The spheres that limit a motion, the most limiting first, and the links' poses."""
-        tight = np.flatnonzero(view.share < 1.0)
+        tight = np.flatnonzero((view.share < 1.0) & (view.limiting >= 0))
         tight = tight[np.argsort(view.share[tight], kind="stable")][:ROWS]
         robot = self._robot
         q = np.ascontiguousarray(q, float)
@@ -208,35 +203,10 @@ class SeparationMonitor:
     def _view(
         self, q: JointVector, motion: JointVector, hazards: Hazards, law: Law
     ) -> SeparationView:
-        if not self._config.zones:
-            return self.body.view(q, motion, hazards, law)
-        return self._view_in_zones(q, motion, hazards, law)
-
-    def _view_in_zones(
-        self, q: JointVector, motion: JointVector, hazards: Hazards, law: Law
-    ) -> SeparationView:
-        """Tool inside a declared zone: hazards inside it do not count, the zone's speed does."""
         view = self.body.view(q, motion, hazards, law)
-        inside = {zone: self._inside(zone, view.center) for zone in self._config.zones}
-        share, distance = view.share.copy(), view.distance.copy()
-        limiting, nearest = view.limiting.copy(), view.nearest.copy()
-        for zone, parts in inside.items():
-            if not parts.any():
-                continue
-            rest = self.body.view(q, motion, _outside(hazards, zone), law, parts)
-            speed = np.linalg.norm(view.velocity[parts], axis=1)
-            with np.errstate(divide="ignore"):
-                share[parts] = np.minimum(rest.share[parts], zone.speed / speed)
-            distance[parts] = rest.distance[parts]
-            limiting[parts], nearest[parts] = -1, -1
-        return SeparationView(
-            view.center, view.velocity, view.stopping, distance, nearest, share, limiting
-        )
-
-    def _inside(self, zone: ContactZone, center: Points) -> Mask:
-        """(m,) bool: parts of the tool that are inside a zone."""
-        away = np.linalg.norm(center - np.asarray(zone.center), axis=1)
-        return np.asarray(self._tool & (away <= zone.radius))
+        if self.contact is not None:
+            view = self.contact.limit(view, self.body, q, motion, law)
+        return view
 
     def _make_law(self, T_r: float, hazard_radius: float) -> Law:
         s, config = self._config.separation, self._config
@@ -258,9 +228,3 @@ def declared_reaction(cameras: Sequence[RgbdCameraInfo], config: GuardConfig) ->
 def after_decision(config: GuardConfig) -> float:
     """From a decision until the next one, which may come a tick late, has the arm brake [s]."""
     return TICKS * config.period + config.start_delay
-
-
-def _outside(hazards: Hazards, zone: ContactZone) -> Hazards:
-    points = hazards.blocks.points
-    far = np.linalg.norm(points - np.asarray(zone.center, np.float32), axis=1) > zone.radius
-    return Hazards.at(points[far], hazards.radius)

@@ -138,6 +138,9 @@ class VelocityFilter:
         """What limits a motion, in words."""
         sphere = int(np.argmin(view.share)) if np.isfinite(view.share).any() else view.closest
         index = int(view.limiting[sphere])
+        contact = self.monitor.contact
+        if index < 0 and contact is not None and view.share[sphere] < 1.0:
+            return f"comes to {contact.name} at no more than {contact.speed:g} m/s"
         if index < 0:
             index = int(view.nearest[sphere])
         if index < 0 or self._snapshot is None:

@@ -10,6 +10,7 @@ from armsight.arrays import JointPath, JointVector, Vector3
 from armsight.devices.line import DeviceHealth
 from armsight.mapping.snapshot import CameraStatus
 from armsight.motion.data import GuardMode, GuardStatus
+from armsight.recording.permit_values import permit_from_values, permit_to_values
 from armsight.runtime.view import ComponentHealth
 
 Status = tuple[int, str, str, dict[str, str]]
@@ -37,6 +38,7 @@ def guard_to_status(status: GuardStatus) -> Status:
         "replans": str(status.replans),
         "reflexes": str(status.reflexes),
     }
+    values |= permit_to_values(status.permit)
     values |= {f"timing/{stage}": repr(float(seconds)) for stage, seconds in status.timings}
     return _LEVELS.get(status.mode, 0), GUARD, status.reason, values
 
@@ -68,6 +70,7 @@ def guard_from_status(
             snapshot_age=float(values["snapshot_age"]),
             replans=int(values["replans"]),
             reflexes=int(values["reflexes"]),
+            permit=permit_from_values(values),
             timings=tuple(
                 (key.removeprefix("timing/"), float(value))
                 for key, value in values.items()

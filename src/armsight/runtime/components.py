@@ -189,7 +189,9 @@ class PlanningComponent:
             self,
             now,
             self._latency,
-            lambda: self._planner.plan(request, snapshot, self._time_limit, rng),
+            lambda: self._planner.plan(
+                request, request.surroundings(snapshot), self._time_limit, rng
+            ),
             self._publish,
         )
 

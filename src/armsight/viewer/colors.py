@@ -29,6 +29,8 @@ UNSEEN: Color = (139, 92, 246)
 SEEN: Color = (251, 146, 60)
 THING: Color = (94, 210, 255)
 """Solid, but known to be no person."""
+PERMITTED: Color = (74, 222, 128)
+REFUSED: Color = (239, 68, 68)
 ALIVE: Color = (45, 212, 191)
 DEAD: Color = (239, 68, 68)
 STATIC_OPACITY = 0.55

@@ -72,6 +72,25 @@ def figures(guard: GuardStatus | None, tip_speed: float, now: float) -> str:
     return boxes(cells, f"{counts}t = {now:.1f} s")
 
 
+def permit(guard: GuardStatus | None) -> str:
+    """What may be touched, what of it is not granted, and how hard it is pressed."""
+    asked = None if guard is None else guard.permit
+    if asked is None:
+        return ""
+    title = f"contact with {escape(asked.name)} ({escape(asked.kind)}): {asked.state.value}"
+    words = escape(asked.reason)
+    if asked.holds:
+        least = f"{asked.speed:.2f} m/s, {asked.force:.0f} N, {asked.torque:.1f} N m"
+        pressed = f" · pressed with {asked.pressed:.1f} N" if np.isfinite(asked.pressed) else ""
+        words = f"at most {least}{pressed}{' · ' + words if words else ''}"
+    color = GOOD if asked.holds else BAD
+    return (
+        f"<div style='{FONT};margin:0 .7em .5em .2em;padding:.4em .7em;border-radius:.4em;"
+        f"border-left:.3em solid {color};background:rgba(127,127,127,.12);font-size:.85em'>"
+        f"<b>{title}</b><br>{words}</div>"
+    )
+
+
 def boxes(cells: Sequence[tuple[str, str, str, str]], below: str) -> str:
     """Figures as (name, value, colour, hint), two a row, and a faint line below."""
     boxes = "".join(

@@ -66,6 +66,7 @@ class Panels:
         self._speeds = History(1)
         self._texts: dict[str, Any] = {}
         self._put("banner", html.banner(None, "", armless))
+        self._put("permit", html.permit(None))
         self._put("figures", html.figures(None, 0.0, 0.0))
         self._face = FacePanel(gui, press)
         self._add_controls(draggable, drag)
@@ -81,6 +82,7 @@ class Panels:
         guard = view.guard
         self._set("banner", html.banner(guard, note, self._armless))
         if not self._armless:
+            self._set("permit", html.permit(guard))
             self._set("figures", html.figures(guard, tip_speed, view.now))
         self._face.update(view.face, view.now)
         self._show_running(view.running)

@@ -15,6 +15,7 @@ from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.geometry.pose import to_wxyz, transform
 from armsight.mapping.snapshot import CameraStatus, WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
+from armsight.motion.face import EllipsoidMark, Mark, RegionMark
 from armsight.robots.kernels import path_points
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
@@ -116,6 +117,7 @@ class CellScene:
         )
         self._labels_on = True
         self.marks = TaskMarks(api, f"{base}/task")
+        self.permit = TaskMarks(api, f"{base}/permit")
         self._drawn_face: object = None
         tip = self._robot.T_last_flange
         if self._robot.tool is not None:
@@ -165,7 +167,12 @@ class CellScene:
             Layer(
                 "Distance", "the two nearest points of robot and hazard", True, self._show_nearest
             ),
-            Layer("Task", "what the task marks", True, of(self.marks)),
+            Layer(
+                "Task",
+                "what the task marks, and what it may touch (green) or may not (red)",
+                True,
+                of(self.marks, self.permit),
+            ),
             Layer("Cameras", "frustums with what they see", True, of(self._camera_root)),
             Layer(
                 "People",
@@ -251,6 +258,7 @@ class CellScene:
         if guard.executed is not self._drawn_executed:
             self._drawn_executed = guard.executed
             self.executed.show(self._tips(guard.executed))
+        self.permit.show(_permitted(guard))
         hazard, body = guard.nearest_hazard, guard.nearest_body
         near = hazard is not None and body is not None and np.isfinite(guard.distance)
         if near:
@@ -294,6 +302,21 @@ class CellScene:
         robot = self._robot
         points = path_points(dense, robot.T_link_joint, robot.axis, *self._tip)
         return np.asarray(points[:, 0])
+
+
+def _permitted(guard: GuardStatus) -> tuple[Mark, ...]:
+    """The region that a contact permit is about, where it is now; round ones as ellipsoids."""
+    permit = guard.permit
+    if permit is None or permit.region is None:
+        return ()
+    region, color = permit.region, colors.PERMITTED if permit.holds else colors.REFUSED
+    T = np.array(region.T_base_region, float)
+    T[:3, 3] = region.center(guard.stamp)
+    a, b, _ = region.size
+    if region.shape == "box":
+        return (RegionMark(permit.name, T, np.asarray(region.size, float), color),)
+    long = a if region.shape == "sphere" else a + 0.5 * b
+    return (EllipsoidMark(permit.name, T, np.array([a, a, long]), color),)
 
 
 def _top(snapshot: WorkspaceSnapshot) -> float:

@@ -1,0 +1,124 @@
+"""How fast the parts that may touch come to the border of a permitted region, and move in it.
+
+Separation asks nothing of them there. Instead they keep, towards the region, a speed from which
+they can brake to the contact speed v_c at its border: with the distance D to it, the time T_a for
+which the arm goes on as commanded, and the deceleration a ::
+
+    D = v T_a + (v^2 - v_c^2) / (2 a)
+
+solved for v; and never less than v_c. In the region no point of them moves faster than v_c. All
+speeds are relative to the region, which may move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armsight.arrays import Floats, JointVector, Mask, Points
+from armsight.motion.guard_kernels import Law
+from armsight.motion.nearest import MovingBody, SeparationView
+from armsight.motion.regions import Region
+
+BISECTIONS = 24
+"""Halvings of the share of a motion: to less than a millionth."""
+
+
+@dataclass(frozen=True)
+class ContactSpeed:
+    """The law of one permit at one time.
+
+    Attributes:
+        name: of the permit.
+        parts: (m,) bool, spheres of the moving body that may touch.
+        region: where; when: the time for which its place is taken [s].
+        speed: v_c [m/s].
+        margin: the border lies this far outside of the region: it is not known better [m].
+    """
+
+    name: str
+    parts: Mask
+    region: Region
+    when: float
+    speed: float
+    margin: float
+
+    def limit(
+        self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
+    ) -> SeparationView:
+        """The view of a motion (n,) [rad/s] at (n,) [rad] with this law in it.
+
+        A part that it limits has no limiting hazard (-1).
+        """
+        own = np.flatnonzero(self.parts)
+        if len(own) == 0:
+            return view
+        share = view.share.copy()
+        limiting = view.limiting.copy()
+        allowed = self.allowed(view, body, q, motion, law)
+        tighter = own[allowed < share[own]]
+        share[tighter] = allowed[allowed < share[own]]
+        limiting[tighter] = -1
+        return replace(view, share=share, limiting=limiting)
+
+    def allowed(
+        self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
+    ) -> Floats:
+        """(k,) share of the motion that is allowed to each of the parts; inf where all is."""
+        own = np.flatnonzero(self.parts)
+        center, velocity, radius = view.center[own], view.velocity[own], body.radius[own]
+        spin = np.linalg.norm(body.spin(q, motion), axis=1)[body.link[own]] * radius
+        gap = self.region.distance(center, self.when) - radius - self.margin
+        towards = self.region.towards(center, self.when)
+        brake = np.maximum(view.stopping[own], 1e-6)
+        out, moves = np.empty(len(own)), np.asarray(self.region.velocity, float)
+        for i in range(len(own)):
+            most = self.speed
+            fastest = float(np.linalg.norm(velocity[i])) + spin[i]
+            if gap[i] > 0.0:
+                a = max(fastest / brake[i], 1e-3)
+                root = np.sqrt((a * law.T_arm) ** 2 + 2.0 * a * gap[i] + most * most)
+                most = max(most, float(root) - a * law.T_arm)
+                out[i] = _share_towards(
+                    velocity[i], self.region.velocity, towards[i], spin[i], most
+                )
+            else:
+                out[i] = _share_within(velocity[i], moves, spin[i], most)
+        return out
+
+
+def _share_towards(
+    velocity: Points, region: Points, towards: Points, spin: float, most: float
+) -> float:
+    """Share s of a motion at which ``(s v - v_region) n + s spin <= most``."""
+    closing = float(velocity @ towards) + spin
+    meets = most + float(region @ towards)
+    if closing <= 0.0:
+        return np.inf
+    return max(meets / closing, 0.0)
+
+
+def _share_within(velocity: Points, region: Points, spin: float, most: float) -> float:
+    """Greatest share s of a motion at which ``|s v - v_region| + s spin <= most``, or 0.
+
+    The left side is convex in s, so what is allowed is an interval: its upper end is bisected.
+    """
+
+    def excess(s: float) -> float:
+        return float(np.linalg.norm(s * velocity - region)) + s * spin - most
+
+    if excess(1.0) <= 0.0:
+        return np.inf
+    with_it = float(velocity @ region) / max(float(velocity @ velocity), 1e-12)
+    allowed = next((s for s in (min(max(with_it, 0.0), 1.0), 0.0) if excess(s) <= 0.0), None)
+    if allowed is None:
+        return 0.0
+    refused = 1.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (allowed + refused)
+        if excess(middle) <= 0.0:
+            allowed = middle
+        else:
+            refused = middle
+    return allowed

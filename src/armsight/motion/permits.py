@@ -1,0 +1,182 @@
+"""Contact permits: who must touch something asks for one, and the guard answers in words.
+
+Everything that is not declared counts as a person, and nobody is touched. A task that has to touch
+(a ball, a socket, a palm) says beside its intent what, where, with which parts of the arm, and how
+gently at most. The guard grants it, grants less, or refuses; it withdraws what it has granted when
+the target is lost, jumps or becomes unsure, when somebody comes near it, or when it is pressed too
+hard. Outside of the region nothing changes. ``docs/guard.md`` has the proof.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Literal, TypeAlias
+
+from armsight.motion.regions import Region, region_fault
+from armsight.robots.robot import Robot
+
+ContactKind: TypeAlias = Literal["thing", "hand", "face"]
+
+
+@dataclass(frozen=True)
+class PermitRequest:
+    """Asks to touch what is in a region; carried by an intent, anew in every round of a task.
+
+    Attributes:
+        name: what is to be touched, for the page and the log. A permit that was withdrawn is not
+            granted again under the same name until the task has published an intent without it.
+        kind: ``thing``: nobody is in the small region; ``hand``: somebody's hand, or what it holds;
+            ``face``: with a part declared soft.
+        region: where, as last seen: for a thing its own outline, no margin added.
+        parts: what of the arm may touch: names of links, or ``tool`` for what the flange carries.
+        reach: and of those only what lies within this distance of the TCP [m].
+        speed: greatest speed at contact, relative to the region [m/s].
+        force: greatest force [N]; torque: greatest torque about the TCP [N m].
+        seconds: for how long from when it is granted [s].
+    """
+
+    name: str
+    kind: ContactKind
+    region: Region
+    parts: tuple[str, ...] = ("tool",)
+    reach: float = math.inf
+    speed: float = 0.05
+    force: float = 10.0
+    torque: float = 2.0
+    seconds: float = 10.0
+
+
+class PermitState(StrEnum):
+    """What became of a request."""
+
+    GRANTED = "granted"
+    LESS = "granted less"
+    REFUSED = "refused"
+    WITHDRAWN = "withdrawn"
+
+
+@dataclass(frozen=True)
+class Permit:
+    """The guard's answer.
+
+    Attributes:
+        name, kind: of the request.
+        state: what became of it; reason: in words, empty when it was granted as asked.
+        region: the newest that is believed; None when there never was one.
+        speed, force, torque: what is granted [m/s], [N], [N m].
+        until: when it ends [s].
+        pressed: force [N] of the arm on what it touches, by the last reading; NaN if nobody says.
+    """
+
+    name: str
+    kind: str
+    state: PermitState
+    reason: str = ""
+    region: Region | None = None
+    speed: float = 0.0
+    force: float = 0.0
+    torque: float = 0.0
+    until: float = -math.inf
+    pressed: float = math.nan
+
+    @property
+    def holds(self) -> bool:
+        """Whether the arm may touch."""
+        return self.state in (PermitState.GRANTED, PermitState.LESS)
+
+    def __str__(self) -> str:
+        words = f"contact with {self.name} ({self.kind}) {self.state.value}"
+        return f"{words}: {self.reason}" if self.reason else words
+
+
+@dataclass(frozen=True)
+class PermitLimits:
+    """What may be granted of one kind at most.
+
+    Attributes:
+        extent: greatest distance between two points of the region [m].
+        region_speed: of its centre [m/s].
+        deviation: standard deviation of its centre [m].
+        age: since its exposure [s].
+        speed: of contact [m/s]; force: [N]; torque: [N m]; seconds: [s].
+    """
+
+    extent: float
+    region_speed: float
+    deviation: float
+    age: float
+    speed: float
+    force: float
+    torque: float
+    seconds: float
+
+
+LIMITS: dict[str, PermitLimits] = {
+    "thing": PermitLimits(0.5, 1.0, 0.03, 60.0, 0.25, 150.0, 20.0, 120.0),
+}
+"""A thing may be pressed as hard as a plug is pushed home (85 to 125 N)."""
+
+
+def request_fault(request: Any, robot: Robot, now: float) -> str:
+    """Why a request cannot be granted whatever is seen, in words; empty when it may be."""
+    if not isinstance(request, PermitRequest):
+        return f"a task asked for {type(request).__name__}; expected a PermitRequest"
+    limits = LIMITS.get(request.kind)
+    if limits is None:
+        return f'its kind is "{request.kind}"; granted are {", ".join(LIMITS)}'
+    fault = region_fault(request.region, now)
+    if fault:
+        return f"its region cannot be: {fault}"
+    for name in ("speed", "force", "torque", "seconds", "reach"):
+        value = getattr(request, name)
+        if not isinstance(value, int | float) or not value > 0.0:
+            return f"its {name} is {value}; expected above 0"
+    known = ("tool", *robot.link_names[1:])
+    wrong = [part for part in request.parts if part not in known]
+    if wrong or not request.parts:
+        return f"no part {', '.join(wrong) or 'given'}; this arm has {', '.join(known)}"
+    if "tool" in request.parts and robot.tool is None:
+        return f"the flange carries no tool; name a link: {', '.join(known[1:])}"
+    return ""
+
+
+def region_refusal(region: Region, kind: str, now: float) -> str:
+    """Why a well-formed region is not taken, in words; empty when it is."""
+    limits = LIMITS[kind]
+    if region.extent > limits.extent:
+        return f"its region is {region.extent:.2f} m large; at most {limits.extent:g} m"
+    if region.speed > limits.region_speed:
+        return f"it moves at {region.speed:.2f} m/s; at most {limits.region_speed:g}"
+    age = now - region.exposure
+    if age > limits.age:
+        return f"it was last seen {age:.2f} s ago"
+    deviation = region.deviation(now)
+    if deviation > limits.deviation:
+        return (
+            f"its place is known to {1e3 * deviation:.0f} mm only (seen {max(age, 0.0):.2f} s ago);"
+            f" at most {1e3 * limits.deviation:.0f}"
+        )
+    return ""
+
+
+def granted(request: PermitRequest, now: float) -> Permit:
+    """The answer to a request that nothing speaks against: as asked, or less."""
+    limits = LIMITS[request.kind]
+    less = [
+        f"{name} {most:g} instead of {getattr(request, name):g}"
+        for name in ("speed", "force", "torque", "seconds")
+        if getattr(request, name) > (most := getattr(limits, name))
+    ]
+    return Permit(
+        request.name,
+        request.kind,
+        PermitState.LESS if less else PermitState.GRANTED,
+        ", ".join(less),
+        request.region,
+        min(request.speed, limits.speed),
+        min(request.force, limits.force),
+        min(request.torque, limits.torque),
+        now + min(request.seconds, limits.seconds),
+    )

@@ -1,0 +1,376 @@
+"""Contact permits: what is granted, what it changes, and that nothing else changes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.geometry.pose import from_rpy, make_pose
+from armsight.motion.collision import CollisionModel
+from armsight.motion.contact_speed import ContactSpeed
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.intents import VelocityIntent
+from armsight.motion.nearest import Hazards
+from armsight.motion.permits import PermitRequest, PermitState, request_fault
+from armsight.motion.permitted import Grant, permitted, somebody_beside
+from armsight.motion.regions import Region, region_fault
+from armsight.motion.separation_monitor import SeparationMonitor
+from armsight.robots import load_robot, load_tool
+from armsight.robots.kinematics import tcp_pose
+
+from .scenes import CubeOracle, ball, make_snapshot
+
+RADIUS = 0.03
+
+
+def sphere(center, exposure=0.0, radius=RADIUS, **more):
+    return Region("sphere", (radius, 0.0, 0.0), make_pose(None, center), exposure, **more)
+
+
+def request(region, **more):
+    given = {"parts": ("wrist_3_link",), "reach": 0.12, "speed": 0.05, "seconds": 30.0}
+    return PermitRequest("ball", "thing", region, **(given | more))
+
+
+# -- regions --------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), shape=st.sampled_from(["sphere", "box", "capsule"]))
+def test_distances_to_a_region_are_those_to_densely_sampled_matter(seed, shape):
+    rng = np.random.default_rng(seed)
+    size = tuple(rng.uniform(0.03, 0.2, 3))
+    T = from_rpy(rng.uniform(-3, 3, 3), rng.uniform(-1, 1, 3))
+    region = Region(shape, size, T, 1.0, velocity=rng.uniform(-1, 1, 3))
+    when = rng.uniform(1.0, 2.0)
+    if shape == "capsule":
+        core = np.linspace(-0.5, 0.5, 400)[:, None] * size[1] * np.array([0, 0, 1.0])
+    elif shape == "box":
+        axes = [np.linspace(-0.5, 0.5, 41) * s for s in size]
+        core = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    else:
+        core = np.zeros((1, 3))
+    matter = core @ T[:3, :3].T + T[:3, 3] + (when - 1.0) * np.asarray(region.velocity)
+    points = matter.mean(axis=0) + rng.normal(size=(20, 3)) * 0.3
+    expected = np.linalg.norm(points[:, None] - matter[None], axis=2).min(axis=1)
+    expected -= 0.0 if shape == "box" else size[0]
+    got = region.distance(points, when)
+    outside = expected > 0.02
+    assert got[outside] == pytest.approx(expected[outside], abs=0.006)
+    # Along the way that it names, the distance falls as fast as one goes.
+    step = points + 0.005 * region.towards(points, when)
+    assert region.distance(step, when)[outside] == pytest.approx(got[outside] - 0.005, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("shape", "cone", "cone"),
+        ("size", (0.0, 0.0, 0.0), "above 0"),
+        ("size", (np.nan, 0.0, 0.0), "three numbers"),
+        ("size", None, "three numbers"),
+        ("size", "big", "cannot be read"),
+        ("T_base_region", np.full((4, 4), np.nan), "no finite"),
+        ("T_base_region", np.diag([2.0, 1, 1, 1]), "rotation"),
+        ("velocity", np.array([np.inf, 0, 0]), "velocity"),
+        ("covariance", np.diag([-1.0, 1, 1]), "positive"),
+        ("drift", -1.0, "drift"),
+        ("exposure", 11.0, "in the future"),
+        ("exposure", np.nan, "time in seconds"),
+    ],
+)
+def test_a_wrong_region_is_refused_in_words(field, value, says):
+    assert region_fault(sphere([0.4, 0.0, 0.3]), 10.0) == ""
+    assert says in region_fault(replace(sphere([0.4, 0.0, 0.3]), **{field: value}), 10.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("kind", "hug", "hug"),
+        ("parts", ("nose",), "no part nose"),
+        ("parts", (), "no part given"),
+        ("parts", ("tool",), "carries no tool"),
+        ("speed", 0.0, "above 0"),
+        ("force", float("nan"), "above 0"),
+        ("seconds", "long", "above 0"),
+        ("region", "there", "cannot be"),
+    ],
+)
+def test_a_wrong_request_is_refused_in_words(field, value, says):
+    robot = load_robot("ur5")
+    good = request(sphere([0.4, 0.0, 0.3]))
+    assert request_fault(good, robot, 1.0) == ""
+    assert says in request_fault(replace(good, **{field: value}), robot, 1.0)
+    assert "PermitRequest" in request_fault("may I?", robot, 1.0)
+
+
+# -- what the permit of a thing changes ------------------------------------------------------
+
+
+def test_only_what_is_in_the_region_is_no_hazard_any_more():
+    rng = np.random.default_rng(3)
+    center = np.array([0.5, 0.1, 0.4])
+    snapshot = make_snapshot([])
+    points = (center + rng.uniform(-0.3, 0.3, (4000, 3))).astype(np.float32)
+    snapshot = replace(snapshot, hazards=points, hazard_unknown=rng.random(4000) < 0.5)
+    region = sphere(center, snapshot.stamp)
+    seen = permitted(snapshot, Grant(region, np.zeros(3, bool)))
+    away = np.linalg.norm(points - center, axis=1)
+    kept = {tuple(p) for p in seen.hazards}
+    near = away < RADIUS + snapshot.hazard_radius
+    far = away > RADIUS + snapshot.hazard_radius + 0.02
+    assert not any(tuple(p) in kept for p in points[near])
+    assert all(tuple(p) in kept for p in points[far])
+    assert len(seen.hazards) == len(seen.hazard_unknown)
+    pairs = {tuple(p): u for p, u in zip(points, snapshot.hazard_unknown)}
+    assert all(pairs[tuple(p)] == u for p, u in zip(seen.hazards, seen.hazard_unknown))
+
+
+def test_the_region_is_solid_for_all_but_the_parts_that_may_touch():
+    """Random poses about a ball: each sphere is judged as brute force over the cubes judges it."""
+    robot = load_robot("ur5").with_tool(load_tool("pen"))
+    model = CollisionModel(robot)
+    tip = tcp_pose(robot, robot.home)[:3, 3]
+    other = ball(tip + np.array([0.0, 0.25, 0.0]), 0.05)
+    snapshot = make_snapshot([ball(tip, RADIUS), other])
+    touching = np.zeros(len(robot.spheres.radius), bool)
+    touching[-len(robot.tool.spheres.radius) :] = True
+    seen = permitted(snapshot, Grant(sphere(tip, snapshot.stamp), touching))
+    whole, rest = CubeOracle(snapshot), CubeOracle(make_snapshot([other]))
+    rng = np.random.default_rng(1)
+    touched = blocked = 0
+    for _ in range(60):
+        q = robot.home + rng.normal(size=6) * 0.08
+        clear = model.clearances(q, seen)
+        center, radius = model.scratch().centers[: len(clear)], model.body.radius
+        may = touching[model.body.original]
+        expected = np.where(may, rest.distance(center), whole.distance(center)) - radius
+        near = expected < 0.019
+        assert (clear[near] < 0.0).tolist() == (expected[near] < 0.0).tolist()
+        apart = near & (expected >= 0.0)
+        assert clear[apart] == pytest.approx(expected[apart], abs=1e-4)
+        touched += bool((may & (whole.distance(center) < radius)).any())
+        blocked += bool((~may & (expected < 0.0)).any())
+    assert touched > 20
+    assert not model.valid(robot.home, snapshot)
+    assert model.valid(robot.home, seen)
+    assert model.edge_valid(robot.home, robot.home + 0.02, seen)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_from_the_allowed_speed_a_part_brakes_to_the_contact_speed_at_the_border(seed):
+    """Played in steps of a tenth of a millisecond: on at the speed for T_a, then braking."""
+    rng = np.random.default_rng(seed)
+    robot = load_robot("ur5")
+    brake = robot.limits.acceleration
+    gate = SeparationMonitor(robot, GuardConfig(), brake)
+    gate.set_reaction(0.2, 0.0173)
+    body, q = gate.body, robot.home + rng.normal(size=6) * 0.2
+    motion = rng.normal(size=6)
+    part = int(rng.choice(np.flatnonzero(body.link == robot.n)))
+    center = body.motion(q, motion)[0][part]
+    moves = rng.normal(size=3) * 0.1
+    where = center + rng.normal(size=3) * 0.2
+    region = sphere(where, 5.0, velocity=moves)
+    parts = np.arange(len(body.radius)) == part
+    gate.contact = ContactSpeed("ball", parts, region, 5.0, 0.05, 0.004)
+    view = gate.judge(q, motion, Hazards.at(np.empty((0, 3)), 0.0))
+    share = float(view.share[part])
+    velocity, radius = view.velocity[part], body.radius[part]
+    towards = (where - center) / np.linalg.norm(where - center)
+    spin = np.linalg.norm(body.spin(q, motion)[body.link[part]]) * radius
+    gap = np.linalg.norm(where - center) - RADIUS - radius - 0.004
+    if gap <= 0.0:
+        s = min(share, 1.0)
+        relative = np.linalg.norm(s * velocity - moves) + s * spin
+        assert relative <= 0.05 + 1e-5 or s == 0.0
+        return
+    closing = velocity @ towards + spin
+    if share >= 1.0:
+        share = 1.0
+    speed = share * closing - moves @ towards
+    if speed <= 0.05 + 1e-9:
+        return
+    deceleration = (np.linalg.norm(velocity) + spin) / view.stopping[part]
+    left, t, dt = gap, 0.0, 1e-4
+    while left > 0.0 and speed > 0.05:
+        left -= speed * dt
+        if t >= gate.law.T_arm:
+            speed -= deceleration * dt
+        t += dt
+    assert speed <= 0.05 + deceleration * 2e-4 + 0.02
+    assert set(np.flatnonzero(view.share < 1.0)) <= {part}
+
+
+class Reacher:
+    """Goes straight at a ball by velocities, asking to touch it, as a servo task would."""
+
+    def __init__(self, cell, where, permit=True, **more):
+        self.cell, self.where, self.permit, self.more = cell, where, permit, more
+
+    def __call__(self):
+        cell = self.cell
+        now = cell.now
+        target = np.asarray(self.where(now - 0.05), float)
+        tip = tcp_pose(cell.robot, cell.q)[:3, 3]
+        way = target - tip
+        away = max(np.linalg.norm(way), 1e-9)
+        velocity = np.zeros(6)
+        velocity[:3] = way / away * min(0.4, 2.0 * max(away - 0.02, 0.0))
+        speed = (np.asarray(self.where(now)) - np.asarray(self.where(now - 0.05))) / 0.05
+        region = sphere(target, now - 0.05, velocity=speed, drift=0.05)
+        permit = request(region, **self.more) if self.permit else None
+        return VelocityIntent("touch", velocity, "base", now - 0.05, now + 0.2, permit)
+
+
+def go(cell, seconds, reacher, stop=lambda: False):
+    for _ in range(round(seconds / cell.config.period)):
+        cell.tick(goal=reacher())
+        if stop():
+            break
+    return cell
+
+
+def reach(ball_at, seconds=6.0, others=(), permit=True, **more):
+    cell = QuickCell([Ball(ball_at, RADIUS), *others])
+    tip = tcp_pose(cell.robot, cell.q)[:3, 3]
+    go(cell, seconds, Reacher(cell, ball_at, permit, **more))
+    return cell, tip
+
+
+def standing(t):
+    return np.array([0.45, -0.5, 0.35])
+
+
+def speeds_at(cell, touches):
+    """Speed of the touching sphere's centre [m/s] at the first of the touches, by its log."""
+    at = touches[0].time
+    index = np.searchsorted([s.stamp for s in cell.log], at) - 1
+    return cell.log[max(index, 0)]
+
+
+def test_a_ball_on_a_stand_is_touched_at_the_contact_speed_and_not_without_a_permit():
+    cell, _ = reach(standing, permit=False)
+    assert min(m.distance for m in cell.margins) > 0.3
+    assert not cell.touches
+    cell, _ = reach(standing)
+    assert {s.permit.state for s in cell.log[20:]} == {PermitState.GRANTED}
+    touches = [t for t in cell.touches if t.ball == 0]
+    assert touches
+    hand = cell.guard.body.link[[t.sphere for t in touches]]
+    assert set(hand) == {6}, "only the wrist touches"
+    first = touches[0].time
+    near = [m for m in cell.margins if first - 0.02 < m.time <= first + 0.5]
+    # The fastest point of the whole arm may be faster than the part that touches; not by much.
+    assert max(m.speed for m in near) < 0.12
+    gaps = np.array([m.distance for m in cell.margins if m.time <= first])
+    times = np.array([m.time for m in cell.margins if m.time <= first])
+    closing = -np.gradient(gaps, times)[-5:]
+    assert closing.max() <= 0.055
+    fastest = max(m.speed for m in cell.margins)
+    assert fastest > 0.25, "and it did not creep all the way"
+
+
+def test_a_ball_that_moves_is_followed_and_touched():
+    def moving(t):
+        return np.array([0.45, -0.6 + 0.06 * t, 0.35])
+
+    cell, _ = reach(moving, seconds=7.0)
+    assert [t for t in cell.touches if t.ball == 0]
+    assert cell.log[-1].permit.holds
+
+
+@pytest.mark.parametrize("speed", [0.5, 2.0])
+def test_a_hand_that_comes_to_the_ball_is_not_touched_by_a_moving_arm(speed):
+    def hand(t):
+        x = 1.6 - np.clip((t - 2.0) * speed, 0.0, 1.06)
+        return np.array([x, -0.5, 0.35])
+
+    cell, _ = reach(standing, seconds=6.0, others=[Ball(hand)])
+    assert [t for t in cell.moving_touches if t.ball == 1] == []
+    states = [s.permit.state for s in cell.log]
+    assert PermitState.GRANTED in states
+    assert states[-1] == PermitState.WITHDRAWN
+    assert "beside it" in cell.log[-1].permit.reason
+    assert all(s.permit.state == PermitState.WITHDRAWN for s in cell.log[-50:])
+
+
+def test_a_ball_in_a_hand_is_no_thing():
+    def hand(t):
+        return standing(t) + np.array([0.09, 0.0, 0.0])
+
+    cell, _ = reach(standing, others=[Ball(hand)])
+    assert {s.permit.state for s in cell.log[20:]} == {PermitState.REFUSED}
+    assert cell.moving_touches == []
+    assert somebody_beside(cell.snapshot, sphere(standing(0.0), cell.snapshot.stamp))
+
+
+def test_what_is_lost_jumps_or_becomes_unsure_is_withdrawn_and_stays_so_until_asked_anew():
+    cell = QuickCell([Ball(standing, RADIUS)])
+    reacher = Reacher(cell, standing)
+    go(cell, 1.0, reacher)
+    assert cell.log[-1].permit.state == PermitState.GRANTED
+    kept = reacher()
+    for _ in range(100):
+        cell.tick(goal=replace(kept, exposure=cell.now, valid_until=cell.now + 0.2))
+    permit = cell.log[-1].permit
+    assert permit.state == PermitState.WITHDRAWN
+    assert "known to" in permit.reason
+    go(cell, 0.2, reacher)
+    assert cell.log[-1].permit.state == PermitState.WITHDRAWN, "asked again by the same breath"
+    cell.tick(goal=None)
+    go(cell, 0.2, reacher)
+    assert cell.log[-1].permit.state == PermitState.GRANTED
+    other = Reacher(cell, lambda t: standing(t) + np.array([0.0, 0.12, 0.0]))
+    cell.tick(goal=other())
+    assert "jumped by 0.12" in cell.log[-1].permit.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"region": sphere([0.45, -0.5, 0.35], 0.9, radius=0.4)}, "large"),
+        ({"region": sphere([0.45, -0.5, 0.35], 0.9, velocity=np.array([2.0, 0, 0]))}, "m/s"),
+        ({"region": sphere([0.45, -0.5, 0.35], 0.9, covariance=0.01 * np.eye(3))}, "known to"),
+        ({"region": sphere([1.15, -0.5, 0.35], 0.9)}, "mapped box"),
+        ({"reach": 0.001}, "no sphere"),
+    ],
+)
+def test_what_cannot_be_granted_is_refused_with_the_reason(change, says):
+    cell = QuickCell([Ball(standing, RADIUS)])
+    reacher = Reacher(cell, standing)
+    go(cell, 1.0, lambda: None)
+    wanted = reacher()
+    cell.tick(goal=replace(wanted, permit=replace(wanted.permit, **change)))
+    permit = cell.log[-1].permit
+    assert permit.state == PermitState.REFUSED
+    assert says in permit.reason
+
+
+def test_too_much_is_granted_less_and_ends_in_time():
+    cell = QuickCell([Ball(standing, RADIUS)])
+    go(cell, 1.5, Reacher(cell, standing, speed=3.0, seconds=1.0))
+    states = [s.permit.state for s in cell.log]
+    assert PermitState.LESS in states
+    less = next(s.permit for s in cell.log if s.permit.state == PermitState.LESS)
+    assert less.speed == 0.25
+    assert "speed 0.25 instead of 3" in less.reason
+    assert "time is over" in cell.log[-1].permit.reason
+
+
+def test_with_no_request_the_guard_does_what_it_did_before():
+    """Bit for bit: an intent without a permit is judged as it always was."""
+    runs = []
+    for more in ({}, {"permit": None}):
+        cell = QuickCell([Ball(standing, RADIUS)])
+        for _ in range(200):
+            cell.tick(
+                goal=VelocityIntent("v", np.full(6, 0.1), "joint", cell.now, cell.now + 0.2, **more)
+            )
+        runs.append(np.array(cell.commands).tobytes())
+    assert runs[0] == runs[1]
