@@ -160,6 +160,20 @@ def test_color_lens_sees_things_where_they_project(scene):
     assert np.array_equal(image, again)
 
 
+@pytest.mark.parametrize("target", [TARGET, (-3.0, 0.0, 0.4)])
+def test_a_camera_at_work_sees_what_the_still_shows(scene, target):
+    """Coarser meshes, shadows and edges leave all but a few pixels alike."""
+    lens = PinholeCamera.from_fov(360, 240, 0.7, 0.5)
+    T = look_at(np.add(target, (1.6, 0.7, 1.0)), target)
+    shot = scene.renderer.take(scene._data, T, lens, "color")
+    work = scene.renderer.color(shot, lens).astype(int)
+    scene.renderer.give_back(shot)
+    still = scene.picture(T, lens).astype(int)
+    assert np.ptp(still) > 100
+    assert (np.abs(work - still).max(axis=2) > 24).mean() < 0.03
+    assert abs(work.mean() - still.mean()) < 1.0
+
+
 def test_pictures_from_any_thread(scene):
     lens = LENSES[0]
     T = look_at(EYE, TARGET)

@@ -157,7 +157,7 @@ class PortStudio:
             T_world_camera = T_world_left @ T
             pose = inverse(T_world_camera) @ T_WORLD_PORT
             lens = whole if window is None else cut(whole, pose, window)
-            shot = renderer.take(data, T_world_camera, lens, "color")
+            shot = renderer.take(data, T_world_camera, lens, "still")
             color = renderer.color(shot, lens)
             renderer.give_back(shot)
             gray = np.asarray(cv2.cvtColor(color, cv2.COLOR_RGB2GRAY), np.float32)

@@ -21,8 +21,9 @@ from armsight.simulation.spec import MovingObjectSpec, WorldSpec
 
 Kind = Literal["arm", "static", "undeclared", "person", "object", "floor"]
 
-SEEN, DEPTH_ONLY, COLOR_ONLY, CONTACT = 0, 1, 2, 3
-"""Geom groups: what cameras see, what is drawn for depth or for colour alone, what only touches."""
+SEEN, COARSE, COLOR_ONLY, CONTACT, FINE, DEPTH_ONLY = range(6)
+"""Geom groups: seen in all pictures; meshes for cameras at work; what is for colour alone; what
+only touches; meshes for stills; what is for depth alone."""
 ARM, OTHER = 1, 2  # contact bits: the arm touches others, others never each other
 TOUCH_ONLY: dict[str, Any] = {
     "priority": 1,
@@ -171,8 +172,8 @@ class _Builder:
     def floor(self) -> None:
         """A plane to stand on.
 
-        MuJoCo draws it in thousands of pieces, for the lights' sake, which takes half of a depth
-        picture's time: depth gets a plain slab instead.
+        MuJoCo draws planes in pieces, for the lights' sake: an endless one in thousands, which
+        takes half of a picture's time. So colour sees as far as the haze lets it, depth a slab.
         """
         what = Part("floor", "floor")
         self._geom(
@@ -180,9 +181,18 @@ class _Builder:
             what,
             type=mujoco.mjtGeom.mjGEOM_PLANE,
             size=[0.0, 0.0, 0.1],  # without end
-            material="floor",
             conaffinity=ARM,
             contype=OTHER,
+            group=CONTACT,
+        )
+        self._geom(
+            self.mj.worldbody,
+            what,
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[20.0, 20.0, 1.0],  # the last is the edge of a piece
+            material="floor",
+            contype=0,
+            conaffinity=0,
             group=COLOR_ONLY,
         )
         self._geom(
@@ -317,12 +327,12 @@ class _Builder:
             material = looks.arm_material(self.mj, mesh.color)
             coarse = mesh.path.parent / "coarse" / mesh.path.name
             group = SEEN
-            if coarse.is_file():  # a depth camera does not see the difference, its renderer does
-                group = COLOR_ONLY
+            if coarse.is_file():  # a camera does not see the difference, its renderer does
+                group = FINE
                 plain = load_mesh(coarse)
                 scaled = plain.vertices * np.asarray(mesh.scale)
                 self._visual_mesh(f"{name}/coarse", scaled, plain.faces)
-                self._looks(body, part, f"{name}/coarse", T, material, DEPTH_ONLY)
+                self._looks(body, part, f"{name}/coarse", T, material, COARSE)
             self._visual_mesh(name, vertices, faces)
             self._looks(body, part, name, T, material, group)
             for i, piece in enumerate(convex_pieces(vertices, faces)):

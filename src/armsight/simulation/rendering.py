@@ -16,18 +16,22 @@ from armsight.simulation.gl import OpenGLContext, mujoco
 from armsight.simulation.kernels import merge_buffers, resample_depth
 from armsight.simulation.lens import RenderLens, aim_scene, render_lens
 from armsight.simulation.looks import FAR, NEAR
-from armsight.simulation.model import COLOR_ONLY, DEPTH_ONLY, SEEN, CellModel
+from armsight.simulation.model import COARSE, COLOR_ONLY, DEPTH_ONLY, FINE, SEEN, CellModel
 from armsight.simulation.static_background import Buffers, Window, reach_of_spheres
 
 GeomImage = NDArray[np.int16]
 """(h, w) index of the geom seen, -1 for none; ``CellModel.parts`` says what each is."""
 
-Kind = Literal["depth", "color"]
+Kind = Literal["depth", "color", "still"]
+"""Depth; colour as a camera at work takes it; colour as fine as can be, in five times the time."""
 _GROUPS: dict[Kind, tuple[int, ...]] = {
-    "depth": (SEEN, DEPTH_ONLY),
-    "color": (SEEN, COLOR_ONLY),
+    "depth": (SEEN, COARSE, DEPTH_ONLY),
+    "color": (SEEN, COARSE, COLOR_ONLY),
+    "still": (SEEN, FINE, COLOR_ONLY),
 }
-_SHADOWS = {"depth": 0, "color": 2048}
+_SHADOWS: dict[Kind, int] = {"depth": 0, "color": 1024, "still": 2048}
+_BLUR = 0.5
+"""Of a camera's optics, standard deviation [px]; it stands in for antialiasing."""
 STILL_LIVES = 16
 """Fixed views of which the unmoving part is kept."""
 
@@ -86,17 +90,17 @@ class Renderer:
     share a renderer: drawing is serialised.
     """
 
-    def __init__(self, cell: CellModel, color_samples: int = 4) -> None:
+    def __init__(self, cell: CellModel, still_samples: int = 4) -> None:
         """Prepare to draw.
 
         Args:
             cell: the compiled cell.
-            color_samples: of antialiasing in colour pictures; 0 for none, in half the time.
+            still_samples: of antialiasing in stills; 0 for none, in half the time.
         """
         self._cell = cell
-        self._samples = {"depth": 0, "color": color_samples}
+        self._samples: dict[Kind, int] = {"depth": 0, "color": 0, "still": still_samples}
         self._gl_or_none: OpenGLContext | None = None
-        self._contexts: dict[str, Any] = {}
+        self._contexts: dict[Kind, Any] = {}
         self._options = {kind: _option(groups) for kind, groups in _GROUPS.items()}
         self._free = mujoco.MjvCamera()
         self._spare: list[Shot] = []
@@ -219,15 +223,18 @@ class Renderer:
         return Buffers(ids, raw, self._geom_table(shot))
 
     def color(self, shot: Shot, lens: PinholeCamera, shadows: bool = True) -> ColorImage:
-        """(h, w, 3) colour picture of a shot aimed with the same lens."""
+        """(h, w, 3) colour picture, or still, of a shot aimed with the same lens."""
         view = render_lens(lens)
         pixels = np.empty((view.pinhole.height, view.pinhole.width, 3), np.uint8)
         _set_flags(shot, _COLOR_FLAGS if shadows else _COLOR_FLAGS - {_FLAG.mjRND_SHADOW})
         with self._gl.current():
-            rect, context = self._draw(shot, view, "color")
+            rect, context = self._draw(shot, view, shot.kind)
             mujoco.mjr_readPixels(pixels, None, rect, context)
         upright = np.ascontiguousarray(pixels[::-1])
-        return np.asarray(cv2.remap(upright, view.map_u, view.map_v, cv2.INTER_LINEAR))
+        image = cv2.remap(upright, view.map_u, view.map_v, cv2.INTER_LINEAR)
+        if shot.kind == "color":
+            image = cv2.GaussianBlur(image, (3, 3), _BLUR)
+        return np.asarray(image)
 
     def close(self) -> None:
         """Give OpenGL's memory back; may be repeated."""
@@ -242,14 +249,14 @@ class Renderer:
         self._gl_or_none.close()
         self._gl_or_none = None
 
-    def _draw(self, shot: Shot, view: RenderLens, kind: str) -> tuple[Any, Any]:
+    def _draw(self, shot: Shot, view: RenderLens, kind: Kind) -> tuple[Any, Any]:
         context = self._context(kind, view.pinhole.width, view.pinhole.height)
         rect = mujoco.MjrRect(0, 0, view.pinhole.width, view.pinhole.height)
         mujoco.mjr_render(rect, shot.scene, context)
         return rect, context
 
-    def _context(self, kind: str, width: int, height: int) -> Any:
-        """Drawing state without antialiasing for depth and with it for colour, large enough."""
+    def _context(self, kind: Kind, width: int, height: int) -> Any:
+        """Drawing state with antialiasing and shadows as fine as the kind asks, large enough."""
         model = self._cell.model
         context = self._contexts.get(kind)
         if context is None:

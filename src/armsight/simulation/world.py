@@ -223,9 +223,9 @@ class SimulatedWorld:
         hand.follow(trajectory)
 
     def picture(self, T_world_camera: Pose, lens: PinholeCamera) -> ColorImage:
-        """(h, w, 3) colour picture of the cell as it is now, from any optical pose."""
+        """(h, w, 3) still of the cell as it is now, from any optical pose."""
         self._settle()
-        shot = self.renderer.take(self._data, T_world_camera, lens, "color")
+        shot = self.renderer.take(self._data, T_world_camera, lens, "still")
         image = self.renderer.color(shot, lens)
         self.renderer.give_back(shot)
         return image
