@@ -22,7 +22,8 @@ from armsight.geometry.pose import from_rpy, inverse, look_at, make_pose
 from armsight.geometry.stereo import StereoPair
 from armsight.simulation import looks
 from armsight.simulation.gl import mujoco
-from armsight.simulation.model import COLOR_ONLY, CellModel
+from armsight.simulation.model import CellModel
+from armsight.simulation.model_parts import COLOR_ONLY
 from armsight.simulation.rendering import Renderer
 
 Light = Literal["indoor", "dim", "low_sun", "overcast", "glare"]

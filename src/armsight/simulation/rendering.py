@@ -16,7 +16,8 @@ from armsight.simulation.gl import OpenGLContext, mujoco
 from armsight.simulation.kernels import merge_buffers, resample_depth
 from armsight.simulation.lens import RenderLens, aim_scene, render_lens
 from armsight.simulation.looks import FAR, NEAR
-from armsight.simulation.model import COARSE, COLOR_ONLY, DEPTH_ONLY, FINE, SEEN, CellModel
+from armsight.simulation.model import CellModel
+from armsight.simulation.model_parts import COARSE, COLOR_ONLY, DEPTH_ONLY, FINE, SEEN
 from armsight.simulation.static_background import Buffers, Window, reach_of_spheres
 
 GeomImage = NDArray[np.int16]

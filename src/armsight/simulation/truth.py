@@ -11,7 +11,8 @@ from armsight.arrays import Floats, Ints, Vector3
 from armsight.robots.robot import Robot
 from armsight.simulation.gl import mujoco
 from armsight.simulation.kernels import gap_bounds
-from armsight.simulation.model import CellModel, Part
+from armsight.simulation.model import CellModel
+from armsight.simulation.model_parts import Part
 
 MOVING = 0.05
 """The arm moves when the touching point is faster than this [m/s]."""

@@ -1,0 +1,197 @@
+"""The arm's bodies: links, what the flange carries, and what the force sensor is between."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats, Pose, Poses
+from armsight.geometry.pose import to_wxyz
+from armsight.robots.robot import Capsules, LinkMesh, Robot
+from armsight.simulation import looks
+from armsight.simulation.board import BoardUnit
+from armsight.simulation.gl import mujoco
+from armsight.simulation.hulls import convex_pieces, load_mesh
+from armsight.simulation.model_parts import (
+    ARM,
+    COARSE,
+    FINE,
+    OTHER,
+    SEEN,
+    TOUCHING,
+    Builder,
+    Part,
+    set_inertia,
+)
+
+TOOL_GYRATION = 0.03
+"""Radius of gyration that is assumed of a tool [m]."""
+
+
+def add_arm(
+    builder: Builder,
+    robot: Robot,
+    T_world_base: Pose,
+    T_link_joint: Poses,
+    sensing: bool,
+    board: BoardUnit | None = None,
+) -> tuple[str, ...]:
+    """The links; with a force sensor the tool is a body of its own, else part of the last."""
+    carried = board if board is not None and board.mounted_on == "flange" else None
+    if board is not None and carried is None:
+        _board(builder, builder.mj.worldbody, Part("static", "board"), board, np.eye(4))
+    body = builder.mj.worldbody
+    tool = robot.tool
+    names = []
+    for link in range(robot.n + 1):
+        T = T_world_base if link == 0 else T_link_joint[link - 1]
+        name = f"arm/{link}/{robot.link_names[link]}"
+        body = body.add_body(name=name, pos=T[:3, 3], quat=to_wxyz(T), gravcomp=1.0)
+        names.append(name)
+        if link > 0:
+            body.add_joint(
+                name=f"arm/{robot.joint_names[link - 1]}",
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                axis=robot.axis[link - 1],
+                limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            )
+        _inertia(body, robot, link, with_tool=not sensing)
+        meshes = [(m, m.T_link_mesh) for m in robot.meshes if m.link == link]
+        if link == robot.n and carried is not None and not sensing:
+            # The tool's drawn plate hangs where it was designed, the board where it truly does.
+            part = Part("arm", robot.name, robot.link_names[link], link)
+            _board(builder, body, part, carried, robot.T_last_flange)
+        elif link == robot.n and tool is not None and not sensing:
+            meshes += [(m, robot.T_last_flange @ m.T_link_mesh) for m in tool.meshes]
+        _link(builder, body, robot, link, meshes)
+    if sensing:
+        _flange(builder, body, robot, carried)
+    return tuple(names)
+
+
+def _board(builder: Builder, body: Any, part: Part, board: BoardUnit, T_body_mount: Pose) -> None:
+    """The plate behind the print; the print itself is cast onto pictures."""
+    center, half = board.plate
+    T = T_body_mount @ board.T_mount_board
+    builder.geom(
+        body,
+        part,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=half,
+        pos=T[:3, :3] @ center + T[:3, 3],
+        quat=to_wxyz(T),
+        material=looks.arm_material(builder.mj, (0.9, 0.9, 0.9)),
+        group=SEEN,
+        contype=ARM if part.kind == "arm" else OTHER,
+        conaffinity=OTHER if part.kind == "arm" else ARM,
+    )
+
+
+def _flange(builder: Builder, last: Any, robot: Robot, board: BoardUnit | None) -> None:
+    """What hangs on the force sensor."""
+    T, tool = robot.T_last_flange, robot.tool
+    body = last.add_body(name="arm/flange", pos=T[:3, 3], quat=to_wxyz(T), gravcomp=1.0)
+    mass = 1e-3 if tool is None else max(tool.mass, 1e-3)
+    center = np.zeros(3) if tool is None else tool.center_of_mass
+    set_inertia(body, mass, center, np.eye(3) * mass * TOOL_GYRATION**2)
+    if board is not None:
+        part = Part("arm", robot.name, robot.link_names[robot.n], robot.n)
+        _board(builder, body, part, board, np.eye(4))
+    elif tool is not None:
+        meshes = [(m, m.T_link_mesh) for m in tool.meshes]
+        if meshes:
+            _link(builder, body, robot, robot.n, meshes, "arm/tool")
+    site = body.add_site(name="flange")
+    for kind, name in (
+        (mujoco.mjtSensor.mjSENS_FORCE, "flange/force"),
+        (mujoco.mjtSensor.mjSENS_TORQUE, "flange/torque"),
+    ):
+        builder.mj.add_sensor(
+            name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site.name
+        )
+
+
+def _link(
+    builder: Builder,
+    body: Any,
+    robot: Robot,
+    link: int,
+    meshes: Sequence[tuple[LinkMesh, Pose]],
+    prefix: str = "arm",
+) -> None:
+    part = Part("arm", robot.name, robot.link_names[link], link)
+    for number, (mesh, T) in enumerate(meshes):
+        surface = load_mesh(mesh.path)
+        vertices, faces = surface.vertices * np.asarray(mesh.scale), np.asarray(surface.faces)
+        name = f"{prefix}/{link}/{number}/{mesh.path.stem}"
+        material = looks.arm_material(builder.mj, mesh.color)
+        coarse = mesh.path.parent / "coarse" / mesh.path.name
+        group = SEEN
+        if coarse.is_file():  # a camera does not see the difference, its renderer does
+            group = FINE
+            plain = load_mesh(coarse)
+            scaled = plain.vertices * np.asarray(mesh.scale)
+            builder.visual_mesh(f"{name}/coarse", scaled, plain.faces)
+            builder.looks(body, part, f"{name}/coarse", T, material, COARSE)
+        builder.visual_mesh(name, vertices, faces)
+        builder.looks(body, part, name, T, material, group)
+        for i, piece in enumerate(convex_pieces(vertices, faces)):
+            builder.mj.add_mesh(name=f"{name}/{i}", uservert=piece.ravel(), maxhullvert=48)
+            builder.geom(
+                body,
+                part,
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=f"{name}/{i}",
+                pos=T[:3, 3],
+                quat=to_wxyz(T),
+                **TOUCHING,
+            )
+    if not meshes:
+        capsules = _of_link(robot.capsules, link)
+        for start, end, radius in zip(capsules.start, capsules.end, capsules.radius):
+            shape = _capsule(start, end, radius)
+            material = looks.arm_material(builder.mj, (0.75, 0.77, 0.8))
+            builder.geom(body, part, **shape, material=material, contype=0, conaffinity=0)
+            builder.geom(body, part, **shape, **TOUCHING)
+
+
+def _inertia(body: Any, robot: Robot, link: int, with_tool: bool = True) -> None:
+    mass, com = float(robot.link_mass[link]), robot.link_com[link]
+    inertia = robot.link_inertia[link]
+    tool = robot.tool if with_tool else None
+    if link == robot.n and tool is not None and tool.mass > 0:
+        p = robot.T_last_flange[:3, :3] @ tool.center_of_mass + robot.T_last_flange[:3, 3]
+        total = mass + tool.mass
+        center = (mass * com + tool.mass * p) / total
+        inertia = (
+            inertia
+            + _point_inertia(mass, com - center)
+            + _point_inertia(tool.mass, p - center)
+            + np.eye(3) * tool.mass * TOOL_GYRATION**2
+        )
+        mass, com = total, center
+    mass = max(mass, 1e-3)
+    set_inertia(body, mass, com, inertia + np.eye(3) * 1e-6 * mass)
+
+
+def _of_link(capsules: Capsules, link: int) -> Capsules:
+    mine = capsules.link == link
+    return Capsules(
+        capsules.link[mine], capsules.start[mine], capsules.end[mine], capsules.radius[mine]
+    )
+
+
+def _capsule(start: Floats, end: Floats, radius: float) -> dict[str, Any]:
+    if np.linalg.norm(end - start) < 1e-6:
+        return {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0], "pos": start}
+    return {
+        "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+        "size": [radius, 0, 0],
+        "fromto": np.concatenate([start, end]),
+    }
+
+
+def _point_inertia(mass: float, offset: Floats) -> Floats:
+    return np.asarray(mass * (offset @ offset * np.eye(3) - np.outer(offset, offset)))
