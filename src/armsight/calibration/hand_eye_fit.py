@@ -7,11 +7,14 @@ flat board may have. The scale is left free: a wrong unit shows as a factor, not
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from armsight.arrays import Floats, Ints, Poses
+from armsight.calibration import se3
+from armsight.calibration.boards import Turn
 
 
 @dataclass(frozen=True)
@@ -198,3 +201,34 @@ def _positions(
     sigma = noise * float(np.sqrt(inverse[6, 6])) / max(abs(float(x[6])), 1e-12)
     x = x / size
     return x[3:6], x[:3], float(x[6]), sigma, left
+
+
+def board_options(
+    T: Sequence[Poses], turns: Sequence[Turn], points: Floats, focal: float
+) -> SeenBoards:
+    """The poses that boards may have, from the one or two of each flat board.
+
+    Args:
+        T: of each picture, (1 or 2, 4, 4) ``T_camera_board``, the better first.
+        turns: other ways to read the board.
+        points: (k, 3) its corners [m].
+        focal: of the lens [px].
+    """
+    two = np.array([[p[0], p[-1]] for p in T])
+    parts = [two]
+    for turn in turns:
+        # Corner k is taken for turn.corner[k]: the board's frame moves by the opposite turn.
+        parts.append(two @ se3.inverses(_onto(points, points[turn.corner])[None])[0])
+    middle = 0.5 * (points.max(0) + points.min(0))
+    radius = float(np.sqrt(np.mean(np.sum((points - points.mean(0)) ** 2, axis=1))))
+    return SeenBoards(np.concatenate(parts, axis=1), radius, focal, middle)
+
+
+def _onto(a: Floats, b: Floats) -> Floats:
+    """(4, 4) turn about the board's normal that brings (k, 3) points a onto b."""
+    x, y = a[:, :2] - a[:, :2].mean(0), b[:, :2] - b[:, :2].mean(0)
+    angle = np.arctan2((x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]).sum(), (x * y).sum())
+    S = np.eye(4)
+    S[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    S[:3, 3] = b.mean(0) - S[:3, :3] @ a.mean(0)
+    return S

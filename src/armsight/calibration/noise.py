@@ -36,7 +36,7 @@ def pose_noise(
     views = normal.views[white]
     e = se3.logs(solution.state.E[views])
     W = model.view_information[views[0]]
-    H_inv = np.linalg.inv(normal.H_view)
+    H_inv = np.linalg.pinv(normal.H_view, hermitian=True)  # a diverged view has none
     spread = H_inv @ np.swapaxes(normal.H_mixed, 1, 2)  # (v, 6, g)
     S_inv = invert(normal.reduced())
     cov = (H_inv + spread @ S_inv @ np.swapaxes(spread, 1, 2))[white]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -12,8 +12,7 @@ import numpy as np
 from PIL import Image
 
 from armsight.arrays import Bytes, Floats
-from armsight.calibration.boards import Board, Checkerboard, Detection
-from armsight.calibration.findings import Finding
+from armsight.calibration.boards import Board, Detection
 
 LARGEST = 120_000_000
 """Pixels of a picture, at most."""
@@ -126,43 +125,7 @@ def edge_sharpness(gray: Bytes, pixel: Floats) -> float:
     return float(np.percentile(slope, 98) / max(float(high - low), 1.0))
 
 
-def settle_board(board: Board, files: Sequence[Path]) -> tuple[Board, list[Finding]]:
-    """The board that is really there: squares counted for inner corners, a hollow corner missing.
-
-    A few pictures are searched for the board as it was named and for what it may have been meant
-    to be; the one that is found more often wins, the larger one of those that are found alike.
-    """
-    if not isinstance(board, Checkerboard):
-        return board, []
-    pick = sorted({int(k) for k in np.linspace(0, len(files) - 1, min(len(files), 3))})
-    grays = [g for k in pick if not isinstance(g := read_gray(files[k]), str)]
-    if not grays:
-        return board, []
-    plain = replace(board, hollow=False)
-    inner = replace(plain, columns=board.columns + 1, rows=board.rows + 1)
-    count = {board: _times(board, grays)}
-    # Part of a larger board may pass for a smaller one.
-    if count[board] == len(grays) and (board.hollow or not _times(inner, grays[:1])):
-        return board, []
-    for other in dict.fromkeys((plain, inner)):
-        count.setdefault(other, 0)
-        count[other] = count[other] or _times(other, grays)
-    best = max(count, key=lambda b: (count[b], b.columns, b is board))
-    if best == board or count[best] == 0:
-        return board, []
-    if best == plain and count[plain] <= count[board] + (0.5 * len(grays)):
-        return board, []  # a hollow square that is unclear now and then is one all the same
-    a, b = best.inner
-    if best == inner:
-        words = (
-            f"the board has {a}x{b} inner corners: {board.columns}x{board.rows} counts corners, "
-            "not squares; read so"
-        )
-    else:
-        words = f"no corner square of the board is hollow: read as a plain one of {a}x{b} corners"
-    say = f"checkerboard:{best.columns}x{best.rows}:{1e3 * best.square:g}:plain"
-    return best, [Finding("board_count", "note", words, f"write --board {say}")]
-
-
-def _times(board: Board, grays: Sequence[Bytes]) -> int:
-    return sum(isinstance(board.detect(g), Detection) for g in grays)
+def some_grays(files: Sequence[Path], most: int = 3) -> list[Bytes]:
+    """A few of the pictures, spread evenly, those that can be read."""
+    pick = sorted({int(k) for k in np.linspace(0, len(files) - 1, min(len(files), most))})
+    return [g for k in pick if not isinstance(g := read_gray(files[k]), str)]

@@ -7,34 +7,30 @@ and as what, is kept for a table with the second-best reading of each.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from armsight.arrays import Floats, Ints, Poses
-from armsight.calibration.boards import Board, Checkerboard, CircleGrid, Detection
+from armsight.calibration.boards import Board
+from armsight.calibration.boards.settle import settle_board
 from armsight.calibration.findings import Finding
 from armsight.calibration.layouts.board_files import board_of
-from armsight.calibration.layouts.choice import BETTER, Choice, board_options, choose
+from armsight.calibration.layouts.choice import Choice
 from armsight.calibration.layouts.corner_files import CornerFile, find_corners, numbers_of
-from armsight.calibration.layouts.folder import (
-    Folder,
-    Series,
-    Unread,
-    list_folder,
-    pose_tables,
-)
+from armsight.calibration.layouts.folder import Folder, list_folder, pose_tables
+from armsight.calibration.layouts.joint_angles import joint_tables
+from armsight.calibration.layouts.kinds import Unread
 from armsight.calibration.layouts.lens_choice import GivenLens, given_lens
 from armsight.calibration.layouts.lens_files import LensFile
+from armsight.calibration.layouts.series import Series
 from armsight.calibration.layouts.table import PoseTable
-from armsight.calibration.lens import zhang
-from armsight.calibration.pictures import MOST, Seen, look, settle_board
+from armsight.calibration.pictures import MOST, Seen, look, some_grays
+from armsight.calibration.pose_reading import read_poses
 from armsight.calibration.problem import Mount
-from armsight.calibration.start import planar_poses
 from armsight.errors import CalibrationError
-from armsight.geometry.camera import PinholeCamera
+from armsight.robots.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -98,6 +94,7 @@ def load(
     lens_file: Path | None = None,
     progress: Callable[[str], None] | None = None,
     mount: Mount | None = None,
+    robot: Robot | None = None,
 ) -> RecordedSet:
     """Read a folder and find the board in its pictures.
 
@@ -107,6 +104,7 @@ def load(
         lens_file: of the camera.
         progress: called with each picture's name.
         mount: where the camera is, when the user says so; the data tell otherwise.
+        robot: the arm, so that joint angles are poses, too.
 
     Raises:
         CalibrationError: nothing usable is there; says what is missing.
@@ -120,7 +118,7 @@ def load(
     findings: list[Finding] = []
     series, seen, corners, used = _pictures(listed, board, progress)
     if corners is None:
-        board, counted = settle_board(board, series[0].files)
+        board, counted = settle_board(board, some_grays(series[0].files))
         findings += counted
         findings += _too_many(series)
         series = tuple(_thinned(s) for s in series)
@@ -130,6 +128,8 @@ def load(
             f"{folder}: none of {sum(len(s.names) for s in seen)} pictures can be read, such as "
             f"{series[0].files[0].name}"
         )
+    series, seen, unused = _that_see_it(series, seen)
+    findings += unused
     rows = [_board_row(board, findings)]
     lenses = tuple(
         given_lens(listed.others, lens_file, s.name, v.size or (0, 0), len(series))
@@ -140,11 +140,40 @@ def load(
         rows.append(ReadAs(f"lens of {s.name}", found.words))
     skip = used | {f for found in lenses for f in found.files}
     tables, unread = pose_tables(listed, len(series[0].files), lambda f: f in skip)
+    if robot is not None:
+        tables = [*tables, *joint_tables(tables, robot)]
     if not tables:
         return _lens_frames(folder, board, series, seen, lenses, mount, unread, rows, findings)
     return _with_poses(
         folder, board, series, seen, lenses, mount, tables, unread, listed, rows, findings
     )
+
+
+LEAST = 3
+"""Boards in the pictures of a camera that is worth solving."""
+
+
+def _that_see_it(
+    series: tuple[Series, ...], seen: tuple[Seen, ...]
+) -> tuple[tuple[Series, ...], tuple[Seen, ...], list[Finding]]:
+    """Cameras that see the board often enough, where some do and others do not."""
+    often = [sum(d is not None for d in v.detections) >= LEAST for v in seen]
+    if all(often) or not any(often):
+        return series, seen, []
+    keep = [k for k, enough in enumerate(often) if enough]
+    unused = [
+        Finding(
+            "unused_camera",
+            "warning",
+            f"{s.name}: the board is found in {sum(d is not None for d in v.detections)} of "
+            f"{len(v.names)} pictures ({', '.join(sorted({m for m in v.misses if m})[:2])}): "
+            "not used",
+            "leave the folder out if it shows something else",
+        )
+        for s, v, enough in zip(series, seen, often)
+        if not enough
+    ]
+    return tuple(series[k] for k in keep), tuple(seen[k] for k in keep), unused
 
 
 def _pictures(
@@ -268,15 +297,14 @@ def _with_poses(
     choices: dict[int, Choice | None] = {}
     looked = list(seen)
     for k in order:
-        found = _choice(board, series[k], seen[k], lenses[k].lens, tables, mount)
-        if found is not None and not found.trusted:
-            looked[k], found = _unmirrored(
-                board, series[k], looked[k], lenses[k].lens, tables, mount, found
-            )
-        choices[k] = found
+        looked[k], choices[k] = read_poses(board, series[k], seen[k], lenses[k].lens, tables, mount)
         if choices[k] is not None and len(tables) > 1:
             taken = choices[k].best.reading.table  # type: ignore[union-attr]
             tables = [taken]  # one arm: what was told by one camera holds for all
+    strangers = _strangers(series, choices)
+    if strangers:
+        findings += [_not_of_these_poses(series[k].name) for k in strangers]
+        order = [k for k in order if k not in strangers]
     first = choices[order[0]]
     reading = first.best.reading if first is not None else None
     table = reading.table if reading is not None else tables[0]
@@ -289,6 +317,8 @@ def _with_poses(
     names = [str(k) for k in range(1, len(table.values) + 1)]
     cameras = []
     for k, (s, v) in enumerate(zip(series, looked)):
+        if k in strangers:
+            continue
         choice = choices[k]
         view = np.full(len(v.names), -1)
         if choice is not None:
@@ -327,6 +357,21 @@ def _with_poses(
     )  # fmt: skip
 
 
+def _strangers(series: Sequence[Series], choices: dict[int, Choice | None]) -> list[int]:
+    """Cameras whose pictures fit no reading of the poses, where those of others do."""
+    good = [k for k, c in choices.items() if c is not None and c.trusted]
+    return [k for k in range(len(series)) if k not in good] if good else []
+
+
+def _not_of_these_poses(name: str) -> Finding:
+    return Finding(
+        "unused_camera",
+        "warning",
+        f"{name}: its pictures do not belong to these poses, those of the others do: not used",
+        "leave pictures without poses (of the lens alone) in a folder of their own",
+    )
+
+
 def _pose_row(name: str, cameras: int, choice: Choice) -> ReadAs:
     what = "poses" if cameras == 1 else f"poses, {name}"
     best = choice.best
@@ -336,113 +381,3 @@ def _pose_row(name: str, cameras: int, choice: Choice) -> ReadAs:
         "" if second is None else f"{second.words()} ({min(second.fit.median_px, 99999):.0f} px)"
     )
     return ReadAs(what, words, otherwise)
-
-
-def _choice(
-    board: Board,
-    series: Series,
-    seen: Seen,
-    lens: LensFile | None,
-    tables: Sequence[PoseTable],
-    mount: Mount | None,
-) -> Choice | None:
-    found = [(k, d) for k, d in enumerate(seen.detections) if d is not None]
-    if len(found) < 3 or seen.size is None:
-        return None
-    camera = (
-        lens.camera if lens is not None else rough_lens(board, [d for _, d in found], seen.size)
-    )
-    index, poses = [], []
-    for k, d in found:
-        p = planar_poses(camera, board.points[d.corner], d.pixel)
-        if p is not None:
-            index.append(k)
-            poses.append(p.T_lens_board)
-    if len(index) < 3:
-        return None
-    points = np.asarray(board.points, np.float64)
-    boards = board_options(poses, board.turns, points, camera.fx)
-    gaps = np.linalg.norm(board.points[1:] - board.points[0], axis=1)
-    return choose(series, tables, np.array(index), boards, mount, float(gaps.min()))
-
-
-def _unmirrored(
-    board: Board,
-    series: Series,
-    seen: Seen,
-    lens: LensFile | None,
-    tables: Sequence[PoseTable],
-    mount: Mount | None,
-    choice: Choice,
-) -> tuple[Seen, Choice]:
-    """The same with pictures mirrored back, when arm and board agree only so."""
-    order = mirror_order(board)
-    if order is None or seen.size is None:
-        return seen, choice
-    back: list[Detection | None] = []
-    for d in seen.detections:
-        if d is None:
-            back.append(None)
-            continue
-        corner = order[d.corner]
-        sort = np.argsort(corner)
-        pixel = np.column_stack([seen.size[0] - 1 - d.pixel[:, 0], d.pixel[:, 1]])
-        back.append(replace(d, corner=corner[sort], pixel=pixel[sort]))
-    mirrored = replace(seen, detections=tuple(back))
-    other = _choice(board, series, mirrored, lens, tables, mount)
-    if other is None or not other.trusted:
-        return seen, choice
-    if other.best.fit.median_px * BETTER > choice.best.fit.median_px:
-        return seen, choice
-    named = Finding(
-        "mirrored",
-        "warning",
-        f"the pictures of {series.name} are mirrored left to right: arm and board agree only when "
-        f"they are mirrored back ({other.best.fit.median_px:.1f} px, as they are "
-        f"{choice.best.fit.median_px:.0f} px); read so",
-        "switch the camera's mirroring off: the result holds for pictures that are not mirrored",
-    )
-    return mirrored, replace(other, findings=(named, *other.findings))
-
-
-def mirror_order(board: Board) -> Ints | None:
-    """Which corner each is when a grid is read from its back; None for boards with numbers."""
-    if isinstance(board, Checkerboard):
-        columns, rows = board.inner
-    elif isinstance(board, CircleGrid) and not board.asymmetric:
-        columns, rows = board.columns, board.rows
-    else:
-        return None
-    return np.arange(columns * rows).reshape(rows, columns)[:, ::-1].ravel()
-
-
-def rough_lens(
-    board: Board, detections: Sequence[Detection], size: tuple[int, int]
-) -> PinholeCamera:
-    """A lens from the pictures alone, good enough to tell readings of poses apart.
-
-    Zhang's closed form, then focal length and radial distortion by OpenCV over some views; a usual
-    lens where the pictures do not tell.
-    """
-    points = [np.asarray(board.points[d.corner], np.float32) for d in detections]
-    pixels = [np.asarray(d.pixel, np.float32) for d in detections]
-    found = zhang(points, [d.pixel for d in detections], *size)
-    if found is None:
-        f = 1.1 * max(size)
-        return PinholeCamera(*size, f, f, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-    pick = np.linspace(0, len(points) - 1, min(len(points), 20)).astype(int)
-    flags = (
-        cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
-        | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
-    )  # fmt: skip
-    try:
-        rms, K, d, _, _ = cv2.calibrateCamera(
-            [points[int(k)] for k in pick], [pixels[int(k)] for k in pick], size,
-            found.K.copy(), np.zeros(5), flags=flags,
-        )  # fmt: skip
-    except cv2.error:
-        return found
-    k1, k2 = (float(v) for v in np.ravel(d)[:2])
-    if not np.isfinite(rms) or not 0.6 < K[0, 0] / found.fx < 1.7 or max(abs(k1), abs(k2)) > 3.0:
-        return found
-    return replace(found, fx=float(K[0, 0]), fy=float(K[1, 1]), distortion=(k1, k2, 0.0, 0.0, 0.0))

@@ -19,8 +19,9 @@ from armsight.calibration.findings import Finding, by_severity
 from armsight.calibration.lens import LensCalibration, calibrate_lens
 from armsight.calibration.lens_prior import sheet_prior
 from armsight.calibration.problem import ArmView, BoardPlacement, Lens, Problem, Rig, Sighting
-from armsight.calibration.recorded_set import RecordedCamera, RecordedSet, rough_lens
+from armsight.calibration.recorded_set import RecordedCamera, RecordedSet
 from armsight.calibration.robot_errors import RobotErrors
+from armsight.calibration.rough_lens import rough_lens
 from armsight.errors import CalibrationError
 from armsight.robots.robot import Robot
 
@@ -119,6 +120,8 @@ READINGS = (
     "two_cameras",
 )
 """Codes of mistakes in reading poses."""
+HOPELESS = ("poses_do_not_match", "board_poses", "board_size")
+"""Codes of mistakes with which a solve tells nothing."""
 
 
 def unturned(problem: Problem, recorded: RecordedSet) -> tuple[Problem, list[Finding]]:
@@ -197,6 +200,8 @@ def solve_set(
     start = [f for rig in range(len(problem.rigs)) for f in diagnose_start(problem, rig)]
     findings = without_what_follows(findings, start)
     fatal = [f for f in findings if f.severity == "error"]
+    if any(f.code in HOPELESS for f in fatal):
+        return RecordedAnswer(None, (), by_severity(findings), problem)
     options = CalibrationOptions(
         # A lens that was given is solved as well, with what was given as its prior.
         solve_lenses=True,
@@ -204,10 +209,11 @@ def solve_set(
     )
     try:
         answer = calibrate(problem, np.random.default_rng(seed), options, progress)
-    except CalibrationError as error:
+    except (CalibrationError, np.linalg.LinAlgError) as error:
         if fatal:  # what is wrong has been found: that is the answer
             return RecordedAnswer(None, (), by_severity(findings), problem)
-        raise CalibrationError(f"{recorded.folder}: {error}") from None
+        why = error if isinstance(error, CalibrationError) else "the views determine no solution"
+        raise CalibrationError(f"{recorded.folder}: {why}") from None
     if not fatal:
         for rig in range(len(problem.rigs)):
             given = [c.lens is not None for c in recorded.cameras]

@@ -126,7 +126,7 @@ class Calibrate:
         if self.hand or self.beside:
             mount = "flange" if self.hand else "base"
         robot = load_robot(self.robot) if self.robot is not None else None
-        recorded = load(self.from_, self._board(), self.lens, _say, mount)
+        recorded = load(self.from_, self._board(), self.lens, _say, mount, robot)
         _say("")
         for line in report.read_lines(recorded):
             print(line)

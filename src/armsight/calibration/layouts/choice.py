@@ -13,14 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.arrays import Floats, Ints, Poses
+from armsight.arrays import Ints, Poses
 from armsight.calibration import se3
-from armsight.calibration.boards import Turn
-from armsight.calibration.findings import Finding
-from armsight.calibration.hand_eye_fit import HandEyeFit, SeenBoards, angle_gaps, fit
+from armsight.calibration.findings import Finding, Severity
+from armsight.calibration.hand_eye_fit import SeenBoards, angle_gaps, fit
+from armsight.calibration.layouts.candidate import Candidate
 from armsight.calibration.layouts.conventions import Reading, readings
-from armsight.calibration.layouts.folder import Series
 from armsight.calibration.layouts.pairing import Pairing, mistaken_pairings, proper_pairings
+from armsight.calibration.layouts.reading_findings import nothing_fits, reading_findings
+from armsight.calibration.layouts.series import Series
 from armsight.calibration.layouts.table import PoseTable
 from armsight.calibration.layouts.two_recordings import two_findings, two_parts
 from armsight.calibration.problem import Mount
@@ -29,44 +30,11 @@ BETTER = 3.0
 """Another reading must fit this many times better than what was said to be believed."""
 ALIKE = 1.3
 """Readings within this factor are alike: the more usual one is taken."""
-UNITS = ((1.0, "metres"), (1e-3, "millimetres"), (1e-2, "centimetres"), (0.0254, "inches"))
 SUSPECT = 0.008
 """Misfit over the focal length beyond which two recordings may be mixed [1]: a good arm is off by
 0.001, one that errs by 3 mm by 0.005."""
 SCORED = 40
 """Views that are enough to tell readings apart."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One reading with its fit."""
-
-    reading: Reading
-    pairing: Pairing
-    mount: Mount
-    fit: HandEyeFit
-
-    @property
-    def length(self) -> tuple[float, str]:
-        """The unit of the positions [m], and its name; the nearest one to the scale that fits."""
-        said = self.reading.table.length
-        known = [u for u in UNITS if abs(np.log(self.fit.scale / u[0])) < 0.35]
-        if said is not None:
-            known.sort(key=lambda u: u[0] != said)
-        known.sort(key=lambda u: abs(np.log(self.fit.scale / u[0])) > 0.12)
-        if known:
-            return known[0]
-        return next((u for u in UNITS if u[0] == (said or 1.0)), UNITS[0])
-
-    def words(self) -> str:
-        """The reading for people."""
-        where = "on the arm" if self.mount == "flange" else "beside the arm"
-        return f"{self.reading.words}, {self.length[1]}, {self.pairing.words}; camera {where}"
-
-    @property
-    def meaning(self) -> tuple[str, bool, Mount, str]:
-        """What makes two candidates different."""
-        return self.reading.kind, self.reading.degrees, self.mount, self.reading.table.source
 
 
 @dataclass(frozen=True)
@@ -118,8 +86,13 @@ def choose(
         for pairing in proper_pairings(series, table):
             ways.append((table, pairing, meanings))
             found += _candidates(pairing, meanings, seen, boards)
+    boards_own = [c for c in found if c.of_the_board]
+    mine = [c for c in found if c.reading.table.source not in _sources(boards_own)]
     if not found:
         return None
+    if not mine:
+        return Choice(boards_own[0], None, None, (_not_the_arms(boards_own[0], "error"),), True)
+    found = mine
     best = _preferred(found, stated)
     limit = 0.03 * boards.focal
     if best.fit.median_px > limit:
@@ -136,7 +109,7 @@ def choose(
     others = [c for c in found if c.meaning != best.meaning and c.pairing.code == ""]
     second = min(others, key=lambda c: c.fit.median_px, default=None)
     trusted = best.fit.median_px < limit
-    findings = _named(best, said, stated, boards, square) if trusted else [_nothing(best, boards)]
+    findings = reading_findings(best, said, stated, square) if trusted else [nothing_fits(best)]
     middling = best.fit.median_px
     if middling > SUSPECT * boards.focal or np.mean(best.fit.px > limit) > 0.15:
         near = limit if trusted and middling < 0.5 * limit else min(limit, 0.8 * middling)
@@ -144,7 +117,26 @@ def choose(
         if parted is not None:
             best, findings = parted
             trusted = True
+    findings += [_not_the_arms(c, "note") for c in _first_of_each(boards_own)]
     return Choice(best, second, said, tuple(findings), trusted)
+
+
+def _sources(candidates: Sequence[Candidate]) -> set[str]:
+    return {c.reading.table.source for c in candidates}
+
+
+def _first_of_each(candidates: Sequence[Candidate]) -> list[Candidate]:
+    return list({c.reading.table.source: c for c in reversed(candidates)}.values())
+
+
+def _not_the_arms(candidate: Candidate, severity: Severity) -> Finding:
+    return Finding(
+        "board_poses",
+        severity,
+        f"{candidate.reading.table.source}: holds the poses of the board in the camera, not the "
+        "arm's: not used",
+        "give the flange's poses in the robot's base, as the controller shows them",
+    )
 
 
 def _parted(
@@ -236,140 +228,3 @@ def _said(found: Sequence[Candidate], stated: Mount | None) -> Candidate | None:
     declared = [c for c in found if c.reading.declared and c.pairing.code == ""]
     mine = [c for c in declared if stated is None or c.mount == stated]
     return min(mine or declared, key=lambda c: c.fit.median_px, default=None)
-
-
-def _named(
-    best: Candidate,
-    said: Candidate | None,
-    stated: Mount | None,
-    boards: SeenBoards,
-    square: float,
-) -> list[Finding]:
-    """Mistakes that the chosen reading names."""
-    out: list[Finding] = []
-    table = best.reading.table
-
-    def add(code: str, message: str, cure: str) -> None:
-        out.append(Finding(code, "warning", message, cure))
-
-    if said is not None and not best.reading.declared:
-        code, cure = _kind_of_mistake(best.reading, said.reading)
-        add(
-            code,
-            f"{table.source}: holds {best.reading.words}, not {said.reading.words} as it says "
-            f"({_px(said)} so, {_px(best)} as read)",
-            cure,
-        )
-    elif table.angle is not None and best.reading.degrees != (table.angle < 1.0):
-        unit = "degrees" if best.reading.degrees else "radians"
-        add(
-            "degrees", f"{table.source}: the angles are in {unit}: read so", "name the unit rightly"
-        )
-    length, unit = best.length
-    if table.length is not None and length != table.length:
-        add(
-            "millimetres",
-            f"{table.source}: the positions are in {unit}, not as it says: read so",
-            "name the unit rightly",
-        )
-    if stated is not None and best.mount != stated:
-        beside = best.mount == "base"
-        add(
-            "pose_inverted",
-            f"camera and poses fit only with the camera {'beside' if beside else 'on'} the arm, or "
-            f"with all poses inverted (base in the flange instead of the flange in the base): read "
-            f"as {'beside' if beside else 'on'} the arm",
-            "say where the camera is (--hand: on the arm), and write T_base_flange",
-        )
-    if best.pairing.code:
-        add(
-            best.pairing.code,
-            f"{table.source}: {best.pairing.words}: read so",
-            "pair each picture with the pose at its exposure; number both with leading zeros",
-        )
-    out += _scale(best, length, square)
-    return out
-
-
-def _px(candidate: Candidate) -> str:
-    px = candidate.fit.median_px
-    return f"{px:.3g} px" if px < 1e5 else "nothing fits"
-
-
-def _kind_of_mistake(best: Reading, said: Reading) -> tuple[str, str]:
-    if "quaternion" in best.kind and "quaternion" in said.kind:
-        return "quaternion_order", "reorder the columns, or name them qw qx qy qz"
-    if "matrix" in best.kind:
-        return "matrix_order", "write the matrices row by row"
-    if best.kind == said.kind:
-        return "degrees", "write radians, or name the columns with _deg"
-    return "rotation_format", "name the columns by what they are"
-
-
-def _scale(best: Candidate, length: float, square: float) -> list[Finding]:
-    """Lengths of board and arm that do not agree by more than a print can be off."""
-    ratio = best.fit.scale / length
-    sigma = best.fit.scale_sigma
-    if abs(np.log(ratio)) < max(0.05, 5 * sigma):
-        return []
-    if abs(np.log(ratio / 1e3)) < 0.12:
-        words = "the board's size seems to be given in metres or the like, not in millimetres"
-    else:
-        words = "angles agree but lengths do not"
-    return [
-        Finding(
-            "board_size",
-            "error",
-            f"{words}: the board fits with corners {1e3 * square / ratio:.4g} mm apart, not "
-            f"{1e3 * square:.4g} mm",
-            "measure the printed board over its whole length and give that size",
-        )
-    ]
-
-
-def _nothing(best: Candidate, boards: SeenBoards) -> Finding:
-    turn = float(np.median(best.fit.turn))
-    words = (
-        f"arm and board turn by different angles between the views (by {np.rad2deg(turn):.1f} deg)"
-        if turn > np.deg2rad(2)
-        else "angles agree but positions do not"
-    )
-    return Finding(
-        "poses_do_not_match",
-        "error",
-        f"poses and pictures do not belong together: by the best of all readings "
-        f"({best.words()}) {words}, {best.fit.median_px:.0f} px",
-        "check that each picture was taken at its pose, with the arm at rest, and that all poses "
-        "are of this recording",
-    )
-
-
-def board_options(
-    T: Sequence[Poses], turns: Sequence[Turn], points: Floats, focal: float
-) -> SeenBoards:
-    """The poses that boards may have, from the one or two of each flat board.
-
-    Args:
-        T: of each picture, (1 or 2, 4, 4) ``T_camera_board``, the better first.
-        turns: other ways to read the board.
-        points: (k, 3) its corners [m].
-        focal: of the lens [px].
-    """
-    two = np.array([[p[0], p[-1]] for p in T])
-    parts = [two]
-    for turn in turns:
-        # Corner k is taken for turn.corner[k]: the board's frame moves by the opposite turn.
-        parts.append(two @ se3.inverses(_onto(points, points[turn.corner])[None])[0])
-    middle = 0.5 * (points.max(0) + points.min(0))
-    radius = float(np.sqrt(np.mean(np.sum((points - points.mean(0)) ** 2, axis=1))))
-    return SeenBoards(np.concatenate(parts, axis=1), radius, focal, middle)
-
-
-def _onto(a: Floats, b: Floats) -> Floats:
-    """(4, 4) turn about the board's normal that brings (k, 3) points a onto b."""
-    x, y = a[:, :2] - a[:, :2].mean(0), b[:, :2] - b[:, :2].mean(0)
-    angle = np.arctan2((x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]).sum(), (x * y).sum())
-    S = np.eye(4)
-    S[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    S[:3, 3] = b.mean(0) - S[:3, :3] @ a.mean(0)
-    return S

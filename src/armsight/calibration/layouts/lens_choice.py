@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from armsight.calibration.findings import Finding
-from armsight.calibration.layouts.lens_files import LensFile, read_lenses
+from armsight.calibration.layouts.lens_files import LENSES, LensFile, UnusableLens, read_lenses
 from armsight.errors import CalibrationError
 
 
@@ -47,6 +47,7 @@ def given_lens(
     Raises:
         CalibrationError: the file that the user names holds none.
     """
+    notes: list[Finding] = []
     if named is not None:
         if not named.is_file():
             raise CalibrationError(f"{named}: no such file")
@@ -57,25 +58,38 @@ def given_lens(
     else:
         found, files = [], ()
         for file in others:
-            if file.suffix.lower() not in (".yaml", ".yml", ".xml", ".json"):
+            if file.suffix.lower() not in LENSES or file.stat().st_size > 1_000_000:
                 continue
-            if "pose" in file.stem.lower() or file.stat().st_size > 1_000_000:
+            if "pose" in file.stem.lower():
                 continue
             try:
                 mine = read_lenses(file, *size)
+            except UnusableLens as error:
+                notes.append(_unusable(str(error)))
+                continue
             except CalibrationError:
                 continue
             if mine:
                 found += mine
                 files = (*files, file)
     if not found:
-        return GivenLens(None, "none given: solved from the pictures", ())
+        words = "none that can be used" if notes else "none given"
+        return GivenLens(None, f"{words}: solved from the pictures", (), tuple(notes))
     word = camera.lower()
     own = [f for f in found if word in f"{f.source.stem} {f.name} {f.source.parent.name}".lower()]
     if not own and cameras > 1 and len(found) < cameras and named is None:
         return GivenLens(None, "none given for it: solved from the pictures", files)
     lens = (own or found)[0]
     return _of_size(lens, size, files)
+
+
+def _unusable(reason: str) -> Finding:
+    return Finding(
+        "lens_model",
+        "warning",
+        f"{reason}: not used, the lens is solved from the pictures",
+        "give the lens as fx fy cx cy and k1 k2 p1 p2 k3 (plumb_bob)",
+    )
 
 
 def _of_size(lens: LensFile, size: tuple[int, int], files: tuple[Path, ...]) -> GivenLens:

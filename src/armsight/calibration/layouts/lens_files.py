@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,25 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats
+from armsight.calibration.layouts.array_files import ARRAYS, as_document, read_arrays
 from armsight.calibration.layouts.structured import _numbers as listed
 from armsight.calibration.layouts.structured import read_document
+from armsight.calibration.layouts.table import read_text
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
 
+LENSES = (".yaml", ".yml", ".xml", ".json", ".npz", ".mat", ".txt", ".ini", ".cfg", ".conf")
+"""Endings of files that may hold a lens."""
 MATRICES = ("camera_matrix", "cameramatrix", "k", "intrinsic_matrix", "camera_intrinsics", "mtx",
-            "intrinsicmatrix")  # fmt: skip
+            "intrinsicmatrix", "intrinsic", "intrinsics", "camera_intrinsic", "cam_k", "intr",
+            "kmat", "matrix")  # fmt: skip
 DISTORTIONS = ("distortion_coefficients", "distortioncoefficients", "dist_coeffs", "distcoeffs",
-               "d", "dist", "distortion_coeffs", "distortion")  # fmt: skip
+               "d", "dist", "distortion_coeffs", "distortion", "distcoeff", "dist_coef",
+               "dist_coefs", "distortion_coefficient", "kc")  # fmt: skip
+
+
+class UnusableLens(CalibrationError):
+    """A file holds a lens of a model that armsight does not use."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +58,10 @@ def read_lenses(file: Path, width: int, height: int) -> list[LensFile]:
     Raises:
         CalibrationError: it holds a lens that armsight cannot use, or cannot be read.
     """
-    document = read_document(file)
+    suffix = file.suffix.lower()
+    if suffix in (".txt", ".ini", ".cfg", ".conf"):
+        return _of_text(read_text(file), file, width, height)
+    document = as_document(read_arrays(file)) if suffix in ARRAYS else read_document(file)
     return _lenses(document, file, width, height, "", 0)
 
 
@@ -82,7 +96,7 @@ def _lens(low: dict[str, Any], file: Path, width: int, height: int, name: str) -
     h = int(low.get("image_height") or low.get("height") or (size[1] if len(size) == 2 else 0))
     model = str(low.get("distortion_model", "") or "").lower()
     if model not in ("plumb_bob", "radtan", "brown", "rational_polynomial", "none", ""):
-        raise CalibrationError(
+        raise UnusableLens(
             f"{file}: distortion model '{model}' is not supported; armsight reads plumb_bob"
         )
     given = next((v for key in DISTORTIONS if (v := listed(low.get(key))) is not None), None)
@@ -90,7 +104,7 @@ def _lens(low: dict[str, Any], file: Path, width: int, height: int, name: str) -
         given = [float(low["kud"])]
     d = np.array(given if given is not None else [], float)
     if len(d) > 5 and np.any(d[5:] != 0):
-        raise CalibrationError(f"{file}: {len(d)} distortion numbers; armsight uses k1 k2 p1 p2 k3")
+        raise UnusableLens(f"{file}: {len(d)} distortion numbers; armsight uses k1 k2 p1 p2 k3")
     d = np.concatenate([d, np.zeros(5)])[:5]
     sigma = listed(low.get("sigma"))
     camera = PinholeCamera(
@@ -114,8 +128,9 @@ def _lens(low: dict[str, Any], file: Path, width: int, height: int, name: str) -
 
 
 def _pinhole(low: dict[str, Any], file: Path) -> tuple[float, float, float, float] | None:
-    matrix = next((m for key in MATRICES if (m := listed(low.get(key))) is not None), None)
-    if matrix is not None and len(matrix) == 9:
+    given = (listed(low.get(key)) for key in MATRICES)
+    matrix = next((m for m in given if m is not None and len(m) == 9), None)
+    if matrix is not None and matrix[8] == 1 and matrix[1] < 0.1 * abs(matrix[0]):
         if matrix[2] == 0 and matrix[6] > 1:  # MATLAB keeps it transposed
             matrix = list(np.array(matrix).reshape(3, 3).T.ravel())
         return matrix[0], matrix[4], matrix[2], matrix[5]
@@ -128,6 +143,33 @@ def _pinhole(low: dict[str, Any], file: Path) -> tuple[float, float, float, floa
             a, b, c, d = (float(v) for v in values)  # type: ignore[arg-type]
             return a, b, c, d
     return None
+
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+
+
+def _of_text(text: str, file: Path, width: int, height: int) -> list[LensFile]:
+    """A lens in plain text, by the look of its nine numbers; ROS's ``ost.txt`` with its size."""
+    numbers = [float(v) for v in _NUMBER.findall(text[:20_000])]
+    for at in range(len(numbers) - 8):
+        m = numbers[at : at + 9]
+        if not (m[6] == m[7] == m[3] == 0.0 and m[8] == 1.0 and abs(m[1]) < 0.1 * m[0]):
+            continue
+        if not (20 < m[0] < 1e5 and 0.5 < m[4] / m[0] < 2 and m[2] > 0 and m[5] > 0):
+            continue
+        rest = numbers[at + 9 : at + 14]
+        bent = len(rest) >= 4 and max(abs(v) for v in rest[:4]) < 3.0
+        low: dict[str, Any] = {"camera_matrix": m}
+        if bent:
+            low["distortion"] = rest if len(rest) == 5 and abs(rest[4]) < 20 else rest[:4]
+        size = {
+            word: int(found.group(1))
+            for word in ("width", "height")
+            if (found := re.search(rf"{word}\W+(\d+)", text, re.IGNORECASE))
+        }
+        one = _lens({**low, **size}, file, width, height, "")
+        return [one] if one is not None else []
+    return []
 
 
 def _is_scalar(value: Any) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from armsight.arrays import Ints
-from armsight.calibration.layouts.folder import Series
+from armsight.calibration.layouts.series import Series
 from armsight.calibration.layouts.table import PoseTable
 
 

@@ -181,7 +181,7 @@ def pose_of(value: Any) -> Pose | None:
     lower = {str(k).strip().lower(): v for k, v in value.items()}
     name = next((str(lower[k]) for k in _NAMES if isinstance(lower.get(k), str | int)), "")
     joints = next(
-        (j for k, v in lower.items() if "joint" in k and (j := _numbers(v)) and 5 <= len(j) <= 8),
+        (j for k, v in lower.items() if _of_joints(k) and (j := _numbers(v)) and 5 <= len(j) <= 8),
         None,
     )
     scalars = {k: float(v) for k, v in lower.items() if _is_number(v)}
@@ -209,11 +209,35 @@ def pose_of(value: Any) -> Pose | None:
     for key, inner in lower.items():
         if key in ("header", "stamp", "covariance") or "camera" in key or "object" in key:
             continue
+        if _of_joints(key):
+            continue
         if isinstance(inner, dict | list):
             pose = pose_of(inner)
             if pose is not None:
                 return name or pose[0], pose[1], pose[2], joints or pose[3]
     return None
+
+
+def _of_joints(key: str) -> bool:
+    return "joint" in key or key in ("q", "qpos", "actual_q", "target_q", "j", "axes")
+
+
+def poses_of_one(document: Any, source: str) -> dict[str, PoseTable]:
+    """Every pose of a document that belongs to one picture, by the name that it has there."""
+    out: dict[str, PoseTable] = {}
+    if isinstance(document, dict):
+        besides = {k: v for k, v in document.items() if _of_joints(str(k).lower())}
+        for key, inner in document.items():
+            if key in besides or pose_of(inner) is None:
+                continue
+            table = _joined([("", {key: inner, **besides})], source)
+            if table is not None:
+                out[str(key)] = table
+    if not out:
+        for table in structured_tables(document, source):
+            if len(table.values) == 1:
+                return {"": table}
+    return out
 
 
 def _pieces(lower: dict[str, Any]) -> Iterator[dict[str, float]]:

@@ -1,0 +1,129 @@
+"""What is wrong with a set's poses, told by the reading by which arm and board agree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armsight.calibration.findings import Finding
+from armsight.calibration.layouts.candidate import Candidate
+from armsight.calibration.layouts.conventions import Reading
+from armsight.calibration.layouts.joint_angles import may_be_joints
+from armsight.calibration.problem import Mount
+
+
+def reading_findings(
+    best: Candidate,
+    said: Candidate | None,
+    stated: Mount | None,
+    square: float,
+) -> list[Finding]:
+    """Mistakes that the chosen reading names.
+
+    Args:
+        best: the reading that was taken.
+        said: the best one that is as file and user say, or None.
+        stated: where the user says the camera is, or None.
+        square: distance of neighbouring corners [m].
+    """
+    out: list[Finding] = []
+    table = best.reading.table
+
+    def add(code: str, message: str, cure: str) -> None:
+        out.append(Finding(code, "warning", message, cure))
+
+    if said is not None and not best.reading.declared:
+        code, cure = _kind_of_mistake(best.reading, said.reading)
+        add(
+            code,
+            f"{table.source}: holds {best.reading.words}, not {said.reading.words} as it says "
+            f"({_px(said)} so, {_px(best)} as read)",
+            cure,
+        )
+    elif table.angle is not None and best.reading.degrees != (table.angle < 1.0):
+        unit = "degrees" if best.reading.degrees else "radians"
+        add(
+            "degrees", f"{table.source}: the angles are in {unit}: read so", "name the unit rightly"
+        )
+    length, unit = best.length
+    if table.length is not None and length != table.length:
+        add(
+            "millimetres",
+            f"{table.source}: the positions are in {unit}, not as it says: read so",
+            "name the unit rightly",
+        )
+    if stated is not None and best.mount != stated:
+        beside = best.mount == "base"
+        add(
+            "pose_inverted",
+            f"camera and poses fit only with the camera {'beside' if beside else 'on'} the arm, or "
+            f"with all poses inverted (base in the flange instead of the flange in the base): read "
+            f"as {'beside' if beside else 'on'} the arm",
+            "say where the camera is (--hand: on the arm), and write T_base_flange",
+        )
+    if best.pairing.code:
+        add(
+            best.pairing.code,
+            f"{table.source}: {best.pairing.words}: read so",
+            "pair each picture with the pose at its exposure; number both with leading zeros",
+        )
+    out += _scale(best, length, square)
+    return out
+
+
+def _px(candidate: Candidate) -> str:
+    px = candidate.fit.median_px
+    return f"{px:.3g} px" if px < 1e5 else "nothing fits"
+
+
+def _kind_of_mistake(best: Reading, said: Reading) -> tuple[str, str]:
+    if "quaternion" in best.kind and "quaternion" in said.kind:
+        return "quaternion_order", "reorder the columns, or name them qw qx qy qz"
+    if "matrix" in best.kind:
+        return "matrix_order", "write the matrices row by row"
+    if best.kind == said.kind:
+        return "degrees", "write radians, or name the columns with _deg"
+    return "rotation_format", "name the columns by what they are"
+
+
+def _scale(best: Candidate, length: float, square: float) -> list[Finding]:
+    """Lengths of board and arm that do not agree by more than a print can be off."""
+    ratio = best.fit.scale / length
+    sigma = best.fit.scale_sigma
+    if abs(np.log(ratio)) < max(0.05, 5 * sigma):
+        return []
+    if abs(np.log(ratio / 1e3)) < 0.12:
+        words = "the board's size seems to be given in metres or the like, not in millimetres"
+    else:
+        words = "angles agree but lengths do not"
+    return [
+        Finding(
+            "board_size",
+            "error",
+            f"{words}: the board fits with corners {1e3 * square / ratio:.4g} mm apart, not "
+            f"{1e3 * square:.4g} mm",
+            "measure the printed board over its whole length and give that size",
+        )
+    ]
+
+
+def nothing_fits(best: Candidate) -> Finding:
+    """No reading of the poses agrees with the pictures; says how the best one fails."""
+    turn = float(np.median(best.fit.turn))
+    words = (
+        f"arm and board turn by different angles between the views (by {np.rad2deg(turn):.1f} deg)"
+        if turn > np.deg2rad(2)
+        else "angles agree but positions do not"
+    )
+    cure = (
+        "check that each picture was taken at its pose, with the arm at rest, and that all poses "
+        "are of this recording"
+    )
+    if may_be_joints(best.reading.table):
+        cure += "; if the numbers are joint angles, say which arm it is: --robot ur5"
+    return Finding(
+        "poses_do_not_match",
+        "error",
+        f"poses and pictures do not belong together: by the best of all readings "
+        f"({best.words()}) {words}, {best.fit.median_px:.0f} px",
+        cure,
+    )
