@@ -6,8 +6,9 @@ and as what, is kept for a table with the second-best reading of each.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from armsight.arrays import Floats, Ints, Poses
 from armsight.calibration.boards import Board
 from armsight.calibration.boards.settle import settle_board
 from armsight.calibration.findings import Finding
+from armsight.calibration.layouts.bags import bag_in, unpack
 from armsight.calibration.layouts.board_files import board_of
 from armsight.calibration.layouts.choice import Choice
 from armsight.calibration.layouts.corner_files import CornerFile, find_corners, numbers_of
@@ -109,7 +111,16 @@ def load(
     Raises:
         CalibrationError: nothing usable is there; says what is missing.
     """
-    listed = list_folder(folder)
+    listed = None if folder.is_file() else list_folder(folder)
+    if listed is None or not listed.series:
+        bag = bag_in(folder, listed.others if listed is not None else (folder,))
+        if bag is not None:
+            with tempfile.TemporaryDirectory() as place:
+                unpack(bag, Path(place))
+                inner = load(Path(place), board, lens_file, progress, mount, robot)
+                return replace(inner, folder=folder)
+    if listed is None:
+        raise CalibrationError(f"{folder}: is a file; give a folder of pictures and poses")
     board = board or board_of(listed.others)
     if board is None:
         raise CalibrationError(
