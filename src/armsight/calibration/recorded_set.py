@@ -348,7 +348,8 @@ def _with_poses(
             ]
             rows.append(_pose_row(s.name, len(series), choice))
         unpaired = int(np.sum(view < 0))
-        if unpaired or len(table.values) != len(v.names):
+        tied_by_time = choice is not None and choice.best.pairing.words == "by time"
+        if unpaired or (len(table.values) != len(v.names) and not tied_by_time):
             findings.append(
                 Finding(
                     "unpaired",

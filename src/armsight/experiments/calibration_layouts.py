@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Ints, Poses
+from armsight.experiments.calibration_layouts_more import MORE_LAYOUTS
 from armsight.geometry.camera import PinholeCamera
 
 
@@ -303,6 +304,7 @@ LAYOUTS: dict[str, Writer] = {
     ),
 }
 """Every layout: its words, and how it is written."""
+LAYOUTS |= MORE_LAYOUTS
 
 
 def write_layout(folder: Path, name: str, one: PlainSet) -> None:

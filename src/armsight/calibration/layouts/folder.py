@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armsight.calibration.layouts.array_files import ARRAYS, array_tables
-from armsight.calibration.layouts.kinds import BAGS, STRUCTURED, TEXT, Unread
+from armsight.calibration.layouts.kinds import BAGS, STRUCTURED, Unread, is_text
 from armsight.calibration.layouts.pose_files import alike, one_each
 from armsight.calibration.layouts.series import PICTURES, Series, series_of
 from armsight.calibration.layouts.structured import read_document, structured_tables
@@ -98,7 +98,7 @@ def pose_tables(
             continue
         if found_here:
             tables += found_here
-        elif file.suffix.lower() in (*TEXT, *STRUCTURED, *ARRAYS):
+        elif is_text(file) or file.suffix.lower() in (*STRUCTURED, *ARRAYS):
             unread.append(Unread(file, "no poses in it"))
     return tables, unread
 
@@ -114,6 +114,6 @@ def _tables_of(file: Path, pictures: int) -> list[PoseTable]:
         return array_tables(file)
     if suffix in STRUCTURED:
         return structured_tables(read_document(file), file.name)
-    if suffix in TEXT:
+    if is_text(file):
         return text_tables(file, pictures)
     return []

@@ -23,7 +23,18 @@ _KEYS = {
     *("image", "file", "filename", "file_name", "name", "picture", "img", "frame", "view"),
     *("index", "idx", "id", "no", "nr", "number", "i", "n", "image_file", "image_name", "photo"),
 }
-_STAMPS = {"t", "time", "stamp", "timestamp", "sec", "secs", "seconds", "time_s"}
+_STAMPS = {
+    "#timestamp",
+    "timestamp_ns",
+    "t",
+    "time",
+    "stamp",
+    "timestamp",
+    "sec",
+    "secs",
+    "seconds",
+    "time_s",
+}
 _PREFIX = re.compile(
     r"^(t_base_flange|base_flange|base_tcp|tcp|flange|tool|ee|eef|robot|arm|pose|actual|cart|"
     r"position|pos|translation|trans|p|t)[._ /]+"
@@ -87,7 +98,7 @@ class Columns:
     """What a header says of each column.
 
     Attributes:
-        key: column of the picture's name, or None.
+        key: column of the picture's name, or None; stamp: of the time, or None.
         pose: columns of the pose's numbers, in the order of ``names``.
         names: their names in our words; empty where the header names no pose.
         length, angle: units that the header names, or None.
@@ -101,6 +112,7 @@ class Columns:
         for k, (name, _, _) in enumerate(words):
             place.setdefault(name, k)
         self.key = place.get("key")
+        self.stamp = place.get("stamp")
         self.pose: list[int] = []
         self.names: tuple[str, ...] = ()
         self.length: float | None = None

@@ -6,11 +6,41 @@ from dataclasses import dataclass
 from pathlib import Path
 
 STRUCTURED = (".yaml", ".yml", ".json", ".xml")
-TEXT = (
-    *(".txt", ".csv", ".tsv", ".dat", ".src", ".mod", ".modx", ".prg", ".script", ".urscript"),
-    *(".log", ".m", ".pose", ".tfm", ".asc", ".tum", ".pos", ".tf", ""),
+OTHER = (
+    *(".py", ".pyc", ".ipynb", ".c", ".cc", ".cpp", ".h", ".hpp", ".cs", ".java", ".js", ".sh"),
+    *(".bat", ".cmake", ".launch", ".md", ".rst", ".html", ".htm", ".css", ".pdf", ".doc"),
+    *(
+        ".odt",
+        ".ppt",
+        ".pptx",
+        ".zip",
+        ".gz",
+        ".tar",
+        ".7z",
+        ".rar",
+        ".ply",
+        ".pcd",
+        ".stl",
+        ".obj",
+    ),
+    *(".dae", ".urdf", ".xacro", ".mp4", ".avi", ".mov", ".mkv", ".zdf", ".svg", ".gif"),
+    *(".pt", ".pth", ".onnx", ".rdk", ".so", ".dll", ".exe", ".fig", ".asv", ".lock"),
 )
+"""Endings of files that hold no poses: programs, papers, archives, meshes, films."""
 BAGS = (".bag", ".mcap", ".db3")
+
+
+def is_text(file: Path) -> bool:
+    """Whether a file may be text with poses, by its ending and its first bytes."""
+    suffix = file.suffix.lower()
+    if suffix in (*OTHER, *BAGS, *STRUCTURED) or suffix in (".mat", ".npy", ".npz"):
+        return False
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(512)
+    except OSError:
+        return True  # whoever reads it says why it cannot be read
+    return b"\0" not in head or head[:2] in (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from armsight.arrays import Ints
 from armsight.calibration.layouts.series import Series
-from armsight.calibration.layouts.table import PoseTable
+from armsight.calibration.layouts.table import PoseTable, ordinals, stamp_of
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,9 @@ def proper_pairings(series: Series, table: PoseTable) -> list[Pairing]:
     if len(named.picture) >= max(3, 0.6 * min(len(series.files), len(table.keys))):
         return [named]
     n, m = len(series.files), len(table.values)
+    timed = _by_time(series, table)
+    if len(timed.picture) >= max(3, 0.6 * min(n, m)):
+        out.append(timed)
     numbered = _by_number(series, table.keys)
     whole = len(numbered.picture) == min(n, m)
     if len(numbered.picture) >= 3 and whole:
@@ -72,9 +75,27 @@ def _by_name(series: Series, keys: tuple[str, ...]) -> Pairing:
     return Pairing(np.array(pictures, int), np.array(rows, int), "by the pictures' names", "", True)
 
 
-def _by_number(series: Series, keys: tuple[str, ...]) -> Pairing:
-    from armsight.calibration.layouts.table import ordinals
+LATE = 0.06
+"""A pose may be so much earlier or later than the picture, or half a step of its log [s]."""
 
+
+def _by_time(series: Series, table: PoseTable) -> Pairing:
+    """Each picture with the pose nearest in time, where both say their times."""
+    stamps = [stamp_of(f.name) for f in series.files]
+    none = Pairing(np.zeros(0, int), np.zeros(0, int), "by time")
+    if table.stamps is None or len(table.stamps) < 2 or any(s is None for s in stamps):
+        return none
+    order = np.argsort(table.stamps)
+    times = table.stamps[order]
+    at = np.array(stamps, float)
+    k = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+    k = k - (at - times[k - 1] < times[k] - at)
+    near = np.abs(times[k] - at) <= max(LATE, 0.5 * float(np.median(np.diff(times))))
+    pictures = np.flatnonzero(near)
+    return replace(none, picture=pictures, row=order[k[near]])
+
+
+def _by_number(series: Series, keys: tuple[str, ...]) -> Pairing:
     named = [k for k in keys if k]
     numbers = ordinals(list(keys)) if len(named) == len(keys) else []
     place: dict[int, int] = {}

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from armsight.calibration.layouts.array_files import ARRAYS, array_tables
-from armsight.calibration.layouts.kinds import STRUCTURED, TEXT, Unread
+from armsight.calibration.layouts.kinds import STRUCTURED, Unread, is_text
 from armsight.calibration.layouts.structured import poses_of_one, read_document
 from armsight.calibration.layouts.table import PoseTable, natural, ordinals
 from armsight.calibration.layouts.text_table import numbers_of
@@ -84,7 +84,7 @@ def _poses(file: Path) -> dict[str, PoseTable]:
     try:
         if suffix in STRUCTURED:
             return poses_of_one(read_document(file), file.name)
-        if suffix in TEXT:
+        if is_text(file):
             one = numbers_of(file)
             return {} if one is None else {"": one}
         if suffix in ARRAYS:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from armsight.arrays import Floats, Ints
 from armsight.errors import CalibrationError
 
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
+"""A number as people and FORTRAN write it."""
 LARGEST = 32 * 1024 * 1024
 """Bytes beyond which a text file is no list of poses."""
 
@@ -29,6 +34,7 @@ class PoseTable:
             :data:`armsight.calibration.layouts.conventions.EULER`, or ``vector``), or None.
         joints: (n, j) joint angles [rad], or None.
         decimals: digits after the point of the coarsest rotation number; 99 where unknown.
+        stamps: (n,) time of each row [s], or None.
     """
 
     source: str
@@ -40,6 +46,7 @@ class PoseTable:
     rotation: str | None = None
     joints: Floats | None = None
     decimals: int = 99
+    stamps: Floats | None = None
 
     def rows(self, index: Ints) -> PoseTable:
         """The same with some rows only."""
@@ -53,6 +60,7 @@ class PoseTable:
             self.rotation,
             None if self.joints is None else self.joints[index],
             self.decimals,
+            None if self.stamps is None else self.stamps[index],
         )
 
 
@@ -95,3 +103,35 @@ def ordinals(names: list[str]) -> list[int | None]:
     distinct = [len({d[-1 - k] for d in digits}) for k in range(width)]
     best = max(range(width), key=lambda k: (distinct[k], -k))
     return [d[-1 - best] for d in digits]
+
+
+def value_of(cell: str) -> float:
+    """A number from its text, FORTRAN's exponents included."""
+    return float(cell.replace("d", "e").replace("D", "e"))
+
+
+def places(cells: Sequence[str]) -> int:
+    """Most digits after the point; an exponent counts as many."""
+    most = 0
+    for c in cells:
+        if "e" in c.lower():
+            return 99
+        most = max(most, len(c.partition(".")[2]))
+    return most
+
+
+def seconds(stamps: Floats) -> Floats:
+    """Times in seconds from seconds, milli-, micro- or nanoseconds since 1970, by their size."""
+    size = float(np.abs(stamps).max(initial=0.0))
+    factor = 1e-9 if size > 1e17 else 1e-6 if size > 1e14 else 1e-3 if size > 1e11 else 1.0
+    return np.asarray(stamps, np.float64) * factor
+
+
+def stamp_of(name: str) -> float | None:
+    """The time that a file is named by [s], or None: ``1700000000.25.png``, nanoseconds ..."""
+    stem = Path(name).name.rpartition(".")[0] or name
+    found = re.search(r"(?<!\d)(\d{9,10})[._](\d{1,9})(?!\d)", stem)
+    if found:
+        return float(f"{found.group(1)}.{found.group(2)}")
+    whole = re.search(r"(?<!\d)(\d{10,19})(?!\d)", stem)
+    return float(seconds(np.array([float(whole.group(1))]))[0]) if whole else None

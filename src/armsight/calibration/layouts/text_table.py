@@ -15,11 +15,18 @@ import numpy as np
 
 from armsight.arrays import Floats
 from armsight.calibration.layouts.header import Columns
-from armsight.calibration.layouts.table import PoseTable, read_text
+from armsight.calibration.layouts.robot_programs import PROGRAMS
+from armsight.calibration.layouts.table import (
+    NUMBER,
+    PoseTable,
+    places,
+    read_text,
+    seconds,
+    value_of,
+)
 from armsight.errors import CalibrationError
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
-_IS_NUMBER = re.compile(rf"^{_NUMBER}$")
+_IS_NUMBER = re.compile(rf"^{NUMBER}$")
 _SPLIT = re.compile(r"[,;\t ]+")
 _COMMENT = re.compile(r"^\s*(#|%|//|!|'|\*)")
 
@@ -44,7 +51,7 @@ def text_tables(file: Path, pictures: int) -> list[PoseTable]:
         CalibrationError: it cannot be read, or it is a table of poses with lines that are none.
     """
     text = read_text(file)
-    for program in (_kuka, _rapid, _urscript, _halcon):
+    for program in PROGRAMS:
         table = program(text, file.name)
         if table is not None:
             return [table]
@@ -62,7 +69,7 @@ def text_tables(file: Path, pictures: int) -> list[PoseTable]:
 def numbers_of(file: Path) -> PoseTable | None:
     """One pose from a file of its own: all its numbers in a row; None when it holds none."""
     text = read_text(file)
-    for program in (_halcon, _kuka, _rapid, _urscript):
+    for program in PROGRAMS:
         table = program(text, file.name)
         if table is not None and len(table.values) == 1:
             return table
@@ -80,7 +87,7 @@ def numbers_of(file: Path) -> PoseTable | None:
                 file.name, ("",), value, columns.names, columns.length, columns.angle,
                 columns.rotation,
             )  # fmt: skip
-    flat = [_value(c) for row in rows for c in row.cells]
+    flat = [value_of(c) for row in rows for c in row.cells]
     if len(flat) not in (6, 7, 12, 16):
         return None
     return PoseTable(file.name, ("",), np.array([flat]), decimals=_decimals(rows))
@@ -88,12 +95,8 @@ def numbers_of(file: Path) -> PoseTable | None:
 
 def _labelled(text: str) -> dict[str, float] | None:
     """``x: 0.1`` or ``x = 0.1`` a line."""
-    found = re.findall(rf"^\s*([A-Za-z_]+)\s*[:=]\s*({_NUMBER})\s*;?\s*$", text, re.MULTILINE)
-    return {name: _value(v) for name, v in found} if len(found) >= 6 else None
-
-
-def _value(cell: str) -> float:
-    return float(cell.replace("d", "e").replace("D", "e"))
+    found = re.findall(rf"^\s*([A-Za-z_]+)\s*[:=]\s*({NUMBER})\s*;?\s*$", text, re.MULTILINE)
+    return {name: value_of(v) for name, v in found} if len(found) >= 6 else None
 
 
 def _rows(text: str) -> tuple[list[Row], list[str] | None, list[tuple[int, str]]]:
@@ -132,14 +135,18 @@ def _cells(line: str) -> list[str]:
 
 
 def _row(number: int, line: str) -> Row | None:
-    if ";" in line and re.search(r"\d,\d", line) and "." not in line:
-        line = line.replace(",", ".")  # decimal commas
+    if ";" in line and re.search(r"\d,\d", line) and not re.search(r"\d\.\d", line):
+        line = re.sub(r"(?<=\d),(?=\d)", ".", line)  # decimal commas
     line = line.replace("...", " ")  # MATLAB goes on in the next line
     line = re.sub(r"[\[\](){}]", " ", line)
     line = re.sub(r"^\s*[A-Za-z_]\w*(\(\s*:?[^=]*\))?\s*=", " ", line)  # name =
+    named = re.match(r"^\s*([A-Za-z_][\w .#-]*?)\s*[:=]\s+(?=[-+.\d])", line)
     cells = [c.strip("\"'") for c in _SPLIT.split(line.strip()) if c.strip("\"'")]
     label = ""
-    if cells and not _IS_NUMBER.match(cells[0]):
+    if named:  # "pose 1: 0.1 0.2 ..."
+        label = named.group(1)
+        cells = [c for c in _SPLIT.split(line[named.end() :].strip()) if c]
+    elif cells and not _IS_NUMBER.match(cells[0]):
         label, cells = cells[0].rstrip(":"), cells[1:]
     if not cells or not all(_IS_NUMBER.match(c) for c in cells):
         return None
@@ -158,7 +165,7 @@ def _with_header(rows: list[Row], header: list[str], source: str) -> PoseTable |
     keys = tuple(c[columns.key] if columns.key is not None else "" for c in kept)
 
     def values(at: list[int]) -> Floats:
-        return np.array([[_value(c[k]) for k in at] for c in kept]).reshape(len(kept), len(at))
+        return np.array([[value_of(c[k]) for k in at] for c in kept]).reshape(len(kept), len(at))
 
     try:
         pose = values(columns.pose)
@@ -166,9 +173,14 @@ def _with_header(rows: list[Row], header: list[str], source: str) -> PoseTable |
     except ValueError:
         return None
     turns = [c[k] for c in kept for k in columns.pose[3:]]
+    stamps = None
+    if columns.stamp is not None:
+        cells_of = [c[columns.stamp] for c in kept]
+        if all(_IS_NUMBER.match(c) for c in cells_of):
+            stamps = seconds(np.array([value_of(c) for c in cells_of]))
     return PoseTable(
         source, keys, pose, columns.names, columns.length, columns.angle, columns.rotation, joints,
-        _places(turns),
+        places(turns), stamps,
     )  # fmt: skip
 
 
@@ -183,17 +195,19 @@ def _plain(
     if usual >= 6:
         _refuse_half(file, rows, odd, usual)
         kept = [r for r in rows if len(r.cells) == usual]
-        value = np.array([[_value(c) for c in r.cells] for r in kept])
+        value = np.array([[value_of(c) for c in r.cells] for r in kept])
         keys = tuple(r.label for r in kept)
-        tables = [PoseTable(file.name, keys, value, decimals=_decimals(kept))]
         first = value[:, 0]
         steps = np.diff(first)
+        timed = usual > 6 and np.all(steps > 0) and first[0] > 1e8
+        stamps = seconds(first) if timed else None
+        tables = [PoseTable(file.name, keys, value, decimals=_decimals(kept), stamps=stamps)]
         if not any(keys) and usual > 6 and np.all(first == np.rint(first)) and np.all(steps > 0):
             index = tuple(str(int(v)) for v in first)
             tables.insert(0, PoseTable(file.name, index, value[:, 1:], decimals=_decimals(kept)))
         return tables
     # Long rows, or one number a line: cut by the count of pictures.
-    flat = np.array([_value(c) for r in rows for c in r.cells])
+    flat = np.array([value_of(c) for r in rows for c in r.cells])
     out = []
     for count in (16, 12, 7, 6):
         if len(flat) == count * pictures:
@@ -206,7 +220,7 @@ def _matrix_blocks(rows: list[Row], source: str) -> PoseTable | None:
     four = [r for r in rows if len(r.cells) == 4 and not r.label]
     if len(four) < 3 or len(four) < 0.8 * len(rows):
         return None
-    value = np.array([[_value(c) for c in r.cells] for r in four])
+    value = np.array([[value_of(c) for c in r.cells] for r in four])
     # The rows of a matrix follow each other; between two there may be a label of one number.
     last = [0.0, 0.0, 0.0, 1.0]
     whole = len(value) % 4 == 0
@@ -219,7 +233,7 @@ def _matrix_blocks(rows: list[Row], source: str) -> PoseTable | None:
     else:
         return None
     turns = [c for r in four for c in r.cells[:3]]
-    return PoseTable(source, ("",) * len(blocks), blocks, decimals=_places(turns))
+    return PoseTable(source, ("",) * len(blocks), blocks, decimals=places(turns))
 
 
 def _refuse_half(file: Path, rows: list[Row], odd: list[tuple[int, str]], width: int) -> None:
@@ -241,77 +255,4 @@ def _refuse_half(file: Path, rows: list[Row], odd: list[tuple[int, str]], width:
 
 
 def _decimals(rows: list[Row]) -> int:
-    return _places([c for r in rows for c in r.cells])
-
-
-def _places(cells: list[str]) -> int:
-    """Most digits after the point; an exponent counts as many."""
-    most = 0
-    for c in cells:
-        if "e" in c.lower():
-            return 99
-        most = max(most, len(c.partition(".")[2]))
-    return most
-
-
-def _kuka(text: str, source: str) -> PoseTable | None:
-    """KUKA's frames: ``{X 1.0, Y 2.0, Z 3.0, A 10.0, B 20.0, C 30.0, ...}`` (mm, degrees)."""
-    pattern = r"\{[^{}]*?" + r"[^{}]*?".join(rf"\b{a}\s+({_NUMBER})" for a in "XYZABC")
-    found = re.findall(pattern, text)
-    if not found:
-        return None
-    value = np.array([[_value(c) for c in row] for row in found])
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    return PoseTable(
-        source, ("",) * len(value), value, names, 1e-3, np.pi / 180, "ZYX",
-        decimals=_places([c for row in found for c in row[3:]]),
-    )  # fmt: skip
-
-
-def _rapid(text: str, source: str) -> PoseTable | None:
-    """ABB's robtargets: ``[[x, y, z], [q1, q2, q3, q4], ...`` (mm, w x y z)."""
-    number = rf"\s*({_NUMBER})\s*"
-    pattern = rf"\[\s*\[{','.join([number] * 3)}\]\s*,\s*\[{','.join([number] * 4)}\]"
-    if not re.search(r"robtarget|pose\b", text, re.IGNORECASE):
-        return None
-    found = re.findall(pattern, text)
-    if not found:
-        return None
-    value = np.array([[_value(c) for c in row] for row in found])[:, [0, 1, 2, 4, 5, 6, 3]]
-    names = ("x", "y", "z", "qx", "qy", "qz", "qw")
-    return PoseTable(source, ("",) * len(value), value, names, 1e-3)
-
-
-def _urscript(text: str, source: str) -> PoseTable | None:
-    """Universal Robots' poses: ``p[x, y, z, rx, ry, rz]`` (m, rotation vector)."""
-    number = rf"\s*({_NUMBER})\s*"
-    found = re.findall(rf"\bp\[{','.join([number] * 6)}\]", text)
-    if not found:
-        return None
-    value = np.array([[_value(c) for c in row] for row in found])
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    return PoseTable(source, ("",) * len(value), value, names, 1.0, 1.0, "vector")
-
-
-_HALCON = {0: "XYZ", 2: "ZYX", 4: "vector"}
-"""Halcon's representation types 'gba', 'abg' and 'rodriguez', all 'Rp+T' of points."""
-
-
-def _halcon(text: str, source: str) -> PoseTable | None:
-    """Halcon's pose files: lines ``f TYPE``, ``r A B C`` (degrees), ``t X Y Z`` (m)."""
-    found = {
-        letter: re.findall(rf"^{letter}((?:\s+{_NUMBER})+)\s*$", text, re.MULTILINE)
-        for letter in "frt"
-    }
-    if not all(len(found[letter]) == 1 for letter in "frt"):
-        return None
-    kind = int(_value(found["f"][0].split()[0]))
-    r = [_value(c) for c in found["r"][0].split()]
-    t = [_value(c) for c in found["t"][0].split()]
-    if len(r) != 3 or len(t) != 3 or kind not in _HALCON:
-        return None
-    if kind == 2:  # 'abg' writes its angles about x, y, z, and turns about z first
-        r = r[::-1]
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    unit = 1.0 if kind == 4 else np.pi / 180
-    return PoseTable(source, ("",), np.array([t + r]), names, 1.0, unit, _HALCON[kind])
+    return places([c for r in rows for c in r.cells])
