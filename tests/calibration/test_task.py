@@ -148,11 +148,8 @@ def test_nothing_happens_before_the_arm_has_spoken(monkeypatch, arm5):
 def test_calibrating_lowers_the_cameras_true_error(tmp_path, monkeypatch, gl):
     """Calibrate, then let the map run as in a patrol: within 1.5 mm of the truth."""
     from armsight.cli import main
-    from armsight.geometry.pose import inverse
     from armsight.runtime.session import Session
-    from armsight.simulation.scoring import camera_error
     from armsight.workcell import open_cell
-    from armsight.workcell.build import simulated_world
     from armsight.workcell.packaged import load
 
     monkeypatch.chdir(tmp_path)
@@ -163,17 +160,8 @@ def test_calibrating_lowers_the_cameras_true_error(tmp_path, monkeypatch, gl):
             session = Session(cell, None, seed=0)
             session.run(1.0)
             errors[calibrated] = [
-                1e3
-                * camera_error(
-                    camera.info,
-                    camera.info.T_mount_camera @ stage.mounting.T_old_new,
-                    stage.mounting.gain,
-                    camera.unit,
-                    inverse(cell.T_world_base) @ camera.T_mount_camera,
-                ).pose
-                for camera, stage in zip(
-                    simulated_world(cell).cameras, session._parts.workspace._stages
-                )
+                1e3 * cell.world.camera_error(c.name, c.T_believed_corrected, c.gain)
+                for c in session.snapshot().corrections
             ]
     assert max(errors[True]) < 1.5
     assert min(errors[False]) > 20.0

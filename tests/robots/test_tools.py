@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armsight.errors import RobotError
-from armsight.geometry.pose import transform
+from armsight.geometry.pose import exp, transform
 from armsight.robots import TOOL_NAMES, load_robot, load_tool
 from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_pose
 from armsight.robots.meshes import join_triangles, read_mesh
@@ -75,6 +75,32 @@ def test_carrying_a_tool(name):
     assert (2, 6) in set(map(tuple, robot.self_pairs))
     with pytest.raises(ValueError, match="already carries"):
         robot.with_tool(tool)
+
+
+@pytest.mark.parametrize("name", TOOL_NAMES)
+def test_a_tool_that_is_mounted_elsewhere(name):
+    """Moved in the flange's frame, all of it hangs where the product of the poses says."""
+    arm, tool = load_robot("ur5"), load_tool(name)
+    T = exp(np.array([0.01, -0.02, 0.005, 0.05, -0.1, 0.02]))
+    moved = tool.moved(T)
+    robot = arm.with_tool(moved)
+    q, own = arm.home, len(arm.spheres.radius)
+    flange = flange_pose(arm, q) @ T
+    expected = transform(flange, tool.spheres.center)
+    np.testing.assert_allclose(sphere_centers(robot, q)[own:], expected, atol=1e-9)
+    np.testing.assert_allclose(tcp_pose(robot, q), flange @ tool.T_flange_tcp, atol=1e-12)
+    for old, new in (
+        (tool.capsules.start, moved.capsules.start),
+        (tool.capsules.end, moved.capsules.end),
+    ):
+        np.testing.assert_allclose(new, transform(T, old), atol=1e-12)
+    np.testing.assert_allclose(moved.meshes[0].T_link_mesh, T @ tool.meshes[0].T_link_mesh)
+    bare = robot.without_tool()
+    assert bare.tool is None
+    for a, b in ((bare.spheres, arm.spheres), (bare.capsules, arm.capsules)):
+        np.testing.assert_array_equal(a.radius, b.radius)
+    np.testing.assert_array_equal(bare.self_pairs, arm.self_pairs)
+    assert arm.without_tool() is arm
 
 
 def test_unknown_and_broken_tools_are_named(tmp_path):

@@ -86,6 +86,8 @@ def test_the_page_draws_tells_and_obeys(
         "0.50 m",
         "<left>",
         "no frame for 0.4 s",
+        "never calibrated",
+        "67.4 mm",
         "no certified safety function",
         "distance and protective distance [m]",
         "Task: keep_above",

@@ -57,7 +57,7 @@ def test_what_did_not_change_is_not_sent_again(page: LivePage, session: FakeSess
         page.update(1.0)
         page.update(1.0)
         page.update(1.0)
-        page._panels.update_health(session.shown)
+        page._panels.update_health(session.shown, "")
         before = counter(page)
         for _ in range(5):
             page._scene.update(session.shown)

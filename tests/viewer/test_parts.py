@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from page_fakes import GRID, make_guard, make_snapshot
+from page_fakes import GRID, make_cell, make_guard, make_snapshot
 
 from armsight.devices.data import ArmStatus, GripperState, Wrench
 from armsight.devices.line import DeviceHealth
-from armsight.geometry.pose import from_rpy, transform
+from armsight.geometry.pose import from_rpy, make_pose, transform
 from armsight.geometry.shapes import Solid
-from armsight.mapping.snapshot import CameraStatus, Emptiness
+from armsight.mapping.snapshot import CameraCorrection, CameraStatus, Emptiness
 from armsight.motion.data import GuardMode
 from armsight.runtime.view import ComponentHealth
 from armsight.viewer import colors, html
+from armsight.viewer.accuracy import NEVER, TrueErrors, accuracy
 from armsight.viewer.cameras import TILE, mosaic
 from armsight.viewer.danger import FADE, voxels
 from armsight.viewer.devices import devices
@@ -64,6 +66,42 @@ def test_devices_say_how_they_are() -> None:
     for word in ("emergency stop", "50 %", "5.0 N", "42 mm", "moves", "±2.0 ms", html.BAD):
         assert word in text
     assert devices([], []) == ""
+
+
+def test_what_is_believed_of_the_cameras_and_what_is_true() -> None:
+    """Standard deviations as the file's covariance says; never calibrated ones say so."""
+    left, right, _ = (camera.info for camera in make_cell().cameras)
+    C = np.diag([1.0, 4.0, 2.25, 1e-8, 1e-8, 4e-8]) * np.array([1e-6] * 3 + [1.0] * 3)
+    left = replace(left, name="<l>", covariance=C)
+    text = accuracy([left, right], {})
+    assert "2.00 mm" in text
+    assert f"{np.rad2deg(2e-4):.3f}" in text
+    assert text.count(NEVER) == 1
+    assert "&lt;l&gt;" in text
+    assert "simulation" not in text
+    told = accuracy([left, right], {"<l>": 0.00074, "right": 0.0674})
+    assert "0.7 mm" in told
+    assert "67.4 mm" in told
+    assert "simulation" in told
+
+
+def test_the_truth_is_asked_for_again_only_when_the_map_corrects_otherwise() -> None:
+    asked = []
+
+    class Truth:
+        def camera_error(self, name: str, T: np.ndarray, gain: float) -> float | None:
+            asked.append((name, T[0, 3], gain))
+            return None if name == "wrist" else 0.001 + T[0, 3]
+
+    infos = [camera.info for camera in make_cell().cameras]
+    errors = TrueErrors(Truth(), infos)  # type: ignore[arg-type]
+    assert errors.now(None) == {"<left>": 0.001, "right": 0.001}
+    moved = make_pose(None, [0.002, 0.0, 0.0])
+    snapshot = replace(make_snapshot(1, 1.0), corrections=(CameraCorrection("right", moved, 1.01),))
+    for _ in range(3):
+        assert errors.now(snapshot) == {"<left>": 0.001, "right": pytest.approx(0.003)}
+    assert asked[3:] == [("right", 0.002, 1.01)]
+    assert TrueErrors(None, infos).now(snapshot) == {}
 
 
 def test_too_close_is_red() -> None:

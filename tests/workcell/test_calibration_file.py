@@ -12,8 +12,9 @@ from armsight.calibration.arm import flange_poses
 from armsight.calibration.robot_errors import RobotErrors
 from armsight.devices.depth_model import DepthModel
 from armsight.errors import WorkcellError
-from armsight.geometry.pose import exp, inverse
+from armsight.geometry.pose import exp, inverse, transform
 from armsight.robots.kinematics import flange_pose
+from armsight.robots.tools import load_tool
 from armsight.simulation.scoring import camera_error
 from armsight.simulation.units import draw_camera
 from armsight.workcell import camera_info_of, load_workcell, robot_in, world_spec
@@ -24,7 +25,7 @@ from armsight.workcell.calibration_file.reading import (
     mount_pose,
     parse_calibration,
 )
-from armsight.workcell.calibration_file.writing import arm_entry, camera_entry, updated
+from armsight.workcell.calibration_file.writing import arm_entry, board_entry, camera_entry, updated
 
 CELL = """
 [cell]
@@ -230,6 +231,29 @@ def test_arm_errors_reach_the_kinematics(cell):
     for row, T in zip(q, expected):
         np.testing.assert_allclose(flange_pose(found, row), T, atol=1e-9)
     assert np.abs(expected - flange_poses(robot, q)).max() > 1e-4
+
+
+def test_the_board_on_the_arm_hangs_where_it_was_found(tmp_path):
+    """The tool that is the board moves with it; another tool and a stale entry do not."""
+    text = CELL.replace('model = "ur5"', 'model = "ur5"\ntool = "calibration_board"') + "[board]\n"
+    (tmp_path / "lab.toml").write_text(text)
+    cell = load_workcell(tmp_path / "lab.toml")
+    robot = robot_in(cell)
+    off = exp(np.array([0.01, 0.005, -0.004, 0.03, 0.02, -0.05]))
+    found = board_entry(cell.board, off @ cell.board.pose, source="test", now=WHEN)
+    text = updated("", cell, [entry(cell)], board=found)
+    cell.calibration_file.write_text(updated(text, cell, [entry(cell)]))  # it stays
+    carried = calibrated_robot(robot, calibration_of(cell))
+    np.testing.assert_allclose(
+        carried.tool.spheres.center, transform(off, robot.tool.spheres.center), atol=1e-9
+    )
+    held = robot.without_tool().with_tool(load_tool("gripper"))
+    assert calibrated_robot(held, calibration_of(cell)).tool is held.tool
+    (tmp_path / "lab.toml").write_text(
+        (tmp_path / "lab.toml").read_text() + "position = [0, 0, 0.07]"
+    )
+    with pytest.raises(WorkcellError, match=r"the board has been declared elsewhere since"):
+        calibration_of(load_workcell(tmp_path / "lab.toml"))
 
 
 def test_the_truth_is_drawn_without_the_calibration(cell):

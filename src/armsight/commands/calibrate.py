@@ -209,7 +209,7 @@ class Calibrate:
             to_calibrate,
             unseen_is_empty,
         )
-        from armsight.tasks.calibration_entries import arm_of, camera_entries
+        from armsight.tasks.calibration_entries import arm_of, board_of_cell, camera_entries
         from armsight.workcell import open_cell
         from armsight.workcell.packaged import load
         from armsight.writing import write_text
@@ -284,7 +284,8 @@ class Calibrate:
                 )
             source = f"armsight calibrate, live, {len(result.views)} views"
             entries = camera_entries(workcell, result.calibration, result.depth, source)
-            file = store(workcell, entries, arm_of(result.calibration, source))
+            board = board_of_cell(workcell, result.calibration, source)
+            file = store(workcell, entries, arm_of(result.calibration, source), board)
             print(f"{file}: {', '.join(e.name for e in entries)} calibrated")
         print(f"written to {self.out}; open {self.out / 'report.html'}")
         return 0

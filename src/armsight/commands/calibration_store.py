@@ -6,14 +6,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from armsight.errors import CalibrationError
-from armsight.workcell.calibration_file.schema import CalibratedArm, CalibratedCamera
+from armsight.workcell.calibration_file.schema import (
+    CalibratedArm,
+    CalibratedBoard,
+    CalibratedCamera,
+)
 from armsight.workcell.calibration_file.writing import updated
 from armsight.workcell.schema import Workcell
 from armsight.writing import write_atomically
 
 
 def store(
-    workcell: Workcell, cameras: Sequence[CalibratedCamera], arm: CalibratedArm | None = None
+    workcell: Workcell,
+    cameras: Sequence[CalibratedCamera],
+    arm: CalibratedArm | None = None,
+    board: CalibratedBoard | None = None,
 ) -> Path:
     """Put entries into the cell's calibration file; what else stands there is kept.
 
@@ -29,7 +36,7 @@ def store(
         raise CalibrationError(f"{workcell.name}: came from no file, so nothing can be kept")
     try:
         text = file.read_text(encoding="utf-8") if file.is_file() else ""
-        new = updated(text, workcell, cameras, arm, str(file))
+        new = updated(text, workcell, cameras, arm, str(file), board)
         write_atomically(file, new.encode())
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(f"{file}: cannot be written: {error}") from None

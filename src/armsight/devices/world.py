@@ -60,6 +60,20 @@ class World(Protocol):
         """
         ...
 
+    def camera_error(self, name: str, T_believed_corrected: Pose, gain: float) -> float | None:
+        """How wrong the cell truly is about a camera, to be shown beside what it believes.
+
+        Args:
+            name: of the camera.
+            T_believed_corrected: what the map corrects of its believed pose.
+            gain: factor on measured depth that the map applies.
+
+        Returns:
+            Root mean square error of points 1.0-1.5 m from it by pixel and true depth [m]; None
+            where nobody knows.
+        """
+        ...
+
     def close(self) -> None:
         """Let go of files and graphics."""
         ...

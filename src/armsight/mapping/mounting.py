@@ -144,9 +144,13 @@ class Mounting:
         limit = self._config
         shift, turn = _size(self.T_old_new)
         if shift > limit.greatest_shift or turn > limit.greatest_turn:
+            where, again = (
+                ("where it is declared", "calibrate it")
+                if self._believed is None
+                else ("its calibration", "calibrate it again")
+            )
             self.problem = (
-                f"sits {1e3 * shift:.0f} mm and {np.rad2deg(turn):.1f} deg from its calibration; "
-                "calibrate it again"
+                f"sits {1e3 * shift:.0f} mm and {np.rad2deg(turn):.1f} deg from {where}; {again}"
             )
         else:
             self.problem = ""

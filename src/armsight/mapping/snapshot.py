@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from armsight.arrays import Bytes, Floats32, Ints, Points, Vector3
+from armsight.arrays import Bytes, Floats32, Ints, Points, Pose, Vector3
 
 UNKNOWN, FREE, OCCUPIED, ENCLOSED = 0, 1, 2, 3
 """States of a voxel. ENCLOSED: unseen, but so surrounded by what is seen that nobody is there."""
@@ -60,6 +60,21 @@ class CameraStatus:
     excluded: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class CameraCorrection:
+    """What the map corrects of a camera, found against the arm and the declared solids.
+
+    Attributes:
+        name: the camera.
+        T_believed_corrected: the corrected depth lens in the believed one's frame.
+        gain: factor on the measured depth.
+    """
+
+    name: str
+    T_believed_corrected: Pose
+    gain: float
+
+
 @dataclass(frozen=True)
 class Emptiness:
     """What became of the word that nobody is in the cell.
@@ -100,6 +115,7 @@ class WorkspaceSnapshot:
         things: (t, 3) float32 centres in ``base`` [m] of occupied voxels that are known to be no
             person: solid, but no hazards.
         emptiness: what became of the word that nobody is in the cell.
+        corrections: of the cameras' poses and depths, one entry a camera.
         cloud: (k, 3) float32 newest merged, cleaned cloud in ``base``, for the page.
         cameras: health, one entry a camera.
         timings: (stage, seconds) of the last update, in order.
@@ -124,3 +140,4 @@ class WorkspaceSnapshot:
     distance_counts_unknown: bool = False
     things: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))
     emptiness: Emptiness = Emptiness()
+    corrections: tuple[CameraCorrection, ...] = ()

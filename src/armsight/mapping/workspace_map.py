@@ -23,7 +23,14 @@ from armsight.mapping.kernels.flood import face_points
 from armsight.mapping.layers import far_grid, fine_grid
 from armsight.mapping.occupancy import Occupancy
 from armsight.mapping.self_filter import BodyPose, SelfFilter
-from armsight.mapping.snapshot import FREE, UNKNOWN, CameraStatus, Emptiness, WorkspaceSnapshot
+from armsight.mapping.snapshot import (
+    FREE,
+    UNKNOWN,
+    CameraCorrection,
+    CameraStatus,
+    Emptiness,
+    WorkspaceSnapshot,
+)
 from armsight.mapping.static_geometry import StaticGeometry, rasterise
 from armsight.mapping.things import PATIENCE, TOUCHES, Things
 from armsight.robots.kinematics import flange_pose
@@ -187,6 +194,10 @@ class WorkspaceMap:
             distance_counts_unknown=self.config.unknown_is_solid,
             things=things,
             emptiness=self._emptiness,
+            corrections=tuple(
+                CameraCorrection(info.name, stage.mounting.T_old_new, stage.mounting.gain)
+                for info, stage in zip(self._infos, self._stages)
+            ),
         )
         return self._snapshot
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from armsight.arrays import Vector3
+from armsight.arrays import Pose, Vector3
 from armsight.devices.data import ArmStatus, JointState, RgbdFrame
 from armsight.devices.recorded import (
     RecordedArm,
@@ -151,6 +151,10 @@ class Playback:
             UsageError: always.
         """
         raise UsageError(f"{name} is part of a recording and cannot be dragged")
+
+    def camera_error(self, name: str, T_believed_corrected: Pose, gain: float) -> float | None:
+        """A recording does not know the truth."""
+        return None
 
     def close(self) -> None:
         """Let go of the file."""

@@ -101,6 +101,29 @@ class Tool:
     mass: float
     center_of_mass: Floats
 
+    def moved(self, T_flange_moved: Pose) -> Tool:
+        """The same tool, mounted elsewhere than it was designed to be.
+
+        Args:
+            T_flange_moved: where the frame of the flange, as the tool was designed, truly is.
+        """
+        R, t = T_flange_moved[:3, :3], T_flange_moved[:3, 3]
+
+        def of(points: Points) -> Points:
+            return np.asarray(points @ R.T + t, np.float64)
+
+        s, c = self.spheres, self.capsules
+        return replace(
+            self,
+            T_flange_tcp=T_flange_moved @ self.T_flange_tcp,
+            spheres=Spheres(s.link, of(s.center), s.radius),
+            capsules=Capsules(c.link, of(c.start), of(c.end), c.radius),
+            meshes=tuple(
+                replace(mesh, T_link_mesh=T_flange_moved @ mesh.T_link_mesh) for mesh in self.meshes
+            ),
+            center_of_mass=np.asarray(of(self.center_of_mass), np.float64),
+        )
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -149,6 +172,21 @@ class Robot:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    def without_tool(self) -> Robot:
+        """The bare arm."""
+        if self.tool is None:
+            return self
+        s, c = self.spheres, self.capsules
+        n, m = len(s.radius) - len(self.tool.spheres.radius), len(c.radius)
+        m -= len(self.tool.capsules.radius)
+        return replace(
+            self,
+            spheres=Spheres(s.link[:n], s.center[:n], s.radius[:n]),
+            capsules=Capsules(c.link[:m], c.start[:m], c.end[:m], c.radius[:m]),
+            self_pairs=self.self_pairs[: len(self.self_pairs) - len(self.tool_pairs)],
+            tool=None,
+        )
 
     def with_tool(self, tool: Tool) -> Robot:
         """The same arm carrying a tool: its shapes join the last link's.

@@ -20,11 +20,13 @@ from armsight.robots.robot import LinkMesh, Tool
 from armsight.robots.shapes import FitReport, make_capsules, make_spheres
 
 TOOLS_DATA = Path(__file__).parent / "data" / "tools"
+BOARD_TOOL = "calibration_board"
+"""The tool whose place on the flange is the calibration board's."""
 TOOL_NAMES: tuple[str, ...] = (
     "gripper",
     "panda_hand",
     "pen",
-    "calibration_board",
+    BOARD_TOOL,
     "type2_plug",
 )
 """The tools that :func:`load_tool` knows."""

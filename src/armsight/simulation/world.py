@@ -13,7 +13,7 @@ from armsight.devices.data import RgbdFrame
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import make_pose
+from armsight.geometry.pose import inverse, make_pose
 from armsight.simulation.arm import SimulatedArm
 from armsight.simulation.arm_errors import compliance, true_geometry
 from armsight.simulation.board import draw_board
@@ -34,6 +34,7 @@ from armsight.simulation.movers import (
 from armsight.simulation.photographer import Photographer
 from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import Kind, Renderer, Shot
+from armsight.simulation.scoring import camera_error
 from armsight.simulation.spec import WorldSpec
 from armsight.simulation.truth import Truth
 from armsight.simulation.wrench import SimulatedWrench
@@ -221,6 +222,17 @@ class SimulatedWorld:
         if not isinstance(hand, Hand):
             raise UsageError(f"'{name}' is no lone hand (motion = 'hand'); only those follow")
         hand.follow(trajectory)
+
+    def camera_error(self, name: str, T_believed_corrected: Pose, gain: float) -> float | None:
+        """How wrong the cell is about a camera, in its mount [m]; None for one that is not ours."""
+        camera = next((c for c in self.cameras if c.info.name == name), None)
+        if camera is None:
+            return None
+        info, T_true = camera.info, camera.T_mount_camera
+        if info.mounted_on == "base":  # the truth about fixed cameras stands in world
+            T_true = inverse(self.spec.arm.T_world_base) @ T_true
+        T_believed = info.T_mount_camera @ T_believed_corrected
+        return camera_error(info, T_believed, gain, camera.unit, T_true).pose
 
     def picture(self, T_world_camera: Pose, lens: PinholeCamera) -> ColorImage:
         """(h, w, 3) still of the cell as it is now, from any optical pose."""

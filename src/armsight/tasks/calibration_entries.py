@@ -12,10 +12,15 @@ from armsight.calibration.robot_errors import RobotErrors
 from armsight.devices.data import RgbdCameraInfo
 from armsight.devices.depth_model import DepthModel
 from armsight.errors import CalibrationError
-from armsight.geometry.pose import inverse
+from armsight.geometry.pose import inverse, make_pose
+from armsight.workcell.board import board_of
 from armsight.workcell.build import camera_info_of
-from armsight.workcell.calibration_file.schema import CalibratedArm, CalibratedCamera
-from armsight.workcell.calibration_file.writing import arm_entry, camera_entry
+from armsight.workcell.calibration_file.schema import (
+    CalibratedArm,
+    CalibratedBoard,
+    CalibratedCamera,
+)
+from armsight.workcell.calibration_file.writing import arm_entry, board_entry, camera_entry
 from armsight.workcell.schema import CameraSection, Workcell
 
 LEAST_VIEWS = 3
@@ -150,3 +155,19 @@ def arm_of(answer: Calibration, source: str) -> CalibratedArm | None:
     for (joint, axis), value in zip(errors.length_axes, lengths):
         shift[joint, axis] = value
     return arm_entry(offset, shift, source=source)
+
+
+def board_of_cell(workcell: Workcell, answer: Calibration, source: str) -> CalibratedBoard | None:
+    """Where the cell's board hangs by a live calibration; None for a cell that declares none.
+
+    A board that stands in world is solved in the arm's base.
+    """
+    section = workcell.board
+    if section is None:
+        return None
+    points = board_of(workcell).points
+    middle = make_pose(None, 0.5 * (points.max(0) + points.min(0)))
+    T = answer.board_pose() @ middle
+    if section.mounted_on == "world":
+        T = workcell.robot.T_world_base @ T
+    return board_entry(section, T, source=source)

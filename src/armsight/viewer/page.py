@@ -13,6 +13,7 @@ from armsight.arrays import Vector3
 from armsight.errors import ArmsightError
 from armsight.robots.kinematics import flange_jacobian
 from armsight.runtime.view import SessionView
+from armsight.viewer.accuracy import TrueErrors, accuracy
 from armsight.viewer.cameras import mosaic
 from armsight.viewer.panels import Controls, Panels
 from armsight.viewer.scene import CellScene
@@ -106,6 +107,7 @@ class LivePage:
         self._updated = self._health_shown = -np.inf
         self._now = -np.inf
         self._camera_turn = 0
+        self._true_errors = TrueErrors(cell.world, [camera.info for camera in cell.cameras])
         self._clients = 0
         with self._server.atomic():
             self._scene = CellScene(self._server, cell)
@@ -175,10 +177,15 @@ class LivePage:
             now = time.monotonic()
             if now >= self._health_shown + HEALTH_PERIOD:
                 self._health_shown = now
-                self._panels.update_health(view)
+                self._panels.update_health(view, self._accuracy(view))
                 if fresh:
                     pictures = [camera.picture for camera in self._scene.cameras.values()]
                     self._panels.show_pictures(mosaic(pictures))
+
+    def _accuracy(self, view: SessionView) -> str:
+        """What is believed of the cameras' calibration now, and the truth where it is simulated."""
+        infos = [camera.info for camera in self._cell.cameras]
+        return accuracy(infos, self._true_errors.now(view.snapshot))
 
     def _show_next_picture(self, view: SessionView) -> bool:
         """One camera's picture a round: encoding them all at once would be a hiccup."""

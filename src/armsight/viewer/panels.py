@@ -87,13 +87,19 @@ class Panels:
         self._face.update(view.face, view.now)
         self._show_running(view.running)
 
-    def update_health(self, view: SessionView) -> None:
-        """Tables, plots and the task's pictures; a few times a second is enough."""
+    def update_health(self, view: SessionView, accuracy: str) -> None:
+        """Tables, plots and the task's pictures; a few times a second is enough.
+
+        Args:
+            view: of the session.
+            accuracy: the table of the cameras' calibration.
+        """
         self._face.update_slowly(view.face)
         snapshot, guard = view.snapshot, view.guard
         self._set("emptiness", html.emptiness(snapshot))
         statuses = () if snapshot is None else snapshot.cameras
         self._set("cameras", html.cameras(statuses, view.now))
+        self._set("accuracy", accuracy)
         words = html.components(view.health) + devices(view.readings, view.devices)
         self._set("components", words)
         stages = [*(() if snapshot is None else snapshot.timings)]
@@ -192,6 +198,7 @@ class Panels:
         with seen.add_tab("Cameras", viser.Icon.CAMERA):
             self._pictures = gui.add_image(np.full((216, 576, 3), 12, np.uint8), jpeg_quality=70)
             self._put("cameras", html.cameras((), 0.0))
+            self._put("accuracy", "")
         with seen.add_tab("Health", viser.Icon.HEARTBEAT):
             self._put("components", html.components(()))
         with seen.add_tab("Timings", viser.Icon.CLOCK):

@@ -15,12 +15,15 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.errors import WorkcellError
 from armsight.geometry.pose import exp, inverse, log
 from armsight.robots.robot import Robot
+from armsight.robots.tools import BOARD_TOOL
 from armsight.workcell.calibration_file.schema import CalibratedCamera, CellCalibration
 from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, nearest
 from armsight.workcell.schema import CameraSection, MountedSection, Workcell
 
 LARGEST = 1_000_000
 """A calibration file is never larger [bytes]."""
+BOARD_ON_FLANGE = (BOARD_TOOL, "flange")
+"""Only this tool is the board itself; another one merely holds it, if that."""
 FARTHEST_OFF, MOST_TURNED = 0.5, np.deg2rad(45.0)
 """A camera that was found farther than this from where the workcell file puts it is another [m],
 [rad]."""
@@ -114,6 +117,15 @@ def mismatches(calibration: CellCalibration, workcell: Workcell) -> Iterator[Pro
             "calibrate again",
         )
         return
+    board, declared = calibration.board, workcell.board
+    if board is not None and declared is not None:
+        step = log(inverse(board.declared.pose) @ declared.pose)
+        if board.mounted_on != declared.mounted_on or np.abs(step).max() > 1e-4:
+            yield Problem(
+                "board.declared",
+                f"older than the cell's file: the board has been declared elsewhere since "
+                f"{board.calibrated:%Y-%m-%d %H:%M}; calibrate again, or take [board] out here",
+            )
     sections = {c.name: c for c in workcell.camera}
     for camera in calibration.camera:
         where = f'camera "{camera.name}"'
@@ -192,12 +204,18 @@ def calibrated_info(declared: RgbdCameraInfo, found: CalibratedCamera) -> RgbdCa
 
 
 def calibrated_robot(robot: Robot, calibration: CellCalibration | None) -> Robot:
-    """The arm with the errors that calibration has found in its geometry.
+    """The arm with the errors that calibration has found in its geometry, the board where it hangs.
 
     Raises:
         WorkcellError: they are of an arm with another number of joints.
     """
-    if calibration is None or calibration.arm is None:
+    if calibration is None:
+        return robot
+    board, tool = calibration.board, robot.tool
+    if board is not None and tool is not None and (tool.name, board.mounted_on) == BOARD_ON_FLANGE:
+        off = board.pose @ inverse(board.declared.pose)
+        robot = robot.without_tool().with_tool(tool.moved(off))
+    if calibration.arm is None:
         return robot
     arm = calibration.arm
     if len(arm.joint_offset_deg) != robot.n:

@@ -205,6 +205,15 @@ class CalibratedArm(Section):
         return self
 
 
+class CalibratedBoard(PlacedSection):
+    """Where the board truly hangs: the middle of its corners, as in the workcell file."""
+
+    mounted_on: Literal["flange", "world"] = key(..., "As in the workcell file.")
+    calibrated: Moment = key(..., "When.")
+    source: Text = key("", "From what.")
+    declared: DeclaredSection = key(..., "Where the workcell file put it then.")
+
+
 class CalibratedCell(Section):
     """Whose calibration it is."""
 
@@ -217,6 +226,7 @@ class CellCalibration(Section):
 
     cell: CalibratedCell = key(..., "Whose it is.")
     arm: CalibratedArm | None = key(None, "Errors of the arm.")
+    board: CalibratedBoard | None = key(None, "Where the board hangs.")
     camera: tuple[CalibratedCamera, ...] = key((), "The cameras that were calibrated.")
 
     def of(self, name: str) -> CalibratedCamera | None:

@@ -21,11 +21,12 @@ from armsight.geometry.pose import to_quaternion
 from armsight.workcell.calibration_file.reading import mount_pose, parse_calibration
 from armsight.workcell.calibration_file.schema import (
     CalibratedArm,
+    CalibratedBoard,
     CalibratedCamera,
     CalibratedCell,
     CellCalibration,
 )
-from armsight.workcell.schema import CameraSection, Workcell
+from armsight.workcell.schema import BoardSection, CameraSection, Workcell
 
 HEADER = (
     "What this cell believes of its cameras, written by `armsight calibrate`.",
@@ -113,12 +114,28 @@ def arm_entry(
     )
 
 
+def board_entry(
+    section: BoardSection, T_mount_middle: Pose, *, source: str, now: datetime | None = None
+) -> CalibratedBoard:
+    """The board's entry: where the middle of its corners hangs, in flange or world."""
+    return CalibratedBoard.model_validate(
+        {
+            "mounted_on": section.mounted_on,
+            "calibrated": _moment(now),
+            "source": source,
+            **_placed(T_mount_middle),
+            "declared": _placed(section.pose),
+        }
+    )
+
+
 def updated(
     text: str,
     workcell: Workcell,
     cameras: Sequence[CalibratedCamera],
     arm: CalibratedArm | None = None,
     file: str = "cell.calibration.toml",
+    board: CalibratedBoard | None = None,
 ) -> str:
     """The text of a calibration file with new entries in it.
 
@@ -128,6 +145,7 @@ def updated(
         cameras: those that were found.
         arm: its errors, where they were found.
         file: how errors name it.
+        board: where it hangs, where that was found.
 
     Raises:
         WorkcellError: ``text`` is broken; nothing of it can be kept, so nothing is written.
@@ -145,6 +163,8 @@ def updated(
         document["cell"] = _table(cell.model_dump(exclude_none=True))
     if arm is not None:
         _put(document, "arm", arm.model_dump(exclude_none=True))
+    if board is not None:
+        _put(document, "board", board.model_dump(exclude_none=True))
     if "camera" not in document:
         document["camera"] = tomlkit.aot()
     entries = document["camera"]
