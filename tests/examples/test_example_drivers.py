@@ -11,6 +11,7 @@ from doubles import make_fake_parts
 
 from armsight.devices.conformance import failures
 from armsight.devices.port import ArmSettings, CameraSettings
+from armsight.runtime.config import SessionMode
 from armsight.runtime.session import Session
 from armsight.workcell import open_cell, parse_workcell
 
@@ -54,7 +55,7 @@ def test_the_cell_of_both_can_be_looked_at_without_a_command(doubles, tmp_path, 
     text = (DRIVERS / "cell.toml").read_text(encoding="utf-8")
     text = text.replace("7001", str(ports[0])).replace("7002", str(ports[1]))
     with open_cell(parse_workcell(text)) as cell:
-        session = Session(cell, None, make=make_fake_parts, look_only=True)
+        session = Session(cell, None, make=make_fake_parts, mode=SessionMode(look_only=True))
         session.run(0.5)
         view = session.view()
     assert view.joints.position == pytest.approx(np.deg2rad(doubles.HOME_DEG))

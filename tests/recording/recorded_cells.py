@@ -108,6 +108,8 @@ def make_status(stamp: float, n: int, rng: np.random.Generator) -> GuardStatus:
             ),
             *map(float, rng.random(5)),
         ),
+        wanted=rng.normal(size=n),
+        evidence_age=float(rng.random()),
         timings=(("risk", 0.001),),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +22,19 @@ from recorded_cells import (
 from rosbags.highlevel import AnyReader
 
 from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.depth_model import DepthModel
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import RecordingError
+from armsight.geometry.pose import exp
 from armsight.geometry.shapes import Surface
 from armsight.recording.mcap_file import McapWriter
 from armsight.recording.messages import TRANSFORMS
 from armsight.recording.recorder import Recorder
 from armsight.recording.replay import open_recording
+from armsight.workcell import parse_workcell, robot_in
+from armsight.workcell.calibration_file.reading import calibrated_robot
+from armsight.workcell.calibration_file.schema import CalibratedCell, CellCalibration
+from armsight.workcell.calibration_file.writing import arm_entry, board_entry
 
 SEED = 3
 
@@ -119,6 +126,48 @@ def test_the_cell_comes_back(tmp_path: Path) -> None:
             )
         [solid] = again.static
         assert solid.T_frame_solid.tobytes() == cell.static[0].T_frame_solid.tobytes()
+
+
+def test_what_was_believed_comes_back(tmp_path: Path) -> None:
+    """Of the cameras exactly; of the arm and its board as the calibration file keeps it."""
+    rng = np.random.default_rng(2)
+    A = rng.normal(size=(6, 6))
+    model = DepthModel(
+        0.016, -0.003, np.array([0.8, 0.95]), np.array([1e-3, -1e-3]), rng.normal(size=3),
+        1.1, (0.7, 1.5), 5e-4, True,
+    )  # fmt: skip
+    infos = (
+        replace(camera_info("left"), covariance=A @ A.T, depth_model=model, infrared_scale=2),
+        camera_info("right"),
+    )
+    cell = make_cell(infos)
+    cell.workcell = parse_workcell(
+        '[cell]\nname = "tiny"\n[robot]\nmodel = "ur5"\ntool = "calibration_board"\n[board]\n'
+    )
+    off = exp(np.array([0.01, -0.005, 0.004, 0.02, 0.01, -0.03]))
+    cell.calibration = CellCalibration(
+        cell=CalibratedCell(name="tiny", robot="ur5"),
+        arm=arm_entry(np.full(6, 2e-3), rng.normal(0, 1e-3, (6, 3)), source="a test"),
+        board=board_entry(cell.workcell.board, off @ cell.workcell.board.pose, source="a test"),
+    )
+    cell.robot = calibrated_robot(robot_in(cell.workcell), cell.calibration)
+    Recorder(tmp_path / "a.mcap", cell).close()
+    with open_recording(tmp_path / "a.mcap") as again:
+        left, right = (camera.info for camera in again.cameras)
+        np.testing.assert_array_equal(left.covariance, A @ A.T)
+        assert left.infrared_scale == 2
+        assert left.depth_model is not None
+        for name, value in vars(model).items():
+            np.testing.assert_array_equal(getattr(left.depth_model, name), value, err_msg=name)
+        assert (right.covariance, right.depth_model, right.infrared_scale) == (None, None, 0)
+        for a, b in (
+            (again.robot.T_link_joint, cell.robot.T_link_joint),
+            (again.robot.spheres.center, cell.robot.spheres.center),
+        ):
+            np.testing.assert_allclose(a, b, atol=1e-9)
+        assert (
+            np.abs(again.robot.spheres.center - robot_in(cell.workcell).spheres.center).max() > 0.01
+        )
 
 
 def test_a_recorded_arm_takes_commands_and_sends_none(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recorded_cells import FakeSession, camera_info, empty_view, make_cell, make_frame, make_joints
 
-from armsight.devices.data import RgbdFrame
+from armsight.devices.data import EmptyCell, RgbdFrame
 from armsight.errors import RecordingError, UsageError
 from armsight.geometry.pose import inverse, look_at, make_pose
 from armsight.mapping.config import MappingConfig
@@ -19,7 +19,7 @@ from armsight.recording.mcap_file import McapWriter
 from armsight.recording.recorder import Recorder
 from armsight.recording.replay import open_recording
 from armsight.recording.replay_parts import HoldAtEnd, replay_parts
-from armsight.runtime.config import SessionConfig
+from armsight.runtime.config import SessionConfig, SessionMode
 from armsight.runtime.session import Session
 from armsight.runtime.view import SessionView
 from armsight.workcell import Cell
@@ -122,6 +122,35 @@ def test_a_recorded_replay_replays_the_same(tmp_path: Path) -> None:
     original = [s for _, s in sorted(watcher.seen.items())]
     copied = [s for _, s in sorted(copy.items())]
     assert same(original[-1], copied[-1])
+
+
+def test_the_word_that_the_cell_is_empty_is_replayed(tmp_path: Path) -> None:
+    """Once, at its time, whether it was given at the start or later; the map judges it anew."""
+    walls(tmp_path / "a.mcap")
+    for name, mode, later in (
+        ("start", SessionMode(cell_is_empty=True), ()),
+        ("later", None, (0.5,)),
+    ):
+        with open_recording(tmp_path / "a.mcap") as cell:
+            recorder = Recorder(tmp_path / f"{name}.mcap", cell)
+            session = Session(
+                cell, None, make=replay_parts, observers=[recorder], config=SMALL, mode=mode
+            )
+            for until in later:
+                session.run(until)
+                session.declare_empty()
+            session.run(0.4)
+            recorder.close()
+            emptiness = session.snapshot().emptiness
+        assert emptiness.said or emptiness.waiting
+        with open_recording(tmp_path / f"{name}.mcap") as cell:
+            words = [
+                d.item for d in cell.world.source.deliveries() if isinstance(d.item, EmptyCell)
+            ]
+            assert [w.stamp for w in words] == pytest.approx(list(later) or [0.0], abs=0.01)
+            session = Session(cell, None, make=replay_parts, config=SMALL)
+            session.run(0.4 + sum(later))
+            assert session.snapshot().emptiness == emptiness
 
 
 def test_simulated_and_replayed_maps_agree(tmp_path: Path, gl: str) -> None:

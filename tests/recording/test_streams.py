@@ -8,6 +8,7 @@ from recorded_cells import FakeSession, make_cell
 
 from armsight.devices.data import (
     ArmStatus,
+    EmptyCell,
     GripperState,
     JointState,
     RgbdFrame,
@@ -132,6 +133,7 @@ def test_the_table_knows_every_reading_once():
         ArmStatus,
         Wrench,
         GripperState,
+        EmptyCell,
     }
     assert len(STREAMS) == len(BY_READING)
 

@@ -20,6 +20,7 @@ from armsight.devices.driven_cameras import DrivenCamera
 from armsight.devices.port import ArmSettings, CameraSettings
 from armsight.errors import DeviceError, LoopError, UsageError
 from armsight.robots.robot import JointLimits
+from armsight.runtime.config import SessionMode
 from armsight.runtime.parts import Parts
 from armsight.runtime.session import Session
 from armsight.workcell import Cell
@@ -108,7 +109,7 @@ def test_both_an_arm_that_is_lost_and_one_that_cannot_be_stopped_are_told():
 def test_an_arm_that_raises_for_long_ends_the_run_of_a_simulated_cell_too(wall):
     cell = make_cell()
     cell.arm.lost = True
-    session = Session(cell, GoTo(), make=make_fake_parts, wall=wall)
+    session = Session(cell, GoTo(), make=make_fake_parts, mode=SessionMode(wall=wall))
     with pytest.raises(LoopError, match=r"check its cable .the arm has not answered for 0.5 s"):
         session.run(10.0)
     assert session.now() < 5.0
@@ -129,7 +130,7 @@ def test_a_camera_that_hangs_is_named_and_the_run_goes_on():
 def test_looking_is_not_touching():
     cell, _, log = driven_cell()
     with cell:
-        session = Session(cell, None, make=make_fake_parts, look_only=True)
+        session = Session(cell, None, make=make_fake_parts, mode=SessionMode(look_only=True))
         session.run(0.5)
         session.pause()
         session.run(0.1)

@@ -12,7 +12,7 @@ import pytest
 from doubles import FakeGuard, FakeMap, FakePlanner, GoTo, make_cell, make_fake_parts
 
 from armsight.errors import CellBusyError, LoopError, UsageError
-from armsight.runtime.config import SessionConfig
+from armsight.runtime.config import SessionConfig, SessionMode
 from armsight.runtime.lock import cell_lock
 from armsight.runtime.parts import Parts
 from armsight.runtime.session import Session
@@ -132,7 +132,7 @@ def test_a_lost_arm_is_reported_and_the_guard_gets_no_new_joints():
 def test_a_failing_guard_stops_the_arm_and_says_so(wall):
     cell = make_cell()
     parts = Parts(FakeMap(), FakePlanner(), FakeGuard(fail_at=0.1))
-    session = session_of(cell, GoTo(), parts, wall=wall)
+    session = session_of(cell, GoTo(), parts, mode=SessionMode(wall=wall))
     with pytest.raises(LoopError, match="guard failed"):
         session.run(5.0)
     assert cell.arm.stops >= 1
@@ -204,7 +204,7 @@ def test_bad_speed_and_late_observers_are_refused():
 
 def test_wall_clock_runs_the_same_components_in_threads():
     cell = make_cell()
-    session = session_of(cell, GoTo((0.1, -0.1)), wall=True)
+    session = session_of(cell, GoTo((0.1, -0.1)), mode=SessionMode(wall=True))
     session.run(0.6)
     assert cell.arm.stops >= 1
     assert cell.arm.log
@@ -217,7 +217,7 @@ def test_wall_clock_runs_the_same_components_in_threads():
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_in_order(number, wall):
     cell = make_cell()
-    session = session_of(cell, GoTo(), wall=wall)
+    session = session_of(cell, GoTo(), mode=SessionMode(wall=wall))
     session.set_speed(1.0)
     timer = threading.Timer(0.2, lambda: os.kill(os.getpid(), number))
     timer.start()
@@ -240,10 +240,10 @@ def test_one_cell_one_process():
     ) as other:
         assert other.stdout.readline().strip() == "held"
         with pytest.raises(CellBusyError, match=f"process {other.pid} is working"):
-            session_of(exclusive=True).run(0.1)
+            session_of(mode=SessionMode(exclusive=True)).run(0.1)
         session_of().run(0.1)  # simulated cells share unless asked not to
         other.stdin.close()
         other.wait(10)
-    session_of(exclusive=True).run(0.1)
+    session_of(mode=SessionMode(exclusive=True)).run(0.1)
     with cell_lock("fake"), pytest.raises(CellBusyError):
-        session_of(exclusive=True).run(0.1)
+        session_of(mode=SessionMode(exclusive=True)).run(0.1)

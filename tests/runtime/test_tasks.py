@@ -14,7 +14,7 @@ from armsight.motion.intents import JointIntent, Rest, VelocityIntent
 from armsight.motion.perception import CameraUse
 from armsight.motion.task import Subscriptions
 from armsight.runtime.components import GuardComponent
-from armsight.runtime.config import SessionConfig
+from armsight.runtime.config import SessionConfig, SessionMode
 from armsight.runtime.parts import Parts
 from armsight.runtime.session import Session
 
@@ -132,7 +132,7 @@ def test_a_task_that_raises_ends_and_the_arm_rests_with_the_reason(wall):
             raise ValueError("no ball of mine")
         return JointIntent("G", np.array([1.0, -1.0]))
 
-    session, guard = session_of(Scripted(act), wall=wall)
+    session, guard = session_of(Scripted(act), mode=SessionMode(wall=wall))
     session.run(0.6)
     last = guard.seen[-1][3]
     assert isinstance(last, Rest)
@@ -152,7 +152,7 @@ def test_a_task_that_hangs_is_given_up_and_the_run_ends_in_time(wall):
             never.wait(60.0)
         return JointIntent("G", np.array([1.0, -1.0]))
 
-    session, guard = session_of(Scripted(act), patience=0.5, wall=wall)
+    session, guard = session_of(Scripted(act), patience=0.5, mode=SessionMode(wall=wall))
     session.run(1.2 if wall else 0.6)
     never.set()
     reasons = [s[3].reason for s in guard.seen if isinstance(s[3], Rest)]
@@ -169,7 +169,7 @@ def test_a_task_that_is_silent_under_the_wall_clock_is_not_taken_at_its_old_word
             slow.wait(0.6)
         return JointIntent("G", np.array([1.0, -1.0]))
 
-    session, guard = session_of(Scripted(act), wall=True)
+    session, guard = session_of(Scripted(act), mode=SessionMode(wall=True))
     session.run(1.4)
     kinds = [type(s[3]).__name__ for s in guard.seen]
     assert "Rest" in kinds

@@ -17,6 +17,7 @@ from armsight.devices.driven_arm import DrivenArm
 from armsight.devices.driven_cameras import DrivenCamera
 from armsight.errors import DeviceError, UsageError, WorkcellError
 from armsight.geometry.pose import inverse
+from armsight.runtime.config import SessionMode
 from armsight.runtime.session import Session
 from armsight.workcell import drivers, open_cell, parse_workcell
 
@@ -197,7 +198,7 @@ def test_a_mixed_cell_runs_on_the_computers_time(monkeypatch, tmp_path):
 
     text = REAL.replace(f'driver = "{HERE}:Arm"\nconnection', "connection")
     with open_cell(parse_workcell(text + MORE)) as cell:
-        session = Session(cell, None, make=make_fake_parts, look_only=True)
+        session = Session(cell, None, make=make_fake_parts, mode=SessionMode(look_only=True))
         assert session.wall
         began = session.now()
         session.run(0.6)

@@ -60,6 +60,7 @@ class RunOptions:
 
 def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
     """Run to the end (time, Ctrl-C, SIGTERM) and return the session for its figures."""
+    from armsight.runtime.config import SessionMode
     from armsight.runtime.parts import make_parts
     from armsight.runtime.session import Session
 
@@ -69,8 +70,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             task,
             seed=wanted.seed,
             observers=wanted.observers,
-            cell_is_empty=wanted.cell_is_empty,
-            look_only=wanted.look_only,
+            mode=SessionMode(cell_is_empty=wanted.cell_is_empty, look_only=wanted.look_only),
             make=wanted.make or make_parts,
             config=wanted.config,
         )

@@ -125,6 +125,13 @@ class GripperState:
 
 
 @dataclass(frozen=True)
+class EmptyCell:
+    """Somebody's word, given at ``stamp`` [s], that nobody is in the cell."""
+
+    stamp: float
+
+
+@dataclass(frozen=True)
 class DepthNoise:
     """Random depth error that a consumer may assume: sigma(z) = a + b z + c z^2 [m]."""
 

@@ -49,6 +49,7 @@ In a second kind of run somebody walks in, puts a parcel of 12 cm on the table, 
 
 def episode(seed: int, run: int) -> dict[str, Any]:
     """One run beside a thing; module-level, so that worker processes can import it."""
+    from armsight.runtime.config import SessionMode
     from armsight.runtime.session import Session
     from armsight.tasks.patrol import PatrolTask
     from armsight.workcell import open_cell, simulated_world
@@ -63,7 +64,8 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     with open_cell(workcell, seed=int(rng.integers(2**31))) as cell:
         task = PatrolTask(workcell.goals, workcell.patrol.dwell_s)
         watch = Watch()
-        Session(cell, task, seed=group, observers=(watch,), cell_is_empty=said).run(SECONDS)
+        mode = SessionMode(cell_is_empty=said)
+        Session(cell, task, seed=group, observers=(watch,), mode=mode).run(SECONDS)
         return {
             "kind": kind if said else "unsaid",
             "place": None if place is None else [round(float(v), 3) for v in place],
@@ -180,6 +182,7 @@ def _hand_of(world: World) -> Floats:
 
 def left(seed: int, run: int) -> dict[str, Any]:
     """Somebody brings a parcel and goes; module-level, as :func:`episode`."""
+    from armsight.runtime.config import SessionMode
     from armsight.runtime.session import Session
     from armsight.tasks.patrol import PatrolTask
     from armsight.workcell import open_cell, simulated_world
@@ -207,7 +210,8 @@ def left(seed: int, run: int) -> dict[str, Any]:
     with open_cell(workcell, seed=int(rng.integers(2**31))) as cell:
         carried = Carried(target)
         task = PatrolTask(workcell.goals, workcell.patrol.dwell_s)
-        Session(cell, task, seed=run, observers=(carried,), cell_is_empty=True).run(LEFT_SECONDS)
+        mode = SessionMode(cell_is_empty=True)
+        Session(cell, task, seed=run, observers=(carried,), mode=mode).run(LEFT_SECONDS)
         return {
             "seconds": carried.taken - carried.away,
             "put": math.isfinite(carried.away),

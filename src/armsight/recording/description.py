@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Pose
+from armsight.arrays import Floats, Pose
 from armsight.devices.data import DepthNoise, RgbdCameraInfo, StereoInfo
+from armsight.devices.depth_model import DepthModel
 from armsight.errors import RecordingError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.shapes import Solid
@@ -94,6 +95,11 @@ def to_metadata(description: CellDescription) -> dict[str, dict[str, str]]:
             "range": json.dumps([float(value) for value in camera.range]),
             "noise": json.dumps([camera.noise.a, camera.noise.b, camera.noise.c]),
             "guard": json.dumps(camera.guard),
+            "infrared_scale": json.dumps(camera.infrared_scale),
+            "covariance": json.dumps(
+                None if camera.covariance is None else np.asarray(camera.covariance).tolist()
+            ),
+            "depth_model": json.dumps(_model_to_dict(camera.depth_model)),
         }
     return records
 
@@ -149,6 +155,55 @@ def _camera(name: str, record: Mapping[str, str]) -> RgbdCameraInfo:
         (nearest, farthest),
         DepthNoise(*json.loads(record["noise"])),
         bool(json.loads(record.get("guard", "true"))),
+        int(json.loads(record.get("infrared_scale", "0"))),
+        _covariance(json.loads(record.get("covariance", "null"))),
+        _model_from_dict(json.loads(record.get("depth_model", "null"))),
+    )
+
+
+def _covariance(rows: Any) -> Floats | None:
+    if rows is None:
+        return None
+    C = np.array(rows, float)
+    if C.shape != (6, 6) or not np.isfinite(C).all():
+        raise ValueError(f"a covariance of shape {C.shape} is no 6x6 of finite numbers")
+    return C
+
+
+def _model_to_dict(model: DepthModel | None) -> dict[str, Any] | None:
+    if model is None:
+        return None
+    arrays = {name: getattr(model, name).tolist() for name in ("knots", "values", "surface")}
+    return {
+        "offset": float(model.offset),
+        "scale": float(model.scale),
+        **arrays,
+        "middle": float(model.middle),
+        "range": [float(value) for value in model.range],
+        "rms": float(model.rms),
+        "scale_known": bool(model.scale_known),
+    }
+
+
+def _model_from_dict(record: Mapping[str, Any] | None) -> DepthModel | None:
+    if record is None:
+        return None
+    near, far = record["range"]
+    knots, values, surface = (
+        np.array(record[name], float) for name in ("knots", "values", "surface")
+    )
+    if knots.shape != values.shape or knots.ndim != 1 or surface.shape != (3,):
+        raise ValueError("a depth model's curve or surface has another shape")
+    return DepthModel(
+        float(record["offset"]),
+        float(record["scale"]),
+        knots,
+        values,
+        surface,
+        float(record["middle"]),
+        (float(near), float(far)),
+        float(record["rms"]),
+        bool(record["scale_known"]),
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from armsight.arrays import Pose, Vector3
-from armsight.devices.data import ArmStatus, JointState, RgbdFrame
+from armsight.devices.data import ArmStatus, EmptyCell, JointState, RgbdFrame
 from armsight.devices.recorded import (
     RecordedArm,
     RecordedCamera,
@@ -80,6 +80,7 @@ class Playback:
         face: what the task showed last, or None.
         note: what the user should know, such as where the recording was cut short.
         last: time of the newest delivery [s].
+        on_empty: called where somebody had said that nobody is in the cell.
     """
 
     def __init__(
@@ -97,6 +98,7 @@ class Playback:
         self.guard: GuardStatus | None = None
         self.face: ShownFace | None = None
         self.note = source.note
+        self.on_empty: Callable[[], None] = lambda: None
         self.last = source.span[0]
         self._sensors = dict(sensors or {})
         self._cameras: Mapping[str, RecordedCamera] = {c.info.name: c for c in cameras}
@@ -167,6 +169,8 @@ class Playback:
             self.arm.deliver(item)
         elif isinstance(item, ArmStatus):
             self.arm.deliver_status(item)
+        elif isinstance(item, EmptyCell):
+            self.on_empty()
         elif isinstance(item, GuardStatus):
             self.guard = item
         elif isinstance(item, ShownFace):

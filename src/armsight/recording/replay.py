@@ -40,6 +40,8 @@ from armsight.robots import load_robot, load_tool
 from armsight.robots.catalogue import is_path
 from armsight.robots.robot import Robot
 from armsight.workcell import Cell, Workcell, parse_workcell, robot_in
+from armsight.workcell.calibration_file.reading import calibrated_robot, parse_calibration
+from armsight.workcell.calibration_file.schema import CellCalibration
 
 LATE_START = 60 * NANOSECONDS
 """A recording whose clock starts later moves to 0: float32 times would lose their digits [ns]."""
@@ -114,7 +116,7 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
         if file is not None:
             text = _as_recorded(file.decode(), description.robot)
             workcell = parse_workcell(text, str(reader.path))
-            return workcell, robot_in(workcell)
+            return workcell, calibrated_robot(robot_in(workcell), _calibration(reader))
         robot = load_robot(description.robot)
         if description.tool != "none":
             robot = robot.with_tool(load_tool(description.tool))
@@ -123,6 +125,12 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
     except ArmsightError as error:
         raise RecordingError(f"{reader.path}: its cell cannot be built again: {error}") from error
     return bare_workcell(reader.path.stem, description.robot), robot
+
+
+def _calibration(reader: McapReader) -> CellCalibration | None:
+    """What was believed of the arm and its board when it was recorded."""
+    text = reader.contents.attachments.get("calibration.toml")
+    return None if text is None else parse_calibration(text.decode(), str(reader.path))
 
 
 def _as_recorded(text: str, robot: str) -> str:

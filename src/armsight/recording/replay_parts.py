@@ -126,6 +126,7 @@ def replay_parts(cell: Cell, config: SessionConfig) -> Parts:
     infos = cell.guard_cameras
     mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
     workspace = WorkspaceMap(cell.robot, infos, cell.static, mapping)
+    playback.on_empty = workspace.declare_empty
     return Parts(workspace, NoPlanner(), RecordedGuard(playback, cell.robot.n))
 
 

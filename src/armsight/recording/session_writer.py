@@ -39,6 +39,7 @@ from armsight.recording.streams import BY_READING
 from armsight.recording.topics import color_frame, depth_frame, stereo_frame
 from armsight.robots.kinematics import link_poses, tcp_pose
 from armsight.runtime.view import SessionView
+from armsight.workcell.calibration_file.writing import updated
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell
@@ -201,6 +202,10 @@ class Scribe:
         )
         text = cell.workcell.text if cell.workcell is not None else ""
         attachments = {"workcell.toml": text.encode()} if text else {}
+        found = cell.calibration
+        if found is not None:
+            text = updated("", cell.workcell, found.camera, found.arm, board=found.board)
+            attachments["calibration.toml"] = text.encode()
         self._writer.describe(to_metadata(description), attachments)
         now = cell.clock.now()
         tree: list[tuple[str, str, Pose]] = [("world", "base", cell.T_world_base)]

@@ -37,6 +37,8 @@ def guard_to_status(status: GuardStatus) -> Status:
         "snapshot_age": repr(float(status.snapshot_age)),
         "replans": str(status.replans),
         "reflexes": str(status.reflexes),
+        "wanted": _numbers(status.wanted),
+        "evidence_age": repr(float(status.evidence_age)),
     }
     values |= permit_to_values(status.permit)
     values |= {f"timing/{stage}": repr(float(seconds)) for stage, seconds in status.timings}
@@ -71,6 +73,8 @@ def guard_from_status(
             replans=int(values["replans"]),
             reflexes=int(values["reflexes"]),
             permit=permit_from_values(values),
+            wanted=_vector(values.get("wanted", "")),
+            evidence_age=float(values.get("evidence_age", "nan")),
             timings=tuple(
                 (key.removeprefix("timing/"), float(value))
                 for key, value in values.items()

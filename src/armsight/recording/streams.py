@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from armsight.devices.data import ArmMode, ArmStatus, GripperState, JointState, Wrench
+from armsight.devices.data import ArmMode, ArmStatus, EmptyCell, GripperState, JointState, Wrench
 from armsight.recording import messages
 from armsight.recording.codec import Decoding, Known, Message, Stream
 from armsight.recording.messages import encode, header, make, stamp_of, vector_message
@@ -21,6 +21,7 @@ JOINTS_TOPIC = "/joint_states"
 ARM_TOPIC = "/arm/status"
 WRENCH_TOPIC = "/wrench"
 GRIPPER_TOPIC = "/gripper/status"
+EMPTY_TOPIC = "/cell/empty"
 
 
 def _one(
@@ -111,6 +112,15 @@ def _gripper_from_message(message: Any) -> GripperState | None:
         return None
 
 
+def _word_to_bytes(word: EmptyCell) -> bytes:
+    return messages.encode_diagnostics([(0, "cell", "nobody is in the cell", {})], word.stamp)
+
+
+def _word_from_message(message: Any) -> EmptyCell | None:
+    said = "cell" in messages.decode_diagnostics(message)
+    return EmptyCell(stamp_of(message)) if said else None
+
+
 STREAMS: tuple[Stream, ...] = (
     Stream(
         JointState,
@@ -129,6 +139,7 @@ STREAMS: tuple[Stream, ...] = (
         _gripper_to_bytes,
         _gripper_from_message,
     ),
+    _one(EmptyCell, EMPTY_TOPIC, messages.DIAGNOSTICS, _word_to_bytes, _word_from_message),
 )
 """Every row."""
 

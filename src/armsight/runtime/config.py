@@ -12,6 +12,25 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class SessionMode:
+    """How a session treats its cell.
+
+    Attributes:
+        wall: run a simulated cell under the wall clock, in threads. Real cells always are.
+        exclusive: refuse to run while another process runs this cell. None: only for real arms;
+            simulated ones do not get in each other's way.
+        cell_is_empty: somebody has looked, and nobody is in the cell when it starts: what stands
+            there is no person, see ``docs/guard.md``.
+        look_only: send no command to the arm at all, not even to stop.
+    """
+
+    wall: bool = False
+    exclusive: bool | None = None
+    cell_is_empty: bool = False
+    look_only: bool = False
+
+
+@dataclass(frozen=True)
 class SessionConfig:
     """Periods, latencies and the configuration of the parts.
 

@@ -84,7 +84,7 @@ class SensingComponent:
                 for_map = camera.info.guard
                 self._channels.frames.put(frame, for_map)
                 fresh, came = fresh or for_map, True
-                self._tell(frame, now)
+                self.tell(frame, now)
         for sensor in self._sensors:
             try:
                 reading = sensor.read()
@@ -93,7 +93,7 @@ class SensingComponent:
                 continue
             if reading is not None:
                 self._channels.readings.put(reading)
-                self._tell(reading, now)
+                self.tell(reading, now)
         self.problem = "; ".join(problems)
         if fresh:
             self.on_frames(now)
@@ -120,16 +120,17 @@ class SensingComponent:
         if joints is not None:
             self._channels.history.add(joints)
             self._channels.joints.publish(joints, now)
-            self._tell(joints, now)
+            self.tell(joints, now)
         if status is None:
             return []
         self._channels.readings.put(status)
         last, self._status = self._status, status
         if last is None or _says(last) != _says(status):
-            self._tell(status, now)
+            self.tell(status, now)
         return [] if status.obeys else [f"arm: {status}"]
 
-    def _tell(self, reading: Any, now: float) -> None:
+    def tell(self, reading: Any, now: float) -> None:
+        """Pass a reading on to the taps; also what somebody has said of the cell."""
         for tap in self.taps:
             tap.on_reading(reading, now)
 

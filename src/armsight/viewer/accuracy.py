@@ -12,7 +12,7 @@ from armsight.devices.world import World
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.viewer.html import BAD, GOOD, OFF, table, table_row
 
-NEVER = "never calibrated: it stands where it is declared, as far as anybody knows"
+NEVER = "never calibrated"
 
 
 class TrueErrors:

@@ -197,8 +197,8 @@ class Panels:
         seen = gui.add_panel()
         with seen.add_tab("Cameras", viser.Icon.CAMERA):
             self._pictures = gui.add_image(np.full((216, 576, 3), 12, np.uint8), jpeg_quality=70)
-            self._put("cameras", html.cameras((), 0.0))
             self._put("accuracy", "")
+            self._put("cameras", html.cameras((), 0.0))
         with seen.add_tab("Health", viser.Icon.HEARTBEAT):
             self._put("components", html.components(()))
         with seen.add_tab("Timings", viser.Icon.CLOCK):

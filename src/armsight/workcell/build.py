@@ -74,6 +74,7 @@ class Cell:
         wrench: the force sensor at the flange, or None; gripper: likewise.
         mixed: a simulation stands behind some of the devices, and time is the computer's.
         show_joints: shows a real arm's joints to the simulation behind the cameras, or None.
+        calibration: what was believed when it was opened; None for a cell that has none.
     """
 
     workcell: Workcell
@@ -90,6 +91,7 @@ class Cell:
     gripper: Gripper | None = None
     mixed: bool = False
     show_joints: Callable[[JointVector], None] | None = None
+    calibration: CellCalibration | None = None
 
     @property
     def simulated(self) -> bool:
@@ -211,6 +213,7 @@ def open_cell(
             gripper=gripper,
             mixed=mixed,
             show_joints=None if world is None or own_arm else world.show_joints,
+            calibration=calibration,
         )
     except BaseException:
         close_all(opened)

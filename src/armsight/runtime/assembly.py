@@ -1,0 +1,209 @@
+"""The components of a session, made fresh and wired to each other and to their loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from armsight.errors import UsageError
+from armsight.motion.perception import Perceiver
+from armsight.motion.task import Task
+from armsight.runtime.channels import Channels
+from armsight.runtime.component import Component
+from armsight.runtime.components import GuardComponent, MappingComponent, PlanningComponent
+from armsight.runtime.config import SessionConfig
+from armsight.runtime.latency import Latency
+from armsight.runtime.parts import MakeParts, Parts
+from armsight.runtime.perceiver_component import PerceiverComponent
+from armsight.runtime.picture_orders import PictureOrders
+from armsight.runtime.sensing import SensingComponent, SensorTap
+from armsight.runtime.session_devices import SessionDevices
+from armsight.runtime.simulated_loop import SimulatedLoop
+from armsight.runtime.task_component import TaskComponent
+from armsight.runtime.wall_loop import WallLoop
+
+if TYPE_CHECKING:
+    from armsight.workcell import Cell
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a session is made of.
+
+    Attributes:
+        cell: open; task, perceivers, observers: of the caller.
+        seed: of the planner's randomness.
+        config: periods and latencies; make: builds map, planner and guard.
+        supervise: called by a loop in real time, beside its rounds.
+        speed: simulated seconds a second.
+    """
+
+    cell: Cell
+    task: Task | None
+    perceivers: Sequence[Perceiver]
+    observers: Sequence[Component]
+    seed: int
+    config: SessionConfig
+    make: MakeParts
+    supervise: Callable[[], None]
+    speed: float
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """What was made.
+
+    Attributes:
+        channels: what the components hand each other.
+        parts: map, planner, guard; loop: runs the components.
+        sensing, guard, task: those that the session talks to; components: all.
+    """
+
+    channels: Channels
+    parts: Parts
+    loop: SimulatedLoop | WallLoop
+    sensing: SensingComponent
+    guard: GuardComponent
+    task: TaskComponent | None
+    components: tuple[Component, ...]
+
+
+def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
+    """Make fresh parts, components and loop.
+
+    Raises:
+        UsageError: the task or a perceiver cannot run in this cell.
+    """
+    config, cell = wanted.config, wanted.cell
+    charge: Literal["declared", "measured", "real"] = "real" if devices.wall else config.charge
+
+    def latency(seconds: float) -> Latency:
+        return Latency(seconds, charge)
+
+    channels = Channels()
+    parts = wanted.make(cell, config)
+    sensing = SensingComponent(
+        channels, devices.arm, devices.cameras, devices.sensors, config.sensing_period
+    )
+    sensing.taps = [o for o in wanted.observers if isinstance(o, SensorTap)]
+    mapping = MappingComponent(
+        channels, parts.workspace, latency(config.mapping_latency), config.mapping_period
+    )
+    planning = PlanningComponent(
+        channels,
+        parts.planner,
+        latency(config.planning_latency),
+        wanted.seed,
+        config.planning_time,
+        config.planning_period,
+    )
+    perceivers = _perceivers(wanted, devices, channels, latency)
+    task = _task(wanted, devices, channels, perceivers, latency)
+    guard = GuardComponent(
+        channels,
+        parts.guard,
+        devices.arm,
+        task.intent if task is not None else lambda now: None,
+        latency(config.guard_latency),
+        config.guard_period,
+    )
+    foreign: list[PerceiverComponent | TaskComponent] = [*perceivers]
+    if task is not None:
+        foreign.append(task)
+    components: tuple[Component, ...] = (
+        sensing,
+        mapping,
+        planning,
+        *foreign,
+        guard,
+        *wanted.observers,
+    )
+    loop: SimulatedLoop | WallLoop
+    if devices.wall:
+        loop = WallLoop(devices.clock, components, wanted.supervise, devices.arm.stop)
+    else:
+        assert devices.advance is not None
+        loop = SimulatedLoop(cell.clock.now, devices.advance, components, wanted.speed)
+        guard.call_at = loop.call_at
+        if charge == "declared":
+            mapping.beside = planning.beside = loop.beside
+    for part in foreign:
+        part.on_seconds = loop.meters[part.name].more
+        if not devices.wall:
+            part.call_at = loop.call_at
+    made = Assembly(channels, parts, loop, sensing, guard, task, components)
+    _wire(made, mapping, planning, perceivers)
+    orders = PictureOrders(
+        wanted.task, wanted.perceivers, devices.cameras, cell.stereo, devices.lock
+    )
+    orders.place()
+    if task is not None:
+        task.on_subscriptions = orders.place
+    return made
+
+
+def _wire(
+    made: Assembly,
+    mapping: MappingComponent,
+    planning: PlanningComponent,
+    perceivers: Sequence[PerceiverComponent],
+) -> None:
+    """Who is woken by whose news, besides the periods."""
+    loop, task = made.loop, made.task
+
+    def wake_guard(at: float) -> None:
+        # A task that wants the map is asked before.
+        if task is not None and task.task.subscriptions.snapshot:
+            loop.wake(task.name, at)
+        loop.wake("guard", at)
+
+    def wake_perceivers(at: float) -> None:
+        for perceiver in perceivers:
+            if perceiver.frames.waiting:
+                loop.wake(perceiver.name, at)
+
+    made.sensing.on_frames = lambda at: loop.wake("mapping", at)
+    made.sensing.on_pictures = wake_perceivers
+    mapping.on_snapshot = planning.on_plan = wake_guard
+    made.guard.on_request = lambda at: loop.wake("planning", at)
+    if task is not None:
+        name, wanted = task.name, task.task.subscriptions.perceivers
+        for perceiver in perceivers:
+            if perceiver.perceiver.name in wanted:
+                perceiver.on_result = lambda at: loop.wake(name, at)
+
+
+def _perceivers(
+    wanted: Wanted,
+    devices: SessionDevices,
+    channels: Channels,
+    latency: Callable[[float], Latency],
+) -> list[PerceiverComponent]:
+    infos = {c.info.name: c.info for c in devices.cameras}
+    names = [p.name for p in wanted.perceivers]
+    if len(set(names)) < len(names):
+        raise UsageError(f"two perceivers have the same name: {', '.join(sorted(names))}")
+    robot, patience = wanted.cell.robot, wanted.config.patience
+    made = [
+        PerceiverComponent(p, robot, infos, channels.history, latency, patience)
+        for p in wanted.perceivers
+    ]
+    channels.frames.readers += [p.frames for p in made]
+    return made
+
+
+def _task(
+    wanted: Wanted,
+    devices: SessionDevices,
+    channels: Channels,
+    perceivers: Sequence[PerceiverComponent],
+    latency: Callable[[float], Latency],
+) -> TaskComponent | None:
+    if wanted.task is None:
+        return None
+    infos = {c.info.name: c.info for c in devices.cameras}
+    robot, patience = wanted.cell.robot, wanted.config.patience
+    made = TaskComponent(wanted.task, channels, robot, infos, perceivers, latency, patience)
+    channels.frames.readers.append(made.frames)
+    return made
