@@ -29,6 +29,7 @@ from armsight.commands.record import Record
 from armsight.commands.replay import Replay
 from armsight.commands.robots import Robots
 from armsight.commands.run import RunCommand, run_with
+from armsight.commands.servo import Servo
 from armsight.commands.train import Train
 from armsight.commands.transfer import Transfer
 from armsight.commands.view import ViewCommand
@@ -40,6 +41,7 @@ COMMANDS = (
     New,
     Patrol,
     RunCommand,
+    Servo,
     Calibrate,
     BoardCommand,
     Record,
@@ -62,6 +64,7 @@ DESCRIPTION = """armsight: a robot arm that knows its surroundings.
   armsight check my_cell.toml
   armsight patrol my_cell.toml --seconds 120 --headless --json result.json
   armsight run my_cell.toml --task my_module:MyTask   a task of your own, guarded
+  armsight servo ur10_servoing --task ball       the arm comes after a ball that you drag
   armsight calibrate ur5_calibration             find cameras and lenses by the board on the arm
   armsight recognise photo.jpg                   type, mask, base and joints of a robot in it
   armsight detect-port photo.jpg                 type and pose of a charging port in it

@@ -76,7 +76,7 @@ class RunCommand:
                 observers=(EndsWithTask(),) if self.headless else (),
             )
             session = run_session(cell, task, wanted)
-            summary = _summary(session)
+            summary = summary_of(session)
         for key, value in summary.items():
             say(f"{key:18}{value}")
         if self.json is not None:
@@ -135,7 +135,7 @@ def _values(words: Sequence[str], flag: str) -> Sequence[str]:
     return [*found, *(w.partition("=")[2] for w in words if w.startswith(f"{flag}="))]
 
 
-def _summary(session: Session) -> dict[str, Any]:
+def summary_of(session: Session) -> dict[str, Any]:
     """How a run ended, as JSON knows it."""
     guard, face = session.status(), session.view().face
     truth = getattr(session.cell.world, "truth", None)

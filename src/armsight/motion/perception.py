@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
 
 from armsight.arrays import Pose
-from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
+from armsight.devices.data import (
+    JointState,
+    RgbdCameraInfo,
+    RgbdFrame,
+    StereoFrame,
+    StereoInfo,
+)
 from armsight.geometry.camera import PinholeCamera
 
 
@@ -57,6 +63,27 @@ class PosedFrame:
         return T
 
 
+@dataclass(frozen=True)
+class PosedPair:
+    """The pictures of a stereo pair with where it was.
+
+    Attributes:
+        frame: one exposure; info: of the pair.
+        joints: of the arm at the exposure, interpolated; None where none are known.
+        T_base_camera: the left lens in ``base`` at the exposure; None for a pair on an arm whose
+            joints are not known.
+    """
+
+    frame: StereoFrame
+    info: StereoInfo
+    joints: JointState | None
+    T_base_camera: Pose | None
+
+
+Posed: TypeAlias = PosedFrame | PosedPair
+"""What a perceiver is handed."""
+
+
 class Evidence(Protocol):
     """What a perceiver publishes: an immutable record that says when it was so."""
 
@@ -70,8 +97,9 @@ class Perceiver(Protocol):
     """Turns frames into observations. A component of its own; knows no thread and no clock.
 
     It may have a ``latency``: what a round takes on the simulated clock [s], 0.02 if it does not
-    say. It may have a ``reset()``, called when a simulated cell begins anew. One that raises loses
-    that round and says so; one that hangs publishes nothing any more.
+    say. It may name stereo pairs in ``stereo``, whose pictures then come as :class:`PosedPair`. It
+    may have a ``reset()``, called when a simulated cell begins anew. One that raises loses that
+    round and says so; one that hangs publishes nothing any more.
 
     Attributes:
         name: unique in the session; a task finds the observation by it.
@@ -83,8 +111,10 @@ class Perceiver(Protocol):
     period: float
     cameras: Sequence[CameraUse]
 
-    def update(self, frames: Sequence[PosedFrame]) -> Evidence | None:
+    def update(self, frames: Sequence[Any]) -> Evidence | None:
         """The newest frame of each camera that sent one since the last round, by exposure.
+
+        They are :class:`PosedFrame`, and :class:`PosedPair` for whoever named a pair.
 
         Returns None when there is nothing to say of them: the observation before stays the newest.
         """

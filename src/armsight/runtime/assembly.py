@@ -185,8 +185,9 @@ def _perceivers(
     if len(set(names)) < len(names):
         raise UsageError(f"two perceivers have the same name: {', '.join(sorted(names))}")
     robot, patience = wanted.cell.robot, wanted.config.patience
+    pairs = {pair.info.name: pair.info for pair in wanted.cell.stereo}
     made = [
-        PerceiverComponent(p, robot, infos, channels.history, latency, patience)
+        PerceiverComponent(p, robot, infos, channels.history, latency, patience, pairs)
         for p in wanted.perceivers
     ]
     channels.frames.readers += [p.frames for p in made]

@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.data import JointState, RgbdFrame, StereoFrame
 from armsight.devices.history import JointHistory
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, PlanRequest
@@ -65,10 +65,14 @@ class FrameBox:
         self.dropped = 0
         self.readers: list[NewestFrames] = []
 
-    def put(self, frame: RgbdFrame, for_map: bool = True) -> None:
-        """Leave a frame, for the map and for whoever looks, or for those alone."""
+    def show(self, frame: RgbdFrame | StereoFrame) -> None:
+        """A frame for those who look; pairs are nothing to the map."""
         for box in self.readers:
             box.put(frame)
+
+    def put(self, frame: RgbdFrame, for_map: bool = True) -> None:
+        """Leave a frame, for the map and for whoever looks, or for those alone."""
+        self.show(frame)
         with self._lock:
             self._newest[frame.camera] = frame
             if for_map:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
-from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
-from armsight.motion.perception import Evidence, Perceiver
+from armsight.motion.perception import Evidence, Perceiver, Posed
 from armsight.robots.robot import Robot
 from armsight.runtime.foreign import ForeignThread, Outcome
 from armsight.runtime.latency import Latency
-from armsight.runtime.posing import NewestFrames, posed
+from armsight.runtime.posing import NewestFrames, posed, posed_pair
 from armsight.runtime.slot import Slot
 
 LATENCY = 0.02
@@ -36,6 +37,7 @@ class PerceiverComponent:
         history: joints of the last seconds.
         charge: how compute time is charged, see :class:`Latency`.
         patience: a call that takes longer on the wall clock [s] is given up.
+        pairs: stereo pairs of the cell, by name.
 
     Raises:
         UsageError: its period, its latency or a camera's name is not possible.
@@ -49,18 +51,21 @@ class PerceiverComponent:
         history: JointHistory,
         charge: Callable[[float], Latency],
         patience: float,
+        pairs: Mapping[str, StereoInfo] = MappingProxyType({}),
     ) -> None:
         self.name = f"perceiver/{perceiver.name}"
         self.period = checked_period(f"perceiver {perceiver.name}", perceiver)
         self.charge = 0.0
         self.problem = ""
         self.newest: Slot[Evidence] = Slot()
-        self.frames = NewestFrames(perceiver.cameras)
+        self.stereo: tuple[str, ...] = tuple(getattr(perceiver, "stereo", ()))
+        self.frames = NewestFrames(perceiver.cameras, self.stereo)
         self.on_result: Callable[[float], None] = lambda at: None
         self.on_seconds: Callable[[float], None] = lambda seconds: None
         self.call_at: Callable[[float, Callable[[], None]], None] | None = None
         self.perceiver = perceiver
         self._robot, self._cameras, self._history = robot, cameras, history
+        self._pairs = pairs
         self._latency = charge(checked_latency(f"perceiver {perceiver.name}", perceiver, LATENCY))
         self._thread = ForeignThread(self.name, patience)
         self._began = -math.inf
@@ -71,6 +76,13 @@ class PerceiverComponent:
                     f"perceiver {perceiver.name}: no camera '{use.camera}' in this cell; "
                     f"there are: {known}"
                 )
+        for name in self.stereo:
+            if name not in pairs:
+                known = ", ".join(sorted(pairs)) or "none"
+                raise UsageError(
+                    f"perceiver {perceiver.name}: no stereo pair '{name}' in this cell; there "
+                    f"are: {known}"
+                )
 
     def update(self, now: float) -> None:
         """Begin a round if there is a frame for it."""
@@ -78,11 +90,7 @@ class PerceiverComponent:
         if self._thread.hung or not self.frames.waiting or now < self._began + self.period - 1e-9:
             return
         self._began = now
-        frames = [
-            posed(f, self._cameras[f.camera], self._robot, self._history)
-            for f in self.frames.take()
-            if f.camera in self._cameras
-        ]
+        frames = [self._posed(f) for f in self.frames.take() if self._known(f)]
         wait = self._thread.begin(lambda: self.perceiver.update(frames))
         if self.call_at is not None and self._latency.charge == "declared":
             self.charge = self._latency.declared
@@ -98,6 +106,14 @@ class PerceiverComponent:
         outcome = wait()
         self.charge = self._latency.of(outcome.seconds)
         self._finish(outcome, now + self.charge)
+
+    def _known(self, frame: RgbdFrame | StereoFrame) -> bool:
+        return frame.camera in (self._pairs if isinstance(frame, StereoFrame) else self._cameras)
+
+    def _posed(self, frame: RgbdFrame | StereoFrame) -> Posed:
+        if isinstance(frame, StereoFrame):
+            return posed_pair(frame, self._pairs[frame.camera], self._robot, self._history)
+        return posed(frame, self._cameras[frame.camera], self._robot, self._history)
 
     def _finish(self, outcome: Outcome[Any], at: float) -> None:
         self.problem = outcome.fault

@@ -33,6 +33,7 @@ class PictureOrders:
     ) -> None:
         self._task = task
         self._always: list[CameraUse] = [u for p in perceivers for u in p.cameras]
+        self._looked_at = [name for p in perceivers for name in getattr(p, "stereo", ())]
         self._cameras = cameras
         self._pairs = {pair.info.name: pair for pair in stereo}
         self._lock = lock
@@ -47,9 +48,13 @@ class PictureOrders:
             UsageError: the task wants a pair that is not in the cell.
         """
         uses = list(self._always)
+        wanted = list(self._looked_at)
         if self._task is not None:
-            self._want_pairs(self._task)
+            wanted += self._known_pairs(self._task)
             uses += self._task.subscriptions.cameras
+        for name in wanted:
+            with self._lock:
+                self._pairs[name].want_pictures(True)
         for camera in self._cameras:
             mine = [u for u in uses if u.camera in ("", camera.info.name)]
             those = [u for u in mine if u.color_rate > 0]
@@ -64,12 +69,11 @@ class PictureOrders:
             if hasattr(camera, "stand_by"):
                 camera.stand_by(not mine and not camera.info.guard)
 
-    def _want_pairs(self, task: Task) -> None:
+    def _known_pairs(self, task: Task) -> tuple[str, ...]:
         for name in task.subscriptions.stereo:
             if name not in self._pairs:
                 known = ", ".join(sorted(self._pairs)) or "none"
                 raise UsageError(
                     f"task {task.name}: no stereo pair '{name}' in this cell; there are: {known}"
                 )
-            with self._lock:
-                self._pairs[name].want_pictures(True)
+        return task.subscriptions.stereo

@@ -5,13 +5,21 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from armsight.devices.data import RgbdCameraInfo, RgbdFrame
+from armsight.arrays import Pose
+from armsight.devices.data import (
+    JointState,
+    RgbdCameraInfo,
+    RgbdFrame,
+    StereoFrame,
+    StereoInfo,
+)
 from armsight.devices.history import JointHistory
 from armsight.geometry.camera import PinholeCamera
-from armsight.motion.perception import CameraUse, PosedFrame
+from armsight.motion.perception import CameraUse, PosedFrame, PosedPair
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 
@@ -20,15 +28,34 @@ def posed(
     frame: RgbdFrame, info: RgbdCameraInfo, robot: Robot, history: JointHistory
 ) -> PosedFrame:
     """A frame with the joints at its exposure and the pose of its camera."""
-    joints = history.at(frame.stamp) if math.isfinite(frame.stamp) else None
-    if joints is not None and not np.isfinite(joints.position).all():
-        joints = None
+    joints = _joints_at(frame.stamp, history)
     T = frame.T_base_camera
-    if T is None and info.mounted_on == "base":
-        T = info.T_mount_camera
-    elif T is None and joints is not None:
-        T = flange_pose(robot, joints.position) @ info.T_mount_camera
+    if T is None:
+        T = _mounted(info, robot, joints)
     return PosedFrame(frame, info, joints, T, color_lens(frame, info))
+
+
+def posed_pair(
+    frame: StereoFrame, info: StereoInfo, robot: Robot, history: JointHistory
+) -> PosedPair:
+    """A pair's pictures with the joints at their exposure and the pose of its left lens."""
+    joints = _joints_at(frame.stamp, history)
+    return PosedPair(frame, info, joints, _mounted(info, robot, joints))
+
+
+def _joints_at(stamp: float, history: JointHistory) -> JointState | None:
+    joints = history.at(stamp) if math.isfinite(stamp) else None
+    return joints if joints is not None and np.isfinite(joints.position).all() else None
+
+
+def _mounted(
+    info: RgbdCameraInfo | StereoInfo, robot: Robot, joints: JointState | None
+) -> Pose | None:
+    if info.mounted_on == "base":
+        return info.T_mount_camera
+    if joints is None:
+        return None
+    return np.asarray(flange_pose(robot, joints.position) @ info.T_mount_camera)
 
 
 def color_lens(frame: RgbdFrame, info: RgbdCameraInfo) -> PinholeCamera | None:
@@ -42,10 +69,11 @@ def color_lens(frame: RgbdFrame, info: RgbdCameraInfo) -> PinholeCamera | None:
 class NewestFrames:
     """The newest frame of each camera that a subscriber wants; written and read by any thread."""
 
-    def __init__(self, uses: Sequence[CameraUse]) -> None:
+    def __init__(self, uses: Sequence[CameraUse], pairs: Sequence[str] = ()) -> None:
         self._names = {use.camera for use in uses}
+        self._pairs = frozenset(pairs)
         self._lock = threading.Lock()
-        self._newest: dict[str, RgbdFrame] = {}
+        self._newest: dict[str, Any] = {}
         self._fresh: set[str] = set()
 
     def use(self, uses: Sequence[CameraUse]) -> None:
@@ -55,13 +83,15 @@ class NewestFrames:
             self._newest.clear()
             self._fresh.clear()
 
-    def wants(self, camera: str) -> bool:
-        """Whether a camera's frames are subscribed to."""
-        return "" in self._names or camera in self._names
+    def wants(self, frame: RgbdFrame | StereoFrame) -> bool:
+        """Whether a camera's or a pair's frames are subscribed to."""
+        if isinstance(frame, StereoFrame):
+            return frame.camera in self._pairs
+        return "" in self._names or frame.camera in self._names
 
-    def put(self, frame: RgbdFrame) -> None:
+    def put(self, frame: RgbdFrame | StereoFrame) -> None:
         """A frame came in."""
-        if self.wants(frame.camera):
+        if self.wants(frame):
             with self._lock:
                 self._newest[frame.camera] = frame
                 self._fresh.add(frame.camera)
@@ -72,14 +102,14 @@ class NewestFrames:
         with self._lock:
             return bool(self._fresh)
 
-    def take(self) -> list[RgbdFrame]:
+    def take(self) -> list[Any]:
         """The newest frames that came in since the last time, by exposure."""
         with self._lock:
             frames = [self._newest[name] for name in self._fresh]
             self._fresh.clear()
         return sorted(frames, key=lambda frame: (frame.stamp, frame.camera))
 
-    def newest(self) -> list[RgbdFrame]:
+    def newest(self) -> list[Any]:
         """The newest frame of every camera that ever sent one, by name."""
         with self._lock:
             return [self._newest[name] for name in sorted(self._newest)]

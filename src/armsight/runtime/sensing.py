@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
-from armsight.devices.data import ArmStatus
+from armsight.devices.data import ArmStatus, StereoFrame
 from armsight.devices.protocols import Arm, RgbdCamera
 from armsight.errors import DeviceError, DeviceLostError
 from armsight.runtime.channels import Channels
@@ -93,6 +93,9 @@ class SensingComponent:
                 continue
             if reading is not None:
                 self._channels.readings.put(reading)
+                if isinstance(reading, StereoFrame):
+                    self._channels.frames.show(reading)
+                    came = True
                 self.tell(reading, now)
         self.problem = "; ".join(problems)
         if fresh:

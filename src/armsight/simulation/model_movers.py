@@ -73,4 +73,6 @@ def add_object(builder: Builder, item: MovingObjectSpec) -> str:
         "object",
         **TOUCH_ONLY,
     )
+    for part in item.parts:
+        builder.solid(body, part, part.T_frame_solid, "object", item.solid.name, **TOUCH_ONLY)
     return name

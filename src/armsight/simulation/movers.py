@@ -172,8 +172,10 @@ class Hand:
 class MovingObject:
     """A thing on a circle, on a line, or dragged."""
 
-    def __init__(self, spec: MovingObjectSpec) -> None:
+    def __init__(self, spec: MovingObjectSpec, seed: tuple[int, ...] = (0,)) -> None:
         self.name = spec.solid.name
+        drawn = spec.follow
+        self._follow = None if drawn is None else drawn(np.random.default_rng(seed))
         self._spec = spec
         self._T_start = spec.solid.T_frame_solid
         self.reset()
@@ -199,12 +201,14 @@ class MovingObject:
             self.position = _towards(self.position, self._target, room)
         elif not self._dragged:
             self.position = own
-        elif self._spec.path != "free":
+        elif self._spec.path != "free" or self._follow is not None:
             self.position = _towards(self.position, own, room)
             self._dragged = bool(np.linalg.norm(self.position - own) > 1e-6)
         position[0] = self.position
 
     def _own(self, now: float) -> Vector3:
+        if self._follow is not None:
+            return self._follow(now)
         start, center = self._T_start[:3, 3], np.asarray(self._spec.center, float)
         turn = 2.0 * np.pi * now / self._spec.period
         if self._spec.path == "circle":

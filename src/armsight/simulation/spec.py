@@ -5,11 +5,14 @@ Everything here is in the ``world`` frame of the cell: z up, floor at z = 0 unle
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from armsight.arrays import Bytes, JointVector, Pose
+import numpy as np
+
+from armsight.arrays import Bytes, JointVector, Pose, Vector3
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Robot
@@ -157,6 +160,8 @@ class MovingObjectSpec:
         path: ``circle`` about ``center``, ``line`` from the start to ``center``, or ``free``.
         center: (x, y, z) [m]; period: seconds a round [s].
         max_speed: when it is dragged [m/s].
+        parts: more solids that it carries, posed in the frame of ``solid``.
+        follow: draws a path, its place (3,) [m] at a time [s], which goes before ``path``; or None.
     """
 
     solid: Solid
@@ -164,6 +169,8 @@ class MovingObjectSpec:
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     period: float = 10.0
     max_speed: float = 1.5
+    parts: tuple[Solid, ...] = ()
+    follow: Callable[[np.random.Generator], Callable[[float], Vector3]] | None = None
 
 
 @dataclass(frozen=True, eq=False)

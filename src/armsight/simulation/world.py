@@ -64,7 +64,9 @@ class SimulatedWorld:
         self.seed = seed
         self.clock = SimulatedClock()
         self._people = tuple(make_person(person) for person in spec.people)
-        self._objects = tuple(MovingObject(item) for item in spec.objects)
+        self._objects = tuple(
+            MovingObject(item, (seed, 60, i)) for i, item in enumerate(spec.objects)
+        )
         self._movers = {mover.name: mover for mover in (*self._people, *self._objects)}
         if len(self._movers) < len(self._people) + len(self._objects):
             raise UsageError("people and moving objects need names of their own")
@@ -191,7 +193,10 @@ class SimulatedWorld:
             for index, solid in drawn:
                 states.append(MovingSolid(solid.name, solid, poses[index] @ solid.T_frame_solid))
         for item, first in zip(self.spec.objects, self._cell.object_bodies):
-            states.append(MovingSolid(item.solid.name, item.solid, self._mocap_pose(first)))
+            T = self._mocap_pose(first)
+            states.append(MovingSolid(item.solid.name, item.solid, T))
+            for part in item.parts:
+                states.append(MovingSolid(part.name, part, T @ part.T_frame_solid))
         return tuple(states)
 
     def bodies(self) -> tuple[MovingSurfaces, ...]:

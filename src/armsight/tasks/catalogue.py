@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     from armsight.workcell import Cell
 
 GROUP = "armsight.tasks"
-OURS = {"patrol": "armsight.tasks.patrol:PatrolOptions"}
+OURS = {
+    "patrol": "armsight.tasks.patrol:PatrolOptions",
+    "servo": "armsight.tasks.servo:ServoOptions",
+}
 """Tasks that come with armsight; they need no entry point, so a source tree has them too."""
 
 

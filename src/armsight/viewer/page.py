@@ -263,7 +263,9 @@ def draggable(cell: Cell) -> tuple[str, ...]:
         return ()
     settings = cell.workcell.simulation
     hands = [p.name for p in settings.person if p.motion == "hand"]
-    return (*hands, *(o.name for o in settings.object if o.path == "free"))
+    free = [thing.name for thing in settings.object if thing.path == "free"]
+    led = [target.name for target in settings.target if target.path in ("free", "wander")]
+    return (*hands, *free, *led)
 
 
 def _belongs(mover: str, name: str) -> bool:

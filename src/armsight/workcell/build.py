@@ -29,6 +29,7 @@ from armsight.simulation.spec import (
     WorldSpec,
     WrenchSpec,
 )
+from armsight.simulation.targets import TargetSpec, target_object
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell.board import board_spec
 from armsight.workcell.calibration_file.reading import (
@@ -49,7 +50,13 @@ from armsight.workcell.opening import (
     open_stereo,
     open_wrench,
 )
-from armsight.workcell.schema import CameraSection, PersonSection, StereoSection, Workcell
+from armsight.workcell.schema import (
+    CameraSection,
+    PersonSection,
+    StereoSection,
+    TargetSection,
+    Workcell,
+)
 
 DEFAULT_STEREO = "wrist_stereo"
 """Model of a simulated pair that names none."""
@@ -323,9 +330,12 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
         static=tuple(s.solid for s in workcell.solid),
         undeclared=tuple(s.solid for s in settings.undeclared),
         people=tuple(_person(workcell, p) for p in settings.person),
-        objects=tuple(
-            MovingObjectSpec(o.solid, o.path, o.center or (0.0, 0.0, 0.0), o.period_s)
-            for o in settings.object
+        objects=(
+            *(
+                MovingObjectSpec(o.solid, o.path, o.center or (0.0, 0.0, 0.0), o.period_s)
+                for o in settings.object
+            ),
+            *(target_object(_target(t)) for t in settings.target),
         ),
         floor=settings.floor,
         time_step=settings.time_step_ms / 1e3,
@@ -420,6 +430,20 @@ def _person(workcell: Workcell, section: PersonSection) -> PersonSpec:
         height=section.height,
         target=section.target,
         distance=section.distance,
+    )
+
+
+def _target(section: TargetSection) -> TargetSpec:
+    return TargetSpec(
+        name=section.name,
+        kind=section.kind,
+        T_world_target=section.pose,
+        path=section.path,
+        center=section.center or (0.0, 0.0, 0.0),
+        period=section.period_s,
+        speed=section.speed,
+        room=section.room,
+        glossy=section.glossy,
     )
 
 

@@ -154,6 +154,7 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
             *_names(simulation, "undeclared", "simulation."),
             *_names(simulation, "person", "simulation."),
             *_names(simulation, "object", "simulation."),
+            *_names(simulation, "target", "simulation."),
         ]
     )
     yield from _in_collision(robot, [s for _, s in solids], patrol)

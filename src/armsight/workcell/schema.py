@@ -321,6 +321,43 @@ class ObjectSection(SolidSection):
         return self
 
 
+class TargetSection(Section):
+    """A target of visual servoing: a ball, a bulls-eye, a smiley on a box, a gloved hand (V)."""
+
+    name: Name = key(..., "Unique in the cell.")
+    kind: Literal["ball", "bullseye", "smiley", "hand"] = key("ball", "What it is.")
+    position: Triple = key(..., "The ball's centre; middle of the rings, the mouth, the palm.", "m")
+    rpy_deg: Triple = key(
+        (0.0, 0.0, 0.0),
+        "Roll, pitch, yaw of its frame, whose z comes out of rings, mouth or palm.",
+        "deg",
+    )
+    path: Literal["circle", "line", "free", "wander"] = key(
+        "free",
+        "`free`: the page leads it; `circle` about or `line` to `center` and back; `wander`: a "
+        "smooth path drawn from the seed of the cell.",
+    )
+    center: Triple | None = key(None, "Centre of the circle, or far end of the line.", "m")
+    period_s: Positive = key(10.0, "Time of one round.", "s")
+    speed: Positive = key(0.2, "Greatest speed of one that wanders.", "m/s", le=2.0)
+    room: Extent = key((0.15, 0.25, 0.15), "How far one wanders along x, y, z at most.", "m")
+    glossy: Switch = key(False, "Shiny: it mirrors the lamps, and infrared sees little of it.")
+
+    @model_validator(mode="after")
+    def _center_named(self) -> TargetSection:
+        if (self.path in ("circle", "line")) != (self.center is not None):
+            raise ValueError(
+                f'path is "{self.path}" and center is {"set" if self.center else "missing"}, '
+                'expected a center with path "circle" or "line", and only then'
+            )
+        return self
+
+    @property
+    def pose(self) -> Pose:
+        """Its frame in world at the start."""
+        return from_rpy(np.deg2rad(self.rpy_deg), self.position)
+
+
 class WrenchErrorsSection(Section):
     """Errors of the simulated force sensor; the defaults are a usual sensor's of 300 N."""
 
@@ -392,6 +429,7 @@ class SimulationSection(Section):
     )
     person: tuple[PersonSection, ...] = key((), "People.")
     object: tuple[ObjectSection, ...] = key((), "Things that move or can be dragged.")
+    target: tuple[TargetSection, ...] = key((), "Targets of visual servoing.")
 
 
 class MappingSection(Section):

@@ -1,0 +1,84 @@
+"""``armsight servo``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from armsight.commands.serving import Page
+
+
+@dataclass(frozen=True)
+class Servo:
+    """Follow a target that moves, and touch it: drag it on the page, and the arm comes after it.
+
+    Example: armsight servo ur10_servoing --task ball
+
+    Attributes:
+        workcell: a workcell file, or the name of a packaged cell.
+        task: what to follow.
+        mode: `ours`; `paper`: the Master and the segments of V; `fixed`: those without the pair.
+        standoff: how far before the surface the tip stays [m]; 0 touches.
+        seconds: how long on the cell's clock; until Ctrl-C if left out.
+        cell_is_empty: you have looked, and nobody is in the cell: what stands there is no person.
+        headless: no page, and as fast as the machine can.
+        json: write the run's figures here; `-` is standard output.
+        record: record everything into this new file (.mcap).
+        seed: of everything random.
+        speed: simulated seconds a second; 0 for as fast as the machine can.
+        page: where the live page is served.
+    """
+
+    workcell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")]
+    task: Literal["ball"] = "ball"
+    mode: Literal["ours", "paper", "fixed"] = "ours"
+    standoff: float = 0.0
+    seconds: float | None = None
+    cell_is_empty: bool = False
+    headless: bool = False
+    json: Path | None = None
+    record: Path | None = None
+    seed: int = 0
+    speed: float | None = None
+    page: Page = field(default_factory=Page)
+
+    def run(self) -> int:
+        """Servo; prints how it went."""
+        from armsight.commands.patrol import speed_of
+        from armsight.commands.run import EndsWithTask, summary_of
+        from armsight.commands.running import (
+            RunOptions,
+            exit_code,
+            run_session,
+            say,
+            write_summary,
+        )
+        from armsight.errors import UsageError
+        from armsight.tasks.servo import ServoOptions
+        from armsight.workcell import open_cell
+        from armsight.workcell.packaged import load
+
+        if self.headless and self.seconds is None:
+            raise UsageError("--headless needs --seconds: nobody would see when to end it")
+        workcell = load(self.workcell)
+        with open_cell(workcell, self.seed) as cell:
+            task = ServoOptions(self.task, self.mode, self.standoff).make(cell)
+            wanted = RunOptions(
+                seconds=self.seconds,
+                page=None if self.headless else self.page,
+                record=self.record,
+                seed=self.seed,
+                speed=speed_of(self.speed, self.headless),
+                observers=(EndsWithTask(),) if self.headless else (),
+                cell_is_empty=self.cell_is_empty,
+            )
+            session = run_session(cell, task, wanted)
+            summary = summary_of(session)
+        for key, value in summary.items():
+            say(f"{key:18}{value}")
+        if self.json is not None:
+            write_summary(self.json, summary)
+        return exit_code(session, self.seconds)

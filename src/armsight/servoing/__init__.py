@@ -1,0 +1,1 @@
+"""Visual servoing to moving targets (V): detection, one estimate, the Master, and the laws."""

@@ -1,0 +1,70 @@
+"""How the tip comes to what it shall touch: along the tool's axis, down a funnel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armsight.arrays import Vector3
+from armsight.servoing.aim import Aim
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """The tip may be this near only if it is aligned.
+
+    Attributes:
+        gap: final distance of the tip from the touched point along the axis [m]; below 0 presses.
+        slope: stand-off for each metre beside the axis [1].
+        free: that far beside the axis costs no stand-off [m].
+        most: greatest stand-off [m].
+    """
+
+    gap: float = 0.0
+    slope: float = 2.0
+    free: float = 0.004
+    most: float = 0.12
+
+    def standoff(self, tip: Vector3, touched: Vector3, axis: Vector3) -> float:
+        """How far before the touched point the tip shall be now [m]."""
+        to = touched - tip
+        beside = float(np.linalg.norm(to - axis * (axis @ to)))
+        past = max(float(-(axis @ to)), 0.0)  # behind the point already: go back first
+        extra = self.slope * max(beside - self.free, 0.0) + (self.most if past > 0.02 else 0.0)
+        return self.gap + min(extra, self.most)
+
+
+def facing(
+    place: Vector3, base_axis: Vector3, front: Vector3, widest: float = np.deg2rad(60.0)
+) -> Vector3:
+    """Horizontal direction from the arm's axis to a place, held to the operator's side (V's a*).
+
+    Args:
+        place: (3,) the target, in ``base`` [m].
+        base_axis: (3,) unit: the vertical in ``base``.
+        front: (3,) unit: towards the side where the person stands, in ``base``.
+        widest: greatest angle from ``front`` [rad].
+    """
+    flat = place - base_axis * (base_axis @ place)
+    length = float(np.linalg.norm(flat))
+    if length < 0.05:
+        return front
+    flat = flat / length
+    side = np.cross(base_axis, front)
+    angle = float(np.arctan2(flat @ side, flat @ front))
+    angle = float(np.clip(angle, -widest, widest))
+    return np.asarray(np.cos(angle) * front + np.sin(angle) * side)
+
+
+def touch_aim(
+    tip: Vector3,
+    touched: Vector3,
+    velocity: Vector3,
+    axis: Vector3,
+    down: Vector3,
+    funnel: Funnel,
+) -> Aim:
+    """The aim of a tip that shall touch a moving point along an axis."""
+    standoff = funnel.standoff(tip, touched, axis)
+    return Aim(touched - standoff * axis, velocity, axis, down)

@@ -1,0 +1,143 @@
+"""The perceivers of visual servoing: one for each camera, and one for the pair on the wrist."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from armsight.arrays import ColorImage, Points, Vector3
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse, transform
+from armsight.motion.perception import CameraUse, PosedFrame, PosedPair
+from armsight.robots.kinematics import tcp_pose
+from armsight.robots.robot import Robot
+from armsight.servoing.sighting import Look, Looks, Sighting
+
+SHOWN = 320
+"""Width of the pictures that are shown [px]."""
+MARK_RADIUS = 0.03
+"""A mark seen farther from where the joints say than this is something else [m]."""
+
+
+class Target(Protocol):
+    """Something that can be found in pictures. One class a target; a trained one would do as well.
+
+    Attributes:
+        name: such as ``ball``.
+    """
+
+    name: str
+
+    def in_frame(self, view: PosedFrame) -> list[Sighting]:
+        """Where it is in the colour and depth of one camera, the most believable first."""
+        ...
+
+    def in_pair(self, view: PosedPair, surface: bool = False) -> list[Sighting]:
+        """Where it is in both pictures of a pair; ``surface``: measured by V's planes, too."""
+        ...
+
+
+class Eye:
+    """Looks for a target in the pictures of one fixed camera.
+
+    Args:
+        camera: its name; target: what to look for.
+        rate: pictures a second [Hz] (V: 5); scale: their size, see :class:`CameraUse`.
+    """
+
+    latency = 0.02
+
+    def __init__(self, camera: str, target: Target, rate: float = 5.0, scale: float = 0.5) -> None:
+        self.name = f"eye/{camera}"
+        self.period = 0.01
+        self.cameras: tuple[CameraUse, ...] = (CameraUse(camera, rate, scale),)
+        self._target = target
+
+    def update(self, frames: Sequence[PosedFrame]) -> Looks | None:
+        """See :class:`~armsight.motion.perception.Perceiver`."""
+        view = frames[-1]
+        if view.frame.color is None or view.T_base_color is None or view.T_base_camera is None:
+            return None
+        sightings = tuple(self._target.in_frame(view))
+        assert view.color_lens is not None
+        in_color = inverse(view.T_base_color)
+        picture = drawn(
+            view.frame.color,
+            view.color_lens,
+            [transform(in_color, s.position[None]) for s in sightings[:1]],
+        )
+        look = Look(
+            view.frame.camera, view.frame.stamp, False, view.T_base_camera, sightings,
+            picture=picture,
+        )  # fmt: skip
+        return Looks(look.stamp, (look,))
+
+
+class WristEye:
+    """Looks for a target, and for the mark on the tool, in the pictures of the pair on the arm.
+
+    Args:
+        pair: its name; target: what to look for; robot: the arm.
+        mark: finds the tool's mark; T_tcp_mark: (3,) where that is in the TCP's frame [m]; or None.
+        surface: measure V's thirty planes as well.
+    """
+
+    latency = 0.03
+    cameras: tuple[CameraUse, ...] = ()
+
+    def __init__(
+        self,
+        pair: str,
+        target: Target,
+        robot: Robot,
+        mark: Target | None = None,
+        T_tcp_mark: Vector3 | None = None,
+        surface: bool = False,
+    ) -> None:
+        self.name = f"eye/{pair}"
+        self.period = 0.01
+        self.stereo = (pair,)
+        self._target, self._robot, self._mark = target, robot, mark
+        self._at = np.zeros(3) if T_tcp_mark is None else np.asarray(T_tcp_mark, float)
+        self._surface = surface
+
+    def update(self, frames: Sequence[PosedPair]) -> Looks | None:
+        """See :class:`~armsight.motion.perception.Perceiver`."""
+        view = frames[-1]
+        if view.T_base_camera is None or view.joints is None:
+            return None
+        sightings = tuple(self._target.in_pair(view, self._surface))
+        tool = tcp_pose(self._robot, view.joints.position)
+        expected = tool[:3, :3] @ self._at + tool[:3, 3]
+        marks: list[Sighting] = [] if self._mark is None else self._mark.in_pair(view)
+        near = [m for m in marks if np.linalg.norm(m.position - expected) < MARK_RADIUS]
+        best = min(near, key=lambda m: float(np.linalg.norm(m.position - expected)), default=None)
+        in_left = inverse(view.T_base_camera)
+        shown = [transform(in_left, s.position[None]) for s in (*sightings[:1], *near[:1])]
+        look = Look(
+            view.frame.camera,
+            view.frame.stamp,
+            True,
+            view.T_base_camera,
+            sightings,
+            None if best is None else best.position - expected,
+            np.eye(3) if best is None else best.covariance,
+            drawn(view.frame.left, view.info.left, shown),
+        )
+        return Looks(look.stamp, (look,))
+
+
+def drawn(image: ColorImage, lens: PinholeCamera, points: Sequence[Points]) -> ColorImage:
+    """A small copy of a picture with a cross at each (1, 3) point of the lens's frame."""
+    scale = SHOWN / image.shape[1]
+    size = (SHOWN, round(image.shape[0] * scale))
+    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    for point in points:
+        u, v = lens.project(point)[0] * scale
+        if np.isfinite([u, v]).all():
+            at = (round(float(u)), round(float(v)))
+            cv2.drawMarker(small, at, (20, 230, 60), cv2.MARKER_CROSS, 17, 2)
+    return small

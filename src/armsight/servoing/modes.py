@@ -1,0 +1,268 @@
+"""The ways to chase a target: V's, with or without the pair, and ours; one interface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+
+from armsight.arrays import JointVector, Vector3
+from armsight.devices.data import JointState
+from armsight.motion.data import GuardStatus
+from armsight.robots.kinematics import tcp_pose
+from armsight.robots.robot import Robot
+from armsight.servoing.aim import Weights
+from armsight.servoing.approach import Funnel, facing, touch_aim
+from armsight.servoing.estimate import FilterConfig, TargetEstimate, TargetFilter
+from armsight.servoing.law import LawConfig, VelocityLaw
+from armsight.servoing.master import PaperMaster, Source
+from armsight.servoing.segments import SegmentConfig, SegmentPlanner
+from armsight.servoing.sighting import Look
+
+LOST = 0.6
+"""A target that nobody has seen for so long is not chased [s]."""
+LASTS = 0.7
+"""What a sighting's velocity is good for [s]."""
+SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
+
+
+@dataclass(frozen=True)
+class ChaseConfig:
+    """What every mode needs to know.
+
+    Attributes:
+        vertical: (3,) unit, up in ``base``; front: (3,) unit, towards the person's side.
+        radius: of the target's surface about its point [m]; 0 for a plane.
+        funnel: of the touch.
+        law, filter, segments, weights: of the parts.
+    """
+
+    vertical: Vector3
+    front: Vector3
+    radius: float
+    funnel: Funnel = field(default_factory=Funnel)
+    law: LawConfig = field(default_factory=LawConfig)
+    filter: FilterConfig = field(default_factory=FilterConfig)
+    segments: SegmentConfig = field(default_factory=SegmentConfig)
+    weights: Weights = field(default_factory=Weights)
+
+
+@dataclass(frozen=True)
+class Wish:
+    """(n,) joint velocities [rad/s], by evidence of ``exposure`` [s], good for ``lasts`` [s]."""
+
+    velocity: JointVector
+    exposure: float
+    lasts: float = LASTS
+
+
+class Chase(Protocol):
+    """Turns what the cameras see into what the joints should do.
+
+    Attributes:
+        state, reason: in words, for the page.
+        place: (3,) where the target is believed to be now [m], or None.
+        distance: of the tip from the target's surface, as believed [m]; inf without a target.
+        source_number: which sensor leads, for a curve.
+    """
+
+    state: str
+    reason: str
+    place: Vector3 | None
+    distance: float
+    source_number: float
+
+    @property
+    def estimate(self) -> TargetEstimate | None:
+        """Of the filter, in the mode that has one."""
+        ...
+
+    @property
+    def switches(self) -> int:
+        """Changes of the sensor that leads."""
+        ...
+
+    @property
+    def iterations(self) -> int:
+        """Segments begun."""
+        ...
+
+    def reset(self) -> None:
+        """Begin anew."""
+        ...
+
+    def see(self, look: Look) -> None:
+        """One camera looked."""
+        ...
+
+    def step(self, now: float, joints: JointState, guard: GuardStatus | None) -> Wish | None:
+        """What the joints should do now; None to rest."""
+        ...
+
+
+class OurChase:
+    """One estimate of all sensors, predicted to the moment of action; velocities at 125 Hz."""
+
+    def __init__(
+        self, robot: Robot, cameras: Sequence[str], wrist: str, config: ChaseConfig
+    ) -> None:
+        self.robot, self.config = robot, config
+        self.filter = TargetFilter(cameras, wrist, config.filter)
+        self.law = VelocityLaw(robot, config.law, config.weights)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew; what was learned of the cameras is forgotten, too."""
+        self.filter.reset()
+        self.law.reset()
+        self.state, self.reason = "wait", "nothing seen yet"
+        self.place: Vector3 | None = None
+        self.distance = math.inf
+        self.switches = 0
+        self.source_number = 0.0
+        self._by_wrist = False
+
+    @property
+    def estimate(self) -> TargetEstimate | None:
+        """Of the filter."""
+        return self.filter.estimate
+
+    @property
+    def iterations(self) -> int:
+        """It has none: it goes on all the time."""
+        return 0
+
+    def see(self, look: Look) -> None:
+        """One camera looked."""
+        self.filter.add(look)
+
+    def step(self, now: float, joints: JointState, guard: GuardStatus | None) -> Wish | None:
+        """What the joints should do now; None to rest."""
+        self.law.hear(guard)
+        estimate = self.filter.estimate
+        if estimate is None:
+            return None
+        age = now - estimate.stamp
+        if age > LOST:
+            self.state, self.reason = "search", f"target not seen for {age:.1f} s"
+            self.place, self.distance = None, math.inf
+            return None
+        self._tell(now, estimate)
+        config = self.config
+        T = tcp_pose(self.robot, joints.position)
+        here, _ = estimate.at(now)
+        self.place = here
+        self.distance = float(np.linalg.norm(here - T[:3, 3])) - config.radius
+        at, velocity = estimate.at(now + config.law.delay)
+        axis = facing(at, config.vertical, config.front)
+        tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
+        touched = at - config.radius * axis
+        aim = touch_aim(tip, touched, velocity, axis, -config.vertical, config.funnel)
+        return Wish(self.law.command(now, joints, aim), estimate.stamp)
+
+    def _tell(self, now: float, estimate: TargetEstimate) -> None:
+        """Which sensors carry the estimate: for the report only, nothing depends on it."""
+        by_wrist = now - estimate.wrist_stamp < 0.3
+        if by_wrist != self._by_wrist:
+            self.switches += 1
+            self._by_wrist = by_wrist
+        self.state = "near" if by_wrist else "far"
+        self.reason = "the pair sees it" if by_wrist else "fixed cameras"
+        self.source_number = 3.0 if by_wrist else 2.0
+
+
+class PaperChase:
+    """V's Master and V's segments, with or without the pair."""
+
+    def __init__(self, robot: Robot, wrist: bool, config: ChaseConfig) -> None:
+        self.robot, self.config = robot, config
+        self.master = PaperMaster(wrist=wrist)
+        down = -config.vertical
+        self.planner = SegmentPlanner(
+            robot, config.segments, config.vertical, config.front, down, config.weights
+        )
+        self.law = VelocityLaw(robot, config.law, config.weights)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self.master.reset()
+        self.planner.reset()
+        self.law.reset()
+        self.state, self.reason = "wait", "nothing seen yet"
+        self.place: Vector3 | None = None
+        self.distance = math.inf
+        self.source_number = 0.0
+        self._last = -math.inf
+        self._stamp = -math.inf
+
+    @property
+    def estimate(self) -> TargetEstimate | None:
+        """V has none."""
+        return None
+
+    @property
+    def switches(self) -> int:
+        """Changes between eye to hand and eye in hand."""
+        return len(self.master.switches)
+
+    @property
+    def iterations(self) -> int:
+        """Segments begun."""
+        return self.planner.iterations
+
+    def see(self, look: Look) -> None:
+        """One camera looked."""
+        self.master.add(look)
+
+    def step(self, now: float, joints: JointState, guard: GuardStatus | None) -> Wish | None:
+        """What the joints should do now; None to rest."""
+        self.law.hear(guard)
+        choice = self.master.choose(now)
+        self.state, self.reason = choice.source.value, choice.reason
+        self.source_number = SOURCES[choice.source]
+        self.place = choice.position
+        config, elapsed = self.config, now - self._last
+        self._last = now
+        if choice.position is None:
+            self.distance = math.inf
+            if self.planner.running is None:
+                return None
+        else:
+            self._stamp = max(self._stamp, choice.stamp)
+            tip = tcp_pose(self.robot, joints.position)[:3, 3]
+            self.distance = float(np.linalg.norm(choice.position - tip)) - config.radius / 3.0
+        if now - self._stamp > LASTS:
+            return None
+        acts = now + config.law.delay
+        here = self.law.ahead(joints, now)
+        q, v = self.planner.waypoint(acts, here, self._before(choice.position, here))
+        error = q - here
+        if np.abs(error).max() > 0.06 and math.isfinite(elapsed):
+            self.planner.delay(elapsed)
+            v = np.zeros_like(v)
+        return Wish(v + 6.0 * error, self._stamp)
+
+    def _before(self, place: Vector3 | None, here: JointVector) -> Vector3 | None:
+        """What is servoed to: the place itself, or before it by the stand-off that is asked for."""
+        gap = self.config.funnel.gap
+        if place is None or gap <= 0.0:
+            return place
+        axis = facing(place, self.config.vertical, self.config.front)
+        return np.asarray(place - gap * axis)
+
+
+def make_chase(
+    mode: Literal["ours", "paper", "fixed"],
+    robot: Robot,
+    cameras: Sequence[str],
+    wrist: str,
+    config: ChaseConfig,
+) -> Chase:
+    """The chase of a mode."""
+    if mode == "ours":
+        return OurChase(robot, cameras, wrist, config)
+    return PaperChase(robot, mode == "paper", config)

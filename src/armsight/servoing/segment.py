@@ -1,0 +1,145 @@
+"""Regions of a colour in a picture: V's thresholds in Lab and morphology; sub-pixel outlines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from armsight.arrays import Bytes, ColorImage, Floats, Floats32
+
+SPOKES = 72
+"""Rays from a region's middle along which its outline is looked for."""
+
+
+@dataclass(frozen=True)
+class LabColor:
+    """A colour by its hue and least chroma in CIE Lab, whatever the light.
+
+    Attributes:
+        hue_deg: angle of (a*, b*) [deg]; width_deg: how far it may be off.
+        chroma: least length of (a*, b*); purity: least share of it in L*, which shade leaves be.
+        lightness: least and greatest L*.
+    """
+
+    hue_deg: float
+    width_deg: float
+    chroma: float = 12.0
+    purity: float = 1.0
+    lightness: tuple[float, float] = (2.0, 97.0)
+
+
+@dataclass(frozen=True)
+class Region:
+    """A connected region of a colour.
+
+    Attributes:
+        mask: (h, w) of its window, 255 inside; corner: (u, v) of the window in the picture [px].
+        center: (2,) centre of mass [px]; area: [px].
+    """
+
+    mask: Bytes
+    corner: tuple[int, int]
+    center: Floats
+    area: float
+
+
+def lab_of(image: ColorImage) -> Floats32:
+    """(h, w, 3) CIE L* (0..100), a*, b* of a picture."""
+    return np.asarray(cv2.cvtColor(image.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB), np.float32)
+
+
+def saturation(lab: Floats32, color: LabColor) -> Floats32:
+    """(h, w) chroma along a colour's hue: large on it, about 0 on grey, negative opposite to it."""
+    hue = np.deg2rad(color.hue_deg)
+    return np.asarray(
+        lab[..., 1] * np.float32(np.cos(hue)) + lab[..., 2] * np.float32(np.sin(hue)), np.float32
+    )
+
+
+def color_mask(lab: Floats32, color: LabColor, opening: int = 3) -> Bytes:
+    """(h, w) 255 where a picture has a colour, specks removed and small holes closed."""
+    hue = np.deg2rad(color.hue_deg)
+    c, s = np.float32(np.cos(hue)), np.float32(np.sin(hue))
+    along = lab[..., 1] * c + lab[..., 2] * s
+    across = np.abs(lab[..., 2] * c - lab[..., 1] * s)
+    low, high = color.lightness
+    inside = (
+        (along > color.chroma)
+        & (along > np.float32(color.purity) * lab[..., 0])
+        & (across < along * np.float32(np.tan(np.deg2rad(color.width_deg))))
+        & (lab[..., 0] > low)
+        & (lab[..., 0] < high)
+    )
+    mask = inside.astype(np.uint8) * 255
+    if opening > 1:
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (opening, opening))
+        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel), np.uint8)
+        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, kernel), np.uint8)
+    return mask
+
+
+def regions(mask: Bytes, least: float, most: int = 6) -> list[Region]:
+    """Connected regions of at least so many pixels, the largest first, at most so many."""
+    count, labels, stats, centers = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    order = sorted(range(1, count), key=lambda i: -stats[i, cv2.CC_STAT_AREA])
+    found = []
+    for i in order[:most]:
+        u, v, w, h, area = (int(x) for x in stats[i])
+        if area < least:
+            break
+        window = (labels[v : v + h, u : u + w] == i).astype(np.uint8) * 255
+        found.append(Region(window, (u, v), np.array(centers[i], float), float(area)))
+    return found
+
+
+def outline(signal: Floats32, region: Region) -> Floats:
+    """(k, 2) sub-pixel points of a region's outline [px], where the signal falls to half.
+
+    Along rays from the region's middle the last step down is looked for; its level is the mean of
+    what lies just inside and just outside, so that shading does not move it. Rays that leave the
+    picture, or find no clear step, give no point.
+    """
+    h, w = signal.shape
+    reach = float(np.hypot(*region.mask.shape)) * 0.6 + 4.0
+    step = 0.5
+    radii = np.arange(0.5, reach, step, dtype=np.float32)
+    angle = np.linspace(0.0, 2.0 * np.pi, SPOKES, endpoint=False)
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
+    at = region.center.astype(np.float32) + direction[:, None] * radii[:, None]
+    values = cv2.remap(
+        signal, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    inside_mask = cv2.remap(
+        cv2.copyMakeBorder(region.mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0),
+        at[..., 0] - np.float32(region.corner[0] - 1),
+        at[..., 1] - np.float32(region.corner[1] - 1),
+        cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+    off = 5 if np.sqrt(region.area) > 14.0 else 3  # steps from the border to both levels
+    points = []
+    for i in range(SPOKES):
+        filled = np.flatnonzero(inside_mask[i])
+        if len(filled) == 0:
+            continue
+        k = int(filled[-1])
+        if k - off - 1 < 0 or k + off + 3 >= len(radii):
+            continue
+        u, v = at[i, k + off + 2]
+        if not (0.0 <= u <= w - 1.0 and 0.0 <= v <= h - 1.0):
+            continue
+        row = values[i]
+        low = float(row[k + off + 1 : k + off + 3].mean())
+        high = float(row[max(k - off - 1, 0) : k - off + 1].mean())
+        if high - low < 8.0:
+            continue
+        level = 0.5 * (high + low)
+        for j in range(k - off, k + off + 1):
+            if row[j] >= level > row[j + 1]:
+                share = (row[j] - level) / (row[j] - row[j + 1])
+                points.append(region.center + direction[i] * (radii[j] + step * share))
+                break
+    return np.asarray(points, float).reshape(-1, 2)

@@ -1,0 +1,1 @@
+"""What may be servoed to, one file a target."""

@@ -1,0 +1,246 @@
+"""V's equations and Master, and our law on an arm with delayed drives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armsight.devices.data import JointState
+from armsight.geometry.pose import look_at
+from armsight.robots import load_robot
+from armsight.robots.kinematics import tcp_pose
+from armsight.servoing.aim import Aim, joint_velocity, joints_for, pose_error
+from armsight.servoing.approach import Funnel, facing
+from armsight.servoing.law import LawConfig, VelocityLaw
+from armsight.servoing.master import Frustum, PaperMaster, Source
+from armsight.servoing.segments import SegmentConfig, SegmentPlanner
+from armsight.servoing.sighting import Look, Sighting
+
+UR10 = load_robot("ur10")
+HOME = np.deg2rad([-32, -20, -103, 123, 58, 0])
+UP, FRONT = np.array([0, 0, -1.0]), np.array([1.0, 0, 0])
+
+
+def look(camera, eye, place, stamp=1.0, wrist=False, target=(0.7, 0.0, 1.1)):
+    sightings = ()
+    if place is not None:
+        at = np.asarray(place, float)
+        sightings = (Sighting("ball", camera, stamp, at, np.eye(3) * 1e-6, at, None, wrist),)
+    return Look(camera, stamp, wrist, look_at(eye, target), sightings)
+
+
+CORNERS = {"fl": (1.7, 1.4, 2), "fr": (1.7, -1.4, 2), "br": (-1.3, -1.4, 2), "bl": (-1.3, 1.4, 2)}
+
+
+def test_the_mean_of_the_two_closest_that_see_it():
+    master = PaperMaster()
+    places = {"fl": (0.71, 0, 1.1), "fr": (0.69, 0.02, 1.1), "br": (0.6, 0, 1.1), "bl": (0.8, 0, 1)}
+    for name, eye in CORNERS.items():
+        master.add(look(name, eye, places[name]))
+    choice = master.choose(1.0)
+    assert choice.source == Source.TWO
+    assert set(choice.cameras) == {"fl", "fr"}
+    assert np.allclose(choice.position, (0.70, 0.01, 1.1))
+
+
+def test_a_camera_that_is_covered_is_left_out_and_one_alone_must_do():
+    master = PaperMaster()
+    for name, eye in CORNERS.items():
+        master.add(look(name, eye, None if name == "fl" else (0.7, 0, 1.1)))
+    assert "fl" not in master.choose(1.0).cameras
+    for name in ("fr", "br"):
+        master.add(look(name, CORNERS[name], None, 1.1))
+    choice = master.choose(1.1)
+    assert choice.source == Source.ALL
+    assert choice.cameras == ("bl",)
+    master.add(look("bl", CORNERS["bl"], None, 1.2))
+    assert master.choose(1.2).source == Source.NONE
+
+
+def test_the_pair_takes_over_five_centimetres_inside_and_hands_back_at_the_border():
+    master, eye = PaperMaster(), np.array([0.4, 0.0, 1.1])
+    frustum = Frustum()
+    sources = []
+    distances = np.concatenate([np.linspace(0.44, 0.25, 39), np.linspace(0.25, 0.44, 39)])
+    for k, d in enumerate(distances):
+        stamp = 1.0 + 0.1 * k
+        place = eye + np.array((d, 0, 0))
+        for name in ("fl", "fr"):
+            master.add(look(name, CORNERS[name], place, stamp))
+        master.add(look("wrist", eye, place, stamp, wrist=True, target=(2.0, 0.0, 1.1)))
+        sources.append(master.choose(stamp).source)
+    entered = next(d for d, s in zip(distances, sources) if s == Source.PAIR)
+    last = max(k for k, s in enumerate(sources) if s == Source.PAIR)
+    assert entered == pytest.approx(0.40 - 0.05, abs=0.006)
+    assert distances[last] == pytest.approx(0.40, abs=0.006)
+    assert len(master.switches) == 2
+    assert frustum.depth_inside(look_at(eye, (2, 0, 1.1)), eye + np.array((0.3, 0, 0))) > 0.05
+
+
+def test_the_pair_hands_back_as_soon_as_it_is_covered():
+    master, eye = PaperMaster(), np.array([0.4, 0.0, 1.1])
+    place = eye + np.array((0.28, 0, 0))
+    master.add(look("fl", CORNERS["fl"], place + np.array((0.03, 0, 0))))
+    master.add(look("wrist", eye, place, wrist=True, target=(2, 0, 1.1)))
+    assert master.choose(1.0).source == Source.PAIR
+    master.add(look("wrist", eye, None, 1.1, wrist=True, target=(2, 0, 1.1)))
+    assert master.choose(1.1).source == Source.ALL
+    assert PaperMaster(wrist=False).choose(1.0).source == Source.NONE
+
+
+def planner():
+    return SegmentPlanner(UR10, SegmentConfig(), UP, FRONT, -UP)
+
+
+def run_segments(plan, target, seconds, q=HOME):
+    rows = []
+    for k in range(int(seconds / 0.008)):
+        q, v = plan.waypoint(0.008 * k, q, target)
+        rows.append((q, v))
+    return np.array(rows)
+
+
+def test_a_segment_goes_four_fifths_of_the_way_and_the_last_two_centimetres_whole():
+    plan = planner()
+    start = tcp_pose(UR10, HOME)[:3, 3]
+    target = start + np.array((0.15, 0.05, 0.02))
+    run_segments(plan, target, 0.3)
+    first = tcp_pose(UR10, plan.running.end)[:3, 3]
+    assert np.linalg.norm(first - (start + 0.8 * (target - start))) < 0.003
+    rows = run_segments(plan, target, 8.0)
+    end = tcp_pose(UR10, rows[-1, 0])[:3, 3]
+    assert np.linalg.norm(end - target) < 0.001
+    assert plan.iterations >= 3
+
+
+def test_segments_keep_the_limits_and_come_to_rest_between():
+    plan = planner()
+    start = tcp_pose(UR10, HOME)[:3, 3]
+    rows = run_segments(plan, start + np.array((0.2, 0.3, 0.1)), 6.0)
+    limits = UR10.limits.scaled(0.5, 0.6)
+    q, v = rows[:, 0], rows[:, 1]
+    assert (np.abs(v) <= limits.velocity * 1.001).all()
+    assert (np.abs(np.diff(v, axis=0) / 0.008) <= limits.acceleration * 1.02).all()
+    assert np.abs(np.diff(q, axis=0) / 0.008 - v[1:]).max() < 0.05
+    assert plan.running.at(plan.running.begin)[1] == pytest.approx(0)
+
+
+def test_a_goal_outside_the_box_is_held_in_it():
+    plan = planner()
+    plan.config = SegmentConfig(upper=(0.6, 1.0, 1.0), lower=(-1, -1, -1))
+    rows = run_segments(plan, np.array([1.2, 0.0, 0.7]), 6.0)
+    assert tcp_pose(UR10, rows[-1, 0])[0, 3] == pytest.approx(0.6, abs=0.002)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_joints_for_an_aim_reach_it_and_point(seed):
+    rng = np.random.default_rng(seed)
+    start = tcp_pose(UR10, HOME)[:3, 3]
+    place = start + rng.uniform(-0.15, 0.15, 3)
+    axis = facing(place, UP, FRONT)
+    aim = Aim(place, np.zeros(3), axis, -UP)
+    q = joints_for(UR10, aim, HOME, rounds=60)
+    error = pose_error(UR10, q, aim)
+    assert np.linalg.norm(error[:3]) < 5e-4
+    assert np.linalg.norm(error[3:]) < 0.02
+    v = np.array([0.1, -0.05, 0.02])
+    dt = 1e-5
+    moved = tcp_pose(UR10, q + dt * joint_velocity(UR10, q, v))[:3, 3]
+    assert np.allclose((moved - tcp_pose(UR10, q)[:3, 3]) / dt, v, atol=0.004)
+
+
+def test_the_tool_points_to_the_operators_side():
+    for angle in np.linspace(-np.pi, np.pi, 25):
+        axis = facing(np.array([np.cos(angle), np.sin(angle), 0.3]), UP, FRONT)
+        assert axis @ FRONT >= np.cos(np.deg2rad(60)) - 1e-9
+        assert abs(axis @ UP) < 1e-12
+        if abs(angle) < np.deg2rad(60):
+            assert np.arctan2(axis[1], axis[0]) == pytest.approx(angle)
+
+
+def test_the_funnel_lets_nobody_touch_who_is_not_aligned():
+    funnel = Funnel()
+    axis, touched = FRONT, np.array([0.7, 0, 0.7])
+    assert funnel.standoff(touched - 0.05 * axis, touched, axis) == 0.0
+    assert funnel.standoff(touched + np.array((-0.05, 0.03, 0)), touched, axis) > 0.04
+    assert funnel.standoff(touched + np.array((0.1, 0, 0)), touched, axis) == pytest.approx(
+        funnel.most
+    )
+
+
+class Drives:
+    """An arm whose commands act later, with its reading; no ramp: the law has to bear the worst."""
+
+    def __init__(self, q, delay, period=0.008):
+        self.q, self.v = np.array(q), np.zeros(6)
+        self.queue = [np.zeros(6)] * round(delay / period)
+        self.period, self.now = period, 0.0
+        self.limits = UR10.limits.scaled(0.5, 0.6)
+
+    def step(self, command):
+        self.queue.append(command)
+        wanted = self.queue.pop(0)
+        most = self.limits.acceleration * self.period
+        self.v = self.v + np.clip(wanted - self.v, -most, most)
+        self.q = self.q + self.period * self.v
+        self.now += self.period
+        return JointState(self.now, self.q.copy(), self.v.copy())
+
+
+class Word:
+    """The part of the guard's word that the law reads."""
+
+    def __init__(self, stamp, command):
+        self.stamp, self.command = stamp, command
+
+
+def chase(target, seconds, delay=0.056, **settings):
+    """Errors of the tip behind a target (position, velocity)(t), and the commands."""
+    law = VelocityLaw(UR10, LawConfig(delay=0.056, **settings))
+    drives = Drives(HOME, delay)
+    joints = JointState(0.0, HOME, np.zeros(6))
+    errors, commands = [], []
+    for _ in range(int(seconds / 0.008)):
+        now = drives.now
+        place, velocity = target(now + 0.056)
+        aim = Aim(place, velocity, FRONT, -UP)
+        command = law.command(now, joints, aim)
+        law.hear(Word(now, command))
+        joints = drives.step(command)
+        commands.append(command)
+        errors.append(np.linalg.norm(tcp_pose(UR10, drives.q)[:3, 3] - target(drives.now)[0]))
+    return np.array(errors), np.array(commands)
+
+
+START = tcp_pose(UR10, HOME)[:3, 3]
+
+
+def test_the_law_comes_to_a_target_at_rest_without_overshoot_and_stays():
+    place = START + np.array((0.12, 0.1, 0.05))
+    errors, commands = chase(lambda t: (place, np.zeros(3)), 3.0)
+    assert errors[-60:].max() < 5e-4
+    settled = int(np.argmax(errors < 0.004))
+    assert errors[settled:].max() < 0.006
+    assert (np.abs(commands) <= UR10.limits.scaled(0.5, 0.6).velocity * 1.0001).all()
+
+
+def circle(t):
+    w = 0.25 / 0.12
+    place = START + np.array((0.08, 0.12 * np.sin(w * t), 0.12 * (1 - np.cos(w * t))))
+    return place, 0.25 * np.array([0, np.cos(w * t), np.sin(w * t)])
+
+
+def test_feed_forward_keeps_the_tip_on_a_circle_and_without_it_the_tip_trails():
+    with_it, _ = chase(circle, 6.0)
+    without, _ = chase(circle, 6.0, predict=False)
+    assert np.sqrt(np.mean(with_it[250:] ** 2)) < 0.006
+    assert np.sqrt(np.mean(without[250:] ** 2)) > 0.03
+
+
+def test_three_times_the_gain_shows_the_limit_that_the_delay_sets():
+    """The law believes in a delay of 56 ms; the drives take 200: the safe gain stays calm."""
+    place = START + np.array((0.1, 0.1, 0.0))
+    calm, _ = chase(lambda t: (place, np.zeros(3)), 5.0, delay=0.104)
+    wild, _ = chase(lambda t: (place, np.zeros(3)), 5.0, delay=0.104, gain=60.0)
+    assert calm[-100:].max() < 0.003
+    assert wild[-100:].max() > 2 * calm[-100:].max()
