@@ -186,6 +186,8 @@ class PermitOffice:
 
 def _seen_against(snapshot: WorkspaceSnapshot, region: Region) -> str:
     """What of the map speaks against touching something, in words; empty when nothing does."""
+    if not math.isfinite(snapshot.stamp):
+        return "no camera has sent a picture yet"
     if outside_the_map(snapshot, region):
         return "its region leaves the mapped box: nobody is looked for there"
     return somebody_beside(snapshot, region)

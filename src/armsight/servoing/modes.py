@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from armsight.arrays import JointVector, Vector3
+from armsight.arrays import Floats, JointVector, Vector3
 from armsight.devices.data import JointState
 from armsight.motion.data import GuardStatus
 from armsight.robots.kinematics import tcp_pose
@@ -26,6 +26,8 @@ LOST = 0.6
 """A target that nobody has seen for so long is not chased [s]."""
 LASTS = 0.7
 """What a sighting's velocity is good for [s]."""
+PAPER_SIGMA = 0.012
+"""What V's estimate of a target is worth, for a permit [m]."""
 SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
 
 
@@ -59,6 +61,16 @@ class Wish:
     lasts: float = LASTS
 
 
+@dataclass(frozen=True)
+class Touchable:
+    """Where the target was at ``stamp`` [s]: (3,) [m], (3,) [m/s], (3, 3) [m^2], in ``base``."""
+
+    stamp: float
+    position: Vector3
+    velocity: Vector3
+    covariance: Floats
+
+
 class Chase(Protocol):
     """Turns what the cameras see into what the joints should do.
 
@@ -88,6 +100,10 @@ class Chase(Protocol):
     @property
     def iterations(self) -> int:
         """Segments begun."""
+        ...
+
+    def touchable(self) -> Touchable | None:
+        """The target as whoever wants to touch it has to describe it; None if it is not known."""
         ...
 
     def reset(self) -> None:
@@ -162,6 +178,13 @@ class OurChase:
         touched = at - config.radius * axis
         aim = touch_aim(tip, touched, velocity, axis, -config.vertical, config.funnel)
         return Wish(self.law.command(now, joints, aim), estimate.stamp)
+
+    def touchable(self) -> Touchable | None:
+        """By the estimate."""
+        e = self.filter.estimate
+        if e is None:
+            return None
+        return Touchable(e.stamp, e.position, e.velocity, e.covariance[:3, :3])
 
     def _tell(self, now: float, estimate: TargetEstimate) -> None:
         """Which sensors carry the estimate: for the report only, nothing depends on it."""
@@ -245,6 +268,12 @@ class PaperChase:
             self.planner.delay(elapsed)
             v = np.zeros_like(v)
         return Wish(v + 6.0 * error, self._stamp)
+
+    def touchable(self) -> Touchable | None:
+        """By the Master's choice."""
+        if self.place is None:
+            return None
+        return Touchable(self._stamp, self.place, np.zeros(3), PAPER_SIGMA**2 * np.eye(3))
 
     def _before(self, place: Vector3 | None, here: JointVector) -> Vector3 | None:
         """What is servoed to: the place itself, or before it by the stand-off that is asked for."""

@@ -11,7 +11,7 @@ import numpy as np
 from armsight.arrays import Pose
 from armsight.devices.data import JointState
 from armsight.errors import UsageError
-from armsight.geometry.pose import inverse, transform
+from armsight.geometry.pose import inverse, make_pose, transform
 from armsight.motion.face import (
     ArrowMark,
     Curve,
@@ -23,6 +23,8 @@ from armsight.motion.face import (
     PointsMark,
 )
 from armsight.motion.intents import Intent, Rest, VelocityIntent
+from armsight.motion.permits import PermitRequest
+from armsight.motion.regions import Region
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
@@ -41,6 +43,12 @@ Triple = tuple[float, float, float]
 Mode = Literal["ours", "paper", "fixed"]
 TOUCH = 0.005
 """The tip touches when it is this near the surface (V's criterion) [m]."""
+ASK_WITHIN = 0.6
+"""A permit is asked for from here on [m]: other links of the arm come near the target, too."""
+TIP = 0.06
+"""That much of the tool, from its tip, may touch [m]."""
+TOUCH_SPEED, TOUCH_FORCE = 0.10, 10.0
+"""Of the tip against the target at most [m/s], [N]."""
 TOOL_MARKS = {"pen": (0.005, (0.0, 0.0, -0.005))}
 """Balls on tools that the pair can see: radius [m], and place in the TCP's frame [m]."""
 
@@ -109,7 +117,7 @@ class ServoOptions:
                 ),
             ),
         )
-        return ServoTask(self.target, self.mode, chase, eyes)
+        return ServoTask(self.target, self.mode, chase, eyes, self.ball_radius, self.standoff)
 
 
 class ServoTask:
@@ -117,6 +125,7 @@ class ServoTask:
 
     Args:
         target: what it is; mode: how.
+        radius: of the target [m]; standoff: how far before it the tip stays [m].
         chase: turns looks into joint velocities.
         eyes: the perceivers.
 
@@ -128,8 +137,17 @@ class ServoTask:
     period = 0.008
     latency = 0.002
 
-    def __init__(self, target: str, mode: Mode, chase: Chase, eyes: list[Eye | WristEye]) -> None:
+    def __init__(
+        self,
+        target: str,
+        mode: Mode,
+        chase: Chase,
+        eyes: list[Eye | WristEye],
+        radius: float,
+        standoff: float = 0.0,
+    ) -> None:
         self.target, self.mode, self.chase = target, mode, chase
+        self.radius, self.standoff = radius, standoff
         self.perceivers = tuple(eyes)
         self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
         self.reset()
@@ -142,6 +160,7 @@ class ServoTask:
         self._touching = False
         self._face = Face("wait")
         self._latency = math.nan
+        self._pausing = False
 
     def update(self, observation: Observation) -> Intent:
         """See :class:`~armsight.motion.task.Task`."""
@@ -158,8 +177,35 @@ class ServoTask:
         self._face = self._show(observation.robot, joints, now, touching)
         if wish is None:
             return Rest(self.chase.reason)
+        permit = None if self.standoff > 0.0 else self._permit(observation)
         return VelocityIntent(
-            self.target, wish.velocity, "joint", wish.exposure, wish.exposure + wish.lasts
+            self.target, wish.velocity, "joint", wish.exposure, wish.exposure + wish.lasts, permit
+        )
+
+    def _permit(self, observation: Observation) -> PermitRequest | None:
+        """Asks to touch the target, as far as anybody knows where it is.
+
+        One that was withdrawn is asked for again after a round without it.
+        """
+        seen = self.chase.touchable()
+        guard = observation.guard
+        if seen is None or self.chase.distance > ASK_WITHIN:
+            return None
+        lost = guard is not None and guard.permit is not None and not guard.permit.holds
+        if lost and not self._pausing:
+            self._pausing = True
+            return None
+        self._pausing = False
+        region = Region(
+            "sphere",
+            (self.radius, 0.0, 0.0),
+            make_pose(None, seen.position),
+            seen.stamp,
+            seen.velocity,
+            seen.covariance,
+        )
+        return PermitRequest(
+            self.target, "thing", region, reach=TIP, speed=TOUCH_SPEED, force=TOUCH_FORCE
         )
 
     def face(self) -> Face:

@@ -1,0 +1,130 @@
+"""The task in the whole rendered cell: what it sees, what it asks for, what it shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armsight.errors import UsageError
+from armsight.geometry.pose import inverse
+from armsight.motion.face import face_fault
+from armsight.motion.intents import Rest, VelocityIntent, refusal
+from armsight.motion.task import Observation
+from armsight.robots import load_robot
+from armsight.runtime.session import Session
+from armsight.servoing.approach import Funnel
+from armsight.servoing.modes import ChaseConfig, make_chase
+from armsight.tasks.servo import ServoOptions, ServoTask
+from armsight.workcell import open_cell
+from armsight.workcell.packaged import load
+
+from .test_laws import FRONT, HOME, UP, JointState, Word
+from .test_laws import look as look_at_place
+
+UR10 = load_robot("ur10")
+
+
+class Unknown:
+    """A perceiver of a pair that is not there."""
+
+    name, period, cameras, stereo = "odd", 0.1, (), ("shoulder",)
+
+    def update(self, frames):
+        return None
+
+
+@pytest.mark.usefixtures("gl")
+def test_half_a_second_of_the_rendered_cell():
+    """All five see the ball, the estimate is right to what the cell's calibration is, it is asked
+    for by a permit, and the tip comes nearer."""
+    with open_cell(load("ur10_servoing"), seed=1) as cell:
+        task = ServoOptions().make(cell)
+        session = Session(cell, task, seed=1)
+        with pytest.raises(UsageError, match=r"no stereo pair 'shoulder'.*there are: wrist"):
+            Session(cell, None, perceivers=(Unknown(),))
+        session.run(0.6)
+        chase, face = task.chase, task.face()
+        ball = next(m for m in cell.world.movers() if m.name == "ball").T_world_solid[:3, 3]
+        truth = inverse(cell.T_world_base) @ np.array([*ball, 1.0])
+        assert np.linalg.norm(chase.place - truth[:3]) < 0.02
+        assert {p.name for p in face.pictures} == {c.info.name for c in cell.cameras} | {"wrist"}
+        assert face_fault(face) == ""
+        assert face.state == "near"
+        assert session.status().permit is not None
+        assert session.task_failure == ""
+        begin = chase.distance
+        session.run(0.4)
+        assert chase.distance < begin - 0.02
+
+
+def test_a_cell_without_colour_is_refused():
+    from dataclasses import replace
+
+    class Camera:
+        def __init__(self, info):
+            self.info = replace(info, color=None)
+
+    with open_cell(load("ur10_inverted"), seed=0) as cell:
+        cell.cameras = tuple(Camera(c.info) for c in cell.cameras)
+        with pytest.raises(UsageError, match="no camera with a colour lens"):
+            ServoOptions().make(cell)
+
+
+def task_of(mode="ours", standoff=0.0):
+    config = ChaseConfig(UP, FRONT, 0.04, Funnel(standoff))
+    chase = make_chase(mode, UR10, ("a", "b", "wrist"), "wrist", config)
+    return ServoTask("ball", mode, chase, [], 0.04, standoff)
+
+
+def observe(now, q=HOME, command=None):
+    guard = None
+    if command is not None:
+        guard = Word(now - 0.008, command)
+        guard.permit = None
+    return Observation(now, UR10, JointState(now, np.array(q), np.zeros(6)), guard)
+
+
+@pytest.mark.parametrize("mode", ["ours", "paper", "fixed"])
+def test_a_target_that_nobody_sees_any_more_is_not_chased(mode):
+    task = task_of(mode)
+    assert isinstance(task.update(observe(0.5)), Rest)
+    for stamp in (0.6, 0.8, 1.0):
+        task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), (0.8, 0.1, 0.7), stamp))
+    intent = task.update(observe(1.1))
+    assert isinstance(intent, VelocityIntent)
+    assert intent.exposure == 1.0
+    assert refusal(intent, UR10, 1.1) == ""
+    late = task.update(observe(2.5))
+    assert isinstance(late, Rest)
+
+
+@pytest.mark.parametrize("mode", ["ours", "paper", "fixed"])
+def test_velocities_stay_within_the_limits_wherever_the_target_jumps(mode):
+    """100 places, far out of reach among them, one each tenth of a second."""
+    rng = np.random.default_rng(0)
+    task, q = task_of(mode), HOME.copy()
+    limits = UR10.limits.scaled(0.5, 0.6)
+    command = np.zeros(6)
+    for k in range(1000):
+        now = 1.0 + 0.008 * k
+        if k % 12 == 0:
+            place = rng.uniform((-2, -2, -1), (3, 2, 2))
+            task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), place, now))
+        intent = task.update(observe(now, q, command))
+        command = intent.velocity if isinstance(intent, VelocityIntent) else np.zeros(6)
+        assert np.isfinite(command).all()
+        if mode == "ours":
+            assert (np.abs(command) <= limits.velocity * 1.0001).all()
+        q = np.clip(q + 0.008 * command, UR10.limits.lower, UR10.limits.upper)
+
+
+def test_a_permit_is_asked_for_near_the_target_and_not_at_a_stand_off():
+    for standoff, asked in ((0.0, True), (0.1, False)):
+        task = task_of(standoff=standoff)
+        for stamp in (0.6, 0.8, 1.0):
+            task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), (0.8, 0.1, 0.7), stamp))
+        intent = task.update(observe(1.05))
+        assert (intent.permit is not None) == asked
+        if asked:
+            assert intent.permit.region.size[0] == 0.04
+            assert intent.permit.kind == "thing"
