@@ -125,7 +125,10 @@ class ForceSensor(Protocol):
     """Force and torque at the flange, the tool's weight included."""
 
     def read(self) -> Wrench | None:
-        """The newest reading that has arrived since the last call, or None.
+        """A reading that has arrived since the last call, or None.
+
+        The newest, or the oldest that was not handed over yet: whoever wants all asks until there
+        is none.
 
         Raises:
             DeviceError: the sensor is lost.

@@ -23,6 +23,7 @@ from armsight.geometry.stereo import StereoPair
 from armsight.simulation import looks
 from armsight.simulation.gl import mujoco
 from armsight.simulation.model import CellModel
+from armsight.simulation.model_movers import NOTHING_MOVES
 from armsight.simulation.model_parts import COLOR_ONLY
 from armsight.simulation.rendering import Renderer
 
@@ -179,7 +180,7 @@ class PortStudio:
                 self._sets.pop(next(iter(self._sets)))[2].close()
             model = _build(*key)
             empty = np.zeros(0, np.int64)
-            cell = CellModel(model, (), empty, (), (), np.zeros(0, np.uint8), 0.0)
+            cell = CellModel(model, (), empty, (), NOTHING_MOVES, np.zeros(0, np.uint8), 0.0)
             renderer = Renderer(cell, self.samples)
             self._sets[key] = (model, mujoco.MjData(model), renderer)
         return self._sets[key]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from armsight.devices.data import ArmStatus, StereoFrame
@@ -12,6 +12,10 @@ from armsight.runtime.channels import Channels
 
 ARM_GRACE = 0.5
 """A run ends when the arm has not answered for so long [s]."""
+
+
+MOST_WAITING = 64
+"""Readings of one sensor that are taken in a round."""
 
 
 class Sensor(Protocol):
@@ -87,16 +91,14 @@ class SensingComponent:
                 self.tell(frame, now)
         for sensor in self._sensors:
             try:
-                reading = sensor.read()
+                for reading in _waiting(sensor):
+                    self._channels.readings.put(reading)
+                    if isinstance(reading, StereoFrame):
+                        self._channels.frames.show(reading)
+                        came = True
+                    self.tell(reading, now)
             except DeviceError as error:
                 problems.append(str(error))
-                continue
-            if reading is not None:
-                self._channels.readings.put(reading)
-                if isinstance(reading, StereoFrame):
-                    self._channels.frames.show(reading)
-                    came = True
-                self.tell(reading, now)
         self.problem = "; ".join(problems)
         if fresh:
             self.on_frames(now)
@@ -136,6 +138,15 @@ class SensingComponent:
         """Pass a reading on to the taps; also what somebody has said of the cell."""
         for tap in self.taps:
             tap.on_reading(reading, now)
+
+
+def _waiting(sensor: Sensor) -> Iterator[Any]:
+    """What a sensor has to say; some hand over every reading, others the newest alone."""
+    for _ in range(MOST_WAITING):
+        reading = sensor.read()
+        if reading is None:
+            return
+        yield reading
 
 
 def _says(status: ArmStatus) -> tuple[str, float, str]:

@@ -1,4 +1,4 @@
-"""The simulated gripper: fingers that go to a width at their speed. It grasps nothing."""
+"""The simulated gripper: fingers that go to a width at their speed, and hold what is between."""
 
 from __future__ import annotations
 
@@ -11,9 +11,18 @@ from armsight.devices.driven_hand import checked_width
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.spec import GripperSpec
 
+APART = 0.002
+"""Fingers that stand still farther from where they should be than this hold something [m]."""
+STILL = 0.004
+"""Slower fingers stand still [m/s]."""
+
 
 class SimulatedGripper:
-    """Implements :class:`armsight.devices.protocols.Gripper`; open at the start."""
+    """Implements :class:`armsight.devices.protocols.Gripper`; open at the start.
+
+    In a cell where contact pushes its fingers are bodies, and it says what those do; elsewhere it
+    grasps nothing.
+    """
 
     def __init__(self, spec: GripperSpec, clock: SimulatedClock) -> None:
         self._spec = spec
@@ -25,6 +34,7 @@ class SimulatedGripper:
         self._start = (0.0, self._spec.opening)
         self._target = self._spec.opening
         self._told = -1
+        self._felt: tuple[float, float] | None = None
 
     @property
     def opening(self) -> float:
@@ -39,7 +49,7 @@ class SimulatedGripper:
         """
         width = checked_width(width, self.opening)
         now = self._clock.now()
-        self._start = (now + self._spec.delay, self._width(now))
+        self._start = (now + self._spec.delay, self.wanted(now))
         self._target = width
 
     def read(self) -> GripperState | None:
@@ -49,10 +59,21 @@ class SimulatedGripper:
         if count <= self._told:
             return None
         self._told = count
-        width = self._width(now)
-        return GripperState(now, width, abs(width - self._target) > 1e-9, holding=False)
+        wanted = self.wanted(now)
+        going = abs(wanted - self._target) > 1e-9
+        if self._felt is None:
+            return GripperState(now, wanted, going, holding=False)
+        width, speed = self._felt
+        moving = speed > STILL
+        held = not moving and not going and width > self._target + APART
+        return GripperState(now, width, moving, holding=held)
 
-    def _width(self, now: float) -> float:
+    def wanted(self, now: float) -> float:
+        """Where its drive would have the width at a time [m]."""
         since, width = self._start
         most = self._spec.speed * max(0.0, now - since)
         return width + float(np.clip(self._target - width, -most, most))
+
+    def feel(self, closed: float, speed: float) -> None:
+        """Take in how far each finger has closed [m], and how fast it moves [m/s]."""
+        self._felt = (self._spec.opening - 2.0 * closed, 2.0 * abs(speed))

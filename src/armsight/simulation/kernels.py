@@ -265,3 +265,84 @@ def gap_bounds(
             t = min(max((px * ex + py * ey + pz * ez) / length, 0.0), 1.0)
             px, py, pz = px - t * ex, py - t * ey, pz - t * ez
             out[i, j] = np.sqrt(px * px + py * py + pz * pz) - radii[i] - widths[j]
+
+
+@njit(cache=True, nogil=True)
+def turn(q: Floats, v: Floats) -> Floats:
+    """(3,) vector turned by a wxyz quaternion."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    a = 2.0 * (y * v[2] - z * v[1])
+    b = 2.0 * (z * v[0] - x * v[2])
+    c = 2.0 * (x * v[1] - y * v[0])
+    return np.array(
+        [
+            v[0] + w * a + y * c - z * b,
+            v[1] + w * b + z * a - x * c,
+            v[2] + w * c + x * b - y * a,
+        ]
+    )
+
+
+@njit(cache=True, nogil=True)
+def rotation_between(a: Floats, b: Floats) -> Floats:
+    """(3,) rotation vector [rad], in the outer frame, that turns quaternion b into a: a b^-1."""
+    w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    out = np.empty(3)
+    out[0] = -a[0] * b[1] + a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
+    out[1] = -a[0] * b[2] + a[2] * b[0] - a[3] * b[1] + a[1] * b[3]
+    out[2] = -a[0] * b[3] + a[3] * b[0] - a[1] * b[2] + a[2] * b[1]
+    sine = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    if sine < 1e-12:
+        out[:] = 0.0
+        return out
+    angle = 2.0 * np.arctan2(sine, abs(w))
+    out *= (angle if w >= 0.0 else -angle) / sine
+    return out
+
+
+@njit(cache=True, nogil=True)
+def follow_leaders(
+    leaders: Floats,
+    share: float,
+    seconds: float,
+    index: Ints,
+    center: Floats,
+    gains: Floats,
+    qpos: Floats,
+    qvel: Floats,
+    force: Floats,
+) -> None:
+    """Write what pulls (m,) free bodies to where their leaders are on their way.
+
+    A spring and a damper between the centres of mass, and the same for how they are turned.
+
+    Args:
+        leaders: (2, m, 7) their last two poses, position and wxyz, ``seconds`` apart.
+        share: of that time that has passed, 0..1.
+        seconds: [s].
+        index: (m, 3) where each body's free joint begins in ``qpos`` and in ``qvel``, and its row
+            of ``force``.
+        center: (m, 3) centres of mass in the bodies' frames [m].
+        gains: (m, 4) spring [N/m], damper [N s/m]; of turning [N m/rad], [N m s/rad].
+        qpos: of all joints.
+        qvel: of all joints.
+        force: (bodies, 6) force [N] and torque [N m] at the centres of mass, written.
+    """
+    start, end = leaders[0], leaders[1]
+    for k in range(index.shape[0]):
+        here = end[k, :3] * share + start[k, :3] * (1.0 - share)
+        same = 1.0 if (start[k, 3:] * end[k, 3:]).sum() >= 0.0 else -1.0
+        lead = end[k, 3:] * share + same * start[k, 3:] * (1.0 - share)
+        lead /= np.sqrt((lead * lead).sum())
+        moves = share < 1.0
+        v_lead = (end[k, :3] - start[k, :3]) / seconds if moves else np.zeros(3)
+        w_lead = rotation_between(end[k, 3:], start[k, 3:]) / seconds if moves else np.zeros(3)
+        qa, va, body = index[k, 0], index[k, 1], index[k, 2]
+        own = qpos[qa + 3 : qa + 7] / np.sqrt((qpos[qa + 3 : qa + 7] ** 2).sum())
+        w_own = turn(own, qvel[va + 3 : va + 6])
+        arm, arm_lead = turn(own, center[k]), turn(lead, center[k])
+        gap = here + arm_lead - qpos[qa : qa + 3] - arm
+        rate = v_lead + np.cross(w_lead, arm_lead) - qvel[va : va + 3] - np.cross(w_own, arm)
+        turned = rotation_between(lead, own)
+        force[body, :3] = gains[k, 0] * gap + gains[k, 1] * rate
+        force[body, 3:] = gains[k, 2] * turned + gains[k, 3] * (w_lead - w_own)

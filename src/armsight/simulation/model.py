@@ -14,7 +14,8 @@ from armsight.simulation import looks
 from armsight.simulation.board import BoardUnit
 from armsight.simulation.gl import mujoco
 from armsight.simulation.model_arm import add_arm
-from armsight.simulation.model_movers import add_object, add_person
+from armsight.simulation.model_fingers import add_finger_servos, finger_places
+from armsight.simulation.model_movers import LedBodies, Movers
 from armsight.simulation.model_parts import MATERIALS, Builder, Part
 from armsight.simulation.people import PersonBody
 from armsight.simulation.spec import WorldSpec
@@ -35,20 +36,22 @@ class CellModel:
         parts: one a geom.
         link_bodies: (n + 1,) body of each link.
         person_bodies: mocap index of the first part of each person.
-        object_bodies: mocap index of each moving object.
+        movers: everything that moves besides the arm.
         materials: code of each geom's material, its place in :data:`MATERIALS`.
         greatest_load: torque that the arm's weight asks of a joint [N m].
         wrench: places in ``sensordata`` of the flange's force and torque, or None.
+        fingers: joints of the gripper's fingers in ``qpos`` and inputs in ``ctrl``, or None.
     """
 
     model: Any
     parts: tuple[Part, ...]
     link_bodies: Ints
     person_bodies: tuple[int, ...]
-    object_bodies: tuple[int, ...]
+    movers: LedBodies
     materials: Bytes
     greatest_load: float
     wrench: tuple[int, int] | None = None
+    fingers: tuple[int, int] | None = None
 
 
 def build_model(
@@ -81,17 +84,23 @@ def build_model(
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "static")
     for solid in spec.undeclared:
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "undeclared")
+    fingers = spec.pushes and spec.gripper is not None
     link_names = add_arm(
         builder,
         spec.arm.robot,
         spec.arm.T_world_base,
         T_link_joint_true,
-        spec.wrench is not None,
+        spec.wrench is not None or fingers,
         board,
+        spec.gripper if fingers else None,
     )
-    people_first = tuple(add_person(builder, person) for person in people)
-    objects_first = tuple(add_object(builder, item) for item in spec.objects)
+    movers = Movers(builder, spec.pushes)
+    people_first = tuple(movers.add_person(person) for person in people)
+    for item in spec.objects:
+        movers.add_object(item)
     _add_servos(mj, spec.arm.robot)
+    if fingers and spec.gripper is not None:
+        add_finger_servos(mj, spec.gripper)
     model = mj.compile()
     n = spec.arm.robot.n
     inertia, load = _greatest_inertia(model, spec.arm.robot)
@@ -107,8 +116,8 @@ def build_model(
     model.actuator_gainprm[:n, 0] = kp
     model.actuator_biasprm[:n, 1] = -kp
     kv = 2.0 * kp / SERVO_BANDWIDTH
-    model.actuator_gainprm[n:, 0] = kv
-    model.actuator_biasprm[n:, 2] = -kv
+    model.actuator_gainprm[n : 2 * n, 0] = kv
+    model.actuator_biasprm[n : 2 * n, 2] = -kv
     model.jnt_actfrcrange[:n] = np.stack([-torque, torque], axis=1)
     model.jnt_actfrclimited[:n] = True
     parts = tuple(builder.parts[model.geom(i).name] for i in range(model.ngeom))
@@ -118,12 +127,13 @@ def build_model(
         parts,
         np.array([model.body(name).id for name in link_names]),
         tuple(int(model.body(name).mocapid[0]) for name in people_first),
-        tuple(int(model.body(name).mocapid[0]) for name in objects_first),
+        movers.led(model),
         materials,
         load,
         None
         if spec.wrench is None
         else (int(model.sensor("flange/force").adr[0]), int(model.sensor("flange/torque").adr[0])),
+        finger_places(model) if fingers else None,
     )
 
 

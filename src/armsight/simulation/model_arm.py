@@ -14,6 +14,7 @@ from armsight.simulation import looks
 from armsight.simulation.board import BoardUnit
 from armsight.simulation.gl import mujoco
 from armsight.simulation.hulls import convex_pieces, load_mesh
+from armsight.simulation.model_fingers import add_fingers
 from armsight.simulation.model_parts import (
     ARM,
     COARSE,
@@ -25,6 +26,7 @@ from armsight.simulation.model_parts import (
     Part,
     set_inertia,
 )
+from armsight.simulation.spec import GripperSpec
 
 TOOL_GYRATION = 0.03
 """Radius of gyration that is assumed of a tool [m]."""
@@ -37,8 +39,19 @@ def add_arm(
     T_link_joint: Poses,
     sensing: bool,
     board: BoardUnit | None = None,
+    gripper: GripperSpec | None = None,
 ) -> tuple[str, ...]:
-    """The links; with a force sensor the tool is a body of its own, else part of the last."""
+    """The links; with a force sensor the tool is a body of its own, else part of the last.
+
+    Args:
+        builder: of the model.
+        robot: the arm.
+        T_world_base: where it stands.
+        T_link_joint: (n, 4, 4) its true geometry.
+        sensing: the tool is a body of its own.
+        board: that hangs on it or stands somewhere, or None.
+        gripper: whose fingers move, or None; needs ``sensing``.
+    """
     carried = board if board is not None and board.mounted_on == "flange" else None
     if board is not None and carried is None:
         _board(builder, builder.mj.worldbody, Part("static", "board"), board, np.eye(4))
@@ -67,7 +80,7 @@ def add_arm(
             meshes += [(m, robot.T_last_flange @ m.T_link_mesh) for m in tool.meshes]
         _link(builder, body, robot, link, meshes)
     if sensing:
-        _flange(builder, body, robot, carried)
+        _flange(builder, body, robot, carried, gripper)
     return tuple(names)
 
 
@@ -89,7 +102,13 @@ def _board(builder: Builder, body: Any, part: Part, board: BoardUnit, T_body_mou
     )
 
 
-def _flange(builder: Builder, last: Any, robot: Robot, board: BoardUnit | None) -> None:
+def _flange(
+    builder: Builder,
+    last: Any,
+    robot: Robot,
+    board: BoardUnit | None,
+    gripper: GripperSpec | None,
+) -> None:
     """What hangs on the force sensor."""
     T, tool = robot.T_last_flange, robot.tool
     body = last.add_body(name="arm/flange", pos=T[:3, 3], quat=to_wxyz(T), gravcomp=1.0)
@@ -100,7 +119,8 @@ def _flange(builder: Builder, last: Any, robot: Robot, board: BoardUnit | None) 
         part = Part("arm", robot.name, robot.link_names[robot.n], robot.n)
         _board(builder, body, part, board, np.eye(4))
     elif tool is not None:
-        meshes = [(m, m.T_link_mesh) for m in tool.meshes]
+        fingertips = add_fingers(builder, body, robot, gripper) if gripper is not None else ()
+        meshes = [(m, m.T_link_mesh) for m in tool.meshes if m.path.stem not in fingertips]
         if meshes:
             _link(builder, body, robot, robot.n, meshes, "arm/tool")
     site = body.add_site(name="flange")

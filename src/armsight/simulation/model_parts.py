@@ -19,7 +19,9 @@ Kind = Literal["arm", "static", "undeclared", "person", "object", "floor"]
 SEEN, COARSE, COLOR_ONLY, CONTACT, FINE, DEPTH_ONLY = range(6)
 """Geom groups: seen in all pictures; meshes for cameras at work; what is for colour alone; what
 only touches; meshes for stills; what is for depth alone."""
-ARM, OTHER = 1, 2  # contact bits: the arm touches others, others never each other
+ARM, OTHER, LIES = 1, 2, 4
+"""Contact bits: the arm touches others, others never each other; but a thing that lies somewhere
+touches whatever does not move by itself, and its like."""
 TOUCH_ONLY: dict[str, Any] = {
     "priority": 1,
     "solimp": [1e-4, 1e-4, 1e-3, 0.5, 2.0],
@@ -35,6 +37,17 @@ TOUCHING: dict[str, Any] = {
     "friction": [0.4, 0.005, 0.0001],
 }
 TOUCHED: dict[str, Any] = {"contype": OTHER, "conaffinity": ARM, **TOUCH_ONLY}
+_FIRM: dict[str, Any] = {
+    "priority": 2,
+    "solref": [0.004, 1.0],
+    "solimp": [0.98, 0.98, 0.001, 0.5, 2.0],
+    "condim": 4,
+    "friction": [0.8, 0.01, 0.0001],
+}
+PUSHING: dict[str, Any] = {"contype": OTHER, "conaffinity": ARM, **_FIRM}
+"""Shapes of bodies that give way: firm themselves, their springs are what gives."""
+LOOSE: dict[str, Any] = {"contype": OTHER | LIES, "conaffinity": ARM | LIES, **_FIRM}
+"""Things that lie somewhere, and are pushed and gripped."""
 MATERIALS = ("plain", "black_plastic", "shiny")
 """Materials that the sensors tell apart, in the order of their codes."""
 
@@ -77,7 +90,7 @@ class Builder:
             what,
             type=mujoco.mjtGeom.mjGEOM_PLANE,
             size=[0.0, 0.0, 0.1],  # without end
-            conaffinity=ARM,
+            conaffinity=ARM | LIES,
             contype=OTHER,
             group=CONTACT,
         )
@@ -123,9 +136,7 @@ class Builder:
             pos=T[:3, 3],
             quat=to_wxyz(T),
             material=looks.solid_material(self.mj, solid),
-            contype=OTHER,
-            conaffinity=ARM,
-            **options,
+            **({"contype": OTHER, "conaffinity": ARM | LIES} | options),
         )
 
     def looks(self, body: Any, part: Part, mesh: str, T: Pose, material: str, group: int) -> None:

@@ -114,7 +114,7 @@ class Person:
             self._hand = own.copy()
         room = self._spec.max_hand_speed * (now - self._last)
         self._last = now
-        self._hand = _towards(self._hand, goal, room)
+        self._hand = towards(self._hand, goal, room)
         if self._target is None and np.linalg.norm(self._hand - own) < 1e-3:
             self._hand = None
             return
@@ -158,7 +158,7 @@ class Hand:
             self.position = np.asarray(self._trajectory(now), float)
         elif self._target is not None:
             room = self._spec.max_hand_speed * (now - self._last)
-            self.position = _towards(self.position, self._target, room)
+            self.position = towards(self.position, self._target, room)
         self._last = now
         along = self._spec.T_world_person[:3, 0]
         p = self.proportions
@@ -198,11 +198,11 @@ class MovingObject:
         room = self._spec.max_speed * (now - self._last)
         self._last = now
         if self._target is not None:
-            self.position = _towards(self.position, self._target, room)
+            self.position = towards(self.position, self._target, room)
         elif not self._dragged:
             self.position = own
         elif self._spec.path != "free" or self._follow is not None:
-            self.position = _towards(self.position, own, room)
+            self.position = towards(self.position, own, room)
             self._dragged = bool(np.linalg.norm(self.position - own) > 1e-6)
         position[0] = self.position
 
@@ -225,7 +225,8 @@ def make_person(spec: PersonSpec) -> Person | Hand:
     return Hand(spec) if spec.motion == "hand" else Person(spec)
 
 
-def _towards(position: Vector3, goal: Vector3, room: float) -> Vector3:
+def towards(position: Vector3, goal: Vector3, room: float) -> Vector3:
+    """A position moved towards a goal by no more than some room [m]."""
     away = goal - position
     distance = float(np.linalg.norm(away))
     return np.asarray(goal if distance <= room else position + away * (room / distance))

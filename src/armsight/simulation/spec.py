@@ -88,6 +88,9 @@ class WrenchSpec:
         bias: standard deviations of the constant errors of force [N] and torque [N m].
         low_pass: corner of the first-order filter [Hz].
         latency: measurement to arrival [s].
+        drift: standard deviation by which the errors wander in a minute, of force [N] and torque
+            [N m].
+        greatest: of each component of force [N] and torque [N m]; beyond that it saturates.
     """
 
     rate: float = 100.0
@@ -95,6 +98,8 @@ class WrenchSpec:
     bias: tuple[float, float] = (1.0, 0.02)
     low_pass: float = 30.0
     latency: float = 0.004
+    drift: tuple[float, float] = (0.3, 0.006)
+    greatest: tuple[float, float] = (300.0, 20.0)
 
 
 @dataclass(frozen=True)
@@ -105,12 +110,14 @@ class GripperSpec:
         opening: greatest width [m].
         speed: of the fingertips against each other [m/s].
         delay: command to motion [s]; rate: readings a second [Hz].
+        force: with which it closes [N].
     """
 
     opening: float = 0.085
     speed: float = 0.1
     delay: float = 0.03
     rate: float = 50.0
+    force: float = 40.0
 
 
 @dataclass(frozen=True)
@@ -156,21 +163,30 @@ class MovingObjectSpec:
     """A thing that moves on a circle or to and fro, or that the page drags.
 
     Attributes:
-        solid: its shape; ``T_frame_solid`` is its pose at the start in world.
-        path: ``circle`` about ``center``, ``line`` from the start to ``center``, or ``free``.
+        solid: its shape; ``T_frame_solid`` is its pose at the start in world; for one that somebody
+            holds in the frame of the part that holds it.
+        path: ``circle`` about ``center``, ``line`` from the start to ``center``, ``free`` where it
+            is until it is dragged, or ``loose``: it lies where it was put, falls, and is pushed.
         center: (x, y, z) [m]; period: seconds a round [s].
         max_speed: when it is dragged [m/s].
         parts: more solids that it carries, posed in the frame of ``solid``.
         follow: draws a path, its place (3,) [m] at a time [s], which goes before ``path``; or None.
+        mass: [kg]; surface, hold: stiffness of its surface and of its stand [N/m], in cells where
+            contact pushes.
+        held_by: who holds it, such as ``anna/right_hand``; empty for nobody.
     """
 
     solid: Solid
-    path: Literal["circle", "line", "free"] = "free"
+    path: Literal["circle", "line", "free", "loose"] = "free"
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     period: float = 10.0
     max_speed: float = 1.5
     parts: tuple[Solid, ...] = ()
     follow: Callable[[np.random.Generator], Callable[[float], Vector3]] | None = None
+    mass: float = 0.2
+    surface: float = 20e3
+    hold: float = 2000.0
+    held_by: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +244,7 @@ class WorldSpec:
         stereo: stereo pairs: the left lens is ``depth``, the right one ``color``.
         wrench: the force sensor at the flange, or None; gripper: likewise.
         board: a calibration board, or None.
+        pushes: contact pushes: people's hands and faces and what moves give way, and push back.
     """
 
     arm: ArmSpec
@@ -242,3 +259,4 @@ class WorldSpec:
     wrench: WrenchSpec | None = None
     gripper: GripperSpec | None = None
     board: BoardSpec | None = None
+    pushes: bool = False

@@ -12,7 +12,7 @@ from armsight.robots.robot import Robot
 from armsight.simulation.gl import mujoco
 from armsight.simulation.kernels import gap_bounds
 from armsight.simulation.model import CellModel
-from armsight.simulation.model_parts import Part
+from armsight.simulation.model_parts import TOUCH_ONLY, Part
 
 MOVING = 0.05
 """The arm moves when the touching point is faster than this [m/s]."""
@@ -34,6 +34,9 @@ class Contact:
         depth: greatest penetration [m].
         arm_speed: greatest speed of the arm at the touching point while touching [m/s].
         position: of the first touch in world [m].
+        region: of a person's body, as in :data:`~armsight.geometry.body_regions.BODY_REGIONS`.
+        force: greatest force between the two [N], NaN where contact is noticed but pushes nobody.
+        impulse: sum of that force over the time of contact [N s].
     """
 
     kind: str
@@ -45,6 +48,9 @@ class Contact:
     depth: float
     arm_speed: float
     position: Vector3
+    region: str = ""
+    force: float = float("nan")
+    impulse: float = 0.0
 
     @property
     def moving(self) -> bool:
@@ -92,6 +98,8 @@ class Truth:
         self._widths = np.array([width for _, width in axes])
         self._bound = np.zeros((len(self._arm), len(self._people)))
         self._jacobian = np.zeros((3, cell.model.nv))
+        self._pushes = np.asarray(cell.model.geom_priority) != TOUCH_ONLY["priority"]
+        self._wrench = np.zeros(6)
         self._fromto = np.zeros(6)
         self.reset()
 
@@ -125,17 +133,28 @@ class Truth:
         poses[:, :3, 3] = self._data.xpos[self._cell.link_bodies]
         return poses
 
-    def note_contacts(self, now: float) -> None:
-        """Look at the contacts of the step that began at ``now`` [s]."""
+    def note_contacts(self, now: float, seconds: float) -> None:
+        """Look at the contacts of the step of some seconds [s] that began at ``now`` [s]."""
         contact = self._data.contact
-        for (a, b), gap, point in zip(contact.geom, contact.dist, contact.pos):
+        pushed: dict[int, tuple[Contact, Vector3]] = {}
+        for i, ((a, b), gap, point) in enumerate(zip(contact.geom, contact.dist, contact.pos)):
             if gap > 0.0:
                 continue
-            arm, other = self._cell.parts[a], self._cell.parts[b]
+            arm, other, sign, geom = self._cell.parts[a], self._cell.parts[b], 1.0, b
             if arm.kind != "arm":
-                arm, other = other, arm
-            if arm.kind == "arm" and other.kind != "arm":
-                self._note(arm, other, now, float(gap), np.array(point))
+                arm, other, sign, geom = other, arm, -1.0, a
+            if arm.kind != "arm" or other.kind == "arm":
+                continue
+            found = self._note(arm, other, int(geom), now, float(gap), np.array(point))
+            if self._pushes[a] and self._pushes[b]:
+                mujoco.mj_contactForce(self._cell.model, self._data, i, self._wrench)
+                force = sign * (contact.frame[i].reshape(3, 3).T @ self._wrench[:3])
+                sum_ = pushed[id(found)][1] if id(found) in pushed else np.zeros(3)
+                pushed[id(found)] = (found, sum_ + force)
+        for found, force in pushed.values():
+            strength = float(np.linalg.norm(force))
+            found.force = max(strength, 0.0 if np.isnan(found.force) else found.force)
+            found.impulse += strength * seconds
 
     def note_separation(self, now: float) -> None:
         """Measure the distance from the arm to the nearest person."""
@@ -154,20 +173,28 @@ class Truth:
             Separation(now, distance, person.owner, person.part, arm.link, speed, tip_speed)
         )
 
-    def _note(self, arm: Part, other: Part, now: float, gap: float, point: Vector3) -> None:
+    def _note(
+        self, arm: Part, other: Part, geom: int, now: float, gap: float, point: Vector3
+    ) -> Contact:
         key = (arm.link, other.owner, other.part)
         speed = self._speed(int(self._cell.link_bodies[arm.link]), point)
         known = self._open.get(key)
         if known is None or now - known.end > APART:
+            region = ""
+            if other.kind == "person":
+                body = int(self._cell.model.geom_bodyid[geom])
+                R = self._data.xmat[body].reshape(3, 3)
+                region = region_at(other.part, R.T @ (point - self._data.xpos[body]))
             known = Contact(
-                other.kind, other.owner, other.part, arm.link, now, now, -gap, speed, point
+                other.kind, other.owner, other.part, arm.link, now, now, -gap, speed, point, region
             )
             self._open[key] = known
             self.contacts.append(known)
-            return
+            return known
         known.end = now
         known.depth = max(known.depth, -gap)
         known.arm_speed = max(known.arm_speed, speed)
+        return known
 
     def _nearest(self) -> tuple[float, int, int, Vector3] | None:
         """Least distance between the arm's and people's shapes.
@@ -216,6 +243,28 @@ class Truth:
         """Speed of a point of the arm [m/s]."""
         mujoco.mj_jac(self._cell.model, self._data, self._jacobian, None, point, body)
         return float(np.linalg.norm(self._jacobian @ self._data.qvel))
+
+
+LIMBS = {
+    "upper_arm": "upper_arm",
+    "forearm": "lower_arm",
+    "hand": "hand",
+    "thigh": "thigh",
+    "shin": "lower_leg",
+    "foot": "lower_leg",
+}
+
+
+def region_at(part: str, point: Vector3) -> str:
+    """Region of the body at a point in a part's frame [m]; x is forward, z from joint to joint."""
+    forward = point[0] > 0.02
+    if part == "head":
+        return "neck" if point[2] < 0.06 else "face" if forward else "skull"
+    if part == "torso":
+        if point[2] < 0.1:
+            return "pelvis"
+        return "back" if point[0] < 0.0 else "abdomen" if point[2] < 0.3 else "chest"
+    return LIMBS[part.split("_", 1)[1]]
 
 
 def bounding_radius(model: Any, geom: int) -> float:

@@ -19,9 +19,11 @@ from armsight.simulation.arm_errors import compliance, true_geometry
 from armsight.simulation.board import draw_board
 from armsight.simulation.cameras import SimulatedCamera, SimulatedStereo, make_rivals
 from armsight.simulation.clock import SimulatedClock
+from armsight.simulation.giving import Followers
 from armsight.simulation.gl import mujoco
 from armsight.simulation.gripper import SimulatedGripper
 from armsight.simulation.looks import cloth_colors
+from armsight.simulation.loose import LooseThings
 from armsight.simulation.model import build_model
 from armsight.simulation.movers import (
     Hand,
@@ -64,17 +66,23 @@ class SimulatedWorld:
         self.seed = seed
         self.clock = SimulatedClock()
         self._people = tuple(make_person(person) for person in spec.people)
-        self._objects = tuple(
-            MovingObject(item, (seed, 60, i)) for i, item in enumerate(spec.objects)
-        )
+        led = [
+            MovingObject(item, (seed, 60, i))
+            for i, item in enumerate(spec.objects)
+            if not item.held_by and item.path != "loose"
+        ]
+        self._objects = tuple(led)
         self._movers = {mover.name: mover for mover in (*self._people, *self._objects)}
-        if len(self._movers) < len(self._people) + len(self._objects):
+        names = {*self._movers, *(item.solid.name for item in spec.objects)}
+        if len(names) < len(spec.people) + len(spec.objects):
             raise UsageError("people and moving objects need names of their own")
         robot, scale = spec.arm.robot, spec.arm.kinematic_error
         geometry = true_geometry(robot, scale, np.random.default_rng((seed, 10)))
         self.board = None if spec.board is None else draw_board(spec.board, seed)
         self._cell = build_model(spec, [p.body for p in self._people], geometry, self.board)
         self._data: Any = mujoco.MjData(self._cell.model)
+        self._followers = Followers(self._cell.model, self._cell.movers.givers)
+        self._loose = LooseThings(self._cell, [o for o in spec.objects if o.path == "loose"])
         self.arm = SimulatedArm(
             spec.arm,
             self.clock,
@@ -133,6 +141,7 @@ class SimulatedWorld:
         self.arm.reset()
         for mover in self._movers.values():
             mover.reset()
+        self._loose.reset()
         self._renders.finish()
         self._photographer.reset()
         for camera in self._shutters:
@@ -142,6 +151,7 @@ class SimulatedWorld:
                 device.reset()
         self.truth.reset()
         self._move_movers(0.0)
+        self._followers.reset(self._data)
         mujoco.mj_forward(self._cell.model, self._data)
 
     def advance(self, until: float) -> None:
@@ -149,27 +159,33 @@ class SimulatedWorld:
         dt = self.spec.time_step
         model, data, truth = self._cell.model, self._data, self.truth
         n = self.spec.arm.robot.n
-        q, qd, control = data.qpos[:n], data.qvel[:n], data.ctrl
+        q, qd, control = data.qpos[:n], data.qvel[:n], data.ctrl[: 2 * n]
         drive, load = data.qfrc_actuator[:n], data.qfrc_gravcomp[:n]
         step, last = self._step, int(np.floor(until / dt + 1e-6))
         while step <= last:
             now = step * dt
             if step % self._mover_steps == 0:
                 self._move_movers(now)
+                self._followers.note(data, now, self._mover_steps * dt)
             self._expose(now)
             if step == last:
                 break
             self.arm.before_step(now, q, control)
+            if self.spec.pushes:
+                self._push(now)
             before = None if self.wrench is None else data.qvel.copy()
             mujoco.mj_step(model, data)
             if data.ncon:
-                truth.note_contacts(now)
+                truth.note_contacts(now, dt)
             if step % self._truth_steps == 0:
                 truth.note_separation(now)
             step += 1
             self.arm.sense(step, step * dt, q, qd, drive, load)
             if self.wrench is not None:
                 self._feel(self.wrench, step, before)
+            if self._cell.fingers is not None and self.gripper is not None:
+                at = self._cell.fingers[0]
+                self.gripper.feel(float(data.qpos[at]), float(data.qvel[at]))
         self._step = step
         self.clock._set(max(until, self.clock.now()))
 
@@ -188,23 +204,25 @@ class SimulatedWorld:
     def movers(self) -> tuple[MovingSolid, ...]:
         """Every solid of people and moving objects where it is now, for drawing."""
         states = []
-        for person, first, drawn in zip(self._people, self._cell.person_bodies, self._drawn):
-            poses = [self._mocap_pose(first + i) for i in range(len(person.body.parts))]
+        for person, drawn in zip(self._people, self._drawn):
+            poses = [self._pose(f"{person.name}/{part.name}") for part in person.body.parts]
             for index, solid in drawn:
                 states.append(MovingSolid(solid.name, solid, poses[index] @ solid.T_frame_solid))
-        for item, first in zip(self.spec.objects, self._cell.object_bodies):
-            T = self._mocap_pose(first)
-            states.append(MovingSolid(item.solid.name, item.solid, T))
+        for item in self.spec.objects:
+            pose = self._pose(item.solid.name)
+            if item.held_by:
+                pose = pose @ item.solid.T_frame_solid
+            states.append(MovingSolid(item.solid.name, item.solid, pose))
             for part in item.parts:
-                states.append(MovingSolid(part.name, part, T @ part.T_frame_solid))
+                states.append(MovingSolid(part.name, part, pose @ part.T_frame_solid))
         return tuple(states)
 
     def bodies(self) -> tuple[MovingSurfaces, ...]:
         """What people look like, part by part, where they are now, for drawing."""
         states = []
-        for looks, first in zip(self._looks, self._cell.person_bodies):
-            for i, (name, surfaces) in enumerate(looks):
-                states.append(MovingSurfaces(name, surfaces, self._mocap_pose(first + i)))
+        for looks in self._looks:
+            for name, surfaces in looks:
+                states.append(MovingSurfaces(name, surfaces, self._pose(name)))
         return tuple(states)
 
     def drag(self, name: str, position_world: Vector3 | None) -> None:
@@ -215,7 +233,10 @@ class SimulatedWorld:
         Raises:
             UsageError: nothing of that name moves.
         """
-        self._mover(name).drag(position_world)
+        if name in self._loose:
+            self._loose.drag(name, position_world)
+        else:
+            self._mover(name).drag(position_world)
 
     def follow(self, name: str, trajectory: Trajectory | None) -> None:
         """Let a lone hand follow a function of time, for searches; None ends it.
@@ -300,18 +321,33 @@ class SimulatedWorld:
             raise UsageError(f"nothing called '{owner}' moves in this cell; what moves: {known}")
         return self._movers[owner]
 
-    def _mocap_pose(self, index: int) -> Pose:
+    def _pose(self, name: str) -> Pose:
+        """Where a part of a person, or a thing, is: what is led stiffly is where its leader is."""
+        body, data = self._cell.movers.shapes[name], self._data
+        leader = int(self._cell.model.body_mocapid[body])
+        if leader < 0:
+            return make_pose(data.xmat[body].reshape(3, 3), data.xpos[body])
         # Called for every part of every person at every look: scipy's rotations would be felt.
         rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, self._data.mocap_quat[index])
-        return make_pose(rotation.reshape(3, 3), self._data.mocap_pos[index])
+        mujoco.mju_quat2Mat(rotation, data.mocap_quat[leader])
+        return make_pose(rotation.reshape(3, 3), data.mocap_pos[leader])
+
+    def _push(self, now: float) -> None:
+        """What makes bodies follow their own motion, things be carried, and fingers close."""
+        data = self._data
+        self._followers.push(data, now)
+        self._loose.push(data, self.spec.time_step)
+        if self._cell.fingers is not None and self.gripper is not None:
+            at = self._cell.fingers[1]
+            data.ctrl[at : at + 2] = 0.5 * (self.gripper.opening - self.gripper.wanted(now))
 
     def _move_movers(self, now: float) -> None:
         positions, quaternions = self._data.mocap_pos, self._data.mocap_quat
         for person, first in zip(self._people, self._cell.person_bodies):
             to = first + len(person.body.parts)
             person.update(now, positions[first:to], quaternions[first:to])
-        for item, first in zip(self._objects, self._cell.object_bodies):
+        for item in self._objects:
+            first = self._cell.movers.leaders[item.name]
             item.update(now, positions[first : first + 1], quaternions[first : first + 1])
 
     def _settle(self) -> None:

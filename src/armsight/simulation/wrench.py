@@ -15,7 +15,8 @@ from armsight.simulation.spec import WrenchSpec
 class SimulatedWrench:
     """Implements :class:`armsight.devices.protocols.ForceSensor`.
 
-    A first-order low-pass, a constant bias drawn from the seed, white noise, and a latency.
+    A first-order low-pass, a constant bias drawn from the seed, one that wanders, white noise,
+    saturation, and a latency. Every reading is handed over, in order.
     """
 
     def __init__(
@@ -27,6 +28,8 @@ class SimulatedWrench:
         self._gain = 1.0 - np.exp(-2.0 * np.pi * spec.low_pass * time_step)
         self._every = max(1, round(1.0 / (spec.rate * time_step)))
         self._scale = np.repeat(spec.noise, 3)
+        self._wander = np.repeat(spec.drift, 3) * np.sqrt(self._every * time_step / 60.0)
+        self._greatest = np.repeat(spec.greatest, 3)
         self.bias = np.random.default_rng((*seed, 1)).standard_normal(6) * np.repeat(spec.bias, 3)
         self.reset()
 
@@ -34,15 +37,15 @@ class SimulatedWrench:
         """Back to time 0."""
         self._rng = np.random.default_rng((*self._seed, 2))
         self._filtered: Floats | None = None
+        self._drift = np.zeros(6)
         self._waiting: deque[Wrench] = deque(maxlen=4096)
 
     def read(self) -> Wrench | None:
-        """The newest reading that has arrived since the last call, or None."""
-        newest = None
+        """The oldest reading that has arrived and was not handed over yet, or None."""
         limit = self._clock.now() - self._spec.latency + 1e-9
-        while self._waiting and self._waiting[0].stamp <= limit:
-            newest = self._waiting.popleft()
-        return newest
+        if self._waiting and self._waiting[0].stamp <= limit:
+            return self._waiting.popleft()
+        return None
 
     def sense(self, step: int, now: float, force: Floats, torque: Floats) -> None:
         """Take in what acts on the flange after a physics step, in the flange's frame.
@@ -58,5 +61,8 @@ class SimulatedWrench:
             self._filtered = true
         self._filtered = self._filtered + self._gain * (true - self._filtered)
         if step % self._every == 0:
-            told = self._filtered + self.bias + self._rng.standard_normal(6) * self._scale
+            self._drift = self._drift + self._rng.standard_normal(6) * self._wander
+            told = self._filtered + self.bias + self._drift
+            told = told + self._rng.standard_normal(6) * self._scale
+            told = np.clip(told, -self._greatest, self._greatest)
             self._waiting.append(Wrench(now, told[:3], told[3:]))

@@ -52,6 +52,7 @@ from armsight.workcell.opening import (
 )
 from armsight.workcell.schema import (
     CameraSection,
+    ObjectSection,
     PersonSection,
     StereoSection,
     TargetSection,
@@ -331,18 +332,16 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
         undeclared=tuple(s.solid for s in settings.undeclared),
         people=tuple(_person(workcell, p) for p in settings.person),
         objects=(
-            *(
-                MovingObjectSpec(o.solid, o.path, o.center or (0.0, 0.0, 0.0), o.period_s)
-                for o in settings.object
-            ),
+            *(_object(o) for o in settings.object),
             *(target_object(_target(t)) for t in settings.target),
         ),
         floor=settings.floor,
-        time_step=settings.time_step_ms / 1e3,
+        time_step=(settings.time_step_ms or (1.0 if settings.contact_pushes else 2.0)) / 1e3,
         stereo=tuple(_pair(workcell, s) for s in workcell.stereo if s.driver == SIMULATED),
         wrench=_wrench(workcell),
         gripper=_gripper(workcell),
         board=board_spec(workcell),
+        pushes=settings.contact_pushes,
     )
 
 
@@ -402,6 +401,8 @@ def _wrench(workcell: Workcell) -> WrenchSpec | None:
         bias=(on * errors.bias_n, on * errors.bias_nm),
         low_pass=errors.low_pass_hz,
         latency=errors.latency_ms / 1e3,
+        drift=(on * errors.drift_n, on * errors.drift_nm),
+        greatest=(errors.greatest_n, errors.greatest_nm),
     )
 
 
@@ -409,7 +410,20 @@ def _gripper(workcell: Workcell) -> GripperSpec | None:
     section = workcell.gripper
     if section is None or section.driver != SIMULATED:
         return None
-    return GripperSpec(section.opening, section.speed)
+    return GripperSpec(section.opening, section.speed, force=section.force_n)
+
+
+def _object(section: ObjectSection) -> MovingObjectSpec:
+    return MovingObjectSpec(
+        section.solid,
+        section.path,
+        section.center or (0.0, 0.0, 0.0),
+        section.period_s,
+        mass=section.mass_kg,
+        surface=1e3 * section.surface_n_per_mm,
+        hold=1e3 * section.hold_n_per_mm,
+        held_by=section.held_by or "",
+    )
 
 
 def _person(workcell: Workcell, section: PersonSection) -> PersonSpec:

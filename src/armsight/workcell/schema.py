@@ -304,16 +304,27 @@ class PersonSection(Section):
 class ObjectSection(SolidSection):
     """A moving thing: a solid with a path."""
 
-    path: Literal["circle", "line", "free"] = key(
+    path: Literal["circle", "line", "free", "loose"] = key(
         "free",
-        "`circle` about `center`, `line` to `center` and back, or `free`: the page drags it.",
+        "`circle` about `center`, `line` to `center` and back, `free`: the page drags it, or "
+        "`loose`: it lies there, falls, and is pushed and gripped (needs `contact_pushes`).",
     )
     center: Triple | None = key(None, "Centre of the circle, or far end of the line.", "m")
     period_s: Positive = key(10.0, "Time of one round.", "s")
+    mass_kg: Positive = key(0.2, "Its mass, where contact pushes.", "kg", le=100.0)
+    surface_n_per_mm: Positive = key(20.0, "Stiffness of its surface.", "N/mm", le=1000.0)
+    hold_n_per_mm: Positive = key(
+        2.0, "Stiffness of its stand, or of whatever moves it.", "N/mm", le=100.0
+    )
+    held_by: Text | None = key(
+        None,
+        "Who holds it, such as `anna/right_hand`; its position is then in that part's frame: z "
+        "from the wrist to the knuckles, x out of the back of the hand.",
+    )
 
     @model_validator(mode="after")
     def _center_named(self) -> ObjectSection:
-        if (self.path == "free") != (self.center is None):
+        if (self.path in ("free", "loose")) != (self.center is None):
             raise ValueError(
                 f'path is "{self.path}" and center is {"missing" if self.center is None else "set"}'
                 ', expected a center with path "circle" or "line", and only then'
@@ -374,6 +385,12 @@ class WrenchErrorsSection(Section):
     low_pass_hz: Positive = key(
         30.0, "Corner of the sensor's first-order low-pass filter.", "Hz", le=5000
     )
+    drift_n: NotNegative = key(
+        0.3, "Standard deviation by which the error of force wanders in a minute.", "N", le=100
+    )
+    drift_nm: NotNegative = key(0.006, "Likewise of torque.", "N m", le=10)
+    greatest_n: Positive = key(300.0, "Force along an axis at which it saturates.", "N", le=1e5)
+    greatest_nm: Positive = key(20.0, "Torque about an axis likewise.", "N m", le=1e4)
     latency_ms: NotNegative = key(4.0, "Measurement to arrival.", "ms", le=1000)
 
 
@@ -381,7 +398,14 @@ class SimulationSection(Section):
     """What only the simulator knows. Hardware ignores this table."""
 
     floor: Switch = key(True, "Whether there is a floor at z = 0.")
-    time_step_ms: Positive = key(2.0, "Step of the physics.", "ms", ge=0.1, le=10.0)
+    time_step_ms: Positive | None = key(
+        None, "Step of the physics; 2 ms if left out, 1 where contact pushes.", "ms", ge=0.1, le=10
+    )
+    contact_pushes: Switch = key(
+        False,
+        "Whether people's hands and faces, and things, give way and push back; else they follow "
+        "their own motion whatever touches them.",
+    )
     sensor_errors: Switch = key(True, "Whether the cameras' error models are on; ideal otherwise.")
     color_scale: Share = key(
         0.5, "Share of the colour lenses' resolution that is rendered, when colour is asked for."
