@@ -53,6 +53,9 @@ def main() -> int:
     parser.add_argument("--size", default="256x212")
     parser.add_argument("--samples", type=int, default=16, help="light paths a pixel")
     parser.add_argument("--shard", type=int, default=50)
+    parser.add_argument(
+        "--distance", type=float, nargs=2, help="of the camera to the base [m]; else the set's"
+    )
     options = parser.parse_args()
     width, height = (int(n) for n in options.size.split("x"))
     manifest = Manifest(
@@ -65,10 +68,12 @@ def main() -> int:
         scenes=0,
         shard_size=options.shard,
         meshes={name: mesh_hash(name) for name in options.robots if name in KNOWN_ROBOTS},
-        settings={"samples": str(options.samples)},
+        settings={"samples": str(options.samples)} | _said(options.distance),
     )
     # No recordings here: every picture has a place of its own.
     recipe = find_recipe(options.set)
+    if options.distance is not None:
+        recipe = replace(recipe, distance=tuple(options.distance))
 
     def draw(batches: Iterator[range]) -> Iterator[list[Drawn]]:
         for batch in batches:
@@ -83,6 +88,10 @@ def main() -> int:
         print("interrupted; run the same command again to go on", file=sys.stderr)
         return 130
     return 0
+
+
+def _said(distance: list[float] | None) -> dict[str, str]:
+    return {} if distance is None else {"distance": f"{distance[0]:g} {distance[1]:g}"}
 
 
 def draw_sample(manifest: Manifest, recipe: Recipe, index: int, samples: int) -> Drawn:

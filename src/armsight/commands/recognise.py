@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from armsight.arrays import ColorImage
     from armsight.geometry.camera import PinholeCamera
     from armsight.recognition.inference.pictures import Picture
-    from armsight.recognition.inference.recogniser import Recogniser, Recognition
+    from armsight.recognition.opening import Looks
 
 DEFAULT_NETWORK = "multi-objective"
 
 
 @dataclass(frozen=True)
 class Recognise:
-    """Find the robot in a picture, a folder of pictures or a video: type, mask, base and joints.
+    """Find robot arms in a picture, a folder of pictures or a video: types, masks, poses, joints.
 
     Examples: armsight recognise photo.jpg; armsight recognise photos --out found
     --camera ros_camera_info.yaml; armsight recognise film.mp4 --network runs/t7/network.onnx
@@ -50,64 +50,61 @@ class Recognise:
     def run(self) -> int:
         """Recognise; 1 if any picture could not be read."""
         from armsight.errors import RecognitionError, UsageError
-        from armsight.recognition.inference.model import Model, network_file
+        from armsight.recognition.inference.model import network_file
         from armsight.recognition.inference.pictures import VIDEOS, pictures_in
-        from armsight.recognition.inference.recogniser import Recogniser
+        from armsight.recognition.opening import open_recogniser
 
         if self.camera is not None and self.intrinsics is not None:
             raise UsageError("recognise: give one of --camera and --intrinsics")
         if self.every < 1:
             raise UsageError(f"--every is {self.every}, expected at least 1")
         paths = pictures_in(self.what)
-        recogniser = Recogniser(Model(network_file(self.network), self.threads))
+        looks = open_recogniser(network_file(self.network), self.threads)
         if self.what.suffix.lower() in VIDEOS:
-            return self._video(recogniser)
-        answers: list[Recognition] = []
+            return self._video(looks)
+        lines: list[str] = []
         failed = 0
         for path in paths:
             try:
-                answers.append(self._picture(recogniser, path))
+                lines.append(self._picture(looks, path))
             except RecognitionError as error:
                 if len(paths) == 1:
                     raise
                 failed += 1
                 print(error, file=sys.stderr)
-        self._finish(answers)
+        self._finish(lines)
         return 1 if failed else 0
 
-    def _picture(self, recogniser: Recogniser, path: Path) -> Recognition:
+    def _picture(self, looks: Looks, path: Path) -> str:
         from armsight.recognition.inference.pictures import read_picture
 
         picture = read_picture(path)
-        found = recogniser.recognise(picture, self._camera_of(picture))
-        self._show(found)
+        shown = looks(picture, self._camera_of(picture))
+        print(shown.line, flush=True)
         if self.out is not None:
-            from armsight.recognition.inference.overlay import draw
+            self._write(f"{path.stem}.recognised.png", shown.drawing)
+            self._write(f"{path.stem}.mask.png", shown.mask)
+        return shown.line
 
-            self._write(f"{path.stem}.recognised.png", draw(picture.image, found))
-            self._write(f"{path.stem}.mask.png", _grey(found))
-        return found
-
-    def _video(self, recogniser: Recogniser) -> int:
+    def _video(self, looks: Looks) -> int:
         from armsight.recognition.inference.pictures import video_frames
         from armsight.recognition.inference.video import write_video
 
-        answers: list[Recognition] = []
+        lines: list[str] = []
 
         def drawn() -> Iterator[ColorImage]:
-            from armsight.recognition.inference.overlay import draw
-
             for picture in video_frames(self.what, self.every):
-                answers.append(recogniser.recognise(picture, self._camera_of(picture)))
-                self._show(answers[-1])
-                yield draw(picture.image, answers[-1])
+                shown = looks(picture, self._camera_of(picture))
+                print(shown.line, flush=True)
+                lines.append(shown.line)
+                yield shown.drawing
 
         if self.out is None:
             for _ in drawn():
                 pass
         else:
             write_video(self.out / f"{self.what.stem}.recognised.mp4", drawn())
-        self._finish(answers)
+        self._finish(lines)
         return 0
 
     def _camera_of(self, picture: Picture) -> PinholeCamera | None:
@@ -124,11 +121,6 @@ class Recognise:
             return camera_for(read_camera(self.camera), width, height, str(self.camera))
         return picture.camera
 
-    def _show(self, found: Recognition) -> None:
-        from armsight.recognition.inference.recogniser import as_line
-
-        print(as_line(found), flush=True)
-
     def _write(self, name: str, image: ColorImage) -> None:
         import io
 
@@ -141,17 +133,9 @@ class Recognise:
         Image.fromarray(image).save(buffer, "PNG")
         write_atomically(self.out / name, buffer.getvalue())
 
-    def _finish(self, answers: list[Recognition]) -> None:
-        from armsight.recognition.inference.recogniser import as_line
+    def _finish(self, lines: list[str]) -> None:
         from armsight.writing import write_text
 
         if self.out is not None:
-            text = "".join(f"{as_line(a)}\n" for a in answers)
-            write_text(self.out / "recognised.jsonl", text)
+            write_text(self.out / "recognised.jsonl", "".join(f"{line}\n" for line in lines))
             print(f"written to {self.out}", file=sys.stderr)
-
-
-def _grey(found: Recognition) -> ColorImage:
-    import numpy as np
-
-    return np.asarray(np.round(255.0 * found.mask), np.uint8)

@@ -12,10 +12,11 @@ import tyro
 
 @dataclass(frozen=True)
 class Train:
-    """Train one of the papers' networks on a labelled set; the same command goes on where it was.
+    """Train our network or one of the papers' on a labelled set; the same command goes on.
 
-    Examples: armsight train --network multi-objective --config t5-small --data sets/paper
-    --out runs/t5; armsight train --config t5 --data sets/paper --pack packed --out runs/t5
+    Examples: armsight train --config ours --data sets/crops --out runs/ours;
+    armsight train --network multi-objective --config t5-small --data sets/paper --out runs/t5;
+    armsight train --config t5 --data sets/paper --pack packed --out runs/t5
 
     Attributes:
         config: a configuration file, or the name of a packaged one (docs/recognition.md).
@@ -47,8 +48,12 @@ class Train:
     def run(self) -> int:
         """Train to the end, or until the time is up."""
         from armsight.errors import UsageError
+        from armsight.recognition.any_arm.learning.plan import is_plan
         from armsight.recognition.training import entry
+        from armsight.recognition.training.config import config_file
 
+        if is_plan(config_file(self.config)):
+            return self._crops(config_file(self.config))
         config = entry.read(self.config, self.seed, self.samples)
         a = config.architecture
         if self.network is not None and a.kind != self.network:
@@ -63,4 +68,29 @@ class Train:
         wanted = Wanted(self.out, minutes, self.device, self.half, self.threads)
         train(config, entry.packed(self.data, config), wanted, entry.say)
         print(f"\nwritten to {self.out}: weights.safetensors, network.onnx, CARD.md, curve.png")
+        return 0
+
+    def _crops(self, file: Path) -> int:
+        """Train the crop network."""
+        from dataclasses import replace
+
+        from armsight.errors import UsageError
+        from armsight.recognition.any_arm.learning.plan import read_plan
+        from armsight.recognition.training import entry
+
+        for name in ("network", "samples", "pack"):
+            if getattr(self, name) is not None:
+                raise UsageError(f"--{name} is for the papers' networks, not for {self.config}")
+        plan = read_plan(file)
+        if self.seed is not None:
+            plan = replace(plan, seed=self.seed)
+        entry.need_torch()
+        from armsight.recognition.any_arm.learning.run import train_crops
+        from armsight.recognition.training.run import Wanted
+
+        minutes = math.inf if self.minutes is None else self.minutes
+        wanted = Wanted(self.out, minutes, self.device, self.half, self.threads)
+        finished = train_crops(plan, self.data, wanted, entry.say)
+        state = "finished" if finished else "not finished; the same command goes on"
+        print(f"\n{state}; {self.out}: network.onnx, CARD.md, curve.png")
         return 0

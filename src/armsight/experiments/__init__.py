@@ -27,6 +27,7 @@ NAMES: dict[str, str] = {
     "calibration-peers": "calibration beside the bound and OpenCV, same corners; ellipsoids",
     "calibration-drift": "drift watch: moved cameras named, cells that stand still left alone",
     "own-arm": "cameras placed by their own arm, from depth and from colour",
+    "any-arm": "any arm in one colour picture: type, mask, joints, and how sure",
     "recognition": "T4 to T7: the robot in one colour image, the papers' four networks",
     "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",
     "port-detection": "T3: charging ports found in one picture: speed, recall, false alarms",

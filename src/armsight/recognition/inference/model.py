@@ -62,13 +62,17 @@ class Model:
         Raises:
             RecognitionError: it is missing, damaged, or no network of armsight's.
         """
-        data = _read(file)
-        words = _words(file, data)
+        data, words = read_network(file)
+        if words.get("format") != FORMAT:
+            raise RecognitionError(
+                f"{file}: is no network of armsight's; 'armsight train' and 'armsight transfer' "
+                "write network.onnx"
+            )
         self.name = file.stem
         self.architecture, self.card = read_description(file, words, "take the original")
         self.K = _camera(file, self.card)
         self.no_robot_share = _no_robot_share(file, self.card)
-        self._session = _session(file, data, threads)
+        self._session = open_session(file, data, threads)
         _check_shapes(file, self._session, self.architecture)
         self._names = [o.name for o in self._session.get_outputs()]
 
@@ -103,6 +107,16 @@ def network_file(name: str) -> Path:
 def shipped_networks() -> list[str]:
     """Names of the networks that come with armsight."""
     return sorted(p.stem for p in WEIGHTS.glob("*.onnx"))
+
+
+def read_network(file: Path) -> tuple[bytes, dict[str, str]]:
+    """A file and what it says of itself; nothing of it is believed yet.
+
+    Raises:
+        RecognitionError: it is missing, too large, damaged, or names other files.
+    """
+    data = _read(file)
+    return data, _words(file, data)
 
 
 def _read(file: Path) -> bytes:
@@ -140,11 +154,6 @@ def _words(file: Path, data: bytes) -> dict[str, str]:
         raise RecognitionError(
             f"{file}: is no ONNX file, or damaged; take the original, or export it anew"
         ) from None
-    if words.get("format") != FORMAT:
-        raise RecognitionError(
-            f"{file}: is no network of armsight's; 'armsight train' and 'armsight transfer' "
-            "write network.onnx"
-        )
     return words
 
 
@@ -205,7 +214,12 @@ def _no_robot_share(file: Path, card: dict[str, Any]) -> float:
         ) from None
 
 
-def _session(file: Path, data: bytes, threads: int) -> Any:
+def open_session(file: Path, data: bytes, threads: int) -> Any:
+    """A session of onnxruntime.
+
+    Raises:
+        RecognitionError: the graph is damaged.
+    """
     import onnxruntime
 
     options = onnxruntime.SessionOptions()

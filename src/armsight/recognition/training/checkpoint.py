@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import nn
 
 from armsight.errors import RecognitionError
-from armsight.recognition.networks.build import Network
 from armsight.recognition.training.tensors_file import Array, read_tensors, write_tensors
 from armsight.recognition.training.weights import arrays_of, set_arrays
 
@@ -48,7 +48,7 @@ class Progress:
 
 def save_checkpoint(
     file: Path,
-    network: Network,
+    network: nn.Module,
     optimiser: torch.optim.Optimizer | None,
     progress: Progress,
     fingerprint: str,
@@ -73,7 +73,7 @@ def save_checkpoint(
 
 
 def load_checkpoint(
-    file: Path, network: Network, fingerprint: str
+    file: Path, network: nn.Module, fingerprint: str
 ) -> tuple[Progress, dict[int, dict[str, Array]]]:
     """Set the network's weights; return where the training stands and the optimiser's memory.
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEVELS = "▁▂▃▄▅▆▇█"
-_SHOWN = ("loss", "mask", "joints", "base", "type")
+_SHOWN = ("loss", "mask", "joints", "base", "type", "links", "heat", "coordinates")
 
 
 def sparkline(values: Sequence[float], width: int = 40) -> str:

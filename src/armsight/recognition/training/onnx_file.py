@@ -33,7 +33,7 @@ Attribute = int | float | str | Sequence[int]
 
 
 class OnnxGraph:
-    """A graph that is built operator by operator; shapes are fixed."""
+    """A graph that is built operator by operator."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -43,12 +43,12 @@ class OnnxGraph:
         self._outputs: list[bytes] = []
         self._count = 0
 
-    def input(self, name: str, dtype: type[np.generic], shape: Sequence[int]) -> str:
-        """Declare an input."""
+    def input(self, name: str, dtype: type[np.generic], shape: Sequence[int | str]) -> str:
+        """Declare an input; a side with a name is open."""
         self._inputs.append(_value_info(name, np.dtype(dtype), shape))
         return name
 
-    def output(self, value: str, name: str, shape: Sequence[int]) -> None:
+    def output(self, value: str, name: str, shape: Sequence[int | str]) -> None:
         """Declare a float32 value to be an output, under a name."""
         self._node("Identity", [value], [name], {})
         self._outputs.append(_value_info(name, np.dtype(np.float32), shape))
@@ -126,8 +126,10 @@ def _attribute(name: str, value: Attribute) -> bytes:
     return head + b"".join(_number(8, int(v)) for v in value) + _number(20, 7)
 
 
-def _value_info(name: str, dtype: np.dtype[Any], shape: Sequence[int]) -> bytes:
-    dimensions = b"".join(_field(1, _number(1, n)) for n in shape)
+def _value_info(name: str, dtype: np.dtype[Any], shape: Sequence[int | str]) -> bytes:
+    dimensions = b"".join(
+        _field(1, _field(2, n.encode()) if isinstance(n, str) else _number(1, n)) for n in shape
+    )
     tensor = _number(1, _TYPES[dtype]) + _field(2, dimensions)
     return _field(1, name.encode()) + _field(2, _field(1, tensor))
 

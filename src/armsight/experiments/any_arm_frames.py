@@ -1,0 +1,162 @@
+"""Answers of the arm recogniser on labelled frames, one record a frame."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from armsight.arrays import Floats
+from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.any_arm.observing import observe
+from armsight.recognition.any_arm.recogniser import MARGIN, ArmRecogniser
+from armsight.recognition.any_arm.sighting import Sighting
+from armsight.recognition.any_arm.solver import solve
+from armsight.recognition.any_arm.views import take_crop
+from armsight.recognition.data.sample import KNOWN_ROBOTS, Sample
+from armsight.recognition.inference.pictures import Picture
+from armsight.recognition.inference.recogniser import Recogniser
+from armsight.robots.catalogue import load_robot
+
+INSIDE_90 = 6.251
+"""Of chi squared with three degrees of freedom, 90 %."""
+NOTHING = 1e4
+"""Joint error of a frame without an answer [mm]."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What was said of a frame, and how right it was.
+
+    Attributes:
+        robot: in it.
+        said: type of the surest arm, ``none`` where no arm is found.
+        iou: of all masks together.
+        error: mean joint error [mm]; known: the same with the joint angles given.
+        believed: the answer passes its own check.
+        inside: share of the joints 2 to 5 in their 90 % ellipsoids; NaN without an answer.
+        landmarks: (k,) errors of the visible landmarks in a crop with the box given [px].
+        cpu: processor time of the answer [s].
+        distance: of the base [m].
+    """
+
+    robot: str
+    said: str
+    iou: float
+    error: float
+    known: float
+    believed: bool
+    inside: float
+    landmarks: Floats
+    cpu: float
+    distance: float
+
+
+def try_frame(recogniser: ArmRecogniser, sample: Sample) -> Frame:
+    """One frame, its box not given and its intrinsics known."""
+    lens = lens_of(sample)
+    begun = time.process_time()
+    found = recogniser.recognise(Picture("frame", sample.image), lens)
+    cpu = time.process_time() - begun
+    error, inside = _joints(found, sample)
+    landmarks, known = np.empty(0), NOTHING
+    if sample.robot in KNOWN_ROBOTS:
+        landmarks, known = _given_box(recogniser, sample, lens)
+    return Frame(
+        sample.robot,
+        found.arms[0].robot if found.arms else "none",
+        _iou(found, sample),
+        error,
+        known,
+        bool(found.arms) and found.arms[0].believed,
+        inside,
+        landmarks,
+        cpu,
+        float(np.linalg.norm(sample.base_camera)),
+    )
+
+
+def baseline_frame(recogniser: Recogniser, sample: Sample) -> Frame:
+    """One of the papers' networks on the same frame."""
+    begun = time.process_time()
+    found = recogniser.recognise(Picture("frame", sample.image), lens_of(sample))
+    cpu = time.process_time() - begun
+    n = len(sample.joints_camera)
+    error = NOTHING
+    if found.robot is not None and len(found.joints) == n > 0:
+        error = 1e3 * float(np.linalg.norm(found.joints - sample.joints_camera, axis=1).mean())
+    seen = (found.mask >= 0.5) & (found.robot is not None)
+    either = float((seen | sample.mask).sum())
+    iou = float((seen & sample.mask).sum()) / max(either, 1.0)
+    return Frame(
+        sample.robot, found.robot or "none", iou, error, NOTHING, found.robot is not None,
+        float("nan"), np.empty(0), cpu, float(np.linalg.norm(sample.base_camera)),
+    )  # fmt: skip
+
+
+def lens_of(sample: Sample) -> PinholeCamera:
+    """The lens of a labelled picture."""
+    K = sample.K
+    h, w = sample.mask.shape
+    k1, k2, p1, p2, k3 = (float(v) for v in sample.distortion)
+    return PinholeCamera(w, h, K[0, 0], K[1, 1], K[0, 2], K[1, 2], (k1, k2, p1, p2, k3))
+
+
+def _joints(found: Sighting, sample: Sample) -> tuple[float, float]:
+    """Mean joint error of the surest arm [mm], and the share of joints in their ellipsoids."""
+    arm = found.arms[0] if found.arms else None
+    true = sample.joints_camera
+    if arm is None or len(arm.joints) != len(true) or not len(true):
+        return NOTHING, float("nan")
+    away = arm.joints - true
+    C = arm.covariance[1:5] + 1e-9 * np.eye(3)
+    squares = np.einsum("ni,nij,nj->n", away[1:5], np.linalg.inv(C), away[1:5])
+    return 1e3 * float(np.linalg.norm(away, axis=1).mean()), float((squares < INSIDE_90).mean())
+
+
+def _iou(found: Sighting, sample: Sample) -> float:
+    seen = np.zeros_like(sample.mask)
+    for arm in found.arms:
+        seen |= arm.mask >= 0.5
+    return float((seen & sample.mask).sum() / max((seen | sample.mask).sum(), 1))
+
+
+def _given_box(
+    recogniser: ArmRecogniser, sample: Sample, lens: PinholeCamera
+) -> tuple[Floats, float]:
+    """Errors of the visible landmarks [px of the crop]; joint error with known angles [mm]."""
+    row, column = np.nonzero(sample.mask)
+    low = np.array([column.min(), row.min()], float)
+    high = np.array([column.max() + 1, row.max() + 1], float)
+    crop = take_crop(sample.image, lens, low, high, MARGIN)
+    look = recogniser.model.look(crop.image)
+    robot, marks = load_robot(sample.robot), recogniser.model.landmarks[sample.robot]
+    from armsight.robots.kinematics import link_poses
+
+    T_link = sample.T_camera_base @ link_poses(robot, sample.q)
+    true = marks.placed(T_link)
+    ids = sample.link_ids
+    errors = []
+    places = look.places[sample.robot]
+    for k, (u, v) in enumerate(np.round(lens.project(true))):
+        if not (np.isfinite(u) and 1 <= u < lens.width - 1 and 1 <= v < lens.height - 1):
+            continue
+        window = ids[int(v) - 1 : int(v) + 2, int(u) - 1 : int(u) + 2].astype(int)
+        # A joint's origin lies within the links that it joins.
+        if (np.abs(window - (marks.link[k] + 1)) <= 1)[window > 0].any():
+            at = places.mean[k] * 4 + 1.5
+            errors.append(float(np.linalg.norm(at - crop.pixels(true[k : k + 1])[0])))
+    fits = solve(robot, marks, observe(look, crop, sample.robot, marks), known=sample.q)
+    if not fits:
+        return np.array(errors), NOTHING
+    away = fits[0].joints() @ crop.R.T - sample.joints_camera
+    return np.array(errors), 1e3 * float(np.linalg.norm(away, axis=1).mean())
+
+
+def default_set() -> Path:
+    """Where the second renderer's frames lie."""
+    from armsight.experiments.recognition_scores import folder
+
+    return folder() / "sets" / "second-rooms"

@@ -1,0 +1,251 @@
+"""Compiled loops of the fit of an arm to its landmarks; numpy twins are in the tests.
+
+Places in the picture are normalised: x / z and y / z. A pose is ``T_camera_base``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from armsight.arrays import Floats, Floats32, Ints, Points, Poses
+from armsight.robots.kernels import chain_poses
+
+CORE = 2.0
+"""Whitened distance at which a landmark counts half (Cauchy)."""
+SLACK = 0.03
+"""Standard deviation of a joint beyond its limit [rad]."""
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def weak_perspective(
+    shapes: Floats32,
+    frames: Floats32,
+    at: Floats32,
+    weight: Floats32,
+    cost: Floats32,
+    found: Floats32,
+) -> None:
+    """For each shape the view from far that explains the picture best, by a turn, scale and shift.
+
+    With a and b the centred places as complex numbers, the best factor is sum(w conj(a) b) /
+    sum(w |a|^2), and what is left sum(w |b|^2) less |sum(w conj(a) b)|^2 / sum(w |a|^2).
+
+    Args:
+        shapes: (n, p, 3) landmarks in base [m].
+        frames: (d, 3, 3) views: rows are the camera's axes in base.
+        at: (p, 2) where they are seen.
+        weight: (p,) inverse variances, 0 where not.
+        cost: (n,) what is left, written.
+        found: (n, 5) view, real and imaginary part of the factor, shift in x and y, written.
+    """
+    n, p = shapes.shape[0], shapes.shape[1]
+    total = weight.sum()
+    bx, by, power = 0.0, 0.0, 0.0
+    for k in range(p):
+        bx += weight[k] * at[k, 0]
+        by += weight[k] * at[k, 1]
+    bx, by = bx / total, by / total
+    for k in range(p):
+        power += weight[k] * ((at[k, 0] - bx) ** 2 + (at[k, 1] - by) ** 2)
+    for i in range(n):
+        cost[i] = np.inf
+        mx, my, mz = 0.0, 0.0, 0.0
+        for k in range(p):
+            mx += weight[k] * shapes[i, k, 0]
+            my += weight[k] * shapes[i, k, 1]
+            mz += weight[k] * shapes[i, k, 2]
+        mx, my, mz = mx / total, my / total, mz / total
+        for d in range(frames.shape[0]):
+            f = frames[d]
+            re, im, size = 0.0, 0.0, 1e-9
+            for k in range(p):
+                px, py, pz = shapes[i, k, 0] - mx, shapes[i, k, 1] - my, shapes[i, k, 2] - mz
+                ax = f[0, 0] * px + f[0, 1] * py + f[0, 2] * pz
+                ay = f[1, 0] * px + f[1, 1] * py + f[1, 2] * pz
+                ux, uy, w = at[k, 0] - bx, at[k, 1] - by, weight[k]
+                re += w * (ax * ux + ay * uy)
+                im += w * (ax * uy - ay * ux)
+                size += w * (ax * ax + ay * ay)
+            left = power - (re * re + im * im) / size
+            # The base's axis points up in most pictures, down in some, aside in few.
+            length = np.sqrt(re * re + im * im) + 1e-12
+            zx, zy = f[0, 2], f[1, 2]
+            up = -(im * zx + re * zy) / length
+            left += upright_cost(up, np.sqrt(zx * zx + zy * zy))
+            if left < cost[i]:
+                cost[i] = left
+                found[i, 0] = d
+                found[i, 1] = re / size
+                found[i, 2] = im / size
+                cx, cy = found[i, 1], found[i, 2]
+                gx = f[0, 0] * mx + f[0, 1] * my + f[0, 2] * mz
+                gy = f[1, 0] * mx + f[1, 1] * my + f[1, 2] * mz
+                found[i, 3] = bx - (cx * gx - cy * gy)
+                found[i, 4] = by - (cx * gy + cy * gx)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def upright_cost(up: float, length: float) -> float:
+    """Twice the negative log of how usual it is that the base's axis points so.
+
+    Args:
+        up: upward component of the axis in the picture's plane, -1..1.
+        length: of the axis in that plane.
+    """
+    aside = max(length * length - up * up, 0.0)
+    return 12.0 * aside + (5.0 if up < 0.0 else 0.0)
+
+
+@njit(cache=True, nogil=True)
+def equations(
+    R: Floats,
+    t: Floats,
+    q: Floats,
+    chain: Poses,
+    axis: Points,
+    link: Ints,
+    point: Points,
+    at: Floats,
+    whiten: Floats,
+    limits: Floats,
+    H: Floats,
+    g: Floats,
+) -> float:
+    """Normal equations of a turn, a shift and the joints; returns the cost.
+
+    The turn is about the base's origin in the camera's axes. Cost of a landmark: C^2 log(1 + r^2 /
+    C^2) with r its whitened distance.
+
+    Args:
+        R: (3, 3) rotation of ``T_camera_base``.
+        t: (3,) its translation [m].
+        q: (n,) joints [rad].
+        chain: ``T_link_joint`` of the robot.
+        axis: (n, 3) of its joints.
+        link: (m,) that carries each landmark.
+        point: (m, 3) landmarks in their links [m].
+        at: (m, 2) where they are seen.
+        whiten: (m, 2, 2) square roots of the information.
+        limits: (n, 2) of the joints [rad].
+        H: (6 + n, 6 + n), written.
+        g: (6 + n,), written.
+    """
+    n = q.shape[0]
+    size = 6 + n
+    T = chain_poses(q, chain, axis)
+    H[:] = 0.0
+    g[:] = 0.0
+    cost = 0.0
+    J = np.zeros((3, size))
+    row = np.zeros((2, size))
+    for k in range(link.shape[0]):
+        L = link[k]
+        b = T[L, :3, :3] @ point[k] + T[L, :3, 3]
+        c = R @ b
+        X = c + t
+        if X[2] < 0.05:
+            cost += CORE * CORE * np.log(1.0 + 1e6)
+            continue
+        x, y = X[0] / X[2], X[1] / X[2]
+        ex, ey = x - at[k, 0], y - at[k, 1]
+        rx = whiten[k, 0, 0] * ex + whiten[k, 0, 1] * ey
+        ry = whiten[k, 1, 0] * ex + whiten[k, 1, 1] * ey
+        square = (rx * rx + ry * ry) / (CORE * CORE)
+        cost += CORE * CORE * np.log(1.0 + square)
+        weight = 1.0 / (1.0 + square)
+        J[:] = 0.0
+        J[0, 1], J[0, 2] = c[2], -c[1]
+        J[1, 0], J[1, 2] = -c[2], c[0]
+        J[2, 0], J[2, 1] = c[1], -c[0]
+        J[0, 3], J[1, 4], J[2, 5] = 1.0, 1.0, 1.0
+        for j in range(L):
+            z = T[j + 1, :3, :3] @ axis[j]
+            o = b - T[j + 1, :3, 3]
+            s0 = z[1] * o[2] - z[2] * o[1]
+            s1 = z[2] * o[0] - z[0] * o[2]
+            s2 = z[0] * o[1] - z[1] * o[0]
+            for i in range(3):
+                J[i, 6 + j] = R[i, 0] * s0 + R[i, 1] * s1 + R[i, 2] * s2
+        inverse = 1.0 / X[2]
+        for j in range(size):
+            dx = (J[0, j] - x * J[2, j]) * inverse
+            dy = (J[1, j] - y * J[2, j]) * inverse
+            row[0, j] = whiten[k, 0, 0] * dx + whiten[k, 0, 1] * dy
+            row[1, j] = whiten[k, 1, 0] * dx + whiten[k, 1, 1] * dy
+        for i in range(size):
+            g[i] += weight * (row[0, i] * rx + row[1, i] * ry)
+            for j in range(i, size):
+                H[i, j] += weight * (row[0, i] * row[0, j] + row[1, i] * row[1, j])
+    for j in range(n):
+        over = max(q[j] - limits[j, 1], 0.0) + min(q[j] - limits[j, 0], 0.0)
+        if over != 0.0:
+            cost += (over / SLACK) ** 2
+            g[6 + j] += over / SLACK**2
+            H[6 + j, 6 + j] += 1.0 / SLACK**2
+    for i in range(size):
+        for j in range(i):
+            H[i, j] = H[j, i]
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def refine(
+    R: Floats,
+    t: Floats,
+    q: Floats,
+    chain: Poses,
+    axis: Points,
+    link: Ints,
+    point: Points,
+    at: Floats,
+    whiten: Floats,
+    limits: Floats,
+    hold: Floats,
+    steps: int,
+) -> float:
+    """Levenberg and Marquardt's steps from a start, which is moved; returns the cost.
+
+    Arguments as of :func:`equations`; hold: (6 + n,) what keeps each unknown where it is (the
+    information of a prior about the current place, against what no landmark tells).
+    """
+    size = 6 + q.shape[0]
+    H, g = np.zeros((size, size)), np.zeros(size)
+    H2, g2 = np.zeros((size, size)), np.zeros(size)
+    cost = equations(R, t, q, chain, axis, link, point, at, whiten, limits, H, g)
+    damping = 1e-2
+    for _ in range(steps):
+        A = H.copy()
+        for i in range(size):
+            A[i, i] += damping * H[i, i] + hold[i]
+        step = -np.linalg.solve(A, g)
+        R2 = turn(step[:3]) @ R
+        t2, q2 = t + step[3:6], q + step[6:]
+        cost2 = equations(R2, t2, q2, chain, axis, link, point, at, whiten, limits, H2, g2)
+        if cost2 < cost:
+            gain = cost - cost2
+            R[:], t[:], q[:] = R2, t2, q2
+            H[:], g[:] = H2, g2
+            cost = cost2
+            damping = max(damping * 0.3, 1e-6)
+            if gain < 1e-4 * (1.0 + cost):
+                break
+        else:
+            damping *= 6.0
+            if damping > 1e6:
+                break
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def turn(w: Floats) -> Floats:
+    """(3, 3) rotation by a vector (Rodrigues)."""
+    angle = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    K = np.zeros((3, 3))
+    K[0, 1], K[0, 2], K[1, 2] = -w[2], w[1], -w[0]
+    K[1, 0], K[2, 0], K[2, 1] = w[2], -w[1], w[0]
+    a = 1.0 - angle * angle / 6.0
+    b = 0.5 - angle * angle / 24.0
+    if angle > 1e-4:
+        a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / (angle * angle)
+    return np.eye(3) + a * K + b * (K @ K)

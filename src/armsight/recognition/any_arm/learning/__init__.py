@@ -1,0 +1,1 @@
+"""The network of :mod:`armsight.recognition.any_arm` in PyTorch, and how it is trained."""

@@ -1,0 +1,109 @@
+"""A trained crop network as one ONNX file with its card; and the card for people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from armsight.errors import RecognitionError
+from armsight.recognition.any_arm.landmarks import find_landmarks
+from armsight.recognition.any_arm.learning import trunk
+from armsight.recognition.any_arm.learning.export import check_parity, to_onnx
+from armsight.recognition.any_arm.learning.network import OTHERS
+from armsight.recognition.any_arm.learning.trainer import CropTrainer
+from armsight.recognition.any_arm.learning.trusting import choose_trust, judge
+from armsight.recognition.any_arm.model import CropModel
+from armsight.recognition.data.labelled_set import LabelledSet
+from armsight.recognition.training.weights import LICENCE, Card
+from armsight.robots.catalogue import load_robot
+from armsight.writing import write_atomically, write_text
+
+JUDGED = 160
+"""Held-back crops on which trust is chosen."""
+_PARITY = 4
+
+
+def ship(trainer: CropTrainer, out: Path, source: LabelledSet | None) -> Path:
+    """Write ``network.onnx`` and ``CARD.md`` of the running mean; the network's file.
+
+    Args:
+        trainer: that trained it.
+        out: folder.
+        source: the labelled set, for the choice of how far to trust; None keeps the defaults.
+
+    Raises:
+        RecognitionError: it cannot be written, or ONNX Runtime disagrees with torch.
+    """
+    card = make_card(trainer)
+    file = out / "network.onnx"
+    network = trainer.mean.cpu()
+    write_atomically(file, to_onnx(network, card), error=RecognitionError)
+    check_parity(network, file, trainer.data.images[trainer.held[:_PARITY]])
+    if source is not None:
+        names = (*trainer.plan.robots, *OTHERS)
+        trust, figures = choose_trust(judge(CropModel(file, 1), source, names, JUDGED))
+        card["trust"] = vars(trust) | {"chosen_on": figures}
+        write_atomically(file, to_onnx(network, card), error=RecognitionError)
+    write_text(out / "CARD.md", card_text(card), RecognitionError)
+    trainer.mean.to(trainer.device)
+    return file
+
+
+def make_card(trainer: CropTrainer) -> Card:
+    """What a network says of itself."""
+    plan, data, at = trainer.plan, trainer.data, trainer.progress
+    number = data.robot[trainer.learned]
+    checked = [r["validation"] | {"update": r["update"]} for r in at.curve if "validation" in r]
+    return {
+        "paper": "ours",
+        "licence": LICENCE,
+        "trunk": {"origin": trunk.ORIGIN, "licence": trunk.LICENCE},
+        "robots": list(plan.robots),
+        "landmarks": {name: find_landmarks(load_robot(name)).to_json() for name in plan.robots},
+        "data": {name: int((number == k).sum()) for k, name in enumerate(data.names)},
+        "training": {
+            "updates": at.update,
+            "batch": plan.batch,
+            "size": plan.size,
+            "seconds": round(at.seconds, 1),
+            "seed": plan.seed,
+            "precision": trainer.precision,
+            "device": trainer.device.type,
+            "torch": torch.__version__,
+        },
+        "validation": checked[-1] if checked else {},
+    }
+
+
+def card_text(card: dict[str, Any]) -> str:
+    """The card in Markdown."""
+    t, v = card["training"], card["validation"]
+    counts = ", ".join(f"{n} {name}" for name, n in card["data"].items())
+    lines = [
+        "# Crop network",
+        "",
+        f"Knows {', '.join(card['robots'])}, `none` and `unknown`; looks at crops of 160 px.",
+        "",
+        f"* Trunk: {card['trunk']['origin']}, licence {card['trunk']['licence']}.",
+        f"* Learned from {sum(card['data'].values())} rendered crops ({counts}); no photograph.",
+        f"* {t['updates']} updates of {t['batch']} crops of {t['size']} px in "
+        f"{t['seconds'] / 60:.0f} minutes of wall time on {t['device']}, {t['precision']}, seed "
+        f"{t['seed']}, torch {t['torch']}.",
+        f"* Licence: {card['licence']}. It is no safety function.",
+    ]
+    if v:
+        lines.append(
+            f"* In held-back rooms of the training's renderer: mask IoU {v['mask_iou']:.3f}, "
+            f"landmarks {v['keypoint_px']:.1f} px of {t['size']} (median), "
+            f"{v['type_right']:.0%} of the types right (at update {v['update']})."
+        )
+    if "trust" in card:
+        f = card["trust"]["chosen_on"]
+        lines.append(
+            f"* Believed from a trust of {card['trust']['threshold']:.2f}, chosen on {f['frames']} "
+            f"held-back crops: {f['believed']:.0%} believed, {f['believed_wrong']:.0%} of these "
+            "off by more than 100 mm or of another type."
+        )
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,233 @@
+"""Trains the crop network: batches, the running mean of the weights, checkpoints, an early end."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
+from armsight.recognition.any_arm.learning.examples import Examples
+from armsight.recognition.any_arm.learning.losses import loss_terms, total
+from armsight.recognition.any_arm.learning.measure import measure, truth_of
+from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
+from armsight.recognition.any_arm.learning.plan import Plan
+from armsight.recognition.training.batches import Batches
+from armsight.recognition.training.checkpoint import (
+    Progress,
+    load_checkpoint,
+    remember,
+    save_checkpoint,
+)
+
+CHECKPOINT_SECONDS = 240.0
+NOTED = 25
+"""Updates between two records of the curve."""
+MEASURED = 320
+"""Crops held back that a measurement looks at, spread over all."""
+_CLIP = 5.0
+_BETTER = 0.002
+"""Share by which the loss of a measurement is below the best one to be a gain."""
+
+
+class CropTrainer:
+    """Trains one network.
+
+    On a CPU the same plan, data and machine give the same weights bit for bit, however often the
+    training was stopped. A checkpoint in ``folder`` is gone on from, also with other data, which
+    may have grown since.
+
+    Args:
+        plan: what to do.
+        data: crops.
+        folder: for checkpoints.
+        device: where to compute.
+        start: gives the new network its pretrained weights.
+        workers: threads that make batches ahead; 0 makes them in between.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        data: Examples,
+        folder: Path,
+        device: torch.device,
+        start: Callable[[CropNet], None],
+        workers: int = 0,
+    ) -> None:
+        self.plan, self.data, self.device, self._workers = plan, data, device, workers
+        self.learned, self.held = data.part(validation=False), data.part(validation=True)
+        network = build(Shape(plan.robots), plan.seed, plan.frozen)
+        self._file = folder / "checkpoint.safetensors"
+        self.progress = Progress()
+        self._memory: dict[int, dict[str, Any]] = {}
+        both = nn.ModuleDict({"now": network, "mean": copy.deepcopy(network)})
+        if self._file.is_file():
+            self.progress, self._memory = load_checkpoint(self._file, both, self._mark())
+        else:
+            start(network)
+            both["mean"].load_state_dict(network.state_dict())
+        both["mean"].requires_grad_(False)
+        self._both = both.to(device, memory_format=torch.channels_last)
+        self._optimiser = self._make_optimiser()
+        if self._memory:
+            remember(self._optimiser, self._memory)
+
+    @property
+    def network(self) -> CropNet:
+        """The network that learns."""
+        found = self._both["now"]
+        assert isinstance(found, CropNet)
+        return found
+
+    @property
+    def mean(self) -> CropNet:
+        """The running mean of its weights: what is measured and written out."""
+        found = self._both["mean"]
+        assert isinstance(found, CropNet)
+        return found
+
+    @property
+    def precision(self) -> str:
+        """What the convolutions compute in."""
+        if self.plan.precision != "auto":
+            return self.plan.precision
+        return "bfloat16" if self.device.type == "cuda" else "float32"
+
+    def run(
+        self, minutes: float = math.inf, told: Callable[[Progress], None] = lambda progress: None
+    ) -> bool:
+        """Train until the plan is over, nothing is gained any more, or the time is up.
+
+        Returns:
+            whether it is finished; a checkpoint is left either way.
+        """
+        begun = saved = time.monotonic()
+        spent = self.progress.seconds
+        batches = Batches(len(self.learned), self.plan.batch, self.plan.seed, 0)
+        with ThreadPoolExecutor(max(self._workers, 1)) as pool:
+            ahead: dict[int, Future[Batch]] = {}
+            while self.progress.update < self.plan.updates and not self._idle():
+                now = time.monotonic()
+                if now - begun > 60.0 * minutes:
+                    break
+                if now - saved > CHECKPOINT_SECONDS:
+                    self._save()
+                    saved = now
+                update = self.progress.update
+                for k in range(update, update + self._workers):
+                    if k not in ahead:
+                        ahead[k] = pool.submit(self._batch, batches, k)
+                made = ahead.pop(update).result() if ahead else self._batch(batches, update)
+                self._step(made)
+                self.progress.seconds = spent + time.monotonic() - begun
+                if self.progress.update % self.plan.validate == 0:
+                    self._check()
+                if self.progress.update % NOTED == 0:
+                    told(self.progress)
+            for future in ahead.values():
+                future.cancel()
+        self._save()
+        return self.progress.update >= self.plan.updates or self._idle()
+
+    def _batch(self, batches: Batches, update: int) -> Batch:
+        first = update * self.plan.batch
+        numbers = np.arange(first, first + self.plan.batch)
+        return make_batch(
+            self.data,
+            self.learned[batches[update]],
+            numbers,
+            self.plan.seed,
+            Changes(size=self.plan.size),
+        )
+
+    def _step(self, batch: Batch) -> None:
+        plan, at = self.plan, self.progress
+        self.network.train()
+        share = plan.rate_at(at.update)
+        for group, rate in zip(
+            self._optimiser.param_groups, (plan.trunk_rate, plan.rate), strict=True
+        ):
+            group["lr"] = share * rate
+        context = (
+            torch.autocast(self.device.type, torch.bfloat16)
+            if self.precision == "bfloat16"
+            else nullcontext()
+        )
+        with context:
+            seen = self.network(torch.from_numpy(batch.images).to(self.device))
+        terms = loss_terms(seen, truth_of(batch, self.device), len(plan.robots))
+        loss = total(terms)
+        self._optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self._moving(), _CLIP)
+        self._optimiser.step()
+        # Early on the mean follows closely, so that the start is soon forgotten.
+        kept = min(plan.mean, (1 + at.update) / (10 + at.update))
+        with torch.no_grad():
+            for slow, fast in zip(self.mean.parameters(), self.network.parameters(), strict=True):
+                if fast.requires_grad:
+                    slow.lerp_(fast, 1.0 - kept)
+        at.update += 1
+        at.pending.append(
+            {"loss": float(loss.detach())} | {k: float(v.detach()) for k, v in terms.items()}
+        )
+        if at.update % NOTED == 0:
+            names = at.pending[0]
+            record: dict[str, Any] = {
+                k: round(float(np.mean([r[k] for r in at.pending])), 5) for k in names
+            }
+            at.curve.append({"stage": 0, "update": at.update} | record)
+            at.pending.clear()
+
+    def _check(self) -> None:
+        some = self.held[:: max(len(self.held) // MEASURED, 1)][:MEASURED]
+        figures = measure(self.mean, self.data, some, self.device, self.plan.size)
+        figures["loss"] = sum(_weighted(figures).values())
+        rounded = {k: round(v, 5) for k, v in figures.items()}
+        if self.progress.curve:
+            self.progress.curve[-1]["validation"] = rounded
+
+    def _idle(self) -> bool:
+        """Whether the last ``patience`` measurements brought nothing."""
+        losses = [r["validation"]["loss"] for r in self.progress.curve if "validation" in r]
+        n = self.plan.patience
+        return 0 < n < len(losses) and min(losses[-n:]) > (1 - _BETTER) * min(losses[:-n])
+
+    def _moving(self) -> list[nn.Parameter]:
+        return [p for p in self.network.parameters() if p.requires_grad]
+
+    def _make_optimiser(self) -> torch.optim.Optimizer:
+        trunk = [p for p in self.network.trunk.parameters() if p.requires_grad]
+        of_trunk = {id(p) for p in self.network.trunk.parameters()}
+        rest = [p for p in self._moving() if id(p) not in of_trunk]
+        groups = [{"params": trunk}, {"params": rest}]
+        return torch.optim.AdamW(groups, lr=1e-4, weight_decay=self.plan.decay)
+
+    def _save(self) -> None:
+        save_checkpoint(self._file, self._both, self._optimiser, self.progress, self._mark())
+
+    def _mark(self) -> str:
+        """Of what has to stay the same when a training goes on."""
+        fixed = asdict(self.plan)
+        for free in ("updates", "size", "validate", "patience", "precision"):
+            del fixed[free]
+        return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _weighted(figures: dict[str, float]) -> dict[str, float]:
+    from armsight.recognition.any_arm.learning.losses import WEIGHTS
+
+    return {k: w * figures[k] for k, w in WEIGHTS.items()}

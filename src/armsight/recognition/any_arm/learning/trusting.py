@@ -1,0 +1,127 @@
+"""Chooses how far a network is trusted, on crops that were held back from its training."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats, Mask
+from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.any_arm.learning.examples import held_back
+from armsight.recognition.any_arm.model import CropModel
+from armsight.recognition.any_arm.recogniser import ArmRecogniser
+from armsight.recognition.any_arm.trust import FEATURES, Trust
+from armsight.recognition.data.labelled_set import LabelledSet
+
+GOOD = 0.1
+"""Mean joint error of a good answer, below [m]."""
+WRONG = 0.1
+"""Share of the answers that are believed which may be none."""
+_INSIDE_90 = 6.251
+"""Of chi squared with three degrees of freedom, 90 %."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Answers on crops with truth.
+
+    Attributes:
+        features: (m, 6) of each answer; error: (m,) mean joint error [m].
+        spread: (m, 4) squared Mahalanobis distances of four joints, NaN where there are fewer.
+    """
+
+    features: Floats
+    error: Floats
+    spread: Floats
+
+
+def judge(model: CropModel, held: LabelledSet, names: Sequence[str], most: int) -> Judged:
+    """Answers on held-back crops of known robots, their boxes given.
+
+    Args:
+        model: to be judged.
+        held: the labelled set that it was trained on.
+        names: what the set's robots are numbered by in the training.
+        most: crops, spread over the set.
+    """
+    number = np.array([names.index(r.robot) for r in held.rows])
+    back = held_back(number, np.array([r.scene for r in held.rows]))
+    chosen = [i for i in np.flatnonzero(back) if held.rows[i].robot in model.robots]
+    chosen = chosen[:: max(len(chosen) // most, 1)]
+    recogniser = ArmRecogniser(model)
+    rows: list[Floats] = []
+    errors: list[float] = []
+    spreads: list[Floats] = []
+    for i in chosen:
+        sample = held[int(i)]
+        row, column = np.nonzero(sample.mask)
+        if len(row) < 60:
+            continue
+        h, w = sample.mask.shape
+        K = sample.K
+        lens = PinholeCamera(w, h, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        low = np.array([column.min(), row.min()], float)
+        high = np.array([column.max() + 1, row.max() + 1], float)
+        found = recogniser.examined(sample.image, lens, low, high)
+        if found is None:
+            continue
+        arm, features = found
+        n = min(len(arm.joints), len(sample.joints_camera))
+        away = arm.joints[:n] - sample.joints_camera[:n]
+        rows.append(features)
+        errors.append(
+            float(np.linalg.norm(away, axis=1).mean()) if arm.robot == sample.robot else 1.0
+        )
+        C = arm.covariance[:n] / recogniser.trust.widen**2
+        spreads.append(
+            np.einsum("ni,nij,nj->n", away, np.linalg.inv(C + 1e-8 * np.eye(3)), away)[1:5]
+        )
+    return Judged(np.array(rows).reshape(-1, len(FEATURES)), np.array(errors), np.array(spreads))
+
+
+def choose_trust(judged: Judged) -> tuple[Trust, dict[str, Any]]:
+    """Weights, threshold and widening; and figures for the card.
+
+    The threshold is the lowest from which at most :data:`WRONG` of the answers above it are wrong.
+    """
+    good = judged.error < GOOD
+    weights = logistic(judged.features, good)
+    trust = Trust(tuple(float(v) for v in weights), 0.5, 1.0)
+    p = np.array([trust.of(f) for f in judged.features])
+    order = np.argsort(-p)
+    share = np.cumsum(~good[order]) / np.arange(1, len(p) + 1)
+    kept = np.flatnonzero(share <= WRONG)
+    last = int(kept[-1]) if len(kept) else 0
+    threshold = float(np.clip(p[order][last], 0.3, 0.97))
+    sure = p >= threshold
+    inside = judged.spread[sure] if sure.any() else judged.spread
+    widen = float(np.sqrt(np.quantile(inside, 0.9) / _INSIDE_90)) if inside.size else 2.0
+    figures = {
+        "frames": len(p),
+        "good": float(good.mean()),
+        "believed": float(sure.mean()),
+        "believed_wrong": float((~good[sure]).mean()) if sure.any() else 0.0,
+    }
+    return Trust(trust.weights, threshold, float(np.clip(widen, 1.0, 20.0))), figures
+
+
+def logistic(x: Floats, y: Mask, hold: float = 1.0) -> Floats:
+    """Weights of a logistic regression of (n, k) features on (n,) truth, by Newton's steps.
+
+    Args:
+        x: features, the first one 1.
+        y: truth.
+        hold: of the prior towards zero.
+    """
+    w = np.zeros(x.shape[1])
+    penalty = hold * np.eye(x.shape[1])
+    penalty[0, 0] = 1e-3
+    for _ in range(30):
+        p = 1.0 / (1.0 + np.exp(-np.clip(x @ w, -30, 30)))
+        g = x.T @ (p - y) + penalty @ w
+        H = (x * (p * (1 - p))[:, None]).T @ x + penalty
+        w = w - np.linalg.solve(H, g)
+    return np.asarray(w)

@@ -1,0 +1,242 @@
+"""From a picture to the arms in it: lumps in the whole, crops, landmarks, kinematics, judgement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armsight.arrays import ColorImage, Floats
+from armsight.errors import RecognitionError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import make_pose
+from armsight.recognition.any_arm.frames import find_lumps
+from armsight.recognition.any_arm.model import STRIDE, CropModel, Look
+from armsight.recognition.any_arm.observing import observe
+from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
+from armsight.recognition.any_arm.solver import Fit, solve
+from armsight.recognition.any_arm.trust import features, read_trust
+from armsight.recognition.any_arm.views import SIDE, Crop, mask_in_picture, take_crop
+from armsight.recognition.inference.pictures import Picture
+from armsight.recognition.own_arm.surface import arm_surface, render
+from armsight.robots.catalogue import load_robot
+
+MARGIN = 1.3
+"""Side of a crop over the arm's box."""
+ARM = 0.5
+"""Probability from which a cell is the arm's."""
+NONE = 0.6
+"""Probability of "none" or of "unknown" from which it is said."""
+TYPES = 2
+"""Likeliest types that are fitted."""
+RIVAL = 0.05
+"""Probability of a type below which it is not fitted."""
+COMPARED = 3
+"""Fits of a type whose outlines are drawn."""
+OUTLINE = 30.0
+"""Cost of an outline that overlaps nowhere, against landmarks."""
+ASSUMED_FOV = np.deg2rad(65.0)
+"""Horizontal field of view of a picture that says nothing of its lens: phones' 60 to 70 deg."""
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    fit: Fit
+    overlap: float
+    score: float
+    trust: float
+    features: Floats
+
+
+class ArmRecogniser:
+    """Asks a crop network about pictures.
+
+    Args:
+        model: the network.
+
+    Raises:
+        RecognitionError: the network's card does not say how far to trust it.
+    """
+
+    def __init__(self, model: CropModel) -> None:
+        self.model = model
+        try:
+            self.trust = read_trust(model.card)
+        except (KeyError, TypeError, ValueError):
+            raise RecognitionError(
+                f"{model.name}: its card's trust is damaged; take the original"
+            ) from None
+
+    def recognise(self, picture: Picture, camera: PinholeCamera | None = None) -> Sighting:
+        """The arms in a picture.
+
+        Args:
+            picture: of any size.
+            camera: of that picture; None to assume a phone's field of view.
+
+        Raises:
+            RecognitionError: the network answers with something that is no number.
+        """
+        h, w = picture.image.shape[:2]
+        lens = camera or PinholeCamera.from_fov(w, h, float(ASSUMED_FOV), _vertical(w, h))
+        lumps, _ = find_lumps(self.model, picture.image)
+        arms: list[Arm] = []
+        for lump in lumps:
+            arm = self.arm_in(picture.image, lens, lump.low, lump.high)
+            if arm is not None and not any(_same(arm, other) for other in arms):
+                arms.append(arm)
+        notes = list(picture.notes)
+        if not arms:
+            notes.append("no robot arm found")
+        source: Intrinsics = "assumed" if camera is None else "given"
+        if camera is not None and camera is picture.camera:
+            source = "exif"
+            notes.append(
+                "focal length from the picture's own file: distances may be off by some 5 %"
+            )
+        if camera is None and arms:
+            notes.append(
+                "intrinsics assumed (65 deg across): distances scale with the focal length"
+            )
+        arms.sort(key=lambda arm: -arm.trust)
+        return Sighting(
+            picture.name, tuple(arms), lens.K, np.array(lens.distortion), source, tuple(notes)
+        )
+
+    def arm_in(
+        self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
+    ) -> Arm | None:
+        """The arm in a box of a picture, or None.
+
+        Args:
+            image: the picture.
+            lens: that took it.
+            low: (2,) upper left corner of the box [px].
+            high: (2,) lower right one.
+        """
+        crop = take_crop(image, lens, low, high, MARGIN)
+        look = self.model.look(crop.image)
+        wider = _grown(look, crop)
+        if wider is not None:
+            # The arm goes on beyond the box; a second look never shrinks below the first mask.
+            box = _in_picture(crop, lens, *wider)
+            crop = take_crop(image, lens, np.minimum(low, box[0]), np.maximum(high, box[1]), MARGIN)
+            look = self.model.look(crop.image)
+        return self._judged(look, crop, lens)[0]
+
+    def examined(
+        self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
+    ) -> tuple[Arm, Floats] | None:
+        """The arm in a box with the features of its trust; None where no pose was found."""
+        crop = take_crop(image, lens, low, high, MARGIN)
+        arm, features = self._judged(self.model.look(crop.image), crop, lens)
+        return None if arm is None or features is None else (arm, features)
+
+    def _judged(
+        self, look: Look, crop: Crop, lens: PinholeCamera
+    ) -> tuple[Arm | None, Floats | None]:
+        types = look.types
+        if types["none"] > NONE or not (look.arm > ARM).any():
+            return None, None
+        mask = mask_in_picture(crop, look.arm, lens)
+        nobody = Arm(
+            "unknown", types, mask, None, np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)),
+            0.0, 0.0, False, "an arm that is none of the known ones",
+        )  # fmt: skip
+        if types["unknown"] > NONE:
+            return nobody, None
+        known = sorted(self.model.robots, key=lambda name: -types[name])[:TYPES]
+        share = sum(types[name] for name in self.model.robots)
+        best: tuple[str, _Candidate] | None = None
+        for name in known:
+            if types[name] < RIVAL * share:
+                continue
+            found = self._candidate(look, crop, name, types[name] / max(share, 1e-6))
+            if found is not None and (best is None or found.score < best[1].score):
+                best = name, found
+        if best is None:
+            nothing = Arm(
+                known[0], types, mask, None, np.empty(0), np.empty((0, 3)),
+                np.empty((0, 3, 3)), 0.0, 0.0, False, "too little of the arm is seen for a pose",
+            )  # fmt: skip
+            return nothing, None
+        name, found = best
+        turned = make_pose(crop.R)
+        joints = found.fit.joints() @ crop.R.T
+        covariance = crop.R @ found.fit.joint_covariances() @ crop.R.T * self.trust.widen**2
+        believed = found.trust >= self.trust.threshold
+        problem = "" if believed else (
+            f"I do not know: {100 * found.trust:.0f} % sure that joints are right to 10 cm"
+        )  # fmt: skip
+        T = np.asarray(turned @ found.fit.T_camera_base)
+        arm = Arm(
+            name, types, mask, T, found.fit.q, joints, covariance, found.overlap, found.trust,
+            believed, problem,
+        )  # fmt: skip
+        return arm, found.features
+
+    def _candidate(self, look: Look, crop: Crop, name: str, kind: float) -> _Candidate | None:
+        """The best fit of a type: landmarks, and of the best ones the outlines."""
+        robot, marks = load_robot(name), self.model.landmarks[name]
+        seen = observe(look, crop, name, marks)
+        best: _Candidate | None = None
+        for fit in solve(robot, marks, seen)[:COMPARED]:
+            overlap = outline_overlap(fit, look, crop)
+            score = fit.cost + OUTLINE * (1.0 - overlap) - 4.0 * float(np.log(kind + 1e-3))
+            if best is None or score < best.score:
+                C = fit.joint_covariances()
+                sigma = float(np.sqrt(np.trace(C, axis1=1, axis2=2)).mean())
+                mass = float(look.places[name].mass.mean())
+                f = features(fit.cost, len(seen.link), overlap, kind, mass, sigma)
+                best = _Candidate(fit, overlap, score, self.trust.of(f), f)
+        return best
+
+
+def outline_overlap(fit: Fit, look: Look, crop: Crop) -> float:
+    """Intersection over union of a fitted arm, drawn at the network's cells, with its mask."""
+    surface = arm_surface(fit.robot)
+    cells = SIDE // STRIDE
+    middle = 0.5 * (cells - 1)
+    lens = np.array([crop.f / STRIDE, crop.f / STRIDE, middle, middle, 0, 0, 0, 0, 0.0])
+    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (cells, cells)).mask
+    seen = look.arm > ARM
+    return float((drawn & seen).sum() / max((drawn | seen).sum(), 1))
+
+
+def _grown(look: Look, crop: Crop) -> tuple[Floats, Floats] | None:
+    """The box of the mask [px of the crop] where it touches the crop's edge; else None."""
+    seen = look.arm > ARM
+    row, column = np.nonzero(seen)
+    last = seen.shape[0] - 1
+    if not len(row) or (min(row.min(), column.min()) > 0 and max(row.max(), column.max()) < last):
+        return None
+    low = np.array([column.min(), row.min()], float) * STRIDE
+    high = np.array([column.max() + 1, row.max() + 1], float) * STRIDE
+    # Beyond an edge that is touched there is more: half as much again.
+    more = 0.25 * SIDE
+    low -= more * np.array([column.min() == 0, row.min() == 0])
+    high += more * np.array([column.max() == last, row.max() == last])
+    return low, high
+
+
+def _in_picture(
+    crop: Crop, lens: PinholeCamera, low: Floats, high: Floats
+) -> tuple[Floats, Floats]:
+    """A box of the crop as one of the picture, within it."""
+    u, v = np.meshgrid([low[0], high[0]], [low[1], high[1]])
+    rays = crop.rays(np.stack([u.ravel(), v.ravel()], 1))
+    points = np.hstack([rays, np.ones((4, 1))]) @ crop.R.T
+    points[:, 2] = np.maximum(points[:, 2], 0.05)
+    pixels = lens.project(points)
+    size = np.array([lens.width, lens.height], float)
+    return np.clip(pixels.min(axis=0), 0, size), np.clip(pixels.max(axis=0), 0, size)
+
+
+def _same(a: Arm, b: Arm) -> bool:
+    """Whether two lumps led to one arm."""
+    x, y = a.mask > ARM, b.mask > ARM
+    return bool((x & y).sum() > 0.5 * min(x.sum(), y.sum()))
+
+
+def _vertical(w: int, h: int) -> float:
+    return float(2 * np.arctan(np.tan(0.5 * ASSUMED_FOV) * h / w))

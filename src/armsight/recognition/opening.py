@@ -1,0 +1,69 @@
+"""A recogniser for a network's file: ours, or one of the papers'."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from armsight.arrays import Bytes, ColorImage
+from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.any_arm import model as crops
+from armsight.recognition.inference.model import Model, read_network
+from armsight.recognition.inference.pictures import Picture
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is handed to a user: a line of JSON, a drawing, a mask."""
+
+    line: str
+    drawing: ColorImage
+    mask: Bytes
+
+
+class Looks(Protocol):
+    """Something that looks at pictures."""
+
+    def __call__(self, picture: Picture, camera: PinholeCamera | None) -> Shown:
+        """What is seen in a picture through a camera; None where nobody says which."""
+
+
+def open_recogniser(file: Path, threads: int = 0) -> Looks:
+    """Whatever can look with the network in a file.
+
+    Raises:
+        RecognitionError: it is missing, damaged, or no network of armsight's.
+    """
+    _, words = read_network(file)
+    return _ours(file, threads) if words.get("format") == crops.FORMAT else _papers(file, threads)
+
+
+def _ours(file: Path, threads: int) -> Looks:
+    from armsight.recognition.any_arm.drawing import draw, mask_of
+    from armsight.recognition.any_arm.recogniser import ArmRecogniser
+
+    recogniser = ArmRecogniser(crops.CropModel(file, threads))
+
+    def look(picture: Picture, camera: PinholeCamera | None) -> Shown:
+        found = recogniser.recognise(picture, camera)
+        image = picture.image
+        return Shown(found.as_line(), draw(image, found), mask_of(found, image.shape))
+
+    return look
+
+
+def _papers(file: Path, threads: int) -> Looks:
+    from armsight.recognition.inference.overlay import draw
+    from armsight.recognition.inference.recogniser import Recogniser, as_line
+
+    recogniser = Recogniser(Model(file, threads))
+
+    def look(picture: Picture, camera: PinholeCamera | None) -> Shown:
+        found = recogniser.recognise(picture, camera)
+        mask = np.asarray(np.round(255.0 * found.mask), np.uint8)
+        return Shown(as_line(found), draw(picture.image, found), mask)
+
+    return look

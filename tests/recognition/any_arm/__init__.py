@@ -1,0 +1,1 @@
+"""Tests of :mod:`armsight.recognition.any_arm`."""

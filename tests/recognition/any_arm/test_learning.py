@@ -1,0 +1,223 @@
+"""The crop network's training, small: what it starts from, what it is taught, how it goes on."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from armsight.errors import RecognitionError
+from armsight.recognition.any_arm.landmarks import SLOTS
+from armsight.recognition.any_arm.learning.changes import Changes, make_batch
+from armsight.recognition.any_arm.learning.examples import (
+    UNSEEN,
+    Examples,
+    held_back,
+)
+from armsight.recognition.any_arm.learning.export import check_parity, to_onnx
+from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
+from armsight.recognition.any_arm.learning.plan import Plan, read_plan
+from armsight.recognition.any_arm.learning.trainer import CropTrainer
+from armsight.recognition.any_arm.learning.trunk import Trunk, load_pretrained
+from armsight.recognition.any_arm.learning.trusting import logistic
+
+from ..torch_or_skip import torch
+
+NAMES = ("ur5", "iiwa", "none", "unknown")
+
+
+def _crops(count: int = 24) -> Examples:
+    """Bright bars on noise: the bar is an arm of two links, its ends are landmarks."""
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 90, (count, 64, 64, 3), dtype=np.uint8)
+    links = np.zeros((count, 64, 64), np.uint8)
+    points = np.full((count, SLOTS, 2), np.nan, np.float32)
+    robot = np.arange(count) % 3
+    for k in range(count):
+        if robot[k] == 2:
+            continue
+        ends = np.array([[rng.uniform(8, 24), rng.uniform(8, 56)], [rng.uniform(40, 56), 32]])
+        a, b = (tuple(int(v) for v in np.round(e)) for e in ends)
+        half = tuple(int(v) for v in np.round(ends.mean(axis=0)))
+        tint = [(255, 120, 0), (0, 160, 255)][robot[k]]
+        cv2.line(images[k], a, b, tint, 5)
+        cv2.line(links[k], a, half, 1, 5)
+        cv2.line(links[k], half, b, 2, 5)
+        points[k, :2] = ends
+    coordinates = np.full((count, 32, 32, 3), UNSEEN, np.int8)
+    return Examples(NAMES, images, links, coordinates, points, robot, np.arange(count))
+
+
+def _plan(**words: object) -> Plan:
+    kept = {"robots": ("ur5", "iiwa"), "size": 64, "batch": 4, "updates": 8, "validate": 4}
+    return Plan(**{**kept, **words})  # type: ignore[arg-type]
+
+
+def _started(network: CropNet) -> None:
+    """Any trunk will do here, as long as it is the same one."""
+    generator = torch.Generator().manual_seed(1)
+    with torch.no_grad():
+        for weight in network.trunk.parameters():
+            if weight.dim() == 4:
+                size = float(weight[0].numel())
+                weight.copy_(torch.randn(weight.shape, generator=generator) * (2.0 / size) ** 0.5)
+
+
+def _trainer(folder: Path, plan: Plan | None = None) -> CropTrainer:
+    torch.set_num_threads(1)
+    return CropTrainer(plan or _plan(), _crops(), folder, torch.device("cpu"), _started)
+
+
+def test_batch_normalisation_is_folded_into_the_weights(tmp_path: Path) -> None:
+    from torch import nn
+
+    torch.manual_seed(0)
+    trunk = Trunk()
+    raw = {}
+    norms = []
+    layers = [("_conv_stem", "_bn0", trunk.stem.conv)]
+    for k, block in enumerate(trunk.blocks):
+        if block.expand is not None:
+            layers.append((f"_blocks.{k}._expand_conv", f"_blocks.{k}._bn0", block.expand.conv))
+        layers.append((f"_blocks.{k}._depthwise_conv", f"_blocks.{k}._bn1", block.depthwise.conv))
+        layers.append((f"_blocks.{k}._project_conv", f"_blocks.{k}._bn2", block.project.conv))
+    for conv, norm, layer in layers:
+        n = layer.out_channels
+        bn = nn.BatchNorm2d(n, eps=1e-3).eval()
+        bn.weight.data.uniform_(0.5, 1.5)
+        bn.bias.data.normal_()
+        bn.running_mean.normal_()
+        bn.running_var.uniform_(0.5, 2.0)
+        raw[f"{conv}.weight"] = torch.randn(layer.weight.shape)
+        raw |= {f"{norm}.{k}": v for k, v in bn.state_dict().items()}
+        norms.append(bn)
+    file = tmp_path / "weights.pth"
+    torch.save(raw, file)
+    load_pretrained(trunk, file)
+    stem = layers[0][2]
+    x = torch.rand(1, 3, 33, 33)
+    plain = torch.nn.functional.conv2d(x, raw["_conv_stem.weight"], stride=2)
+    folded = torch.nn.functional.conv2d(x, stem.weight, stem.bias, stride=2)
+    torch.testing.assert_close(norms[0](plain), folded, rtol=1e-4, atol=1e-4)
+    last = layers[-1][2]
+    y = torch.rand(1, last.in_channels, 2, 2)
+    plain = torch.nn.functional.conv2d(y, raw["_blocks.15._project_conv.weight"])
+    torch.testing.assert_close(norms[-1](plain), last(y), rtol=1e-3, atol=1e-3)
+
+
+def test_foreign_weights_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "weights.pth"
+    torch.save({"something": torch.zeros(3)}, file)
+    with pytest.raises(RecognitionError, match="EfficientNet-Lite0"):
+        load_pretrained(Trunk(), file)
+    file.write_bytes(b"cos\nsystem\n(S'true'\ntR.")  # a hostile pickle
+    with pytest.raises(RecognitionError, match="EfficientNet-Lite0"):
+        load_pretrained(Trunk(), file)
+
+
+def test_landmarks_move_with_the_picture() -> None:
+    data = _crops(6)
+    # A bright dot on each first landmark, so that the picture itself tells where it went.
+    data.images[:] = 0
+    for k in range(2):
+        x, y = data.points[k, 0]
+        cv2.circle(data.images[k], (round(float(x)), round(float(y))), 2, (255, 255, 255), -1)
+    how = Changes(size=64, noise=0, cover=0, jpeg=0, blur=0, grey=0, gain=0, tint=0)
+    for number in range(12):
+        batch = make_batch(data, np.array([number % 2]), np.array([number]), 3, how)
+        grey = batch.images[0].astype(float).mean(axis=2)
+        at = batch.points[0, 0] * 4 + 1.5
+        if not (6 < at[0] < 57 and 6 < at[1] < 57):
+            continue
+        x, y = (int(v) for v in np.round(at))
+        window = grey[y - 3 : y + 4, x - 3 : x + 4]
+        assert window.max() > 120, (number, at)
+
+
+def test_a_longer_plan_goes_on_and_what_is_finished_stays(tmp_path: Path) -> None:
+    whole = _trainer(tmp_path / "whole")
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "whole").mkdir()
+    assert whole.run()
+    part = _trainer(tmp_path / "parts", _plan(updates=3))
+    part.run()
+    part = _trainer(tmp_path / "parts")
+    assert part.progress.update == 3
+    assert part.run()
+    # The rate falls by the number of updates: the same plan from the same point is the same.
+    assert part.progress.update == whole.progress.update == 8
+    again = _trainer(tmp_path / "whole")
+    for a, b in zip(again.network.parameters(), whole.network.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_stopping_changes_nothing(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    one = _trainer(tmp_path / "one")
+    one.run()
+    two = _trainer(tmp_path / "two")
+    two.run(minutes=-1.0)  # stopped before the first update
+    for _ in range(4):
+        two = _trainer(tmp_path / "two")
+        batches_before = two.progress.update
+        steps = two._step
+        count = 0
+
+        def step(batch: object, steps=steps) -> None:
+            nonlocal count
+            count += 1
+            steps(batch)
+            if count == 2:
+                raise KeyboardInterrupt
+
+        two._step = step  # type: ignore[method-assign]
+        try:
+            two.run()
+        except KeyboardInterrupt:
+            two._save()
+        assert two.progress.update == batches_before + 2
+    for a, b in zip(one.mean.parameters(), two.mean.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_another_plan_is_not_gone_on_with(tmp_path: Path) -> None:
+    _trainer(tmp_path, _plan(updates=1)).run()
+    with pytest.raises(RecognitionError, match="another"):
+        _trainer(tmp_path, _plan(rate=0.01))
+
+
+def test_the_exported_network_answers_alike(tmp_path: Path) -> None:
+    network = build(Shape(("ur5", "iiwa")), 3)
+    _started(network)
+    file = tmp_path / "network.onnx"
+    file.write_bytes(to_onnx(network, {}))
+    images = np.random.default_rng(0).integers(0, 256, (2, 64, 96, 3), dtype=np.uint8)
+    assert check_parity(network, file, images) < 1e-3
+
+
+def test_rooms_stay_in_their_part_when_a_set_grows() -> None:
+    robot, scene = np.repeat([0, 1, 2], 4000), np.tile(np.arange(4000), 3)
+    held = held_back(robot, scene)
+    assert 0.06 < held.mean() < 0.10
+    np.testing.assert_array_equal(held_back(robot[:100], scene[:100]), held[:100])
+
+
+def test_the_logistic_finds_weights_that_made_the_truth() -> None:
+    rng = np.random.default_rng(1)
+    x = np.hstack([np.ones((4000, 1)), rng.normal(size=(4000, 2))])
+    true = np.array([0.5, 2.0, -1.0])
+    y = rng.random(4000) < 1 / (1 + np.exp(-x @ true))
+    np.testing.assert_allclose(logistic(x, y), true, atol=0.2)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['network = "crop"\nsize = 100', 'network = "crop"\nbatch = 0', 'network = "crop"\nfoo = 1',
+     'network = "crop"\nrobots = ["a", "a"]', 'network = "crop"\nrate = "fast"', "size = ["],
+)  # fmt: skip
+def test_a_wrong_plan_is_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "plan.toml"
+    file.write_text(text)
+    with pytest.raises(RecognitionError, match="plan"):
+        read_plan(file)
