@@ -21,6 +21,7 @@ NAMES: dict[str, str] = {
     "approach": "people reach in at up to 2 m/s; a search tries to force a contact",
     "mbm": "MotionBenchMaker's problems through depth pictures, paths checked at 1 mm",
     "things": "things beside the arm's way, and left there by a person, told from people",
+    "faults": "cameras that lie with fresh stamps, in a running cell with a person in it",
     "false-stops": "stops with nobody near, under sensor, stamp and calibration errors",
     "calibration-intrinsics": "T1: lenses, nine experiments of fewer and fewer frames",
     "calibration-eye-to-hand": "T1: three cameras in the base, five experiments",

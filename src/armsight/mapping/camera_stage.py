@@ -18,6 +18,7 @@ from armsight.mapping.kernels.image import VALID, collect_hits, grade_hits, labe
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.mounting import Mounting
 from armsight.mapping.occupancy import Sight
+from armsight.mapping.plausibility import Plausibility
 from armsight.mapping.self_filter import BodyPose, SelfFilter
 from armsight.mapping.static_geometry import StaticGeometry
 
@@ -43,12 +44,16 @@ class Evidence:
         returns: share of pixels with a usable return.
         body: number of pixels that are the arm.
         sight: the image, until the camera's next one; None when it was refused.
+        problem: why it was refused, where the picture itself says so.
+        warning: what is odd about it although it is believed.
     """
 
     hits: tuple[Hits, ...]
     returns: float
     body: int
     sight: Sight | None = None
+    problem: str = ""
+    warning: str = ""
 
 
 class _Layer:
@@ -99,6 +104,7 @@ class CameraStage:
         outermost = static[1] if config.has_far_layer else static[0]
         self.backdrop = Backdrop(self.lens, info.range, self.noise, outermost)
         self.mounting = Mounting(info, self.lens, filter_, solids, config)
+        self._plausibility = Plausibility(info, solids, filter_.fields, self.noise)
         self._scaled: Floats32 = np.zeros(self.label.shape, np.float32)
         model = info.depth_model
         self._correction = None if model is None else DepthCorrection(model, info.depth)
@@ -138,6 +144,12 @@ class CameraStage:
         T = np.ascontiguousarray(T_base_camera @ mounting.T_old_new, float)
         depth = np.multiply(depth, np.float32(mounting.gain), out=self._scaled)
         error_m, error_rad = mounting.error
+        lie = mounting.settled and self._plausibility.problem(
+            depth, self.label, T, body, mounting.error, config.stamp_error
+        )
+        if lie:
+            return Evidence((), returns, 0, problem=lie)
+        warning = self._plausibility.warning(self.label)
         found = self._filter.label(
             depth,
             self.label,
@@ -159,7 +171,7 @@ class CameraStage:
         else:
             carved.result()
         sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
-        return Evidence(hits, returns, found, sight)
+        return Evidence(hits, returns, found, sight, warning=warning)
 
     def _corrected(self, depth: Floats32) -> Floats32:
         """Without the systematic error that calibration has found."""

@@ -19,7 +19,7 @@ class CameraHealth:
         self._sequence = -1
         self._frames = 0
         self._dropped = 0
-        self._refusal = ""
+        self._refusal = self._warning = ""
         period = 1.0 / info.rate if info.rate > 0 else 0.0
         self.allowed_age = max(config.stale_after, info.latency + 1.5 * period)
 
@@ -54,14 +54,14 @@ class CameraHealth:
         self._dropped += 1
         self._refusal = reason
 
-    def accept(self, frame: RgbdFrame) -> None:
+    def accept(self, frame: RgbdFrame, warning: str = "") -> None:
         """Count a frame that was used; a gap in its sequence counts as lost frames."""
         if 0 <= self._sequence < frame.sequence - 1:
             self._dropped += frame.sequence - 1 - self._sequence
         self._sequence = frame.sequence
         self.stamp = frame.stamp
         self._frames += 1
-        self._refusal = ""
+        self._refusal, self._warning = "", warning
 
     def restart(self, reason: str) -> None:
         """Forget all stamps; the next frame is the first. ``reason`` is told until it comes."""
@@ -79,7 +79,7 @@ class CameraHealth:
             counts = self._frames, self._dropped
             return CameraStatus(self._info.name, self.stamp, False, *counts, excluded, True)
         alive = self.alive(now)
-        reason = self._refusal
+        reason = self._refusal or self._warning
         if not alive:
             age = now - self.stamp
             reason = f"newest frame is {age:.2f} s old" if np.isfinite(age) else "no frame yet"

@@ -83,6 +83,11 @@ class Mounting:
         """Whether it is time to :meth:`look`."""
         return self._attempts > 0 or stamp >= self._next_check
 
+    @property
+    def settled(self) -> bool:
+        """Whether its first alignment is over."""
+        return self._attempts == 0
+
     def restart(self) -> None:
         """The clock was turned back: the next picture is due for a check."""
         self._next_check = -np.inf

@@ -27,6 +27,7 @@ class StaticGeometry:
         bound: (nx, ny, nz) int8, signed distance from the voxel's centre to that solid [mm].
         kinds: (m,) 0 box, 1 cylinder, 2 sphere; sizes: (m, 3) as in :class:`Solid` [m].
         T_solid_base: (m, 4, 4).
+        solids: the same as declared, in ``base``.
     """
 
     grid: VoxelGrid
@@ -36,6 +37,7 @@ class StaticGeometry:
     kinds: Ints
     sizes: Floats
     T_solid_base: Poses
+    solids: tuple[Solid, ...]
 
 
 def rasterise(solids: Sequence[Solid], grid: VoxelGrid, near: float) -> StaticGeometry:
@@ -78,6 +80,7 @@ def rasterise(solids: Sequence[Solid], grid: VoxelGrid, near: float) -> StaticGe
         np.array([KINDS[s.kind] for s in solids], np.int64),
         np.array([s.size for s in solids], float).reshape(-1, 3),
         np.array([inverse(s.T_frame_solid) for s in solids], float).reshape(-1, 4, 4),
+        tuple(solids),
     )
 
 

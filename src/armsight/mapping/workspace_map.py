@@ -352,10 +352,10 @@ class WorkspaceMap:
         health = self._health[job.camera]
         if not seen.hits:
             mounting = self._stages[job.camera].mounting
-            problem = mounting.excluded or mounting.problem
+            problem = mounting.excluded or mounting.problem or seen.problem
             health.refuse(problem or f"only {seen.returns:.2%} of its pixels have a return")
             return
-        health.accept(job.frame)
+        health.accept(job.frame, seen.warning)
         for layer, hits, body in zip(
             (self._fine, self._far), seen.hits, (self._body_deep.reshape(-1), self._no_body)
         ):

@@ -15,6 +15,7 @@ from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, Stereo
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
 from armsight.simulation.clock import SimulatedClock
+from armsight.simulation.lies import LIES, Liar, LieKind
 from armsight.simulation.photographer import Photographer
 from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import DepthPicture, Shot
@@ -23,7 +24,7 @@ from armsight.simulation.spec import CameraSpec
 from armsight.simulation.units import draw_camera
 
 _Develop = Callable[[], Bytes] | None
-FaultKind = Literal["fail", "lost", "freeze", "delay", "drop", "empty"]
+FaultKind = Literal["fail", "lost", "freeze", "delay", "drop", "empty"] | LieKind
 Frame = TypeVar("Frame", RgbdFrame, StereoFrame)
 
 
@@ -34,7 +35,8 @@ class Fault:
     Attributes:
         kind: ``fail`` no frames; ``lost`` no frames and reading raises; ``freeze`` the same picture
             again and again with fresh stamps; ``delay`` frames arrive later by ``amount`` seconds;
-            ``drop`` each frame is lost with probability ``amount``; ``empty`` no returns at all.
+            ``drop`` each frame is lost with probability ``amount``; ``empty`` no returns at all;
+            lies of depth cameras: see :data:`~armsight.simulation.lies.LieKind`.
         start, end: [s].
         amount: see ``kind``.
     """
@@ -62,6 +64,11 @@ class Faults:
     def clear(self) -> None:
         """All is well again."""
         self._faults.clear()
+
+    @property
+    def memory(self) -> float:
+        """How far back a picture may be told again [s]."""
+        return max((f.amount for f in self._faults if f.kind == "old"), default=0.0)
 
     def find(self, kind: FaultKind, now: float) -> Fault | None:
         """The active fault of a kind, the latest added first."""
@@ -169,6 +176,7 @@ class SimulatedCamera:
             else None
         )
         self.disturbs = spec.errors and structured(spec.info)
+        self.liar = Liar(spec.info.range[1], (*seed, 4))
         self.rivals: tuple[SimulatedCamera, ...] = ()
         self.photographer: Photographer | None = None
         self.reset()
@@ -176,6 +184,7 @@ class SimulatedCamera:
     def reset(self) -> None:
         """Back to time 0; faults stay."""
         self._timing.reset()
+        self.liar.reset()
         self._deliveries = _Deliveries()
         self._frozen: Future[Any] | None = None
         self._color_rate, self._color_scale = 0.0, 1.0
@@ -348,7 +357,17 @@ class SimulatedCamera:
             mask = self._interference(picture, T_world_camera)
             depth = self._sensor.measure(picture, sequence, now, mask)
         depth.flags.writeable = False
+        depth = self._lie(depth, now)
         return depth, color, infrared
+
+    def _lie(self, depth: DepthImage, now: float) -> DepthImage:
+        """What is told of a picture; all of it, unless a lie is at work."""
+        lies = [f for kind in LIES if (f := self.faults.find(kind, now)) is not None]
+        self.liar.keep(depth, now, self.faults.memory)
+        for lie in lies:
+            depth = self.liar.tell(lie.kind, depth, now, lie.amount)  # type: ignore[arg-type]
+            depth.flags.writeable = False
+        return depth
 
     def _interference(self, picture: DepthPicture, T_world_camera: Pose) -> Any:
         mask = None
@@ -456,7 +475,9 @@ class SimulatedStereo:
 
 
 def make_rivals(cameras: tuple[SimulatedCamera, ...]) -> None:
-    """Tell structured-light cameras of each other: their patterns interfere."""
+    """Tell cameras of each other: structured light interferes, and who lies tells another's."""
+    for camera, after in zip(cameras, (*cameras[1:], *cameras[:1])):
+        camera.liar.neighbour = after.liar if after is not camera else None
     disturbing = [camera for camera in cameras if camera.disturbs]
     for camera in disturbing:
         camera.rivals = tuple(other for other in disturbing if other is not camera)

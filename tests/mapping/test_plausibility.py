@@ -1,0 +1,131 @@
+"""Pictures that cannot be true are refused with a reason, honest ones are not; truth by numpy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armsight.devices.data import DepthNoise, JointState
+from armsight.devices.history import JointHistory
+from armsight.mapping.snapshot import FREE
+from armsight.mapping.workspace_map import WorkspaceMap
+
+from . import scenes
+from .test_map_oracle import CONFIG
+
+NOISE = DepthNoise(0.002, 0.0, 0.0)
+HOME = np.array([-0.7, 0.3])
+TABLE = scenes.box("table", (0.1, 0.0, -0.05), (1.6, 1.2, 0.1))
+WALL = scenes.box("wall", (-1.4, 0.3, 0.5), (0.1, 1.5, 2.0))
+BACK = scenes.box("back", (-3.0, 0.0, 0.5), (0.1, 9.0, 9.0))  # nobody declares it
+INFO = scenes.camera_info("a", (1.3, 0.5, 1.1), (0.0, 0.0, 0.2), (256, 212), noise=NOISE)
+PERIOD = 1 / 30
+
+
+def arm_at(q, now):
+    history = JointHistory()
+    for stamp in np.arange(now - 0.2, now + 0.02, 0.01):
+        history.add(JointState(stamp, np.asarray(q, float), np.zeros(2)))
+    return history
+
+
+class Cell:
+    """A camera before an arm, a table and a wall; pictures with noise, or lies."""
+
+    def __init__(self, declared=(TABLE, WALL), info=INFO, noise=0.002):
+        self.robot = scenes.two_link_arm()
+        self.info, self.noise = info, noise
+        config = replace(CONFIG, lower=(-1.3, -1.3, -0.2), upper=(1.3, 1.3, 1.4), voxel=0.04)
+        self.map = WorkspaceMap(self.robot, [info], declared, config)
+        self.rng = np.random.default_rng(5)
+        self.count = 0
+
+    def true(self, *things, arm=HOME, without=()):
+        solids = [s for s in (TABLE, WALL, BACK) if s.name not in without]
+        solids += [] if arm is None else scenes.arm_solids(self.robot, arm)
+        depth = scenes.ray_cast(self.info.depth, self.info.T_mount_camera, [*solids, *things])
+        return (depth + self.rng.normal(0.0, self.noise, depth.shape)).astype(np.float32)
+
+    def tell(self, depth):
+        self.count += 1
+        stamp = self.count * PERIOD
+        frame = scenes.frame(self.info, stamp, depth, self.count)
+        self.snapshot = self.map.update([frame], arm_at(HOME, stamp), stamp + 0.001)
+        return self.snapshot.cameras[0]
+
+
+@pytest.fixture
+def cell():
+    made = Cell()
+    for _ in range(20):
+        assert made.tell(made.true()).reason == ""
+    return made
+
+
+def test_people_and_things_in_view_are_no_lie(cell):
+    """Before the arm, before the wall, over half of the table: still honest."""
+    for place, radius in (((0.8, 0.3, 0.6), 0.2), ((0.2, 0.0, 0.3), 0.3), ((-0.9, 0, 0.6), 0.5)):
+        assert cell.tell(cell.true(scenes.sphere("person", place, radius))).reason == ""
+
+
+def test_everything_far_away(cell):
+    said = cell.tell(np.full_like(cell.true(), 4.0)).reason
+    assert "sees through declared solids, 'table'" in said
+
+
+def test_a_declared_solid_that_is_not_there_is_named():
+    cell = Cell()
+    said = [cell.tell(cell.true(without=("wall",))).reason for _ in range(15)][-1]
+    assert "'wall'" in said
+
+
+def test_the_arm_elsewhere(cell):
+    """As in a picture of another minute: declared solids are all in their places."""
+    said = cell.tell(cell.true(arm=(-1.2, 0.3))).reason
+    assert "sees through the arm" in said
+    assert "sees through the arm" in cell.tell(cell.true(arm=None)).reason
+
+
+def test_an_arm_behind_somebody_is_no_lie(cell):
+    assert cell.tell(cell.true(scenes.sphere("person", (0.8, 0.3, 0.6), 0.25), arm=None)).alive
+
+
+def test_mirrored(cell):
+    assert "sees through" in cell.tell(cell.true()[:, ::-1].copy()).reason
+
+
+def test_noise_never_repeats(cell):
+    earlier = cell.true()
+    assert cell.tell(earlier).reason == ""
+    for _ in range(5):
+        assert cell.tell(cell.true()).reason == ""
+    assert "repeats an earlier picture" in cell.tell(earlier).reason
+
+
+def test_pictures_without_noise_may_repeat():
+    """Of a camera that never showed noise nothing can be told by that."""
+    cell = Cell(noise=0.0)
+    for _ in range(20):
+        assert cell.tell(cell.true()).reason == ""
+
+
+def test_a_lie_frees_nothing_and_honest_pictures_count_again(cell):
+    ball = scenes.sphere("person", (0.5, -0.4, 0.5), 0.25)
+    for _ in range(4):
+        cell.tell(cell.true(ball))
+    before = cell.snapshot.state
+    lie = cell.true(arm=(-1.2, 0.3))  # and no ball
+    for _ in range(3):
+        assert cell.tell(lie).reason != ""
+        assert not ((cell.snapshot.state == FREE) & (before != FREE)).any()
+    assert cell.tell(cell.true(ball)).reason == ""
+    assert cell.snapshot.cameras[0].alive
+
+
+def test_a_covered_lens_is_said_and_believed(cell):
+    half = cell.true()
+    half[:, :128] = np.nan
+    said = cell.tell(half)
+    assert "is its lens covered" in said.reason
+    assert said.alive
+    assert cell.tell(cell.true()).reason == ""
