@@ -21,12 +21,11 @@ from armsight.recognition.own_arm.answer import ColorView, OwnArmPose, spread
 from armsight.recognition.own_arm.color_kernels import outline_equations, silhouette_agreement
 from armsight.recognition.own_arm.depth import clustered_covariance
 from armsight.recognition.own_arm.kernels import lens_array
+from armsight.recognition.own_arm.search import need_views
 from armsight.recognition.own_arm.starts import Narrowing, beam, best_apart, scattered
 from armsight.recognition.own_arm.surface import SPACING, ArmSurface, render
 
 Masks = NDArray[np.bool_]
-LEAST_VIEWS = 3
-"""With fewer, the median picture is none of the room."""
 
 
 @dataclass(frozen=True)
@@ -131,11 +130,7 @@ def color_scene(
     Raises:
         ValueError: there are fewer than three views.
     """
-    if len(views) < LEAST_VIEWS:
-        raise ValueError(
-            f"{len(views)} colour views of the arm: at least {LEAST_VIEWS} are needed to tell what "
-            "moves from what stands"
-        )
+    need_views(views, "colour views")
     o = options or ColorOptions()
     straight = PinholeCamera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy)
     small = straight.scaled(o.width / lens.width)
@@ -176,9 +171,25 @@ def register_color(
     """
     scene = color_scene(surface, lens, views, options)
     o, rng = scene.options, np.random.default_rng(seed)
-    poses = scattered(inverse(start), scene.pivot, o.shift, o.turn, o.starts, rng)
+    return near(scene, inverse(start), o.shift, o.turn, o.starts, rng)
+
+
+def near(
+    scene: ColorScene, start: Pose, shift: float, turn: float, starts: int, rng: np.random.Generator
+) -> OwnArmPose:
+    """The best answer about a pose.
+
+    Args:
+        scene: the views.
+        start: ``T_camera_base``, tried itself as well.
+        shift: how far it may be off at the arm [m].
+        turn: and in direction [rad].
+        starts: poses that are tried about it.
+        rng: source of randomness.
+    """
+    poses = scattered(start, scene.pivot, shift, turn, starts, rng)
     poses = poses[np.argsort(-scene.agreement(poses, False, 300), kind="stable")[:100]]
-    return follow(scene, narrowed_starts(scene, poses, NEAR_BEAM, rng))
+    return follow(scene, [start, *narrowed_starts(scene, poses, NEAR_BEAM, rng)])
 
 
 NEAR_BEAM = (

@@ -12,6 +12,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Poses
 from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse
 from armsight.recognition.own_arm.answer import ColorView, OwnArmPose
 from armsight.recognition.own_arm.color import (
     ColorOptions,
@@ -19,6 +20,13 @@ from armsight.recognition.own_arm.color import (
     color_scene,
     follow,
     narrowed_starts,
+    near,
+)
+from armsight.recognition.own_arm.search import (
+    attempted,
+    moving_points,
+    nothing_moves,
+    turned_about,
 )
 from armsight.recognition.own_arm.starts import Narrowing, all_rotations
 from armsight.recognition.own_arm.surface import ArmSurface
@@ -30,6 +38,8 @@ DISTANCES = (0.8, 1.1, 1.5, 2.0, 2.7, 3.6)
 """Of the arm's middle from the camera that are tried [m]."""
 LEAST_SEEN = 0.85
 """Share of the outline on edges; a pose from nowhere must show more than one that was believed."""
+POLISH = (0.06, 0.06, 1200)
+"""Of the search about its own answer: shift [m], turn [rad], starts."""
 PATCHES = 3
 """Of each view, the largest ones."""
 WIDTH = 2500
@@ -70,24 +80,22 @@ def search_color(
     """
     scene = color_scene(surface, lens, views, options or ColorOptions(least_seen=LEAST_SEEN))
     if not scene.coarse.areas[:, 1:].any():
-        nothing = np.full((6, 6), np.nan)
-        problem = "nothing moves before the camera"
-        return OwnArmPose(np.eye(4), nothing, np.inf, 0.0, 0.0, 0.0, len(views), problem)
-    answers: list[OwnArmPose] = []
-    for attempt in range(ATTEMPTS):
-        rng = np.random.default_rng([seed, attempt])
+        return nothing_moves(len(views), 0.0)
+
+    def attempt(rng: np.random.Generator) -> OwnArmPose:
         poses = _proposed(scene, all_rotations(ROTATIONS, rng))
         scores = scene.agreement(poses, False, 60)
         poses = poses[np.argsort(-scores, kind="stable")[:WIDTH]]
-        answers.append(follow(scene, narrowed_starts(scene, poses, BEAM, rng, FOLLOWED)))
-        if answers[-1].believed:
-            return answers[-1]
-    return max(answers, key=lambda a: a.score * a.seen**2)
+        found = follow(scene, narrowed_starts(scene, poses, BEAM, rng, FOLLOWED))
+        # A beam from everywhere ends near the answer, and often on a lower hill beside it.
+        return near(scene, inverse(found.T_base_camera), *POLISH, rng)
+
+    return attempted(ATTEMPTS, seed, attempt, lambda a: a.score * a.seen**2)
 
 
 def _proposed(scene: ColorScene, rotations: Floats) -> Poses:
     """(k, 4, 4) poses that put what moves of the arm into a patch, at one of the distances."""
-    moving = np.flatnonzero(scene.surface.owner >= 2)[::THINNED]
+    moving = moving_points(scene.surface, THINNED)
     fx, fy, cx, cy = scene.coarse.lens
     poses: list[Poses] = []
     for points, cells, areas in zip(scene.points, scene.coarse.cells, scene.coarse.areas):
@@ -98,8 +106,5 @@ def _proposed(scene: ColorScene, rotations: Floats) -> Poses:
             ray = np.array([(u.mean() - cx) / fx, (v.mean() - cy) / fy, 1.0])
             ray /= np.linalg.norm(ray)
             for distance in DISTANCES:
-                T = np.tile(np.eye(4), (len(rotations), 1, 1))
-                T[:, :3, :3] = rotations
-                T[:, :3, 3] = distance * ray - rotations @ middle
-                poses.append(T)
+                poses.append(turned_about(rotations, middle, distance * ray))
     return np.concatenate(poses)

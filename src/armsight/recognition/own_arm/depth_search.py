@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from armsight.arrays import Floats, Points, Pose, Poses
+from armsight.arrays import Floats, Points, Poses
 from armsight.devices.data import DepthNoise
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.own_arm.answer import DepthView, OwnArmPose
@@ -25,11 +25,16 @@ from armsight.recognition.own_arm.depth import (
     better,
     follow,
 )
+from armsight.recognition.own_arm.search import (
+    attempted,
+    moving_points,
+    need_views,
+    nothing_moves,
+    turned_about,
+)
 from armsight.recognition.own_arm.starts import Narrowing, all_rotations, beam, best_apart
 from armsight.recognition.own_arm.surface import ArmSurface
 
-LEAST_VIEWS = 3
-"""With fewer, what moves cannot be told from what is only near."""
 STEP = 0.06
 """Nearer than what is behind it by this, something moved there [m]."""
 STANDING = 0.2
@@ -79,25 +84,19 @@ def search_depth(
     Raises:
         ValueError: there are fewer than three views.
     """
-    if len(views) < LEAST_VIEWS:
-        raise ValueError(
-            f"{len(views)} views of the arm: at least {LEAST_VIEWS} are needed without a start"
-        )
+    need_views(views, "depth views")
     scene = DepthScene(surface, lens, noise, views, options or DepthOptions())
     moved = nearer_than_behind(scene)
     lumps = moving_lumps(scene, moved)
     if not any(lumps):
-        nothing = np.full((6, 6), np.nan)
-        problem = "nothing moves before the camera"
-        return OwnArmPose(np.eye(4), nothing, np.inf, -1.0, 0.0, 0.0, len(views), problem)
+        return nothing_moves(len(views), -1.0)
     images = {stage.tolerance: moving_depth(scene, moved, stage.tolerance) for stage in BEAM}
-    answers: list[OwnArmPose] = []
-    for attempt in range(ATTEMPTS):
-        rng = np.random.default_rng([seed, attempt])
-        answers.append(_searched(scene, lumps, images, rng))
-        if answers[-1].believed:
-            return answers[-1]
-    return max(answers, key=lambda a: a.score * a.seen)
+    return attempted(
+        ATTEMPTS,
+        seed,
+        lambda rng: _searched(scene, lumps, images, rng),
+        lambda a: a.score * a.seen,
+    )
 
 
 def _searched(
@@ -180,8 +179,8 @@ def moving_lumps(scene: DepthScene, moved: Masks) -> list[list[Points]]:
 
 def _proposed(scene: DepthScene, lumps: list[list[Points]], rotations: Floats) -> Poses:
     """(k, 4, 4) poses that put what moves of the arm where a lump is."""
-    moving = np.flatnonzero(scene.surface.owner >= 2)[::THINNED]
-    poses: list[Pose] = []
+    moving = moving_points(scene.surface, THINNED)
+    poses: list[Poses] = []
     for points, normals, clouds in zip(scene.points, scene.normals, lumps):
         p, n = points[moving], normals[moving]
         for cloud in clouds:
@@ -191,8 +190,5 @@ def _proposed(scene: DepthScene, lumps: list[list[Points]], rotations: Floats) -
             facing = (rotations @ n.T).transpose(0, 2, 1) @ sight < -0.2
             count = np.maximum(facing.sum(axis=1), 1)
             shown = (facing @ p) / count[:, None]
-            T = np.tile(np.eye(4), (len(rotations), 1, 1))
-            T[:, :3, :3] = rotations
-            T[:, :3, 3] = middle - (rotations @ shown[:, :, None])[..., 0]
-            poses.append(T)
+            poses.append(turned_about(rotations, shown, middle))
     return np.concatenate(poses)
