@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 import yaml
 
 from armsight.arrays import Floats, Pose
@@ -235,37 +234,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def update_workcell(file: Path, calibration: Calibration, T_world_base: Pose) -> str:
-    """The cell's file with the cameras where they were found; comments and all else kept.
-
-    Args:
-        file: the workcell file.
-        calibration: its ``rigs`` carry the cameras' names.
-        T_world_base: where the arm stands: the file is in world.
-
-    Returns:
-        The new text; the caller writes it.
-
-    Raises:
-        CalibrationError: the file cannot be read or lacks a camera.
-    """
-    try:
-        document = tomlkit.parse(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomlkit.exceptions.ParseError) as error:
-        raise CalibrationError(f"{file}: cannot be read: {error}") from None
-    sections = document.get("camera", [])
-    for index, rig in enumerate(calibration.problem.rigs):
-        section = next((s for s in sections if s.get("name") == rig.name), None)
-        if section is None:
-            raise CalibrationError(f"{file}: has no [[camera]] named {rig.name}")
-        T = calibration.camera_pose(index)
-        if rig.mount == "base":
-            T = T_world_base @ T
-        section["position"] = [round(float(v), 6) for v in T[:3, 3]]
-        for key in ("look_at", "rpy_deg"):
-            if key in section:
-                del section[key]
-        section["quaternion_xyzw"] = [round(float(v), 9) for v in to_quaternion(T)]
-    return tomlkit.dumps(document)

@@ -82,7 +82,7 @@ def learn(
             continue
         taken = int(left[choice.index])
         before = len(log.views)
-        view = yield from look(log, "learn")
+        view = yield from look(log, "learn", known=(answer, margin))
         if len(log.views) == before:
             failures += 1
             if failures > 8:

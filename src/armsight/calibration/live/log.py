@@ -20,6 +20,7 @@ from armsight.calibration.live.seen import (
 )
 from armsight.calibration.live.setup import Setup, lens_list
 from armsight.calibration.live.watcher import Progress, Watcher
+from armsight.calibration.live.windows import board_windows
 from armsight.calibration.solver import SolverOptions
 
 
@@ -83,9 +84,21 @@ def go(log: Log, joints: JointVector, stage: str) -> Generator[Request, object, 
 
 
 def look(
-    log: Log, stage: str, rest: float | None = None, frames: int | None = None
+    log: Log,
+    stage: str,
+    rest: float | None = None,
+    frames: int | None = None,
+    known: tuple[Calibration, float] | None = None,
 ) -> Generator[Request, object, SeenView]:
-    """Photograph with all cameras; what saw the board is kept and written down."""
+    """Photograph with all cameras; what saw the board is kept and written down.
+
+    Args:
+        log: of the procedure.
+        stage: of it.
+        rest: before the picture [s]; the options' if None.
+        frames: averaged; likewise.
+        known: an answer that tells where to look, and how far off it may be [px].
+    """
     cameras = tuple(range(len(log.setup.cameras)))
     options = log.options
     looked = yield LookAt(
@@ -94,7 +107,8 @@ def look(
         options.frames if frames is None else frames,
     )
     assert isinstance(looked, Looked)
-    view = read_pictures(log.setup, looked.joints, stage, log.clock(), looked.pictures)
+    windows = None if known is None else board_windows(log.setup, known[0], looked.joints, known[1])
+    view = read_pictures(log.setup, looked.joints, stage, log.clock(), looked.pictures, windows)
     log.reasons.update(reason for _, reason in view.missed if reason)
     if view.found:
         log.views.append(view)

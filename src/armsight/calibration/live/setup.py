@@ -15,6 +15,9 @@ from armsight.calibration.views import FreeCheck
 from armsight.geometry.camera import PinholeCamera
 from armsight.robots.robot import Robot
 
+Window = tuple[int, int, int, int]
+"""Part of a picture: x0, y0, x1, y1 [px]."""
+
 
 @dataclass(frozen=True)
 class CameraSetup:
