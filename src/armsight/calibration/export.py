@@ -73,20 +73,22 @@ def tf_list(calibration: Calibration) -> list[dict[str, Any]]:
     for index, rig in enumerate(problem.rigs):
         main = calibration.main_lens(index)
         out.append(
-            _tf(rig.mount, _frame(problem.lenses[main].name), calibration.camera_pose(index))
+            transform_entry(
+                rig.mount, _frame(problem.lenses[main].name), calibration.camera_pose(index)
+            )
         )
     for index, lens in enumerate(problem.lenses):
         if lens.offset_free:
             main = calibration.main_lens(lens.rig)
             out.append(
-                _tf(
+                transform_entry(
                     _frame(problem.lenses[main].name),
                     _frame(lens.name),
                     calibration.lens_pose(index),
                 )
             )
     for index, board in enumerate(problem.boards):
-        out.append(_tf(board.mount, board.name, calibration.board_pose(index)))
+        out.append(transform_entry(board.mount, board.name, calibration.board_pose(index)))
     return out
 
 
@@ -94,7 +96,8 @@ def _frame(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") + "_optical_frame"
 
 
-def _tf(parent: str, child: str, T: Pose) -> dict[str, Any]:
+def transform_entry(parent: str, child: str, T: Pose) -> dict[str, Any]:
+    """A transform as a list of them has it: ``T_parent_child``, metres, rotation x y z w."""
     return {
         "parent": parent,
         "child": child,
