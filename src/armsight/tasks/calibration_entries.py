@@ -13,8 +13,8 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.devices.depth_model import DepthModel
 from armsight.errors import CalibrationError
 from armsight.geometry.pose import inverse, make_pose
+from armsight.workcell.beliefs import camera_info_of
 from armsight.workcell.board import board_of
-from armsight.workcell.build import camera_info_of
 from armsight.workcell.calibration_file.schema import (
     CalibratedArm,
     CalibratedBoard,
