@@ -90,7 +90,7 @@ def by_orb(image: np.ndarray) -> np.ndarray | None:
 
 def ours(image: np.ndarray, lens) -> np.ndarray | None:
     """The place of the surest detection [px], or None."""
-    found = [d for d in find_ports(image, lens, FindOptions(ports=INLETS)) if d.score >= 0.68]
+    found = find_ports(image, lens, FindOptions(ports=INLETS))
     return found[0].pixel if found else None
 
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from painted_ports import LENS, PAIR, facing, paint
 
-from armsight.charging.find import FindOptions, dark_windows, find_ports
+from armsight.charging.find import FindOptions, find_ports
 from armsight.charging.fit import fit, turned
 from armsight.charging.looks import look
 from armsight.charging.plane_fit import paper_pose
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pose import fit_pose, locate, mirrored
+from armsight.charging.windows import dark_windows
 from armsight.errors import UsageError
 from armsight.geometry.pose import angle_between, exp, inverse, log, transform
 

@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 from painted_ports import LENS, facing, paint
 
-from armsight.charging import kernels
 from armsight.charging.fit import FitOptions, fit
+from armsight.charging.guesses import template
+from armsight.charging.kernels.edges import edge_search, project_lens
+from armsight.charging.kernels.rigid import fit_rigid
+from armsight.charging.kernels.templates import best_rolls, climb, distinct, template_score
+from armsight.charging.kernels.votes import edge_field, vote_centers, vote_crests
 from armsight.charging.looks import gradients, look
 from armsight.charging.ports.curves import curves
 from armsight.charging.ports.table import PORTS
-from armsight.charging.pyramid import spread_bits
+from armsight.charging.pyramid import pyramid
 from armsight.geometry.pose import exp, inverse, log
 
 
@@ -17,45 +21,30 @@ from armsight.geometry.pose import exp, inverse, log
 def scene():
     rng = np.random.default_rng(0)
     image = rng.integers(0, 255, (60, 80)).astype(np.float32)
-    gx, gy = gradients(image, 1.0)
-    size, angle = np.hypot(gx, gy), np.mod(np.arctan2(gy, gx), 2 * np.pi).astype(np.float32)
-    return gx, gy, size.astype(np.float32), angle
+    return gradients(image, 1.0)
 
 
-def test_direction_bits(scene) -> None:
-    _, _, size, angle = scene
-    bits = kernels.direction_bits(size, angle, 5.0)
-    k = np.floor(angle * np.float32(kernels.BINS / np.pi) + np.float32(0.5)).astype(int)
-    twin = np.zeros_like(bits)
-    for step in (-1, 0, 1):
-        twin |= (1 << np.mod(k + step, kernels.BINS)).astype(np.uint16)
-    assert np.array_equal(bits, np.where(size >= np.float32(5.0), twin, 0))
+def test_the_field_keeps_directions_and_bounds_sizes(scene) -> None:
+    gx, gy = scene
+    fx, fy = edge_field(gx, gy, 5.0)
+    size = np.sqrt(gx**2 + gy**2 + 25.0)
+    assert np.allclose(fx, gx / size, atol=1e-5)
+    assert np.allclose(fy, gy / size, atol=1e-5)
 
 
-def test_spread_bits_is_the_union_of_nine() -> None:
-    bits = np.random.default_rng(1).integers(0, 2**16, (20, 30)).astype(np.uint16)
-    wide = np.pad(bits, 1)
-    twin = np.zeros_like(bits)
-    for dy in range(3):
-        for dx in range(3):
-            twin |= wide[dy : dy + 20, dx : dx + 30]
-    assert np.array_equal(spread_bits(bits), twin)
-
-
-def test_votes_meet_in_the_middle_of_a_ring() -> None:
-    """Every edge of a disc votes for its centre, at its radius."""
+@pytest.mark.parametrize("tilt", [0.0, 0.6])
+def test_votes_meet_in_the_middle_of_a_ring(tilt: float) -> None:
+    """Every edge of a disc votes for its centre, at its radius and tilt."""
     y, x = np.mgrid[0:64, 0:64]
-    disc = 200.0 / (1 + np.exp(np.hypot(x - 30.0, y - 33.0) - 8.0))
+    squeeze = np.diag([np.cos(tilt), 1.0])
+    disc = 200.0 / (1 + np.exp(np.hypot((x - 30.0) / np.cos(tilt), y - 33.0) - 8.0))
     gx, gy = gradients(disc.astype(np.float32), 0.5)
-    size, angle = np.hypot(gx, gy), np.mod(np.arctan2(gy, gx), 2 * np.pi)
-    step = 2 * np.pi * np.arange(64) / 64
-    shift = np.stack([np.cos(step), np.sin(step)], 1)[None].astype(np.float32)
-    votes = kernels.vote_centers(
-        size.astype(np.float32), angle.astype(np.float32), 3.0, shift, np.array([8])
-    )
-    v, u = np.unravel_index(np.argmax(votes[0]), votes[0].shape)
-    assert abs(u - 30) <= 1
-    assert abs(v - 33) <= 1
+    shapes = np.array([squeeze], np.float32)
+    votes = vote_centers(gx, gy, 3.0, shapes, np.array([8.0], np.float32))
+    crests = vote_crests(votes, 20)
+    best = crests[np.argmax(crests[:, 0])]
+    assert abs(2 * best[1] + 0.5 - 30) <= 1.5
+    assert abs(2 * best[2] + 0.5 - 33) <= 1.5
 
 
 def _flat(points, guess):
@@ -71,7 +60,7 @@ def _flat(points, guess):
 
 
 def test_scores_of_a_flat_template(scene) -> None:
-    gx, gy, size, angle = scene
+    fx, fy = edge_field(*scene, 4.0)
     model = curves(PORTS["type2_plug"], 0.003)
     points, normals = model.points.astype(np.float32), model.normals[:, :2].astype(np.float32)
     guess = np.array([40.0, 30.0, 600.0, 0.3, -0.2, 0.7])
@@ -80,22 +69,52 @@ def test_scores_of_a_flat_template(scene) -> None:
     inside = (x >= 0) & (x < 80) & (y >= 0) & (y < 60)
     n = normals @ np.linalg.inv(A)  # normals go with the inverse transpose
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    g = np.stack([gx[y[inside], x[inside]], gy[y[inside], x[inside]]], 1)
-    twin = np.abs(np.sum(g * n[inside], axis=1)) / (np.linalg.norm(g, axis=1) + 4.0)
-    found = kernels.fine_score(gx, gy, 4.0, points, normals, guess)
-    assert found == pytest.approx(twin.sum() / len(points), rel=1e-4)
-    bits = kernels.direction_bits(size, angle, 3.0)
-    k = np.floor(np.arctan2(n[:, 1], n[:, 0]) * kernels.BINS / np.pi + kernels.BINS + 0.5)
-    hit = (bits[y[inside], x[inside]] >> (k[inside].astype(int) % kernels.BINS)) & 1
-    rough = kernels.rough_score(bits, points, normals, guess)
-    assert abs(rough - hit.sum() / len(points)) < 3 / len(points)  # a normal on a bin's border
+    g = np.stack([fx[y[inside], x[inside]], fy[y[inside], x[inside]]], 1)
+    along = np.sum(g * n[inside], axis=1)
+    value = 2 * along**2 - np.sum(g**2, axis=1)
+    value = np.where((value > 0) & (along < 0), 0.2 * value, value)
+    found = template_score(fx, fy, points, normals, guess, 0.2, 0.0)
+    assert found == pytest.approx(value.sum() / len(points), abs=1e-4)
+
+
+def test_a_template_sees_which_side_is_dark_and_climbs_to_where_it_fits() -> None:
+    """A painted port scores high where it is, little where light and dark are exchanged."""
+    T = facing(0.0, 0.0, 1.2, (0.0, 0.0), 0.0)
+    image = paint(PORTS["type2"], T, LENS, 0)
+    points, normals = template("type2")
+    u, v = LENS.project(T[None, :3, 3])[0]
+    true = np.array([u, v, LENS.fx / 1.2, 0.0, 0.0, 0.0])
+    level = pyramid(image)[0]
+    negative = pyramid(255 - image)[0]
+    start = true + np.array([1.0, -1.0, 12.0, 0.05, 0.0, 0.06])
+    score, end = climb(level.fx, level.fy, points, normals, start, 1.5, 6, 0.2)
+    wrong, _ = climb(negative.fx, negative.fy, points, normals, start, 1.5, 6, 0.2)
+    assert score > 0.6
+    assert wrong < 0.3
+    assert np.hypot(*(end[:2] - true[:2])) < 0.8
+    rolls = np.deg2rad(np.arange(-50.0, 51.0, 10.0))
+    tried = true[None] + [0, 0, 0, 0, 0, 1.0]
+    best = best_rolls(level.fx, level.fy, points, normals, tried, rolls, 0.2, 0.1)
+    assert best[0] > 0.5
+    assert abs(tried[0, 5]) < 0.01
+
+
+def test_distinct_rings_are_few_at_one_place() -> None:
+    ring = np.array([0.9, 50.0, 50.0, 0.0, 0.0, 20.0])
+    rows = np.tile(ring, (4, 1))
+    rows[1, [1, 5]] += 1.0, 0.5
+    rows[2, 5] += 3.0
+    rows[3, 1] += 30.0
+    assert distinct(rows, 10, 5).tolist() == [0, 2, 3]
+    assert distinct(rows, 10, 1).tolist() == [0, 3]
+    assert distinct(rows, 1, 5).tolist() == [0]
 
 
 def test_edge_search_finds_a_straight_edge_to_a_twentieth() -> None:
     x = np.arange(60.0)
     row = 100.0 / (1 + np.exp(-(x - 30.3) / 0.8))
     gx, gy = gradients(np.tile(row, (40, 1)).astype(np.float32), 0.0)
-    d, strength = kernels.edge_search(
+    d, strength = edge_search(
         gx,
         gy,
         np.array([[28.0, 20.0], [50.0, 20.0]]),
@@ -107,7 +126,7 @@ def test_edge_search_finds_a_straight_edge_to_a_twentieth() -> None:
     )
     assert d[0] == pytest.approx(2.3, abs=0.05)
     assert np.isnan(d[1])
-    assert strength[0] > 10.0
+    assert strength[0] > 10.0  # lighter along the normal
 
 
 def test_the_quick_fit_ends_where_the_full_one_does() -> None:
@@ -118,12 +137,12 @@ def test_the_quick_fit_ends_where_the_full_one_does() -> None:
     model = curves(PORTS["type2"], 0.002)
     numbers = np.array([LENS.fx, LENS.fy, LENS.cx, LENS.cy, *LENS.distortion])
     reaches = np.array([5.0, 5.0, 4.0, 3.0, 2.5, 2.5, 2.5, 2.5])
-    score, quick = kernels.fit_rigid(
+    quick, d, _, _ = fit_rigid(
         view.gx, view.gy, numbers, model.points, model.normals, start, reaches, 0.5
     )
     full = fit([view], PORTS["type2"], start, FitOptions(makes=False, iterations=10))
-    assert score > 0.9
+    assert np.mean(np.abs(np.nan_to_num(d, nan=9.0)) < 1.5) > 0.9
     assert np.abs(log(inverse(full.T_ref_port) @ quick)).max() < 2e-3
     assert np.allclose(
-        kernels.project_lens(numbers, 0.1, 0.05, 0.8), LENS.project(np.array([[0.1, 0.05, 0.8]]))[0]
+        project_lens(numbers, 0.1, 0.05, 0.8), LENS.project(np.array([[0.1, 0.05, 0.8]]))[0]
     )

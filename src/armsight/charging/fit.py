@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Floats, Ints, Mask, Points, Pose
-from armsight.charging.kernels import edge_search
+from armsight.charging.kernels.edges import edge_search
 from armsight.charging.looks import Look
 from armsight.charging.ports.curves import Curves, curves
 from armsight.charging.ports.table import Port

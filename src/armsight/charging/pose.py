@@ -14,15 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Bytes, Floats, Pose
-from armsight.charging.find import (
-    Detection,
-    FindOptions,
-    dark_windows,
-    find_ports,
-    fit_coarse_to_fine,
-)
-from armsight.charging.fit import Fit, turned
+from armsight.charging.coarse_to_fine import fit_coarse_to_fine
+from armsight.charging.find import Detection, FindOptions, find_ports
+from armsight.charging.fit import MISSING, Fit, turned
 from armsight.charging.ports.table import PORTS
+from armsight.charging.windows import dark_windows
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse
 from armsight.geometry.stereo import StereoPair
@@ -90,18 +86,38 @@ def locate(
         find_ports(image, lens, options, dark_windows(image) if windows else None)
         for image, lens in zip(images, (pair.left, pair.right))
     ]
-    out = []
     lenses = (pair.left, pair.right)
     T_lens_ref = (np.eye(4), inverse(pair.T_left_right))
+    starts: list[tuple[str, Pose]] = []
     taken: set[int] = set()
     for left in seen[0]:
         match = _partner(left, seen[1], pair, taken)
-        if match is None:
-            continue
-        taken.add(match)
-        T = _start(left, seen[1][match], pair)
-        out.append(fit_pose(images, lenses, T_lens_ref, left.port, T))
-    return tuple(sorted(out, key=lambda pose: -pose.score))
+        if match is not None:
+            taken.add(match)
+            starts.append((left.port, _start(left, seen[1][match], pair)))
+        else:  # missed in the other picture: the joint fit looks there, too
+            starts.append((left.port, left.T_camera_port))
+    alone = (d for i, d in enumerate(seen[1]) if i not in taken)
+    starts += [(d.port, pair.T_left_right @ d.T_camera_port) for d in alone]
+    # a type may be the upper half of one that holds it; together the pictures tell
+    names = (options or FindOptions()).ports
+    starts += [
+        (name, T) for held, T in tuple(starts) for name in names if PORTS[name].contains == held
+    ]
+    found = [fit_pose(images, lenses, T_lens_ref, name, T) for name, T in starts]
+    found = [p for p in found if p.score >= (options or FindOptions()).least_score]
+    found.sort(key=lambda p: -_likelihood_gain(p))
+    out: list[PortPose] = []
+    for p in found:
+        near = (np.linalg.norm(p.T_ref_port[:3, 3] - k.T_ref_port[:3, 3]) for k in out)
+        if all(gap > PORTS[p.port].radius for gap in near):
+            out.append(p)
+    return tuple(sorted(out, key=lambda p: -p.score))
+
+
+def _likelihood_gain(p: PortPose) -> float:
+    """How much better a port explains the pictures than clutter would: compares types."""
+    return float(0.5 * MISSING * p.fit.points - p.fit.cost)
 
 
 def _partner(

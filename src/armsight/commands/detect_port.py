@@ -53,14 +53,17 @@ class DetectPort:
     baseline: float | None = None
     toe_in_deg: float = 0.0
     ports: str = "type1,type2,ccs1,ccs2"
-    least_score: float = 0.68
+    least_score: float = 0.55
     windows: bool = False
 
     def run(self) -> int:
         """Find and print; 1 where nothing was found."""
-        from armsight.charging.find import FindOptions, dark_windows, find_ports
+        import numpy as np
+
+        from armsight.charging.find import FindOptions, find_ports
         from armsight.charging.ports.table import port
-        from armsight.charging.pose import locate
+        from armsight.charging.pose import fit_pose, locate
+        from armsight.charging.windows import dark_windows
         from armsight.errors import UsageError
         from armsight.geometry.stereo import converging_pair
         from armsight.writing import write_atomically
@@ -79,8 +82,9 @@ class DetectPort:
         if len(grays) == 1:
             windows = dark_windows(grays[0]) if self.windows else None
             for d in find_ports(grays[0], lens, options, windows):
-                row = _row(d.port, d.score, d.T_camera_port, d.covariance, lens)
-                found.append((row, d.T_camera_port, d.fit))
+                p = fit_pose(grays[:1], [lens], [np.eye(4)], d.port, d.T_camera_port)
+                row = _row(d.port, d.score, p.T_ref_port, p.covariance, lens)
+                found.append((row, p.T_ref_port, p.fit))
         else:
             if self.baseline is None or not 0.0 < self.baseline < 10.0:
                 raise UsageError("detect-port: a pair needs --baseline, its cameras' distance [m]")

@@ -1,0 +1,172 @@
+"""Types, rolls and tilts at the rings of a picture: flat templates, by similarity of directions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from armsight.arrays import Floats, Floats32, Pose
+from armsight.charging.kernels.templates import best_rolls, climb
+from armsight.charging.ports.curves import curves
+from armsight.charging.ports.table import PORTS, port
+from armsight.charging.pyramid import Level
+from armsight.charging.rings import level_for
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import make_pose
+
+ROLLS = np.deg2rad(np.arange(-50.0, 51.0, 10.0))
+LEAST_ROUGH = 0.18
+MOST_CLIMBS = 24
+"""Guesses of each type that climb."""
+OTHER_WAY = 0.2
+"""What an edge counts that is light where a cavity should be dark."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A type at a place, as a flat picture of it.
+
+    Attributes:
+        port: its type.
+        score: see :func:`armsight.charging.kernels.templates.template_score`.
+        u, v: of its origin [px].
+        scale: [px/m].
+        lean: (2,) tilt along x and y of the picture [rad].
+        roll: [rad].
+    """
+
+    port: str
+    score: float
+    u: float
+    v: float
+    scale: float
+    lean: tuple[float, float]
+    roll: float
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the port's axis and the line of sight [rad]."""
+        return float(np.hypot(*self.lean))
+
+
+def guess_types(
+    levels: Sequence[Level],
+    lens: PinholeCamera,
+    rings: Floats,
+    ports: Sequence[str],
+    distance: tuple[float, float],
+    most: int,
+) -> list[Guess]:
+    """The best roll and shape of every type at each ring, the best first.
+
+    Args:
+        levels: of the picture.
+        lens: that took it.
+        rings: of :func:`armsight.charging.rings.find_rings`.
+        ports: names of the types.
+        distance: nearest and farthest [m].
+        most: guesses to return.
+    """
+    rough: list[tuple[float, str, Floats, Level]] = []
+    radius = rings[:, 5]
+    size = np.array([levels.index(level_for(levels, float(r))) for r in radius], int)
+    for name in ports:
+        size_m = _ring_radius(name)
+        far = lens.fx * size_m / np.maximum(radius, 1e-9)
+        fits = (far > 0.8 * distance[0]) & (far < 1.2 * distance[1])
+        points, normals = template(name)
+        for k in np.unique(size[fits]):
+            level = levels[k]
+            mine = rings[fits & (size == k)]
+            at = (mine[:, 1:3] + 0.5) * level.scale - 0.5
+            # a tilt and its mirror image look alike, but not where parts lie at other depths
+            for side in (1.0, -1.0) if PORTS[name].plug else (1.0,):
+                scale = mine[:, 5] / size_m * level.scale
+                starts = np.column_stack([at, scale, side * mine[:, 3:5], np.zeros(len(mine))])
+                scores = best_rolls(
+                    level.fx, level.fy, points, normals, starts, ROLLS, OTHER_WAY, LEAST_ROUGH
+                )
+                for i in np.flatnonzero(scores > LEAST_ROUGH):
+                    rough.append((_promise(name, float(scores[i])), name, starts[i], level))
+    rough.sort(key=lambda r: -r[0])
+    guesses = []
+    tried = dict.fromkeys(ports, 0)
+    for _, name, start, level in rough:
+        tried[name] += 1
+        if tried[name] > MOST_CLIMBS:
+            continue
+        points, normals = template(name)
+        score, end = climb(level.fx, level.fy, points, normals, start, 1.5, 6, OTHER_WAY)
+        u, v = (((end[:2] + 0.5) / level.scale) - 0.5).tolist()
+        lean = (float(end[3]), float(end[4]))
+        guesses.append(
+            Guess(name, float(score), u, v, float(end[2]) / level.scale, lean, float(end[5]))
+        )
+    guesses.sort(key=lambda g: -_promise(g.port, g.score))
+    return _apart(guesses, most)
+
+
+def _promise(name: str, score: float) -> float:
+    """A small template fits clutter more easily than a large one: scores weighed by size."""
+    return score * float(len(template(name)[0])) ** 0.25
+
+
+def _apart(guesses: Sequence[Guess], most: int) -> list[Guess]:
+    """The best guesses, but none twice: of another type, or at another place, size or roll."""
+    kept: list[Guess] = []
+    for g in guesses:
+        r = PORTS[g.port].radius * g.scale
+        same = any(
+            k.port == g.port
+            and np.hypot(g.u - k.u, g.v - k.v) < 0.15 * r
+            and 0.8 < g.scale / k.scale < 1.25
+            for k in kept
+        )
+        if not same and sum(k.port == g.port for k in kept) < 0.4 * most and g.score > 0.22:
+            kept.append(g)
+        if len(kept) == most:
+            break
+    return kept
+
+
+@lru_cache(maxsize=32)
+def template(name: str) -> tuple[Floats32, Floats32]:
+    """A type's edges, scattered: (n, 3) points [m], (n, 2) normals towards the lighter side."""
+    model = curves(port(name), 0.002, fit_only=True)
+    keep = np.zeros(len(model.points), bool)
+    for k, rim in enumerate(model.rims):
+        mine = np.flatnonzero(model.rim == k)
+        most = 10 if rim.kind == "recess" else 24
+        keep[mine[:: max(1, len(mine) // most)]] = True
+    order = np.random.default_rng(0).permutation(int(keep.sum()))
+    points = model.points[keep].astype(np.float32)[order]
+    lighter = np.array([-1.0 if rim.kind == "pedestal" else 1.0 for rim in model.rims])
+    normals = model.normals[:, :2] * lighter[model.rim, None]
+    return points, normals[keep].astype(np.float32)[order]
+
+
+@lru_cache(maxsize=32)
+def _ring_radius(name: str) -> float:
+    """Radius of the outer of the two rims that a double ring stands for [m]."""
+    entry = port(name)
+    rim = entry.of_kind("mouth")[0].outline.radius
+    return entry.plate.radius if entry.plug else rim
+
+
+def pose_of(guess: Guess, lens: PinholeCamera, sign: float) -> Pose:
+    """The pose in space of a flat guess, or (sign -1) of its mirror image: from far alike."""
+    ray = np.append(lens.normalise(np.array([[guess.u, guess.v]]))[0], 1.0)
+    center = ray * lens.fx / guess.scale
+    facing = np.diag([1.0, -1.0, -1.0])
+    rolled = Rotation.from_rotvec([0.0, 0.0, guess.roll]).as_matrix() @ facing
+    R = Rotation.from_rotvec([sign * guess.lean[0], sign * guess.lean[1], 0.0]).as_matrix() @ rolled
+    # seen off the middle of the picture, the port is turned with the ray
+    toward = np.cross([0.0, 0.0, 1.0], ray / np.linalg.norm(ray))
+    angle = np.arcsin(min(float(np.linalg.norm(toward)), 1.0))
+    if angle > 1e-9:
+        R = Rotation.from_rotvec(toward / np.linalg.norm(toward) * angle).as_matrix() @ R
+    return make_pose(R, center)

@@ -1,0 +1,1 @@
+"""Hot loops of finding and fitting: directions of edges, votes, rings, templates, edge search."""

@@ -1,0 +1,103 @@
+"""Guesses fitted in space: which of a type's edges are really there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from armsight.arrays import Floats, Ints, Pose
+from armsight.charging.kernels.rigid import fit_rigid
+from armsight.charging.ports.curves import Curves, curves
+from armsight.charging.ports.table import PORTS
+from armsight.charging.pyramid import Level
+from armsight.geometry.camera import PinholeCamera
+
+CHANCE = 0.45
+"""Share of a wrong type's edges that clutter and kin fill (chosen on the tuning seed)."""
+FOUND = 1.5
+"""An edge this near to where it should be counts as found [px]."""
+FIRST = np.array([5.0, 4.5, 3.5, 3.0, 2.5])
+THEN = np.array([3.5, 3.0, 2.5])
+"""Reaches of the search along the normals, one an iteration [px]."""
+POINTS = 110
+"""About as many points are looked for on a type's edges."""
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """A type fitted to one picture.
+
+    Attributes:
+        port: its type.
+        T_camera_port: the pose.
+        score: share of its edges that were found, dark where a cavity should be; the contacts'
+            recesses and the larger edges count half each.
+        evidence: how much more was found than chance would find, in edges: compares types.
+        rim_shares: share found of each edge; rims: their names.
+        covariance: (6, 6) of the pose as a twist in the port's frame, for edges known to 1 px of
+            the size of the picture that was used.
+    """
+
+    port: str
+    T_camera_port: Pose
+    score: float
+    evidence: float
+    rim_shares: Floats
+    rims: tuple[str, ...]
+    covariance: Floats
+
+
+def match(
+    levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose, finer: bool = False
+) -> Match:
+    """Fit a type where its mouth has a radius of 16 to 32 px, or one size finer."""
+    radius = lens.fx * PORTS[name].radius / max(T[2, 3], 0.05)
+    i = int(np.clip(np.floor(np.log2(max(radius, 1.0) / 16.0)), 0, len(levels) - 1))
+    level = levels[max(i - finer, 0)]
+    own = lens.scaled(level.scale)
+    model, darker, tolerance = _model(name)
+    numbers = np.array([own.fx, own.fy, own.cx, own.cy, *own.distortion])
+    least = max(0.8 * level.least, 0.25)
+    T, d, rise, H = fit_rigid(
+        level.gx,
+        level.gy,
+        numbers,
+        model.points,
+        model.normals,
+        T,
+        THEN if finer else FIRST,
+        least,
+    )
+    # makes differ: an edge may be off by its tolerance
+    reach = FOUND + own.fx / max(T[2, 3], 0.05) * tolerance
+    near = np.abs(np.where(np.isfinite(d), d, 99.0)) <= reach[model.rim]
+    count = np.bincount(model.rim)
+    # an edge that is light where a cavity should be dark counts nothing
+    right = near & (np.sign(rise) == darker[model.rim])
+    shares = np.bincount(model.rim, right, len(model.rims)) / count
+    small = np.array([rim.kind == "recess" for rim in model.rims])
+    score = 0.5 * (shares[small].mean() + shares[~small].mean())
+    return Match(
+        name,
+        T,
+        float(score),
+        float(np.sum(shares - CHANCE)),
+        shares,
+        tuple(rim.name for rim in model.rims),
+        np.asarray(np.linalg.pinv(H + 1e-9 * np.eye(6)) / level.scale**2, np.float64),
+    )
+
+
+@lru_cache(maxsize=32)
+def _model(name: str) -> tuple[Curves, Ints, Floats]:
+    """Points along a type's edges; which edges grow darker inwards (-1); how makes differ [m]."""
+    step = 0.004
+    while len(curves(PORTS[name], step).points) < POINTS and step > 0.0008:
+        step *= 0.9
+    model = curves(PORTS[name], step)
+    darker = np.array([1 if rim.kind == "pedestal" else -1 for rim in model.rims])
+    tolerance = np.array([rim.radius_tolerance + rim.place_tolerance for rim in model.rims])
+    return model, darker, tolerance

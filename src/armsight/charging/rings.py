@@ -1,0 +1,116 @@
+"""Double rings in a picture: every port is rings within rings, seen tilted.
+
+Edges vote, across their direction, for the middles of the rings that they may belong to
+(*seeds*); about each seed a double ring is tried at all sizes and tilts, and the best climb.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from armsight.arrays import Floats, Floats32
+from armsight.charging.kernels.rings import best_rings
+from armsight.charging.kernels.templates import distinct
+from armsight.charging.kernels.votes import vote_centers, vote_crests
+from armsight.charging.pyramid import Level
+
+VOTE_RADII = np.array([4.0, 5.0, 6.5, 8.0, 10.0], np.float32)
+RING_RADII = np.geomspace(8.5, 21.0, 10)
+"""Rings that are voted for, and then tried, at every size of the picture [px]."""
+RING_SHARE = 0.76
+"""Inner rim over outer rim: 0.73 (Type 2), 0.78 (Type 1), 0.76 (Type 2 plug)."""
+LEAST_VOTES = 80
+LEAST_RING = 0.12
+CROWD = 40
+"""Rings of other sizes and tilts that are kept at one place."""
+
+
+def find_rings(levels: Sequence[Level], largest: float, seeds: int, most: int) -> Floats:
+    """The best double rings of a picture.
+
+    Args:
+        levels: of the picture.
+        largest: radius of an outer ring [px].
+        seeds: most places that are tried at half the picture's size; fewer at smaller sizes.
+        most: rings to return.
+
+    Returns:
+        (n, 6) score, u, v [px], tilt along x and y [rad], radius of the outer ring [px].
+    """
+    rows = [np.zeros((0, 6))]
+    for i in range(1, len(levels)):
+        if VOTE_RADII[0] / levels[i].scale > largest:
+            break
+        rows.append(_rings_of(levels[i], levels[i - 1], max(seeds // i, 8)))
+    every = np.concatenate(rows)
+    every = every[np.argsort(-every[:, 0], kind="stable")]
+    return np.asarray(every[distinct(every, most, CROWD)])
+
+
+def level_for(levels: Sequence[Level], radius: float) -> Level:
+    """The size of the picture at which a mouth has a radius of 14 to 28 px, or the finest."""
+    i = int(np.clip(np.floor(np.log2(max(radius, 1.0) / 14.0)), 0, len(levels) - 1))
+    return levels[i]
+
+
+def _rings_of(level: Level, finer: Level, most: int) -> Floats:
+    """Rings about the seeds of one size of the picture; rows as in :func:`find_rings`."""
+    seeds = _seeds(level, most)
+    leans = _leans()
+    found = best_rings(
+        finer.fx,
+        finer.fy,
+        2.0 * seeds,
+        leans,
+        RING_RADII,
+        _double_ring(),
+        2.0,
+        LEAST_RING,
+    )
+    s, r, t = np.nonzero(found[..., 0] > LEAST_RING)
+    score, u, v = found[s, r, t].T
+    at = (np.stack([u, v], 1) + 0.5) / finer.scale - 0.5
+    return np.column_stack([score, at, leans[t], RING_RADII[r] / finer.scale])
+
+
+def _seeds(level: Level, most: int) -> Floats32:
+    """(n, 2) places with many votes [px of this size]."""
+    votes = vote_centers(level.gx, level.gy, level.least, _vote_shapes(), VOTE_RADII)
+    crests = vote_crests(votes, LEAST_VOTES)
+    order = np.argsort(-crests[:, 0], kind="stable")[:most]
+    return (2.0 * crests[order, 1:] + 0.5).astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def _vote_shapes() -> Floats32:
+    """(classes, 2, 2) circles seen head-on and tilted by 38 deg about four axes."""
+    shapes = [np.eye(2)] + [_squeeze(np.deg2rad(38), k * np.pi / 4) for k in range(4)]
+    return np.array(shapes, np.float32)
+
+
+def _squeeze(tilt: float, axis: float) -> Floats:
+    """(2, 2) a circle tilted about an axis in the picture, as seen from far."""
+    a = np.array([np.cos(axis), np.sin(axis)])
+    b = np.array([-np.sin(axis), np.cos(axis)])
+    return np.asarray(np.outer(a, a) + np.cos(tilt) * np.outer(b, b))
+
+
+@lru_cache(maxsize=1)
+def _leans() -> Floats:
+    """(t, 2) tilts along x and y of the picture that are tried [rad]."""
+    pairs = [(0.0, 0.0)]
+    pairs += [(np.deg2rad(27), k * np.pi / 4) for k in range(4)]
+    pairs += [(np.deg2rad(42), k * np.pi / 6) for k in range(6)]
+    return np.array([(t * np.cos(a), t * np.sin(a)) for t, a in pairs])
+
+
+@lru_cache(maxsize=1)
+def _double_ring() -> Floats32:
+    """(p, 3) points and normal angles, scattered so that a few of them tell early."""
+    angle = 2 * np.pi * np.arange(20) / 20
+    rows = [(r * np.cos(a), r * np.sin(a), a) for r in (1.0, RING_SHARE) for a in angle]
+    order = np.random.default_rng(0).permutation(len(rows))
+    return np.array(rows, np.float32)[order]
