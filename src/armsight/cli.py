@@ -16,7 +16,6 @@ import tyro
 from armsight import __version__
 from armsight.commands.board import BoardCommand
 from armsight.commands.calibrate import Calibrate
-from armsight.commands.calibration import CalibrationCommand
 from armsight.commands.check import Check
 from armsight.commands.dataset import Dataset
 from armsight.commands.demo import Demo
@@ -44,7 +43,6 @@ COMMANDS = (
     RunCommand,
     Servo,
     Calibrate,
-    CalibrationCommand,
     BoardCommand,
     Record,
     Replay,

@@ -33,6 +33,7 @@ NAMES: dict[str, str] = {
     "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",
     "port-detection": "T3: charging ports found in one picture: speed, recall, false alarms",
     "port-pose": "T3: the pose of a port by a converging pair, beside the paper's plane",
+    "insertion": "T3: plugging in and out by force, beside the paper's halt",
     "plug-calibration": "T3: calibration without a marker, the plug before the pair",
     "calibration-real": "real hand-eye sets, beside the figures published with them",
 }

@@ -98,28 +98,11 @@ def build_model(
     people_first = tuple(movers.add_person(person) for person in people)
     for item in spec.objects:
         movers.add_object(item)
-    _add_servos(mj, spec.arm.robot)
+    add_servos(mj, spec.arm.robot)
     if fingers and spec.gripper is not None:
         add_finger_servos(mj, spec.gripper)
     model = mj.compile()
-    n = spec.arm.robot.n
-    inertia, load = _greatest_inertia(model, spec.arm.robot)
-    model.dof_armature[:n] = ROTOR[0] + ROTOR[1] * inertia
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-    inertia = inertia + model.dof_armature[:n]
-    kp = inertia * SERVO_BANDWIDTH**2
-    # what the URDF says of the drives, but no less than their accelerations ask for
-    limits = spec.arm.robot.limits
-    torque = 3.0 * inertia * limits.acceleration + 5.0
-    if limits.effort is not None:
-        torque = np.fmax(torque, limits.effort)
-    model.actuator_gainprm[:n, 0] = kp
-    model.actuator_biasprm[:n, 1] = -kp
-    kv = 2.0 * kp / SERVO_BANDWIDTH
-    model.actuator_gainprm[n : 2 * n, 0] = kv
-    model.actuator_biasprm[n : 2 * n, 2] = -kv
-    model.jnt_actfrcrange[:n] = np.stack([-torque, torque], axis=1)
-    model.jnt_actfrclimited[:n] = True
+    load = set_servo_gains(model, spec.arm.robot)
     parts = tuple(builder.parts[model.geom(i).name] for i in range(model.ngeom))
     materials = np.array([MATERIALS.index(part.material) for part in parts], np.uint8)
     return CellModel(
@@ -137,7 +120,7 @@ def build_model(
     )
 
 
-def _add_servos(mj: Any, robot: Robot) -> None:
+def add_servos(mj: Any, robot: Robot) -> None:
     """A position servo a joint, then a velocity servo a joint; gains follow the inertia."""
     for kind in ("position", "velocity"):
         for name in robot.joint_names:
@@ -146,6 +129,32 @@ def _add_servos(mj: Any, robot: Robot) -> None:
             )
             servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
             servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+
+
+def set_servo_gains(model: Any, robot: Robot) -> float:
+    """Gains and greatest torques of an arm's servos; returns the greatest load of its weight [N m].
+
+    The arm's joints are the model's first.
+    """
+    n = robot.n
+    inertia, load = _greatest_inertia(model, robot)
+    model.dof_armature[:n] = ROTOR[0] + ROTOR[1] * inertia
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    inertia = inertia + model.dof_armature[:n]
+    kp = inertia * SERVO_BANDWIDTH**2
+    # what the URDF says of the drives, but no less than their accelerations ask for
+    limits = robot.limits
+    torque = 3.0 * inertia * limits.acceleration + 5.0
+    if limits.effort is not None:
+        torque = np.fmax(torque, limits.effort)
+    model.actuator_gainprm[:n, 0] = kp
+    model.actuator_biasprm[:n, 1] = -kp
+    kv = 2.0 * kp / SERVO_BANDWIDTH
+    model.actuator_gainprm[n : 2 * n, 0] = kv
+    model.actuator_biasprm[n : 2 * n, 2] = -kv
+    model.jnt_actfrcrange[:n] = np.stack([-torque, torque], axis=1)
+    model.jnt_actfrclimited[:n] = True
+    return load
 
 
 def _greatest_inertia(model: Any, robot: Robot) -> tuple[Floats, float]:

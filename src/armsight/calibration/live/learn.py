@@ -82,7 +82,7 @@ def learn(
             continue
         taken = int(left[choice.index])
         before = len(log.views)
-        view = yield from look(log, "learn", known=(answer, margin))
+        view = yield from look(log, "learn")
         if len(log.views) == before:
             failures += 1
             if failures > 8:

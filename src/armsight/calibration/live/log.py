@@ -20,7 +20,6 @@ from armsight.calibration.live.seen import (
 )
 from armsight.calibration.live.setup import Setup, lens_list
 from armsight.calibration.live.watcher import Progress, Watcher
-from armsight.calibration.live.windows import board_windows
 from armsight.calibration.solver import SolverOptions
 
 
@@ -84,21 +83,9 @@ def go(log: Log, joints: JointVector, stage: str) -> Generator[Request, object, 
 
 
 def look(
-    log: Log,
-    stage: str,
-    rest: float | None = None,
-    frames: int | None = None,
-    known: tuple[Calibration, float] | None = None,
+    log: Log, stage: str, rest: float | None = None, frames: int | None = None
 ) -> Generator[Request, object, SeenView]:
-    """Photograph with all cameras; what saw the board is kept and written down.
-
-    Args:
-        log: of the procedure.
-        stage: of it.
-        rest: before the picture [s]; the options' if None.
-        frames: averaged; likewise.
-        known: an answer that tells where to look, and how far off it may be [px].
-    """
+    """Photograph with all cameras; what saw the board is kept and written down."""
     cameras = tuple(range(len(log.setup.cameras)))
     options = log.options
     looked = yield LookAt(
@@ -107,8 +94,7 @@ def look(
         options.frames if frames is None else frames,
     )
     assert isinstance(looked, Looked)
-    windows = None if known is None else board_windows(log.setup, known[0], looked.joints, known[1])
-    view = read_pictures(log.setup, looked.joints, stage, log.clock(), looked.pictures, windows)
+    view = read_pictures(log.setup, looked.joints, stage, log.clock(), looked.pictures)
     log.reasons.update(reason for _, reason in view.missed if reason)
     if view.found:
         log.views.append(view)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,11 +11,9 @@ from armsight.arrays import Bytes, DepthImage, Floats, Ints, JointVector
 from armsight.calibration import arm
 from armsight.calibration.boards import Board, Checkerboard, Detection, Miss
 from armsight.calibration.depth import read_squares
-from armsight.calibration.live.setup import Setup, Window, lens_list
+from armsight.calibration.live.setup import Setup, lens_list
 from armsight.calibration.problem import ArmView, BoardPlacement, Problem, Rig, Sighting
 from armsight.calibration.robot_errors import RobotErrors
-
-OUT_OF_SIGHT = "the board is out of its sight"
 
 
 @dataclass(frozen=True)
@@ -84,25 +82,9 @@ Request = MoveTo | LookAt
 
 
 def read_pictures(
-    setup: Setup,
-    joints: JointVector,
-    stage: str,
-    stamp: float,
-    pictures: Sequence[Picture],
-    windows: Mapping[int, Window | None] | None = None,
+    setup: Setup, joints: JointVector, stage: str, stamp: float, pictures: Sequence[Picture]
 ) -> SeenView:
-    """Find the board in every picture, and read the depth on it.
-
-    Args:
-        setup: what is calibrated.
-        joints: (n,) as the arm reported [rad].
-        stage: of the procedure.
-        stamp: when [s].
-        pictures: one entry a camera.
-        windows: of a lens: where alone to look; None: nowhere. Lenses without one are searched
-            whole.
-    """
-    windows = windows or {}
+    """Find the board in every picture, and read the depth on it."""
     lenses = lens_list(setup.cameras)
     found, missed, depths = [], [], []
     for camera, picture in enumerate(pictures):
@@ -113,16 +95,10 @@ def read_pictures(
             if gray is None:
                 missed.append((index, picture.problem or "no picture"))
                 continue
-            window = windows.get(index, (0, 0, gray.shape[1], gray.shape[0]))
-            if window is None:
-                missed.append((index, OUT_OF_SIGHT))
-                continue
-            x0, y0, x1, y1 = window
-            result = setup.board.detect(np.ascontiguousarray(gray[y0:y1, x0:x1]))
+            result = setup.board.detect(gray)
             if isinstance(result, Miss):
                 missed.append((index, result.reason))
                 continue
-            result = replace(result, pixel=result.pixel + np.array([x0, y0], float))
             found.append((index, result.corner, result.pixel))
             if lens.name.endswith("infrared") and picture.depth is not None:
                 scale = setup.cameras[camera].depth_scale

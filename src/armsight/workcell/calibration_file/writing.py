@@ -49,7 +49,6 @@ def camera_entry(
     source: str,
     target_error: float | None = None,
     now: datetime | None = None,
-    model: str | None = None,
 ) -> CalibratedCamera:
     """A camera's entry from what was found.
 
@@ -65,14 +64,13 @@ def camera_entry(
         source: from what, for people.
         target_error: expected error of a point 1.0-1.5 m away [m].
         now: when; this moment if None.
-        model: of the camera, where the workcell file names none.
 
     Raises:
         ValueError: it is no calibration that could be (pydantic's error names the key).
     """
-    depths: dict[str, Any] | None = None
+    model: dict[str, Any] | None = None
     if depth_model is not None:
-        depths = {
+        model = {
             "offset": float(depth_model.offset),
             "scale": float(depth_model.scale) if depth_model.scale_known else 0.0,
             "middle": float(depth_model.middle),
@@ -87,7 +85,7 @@ def camera_entry(
     return CalibratedCamera.model_validate(
         {
             "name": section.name,
-            "model": section.model or model,
+            "model": section.model,
             "mount": "base" if section.mounted_on == "world" else "flange",
             "calibrated": _moment(now),
             "source": source,
@@ -97,7 +95,7 @@ def camera_entry(
             "declared": _placed(mount_pose(workcell, section)),
             "depth_lens": _lens(depth_lens),
             "color_lens": color,
-            "depth_model": depths,
+            "depth_model": model,
         }
     )
 

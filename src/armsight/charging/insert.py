@@ -1,0 +1,350 @@
+"""Plugging in by force: a pure controller, told pose and wrench, that answers with a twist.
+
+Guarded touch, yielding in all six axes (the ring of the sleeve lies flat on the inlet's face and
+so finds its tilt), an Archimedean spiral until the plug drops in, a force ramp, back and again
+when it jams, and an honest test of the end: depth **and** force **and** small moment **and** tilt.
+Out again along the same axis. Frames: the plug's, z out of its mouth, so into the car; ``seat`` is
+the plug's frame where it would be fully plugged in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from armsight.arrays import Floats, Pose
+from armsight.charging.admittance import Admittance
+from armsight.geometry.pose import log
+
+
+class Phase(StrEnum):
+    """What is being done."""
+
+    APPROACH = "approach"
+    TOUCH = "touch"
+    SETTLE = "settle"
+    SEARCH = "search"
+    INSERT = "insert"
+    BACK = "back"
+    SEATED = "seated"
+    PULL = "pull"
+    OUT = "out"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class InsertOptions:
+    """Forces and tolerances; the design page's measured values.
+
+    Attributes:
+        depth: of the seat below the face [m].
+        admittance: of mount and arm.
+        touch_speed: [m/s]; touch_force: [N] that ends the touch.
+        search_force: pressed with while searching [N]; search_stiffness: of the spiral [N/m].
+        spiral_pitch: between turns; spiral_speed: along it; spiral_radius: of it [m], [m/s], [m];
+        spiral_rate: greatest, behind the delay [rad/s].
+        hooked: bent by more than this, only one side of the plug is in [rad].
+        search_turn, insert_turn: stiffness towards the attitude in which the sleeve lay flat on
+            the inlet's face, while searching and inserting [N m/rad].
+        captured: the plug is in when it is this deep [m].
+        ramp: of the force [N/s]; push, pull: greatest [N].
+        axial_speed: of insertion [m/s].
+        stuck: without progress for so long it is jammed [s].
+        tries: before giving up.
+        depth_tolerance: of the seat [m]; seat_force: [N]; seat_moment: [N m]; seat_tilt: [rad],
+            on top of what the port's believed attitude may be off by, ``port_tilt`` [rad].
+        hold: all of that for so long [s].
+        seconds: for one attempt at most [s].
+    """
+
+    depth: float = 0.036
+    admittance: Admittance = field(default_factory=Admittance)
+    touch_speed: float = 0.012
+    touch_force: float = 5.0
+    search_force: float = 10.0
+    search_stiffness: float = 3000.0
+    spiral_pitch: float = 0.002
+    spiral_speed: float = 0.016
+    spiral_radius: float = 0.0105
+    spiral_rate: float = 4.0
+    hooked: float = float(np.deg2rad(6.0))
+    search_turn: float = 25.0
+    insert_turn: float = 5.0
+    captured: float = 0.005
+    ramp: float = 40.0
+    push: float = 85.0
+    pull: float = 105.0
+    axial_speed: float = 0.02
+    stuck: float = 0.5
+    tries: int = 4
+    depth_tolerance: float = 0.0015
+    seat_force: float = 45.0
+    seat_moment: float = 2.0
+    seat_tilt: float = float(np.deg2rad(2.0))
+    port_tilt: float = float(np.deg2rad(6.0))
+    hold: float = 0.3
+    seconds: float = 40.0
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What the controller is told.
+
+    Attributes:
+        now: [s].
+        T_seat_plug: where the plug would be if its mount did not give way, by the joints and by
+            what is believed of the port.
+        wrench: (6,) of the surroundings on the plug, tared, about its origin, in its axes.
+    """
+
+    now: float
+    T_seat_plug: Pose
+    wrench: Floats
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What it says.
+
+    Attributes:
+        twist: (6,) of the plug's origin in its own axes [m/s], [rad/s].
+        phase: what is being done; words: for people.
+        depth: of the plug's front below the inlet's face, the mount's give taken off [m].
+    """
+
+    twist: Floats
+    phase: Phase
+    words: str
+    depth: float
+
+
+class Insertion:
+    """Plugs in, or (``out=True``) takes out. Feed it readings until the phase is an end.
+
+    Ends are ``SEATED``, ``OUT`` and ``FAILED``; the words then say what happened.
+    """
+
+    def __init__(self, options: InsertOptions | None = None, out: bool = False) -> None:
+        self.options = options or InsertOptions()
+        self.phase = Phase.PULL if out else Phase.APPROACH
+        self.words = ""
+        self.tries = 0
+        self._begun: float | None = None
+        self._last = 0.0
+        self._since = 0.0
+        self._twist = np.zeros(6)
+        self._face = -np.inf  # depth at which the plug touched
+        self._angle = 0.0
+        self._center = np.zeros(2)
+        self._force = 0.0
+        self._deepest = -np.inf
+        self._progress = 0.0
+        self._good = 0.0
+        self._retreat = 0.0  # depth to go back to
+        self._flat: Floats | None = None  # attitude in which the sleeve lay flat on the face
+
+    def step(self, felt: Felt) -> Answer:
+        """One tick."""
+        o = self.options
+        if self._begun is None:
+            self._begun = self._last = self._since = self._progress = felt.now
+        dt = min(max(felt.now - self._last, 0.0), 0.05)
+        self._last = felt.now
+        give = o.admittance.deflection(felt.wrench)
+        depth = o.depth + float(felt.T_seat_plug[2, 3]) + float(give[2])
+        if self.phase not in (Phase.SEATED, Phase.OUT, Phase.FAILED):
+            if felt.now - self._begun > o.seconds:
+                self._go(Phase.FAILED, felt.now, f"gave up after {o.seconds:.0f} s")
+            else:
+                getattr(self, f"_{self.phase.value}")(felt, depth, dt)
+        twist = self._wish(felt, dt)
+        self._twist = o.admittance.limited(twist, self._twist, dt)
+        return Answer(self._twist.copy(), self.phase, self.words, depth)
+
+    def _go(self, phase: Phase, now: float, words: str = "") -> None:
+        self.phase, self._since, self.words = phase, now, words
+        self._deepest, self._progress, self._good = -np.inf, now, 0.0
+
+    # What ends each phase.
+
+    def _approach(self, felt: Felt, depth: float, dt: float) -> None:
+        if felt.now - self._since > 0.1:
+            self._go(Phase.TOUCH, felt.now)
+
+    def _touch(self, felt: Felt, depth: float, dt: float) -> None:
+        o = self.options
+        if depth > o.captured + 0.003:
+            self._begin_insert(felt, "dropped in")
+        elif felt.wrench[2] < -o.touch_force:
+            self._face = depth
+            self._go(Phase.SETTLE, felt.now, "touched")
+
+    def _settle(self, felt: Felt, depth: float, dt: float) -> None:
+        """Pressed lightly, the sleeve's ring turns until it lies flat."""
+        if self._is_in(felt, depth):
+            self._begin_insert(felt, "dropped in")
+            return
+        moment = float(np.linalg.norm(felt.wrench[3:5]))
+        waited = felt.now - self._since
+        if waited > 1.5 or (waited > 0.4 and moment < 0.12):
+            self._center = felt.T_seat_plug[:2, 3].copy()
+            self._angle = 0.0
+            self._flat = felt.T_seat_plug[:3, :3].copy()
+            self._face = min(self._face, depth) if np.isfinite(self._face) else depth
+            self._go(Phase.SEARCH, felt.now, "searching")
+
+    def _search(self, felt: Felt, depth: float, dt: float) -> None:
+        o = self.options
+        if self._is_in(felt, depth):
+            self._begin_insert(felt, "found")
+            return
+        radius = o.spiral_pitch * self._angle / (2 * np.pi)
+        if radius > o.spiral_radius:
+            self.tries += 1
+            if self.tries >= o.tries:
+                self._go(Phase.FAILED, felt.now, "no socket found by the spiral")
+            else:
+                self._retreat = -0.002
+                self._go(Phase.BACK, felt.now, "the spiral ended; once more")
+            return
+        self._angle += min(o.spiral_speed / max(radius, 1e-6), o.spiral_rate) * dt
+
+    def _insert(self, felt: Felt, depth: float, dt: float) -> None:
+        o = self.options
+        self._force = min(self._force + o.ramp * dt, o.push)
+        if depth > self._deepest + 0.0003:
+            self._deepest, self._progress = depth, felt.now
+        there = depth > o.depth - o.depth_tolerance
+        moment = float(np.linalg.norm(felt.wrench[3:5]))
+        firm = felt.wrench[2] < -o.seat_force
+        tilt = self._tilt(felt)
+        still = felt.now - self._progress > 0.2
+        if there and firm and still and moment < o.seat_moment and tilt < o.seat_tilt + o.port_tilt:
+            self._good += dt
+            if self._good >= o.hold:
+                self._go(Phase.SEATED, felt.now, f"seated at {1e3 * depth:.1f} mm")
+            return
+        self._good = 0.0
+        waiting = o.stuck if self._force >= o.push else 2.0
+        hooked = depth < 0.012 and self._bent(felt) > 2.0 * o.hooked
+        stuck = felt.now - self._progress > waiting and felt.now - self._since > 0.5
+        if hooked or stuck:
+            self.tries += 1
+            at = f"{1e3 * depth:.1f} of {1e3 * o.depth:.1f} mm"
+            if self.tries >= o.tries:
+                why = "there, but bent" if there else "jammed"
+                self._go(Phase.FAILED, felt.now, f"{why} at {at}")
+            else:
+                self._retreat = depth - 0.003 if depth > 0.015 else -0.002
+                self._go(Phase.BACK, felt.now, f"stuck at {at}: back and again")
+
+    def _back(self, felt: Felt, depth: float, dt: float) -> None:
+        """Back until it has come loose, or out where it hardly was in: it re-centres."""
+        waited = felt.now - self._since
+        if (waited > 0.4 and depth < self._retreat) or waited > 4.0:
+            if self._is_in(felt, depth):
+                self._begin_insert(felt, "again")
+            else:
+                self._go(Phase.TOUCH, felt.now, "again")
+
+    def _pull(self, felt: Felt, depth: float, dt: float) -> None:
+        o = self.options
+        self._force = min(self._force + o.ramp * dt, o.pull)
+        if depth < -0.01:
+            self._go(Phase.OUT, felt.now, "unplugged")
+        elif felt.now - self._since > 0.75 * o.seconds:
+            self._go(Phase.FAILED, felt.now, f"stuck at {1e3 * depth:.1f} mm on the way out")
+
+    def _is_in(self, felt: Felt, depth: float) -> bool:
+        """Deep enough, and not hooked with one side only."""
+        deep = depth > min(self._face, 0.003) + self.options.captured
+        return deep and self._bent(felt) < self.options.hooked
+
+    def _bent(self, felt: Felt) -> float:
+        """Angle from the attitude in which the sleeve lay flat, the mount's give taken in [rad]."""
+        if self._flat is None:
+            return 0.0
+        off = np.eye(4)
+        off[:3, :3] = self._flat.T @ felt.T_seat_plug[:3, :3]
+        give = self.options.admittance.deflection(felt.wrench)[3:5]
+        return float(np.linalg.norm(log(off)[3:5] + give))
+
+    def _begin_insert(self, felt: Felt, words: str) -> None:
+        self._force = self.options.search_force
+        self._go(Phase.INSERT, felt.now, words)
+
+    def _tilt(self, felt: Felt) -> float:
+        """Between the plug and the believed socket, the mount's give taken in [rad]."""
+        give = self.options.admittance.deflection(felt.wrench)[3:5]
+        return float(np.linalg.norm(log(felt.T_seat_plug)[3:5] + give))
+
+    # What is wished in each phase.
+
+    def _wish(self, felt: Felt, dt: float) -> Floats:
+        o = self.options
+        push = np.zeros(6)
+        if self.phase in (Phase.APPROACH, Phase.FAILED, Phase.OUT):
+            return np.zeros(6)
+        if self.phase is Phase.TOUCH:
+            twist = o.admittance.answer(felt.wrench, push)
+            twist[2] = o.touch_speed
+            twist[3:] *= min(1.0, abs(felt.wrench[2]) / o.touch_force)
+            return twist
+        if self.phase is Phase.BACK:
+            push[2] = -40.0
+            push[3:] = self._upright(felt, o.insert_turn)
+            twist = o.admittance.answer(felt.wrench, push)
+            twist[2] = float(np.clip(twist[2], -0.025, 0.01))
+            return twist
+        if self.phase is Phase.SETTLE:
+            push[2] = o.search_force
+        elif self.phase is Phase.SEARCH:
+            push[2] = o.search_force
+            push[:2] = self._spiral(felt)
+            push[3:] = self._upright(felt, o.search_turn)
+        elif self.phase is Phase.INSERT:
+            push[2] = self._force
+            push[3:] = self._upright(felt, o.insert_turn)
+        elif self.phase is Phase.SEATED:
+            push[2] = 0.3 * o.push
+        else:  # out
+            push[2] = -self._force
+        twist = o.admittance.answer(felt.wrench, push)
+        if self.phase is Phase.SEARCH:
+            twist[:2] += self._along(felt)
+        fast = 2.0 * o.axial_speed if self.phase is Phase.PULL else o.axial_speed
+        twist[2] = float(np.clip(twist[2], -fast, o.axial_speed))
+        if self.phase in (Phase.INSERT, Phase.PULL) and self._last - self._progress > 0.35:
+            # wiggle what is stuck: half a degree about two axes, at 2 Hz
+            turn = 2 * np.pi * 2.0 * (self._last - self._since)
+            twist[3:5] += np.deg2rad(0.5) * 4 * np.pi * np.array([np.cos(turn), np.sin(turn)]) * 0.5
+        return twist
+
+    def _upright(self, felt: Felt, stiffness: float) -> Floats:
+        """(3,) moment back to the attitude in which the sleeve lay flat, in the plug's axes."""
+        if self._flat is None:
+            return np.zeros(3)
+        off = np.eye(4)
+        off[:3, :3] = felt.T_seat_plug[:3, :3].T @ self._flat
+        moment = stiffness * log(off)[3:]
+        return np.asarray(moment * min(1.0, 3.0 / max(float(np.linalg.norm(moment)), 1e-9)))
+
+    def _spiral(self, felt: Felt) -> Floats:
+        """(2,) force towards where the spiral is now, in the plug's axes."""
+        radius = self.options.spiral_pitch * self._angle / (2 * np.pi)
+        at = self._center + radius * np.array([np.cos(self._angle), np.sin(self._angle)])
+        away = at - felt.T_seat_plug[:2, 3]
+        force = self.options.search_stiffness * away
+        size = float(np.linalg.norm(force))
+        force = force * min(1.0, 25.0 / max(size, 1e-9))
+        return np.asarray(felt.T_seat_plug[:2, :2].T @ force)
+
+    def _along(self, felt: Felt) -> Floats:
+        """(2,) velocity of the spiral's point, in the plug's axes."""
+        o = self.options
+        radius = o.spiral_pitch * self._angle / (2 * np.pi)
+        speed = min(o.spiral_speed, o.spiral_rate * radius)
+        tangent = np.array([-np.sin(self._angle), np.cos(self._angle)])
+        return np.asarray(felt.T_seat_plug[:2, :2].T @ (speed * tangent))

@@ -1,0 +1,108 @@
+"""Collision shapes, the law of plugging in, and one whole trial in contact physics."""
+
+import numpy as np
+import pytest
+
+from armsight.charging.admittance import Admittance
+from armsight.charging.insert import Felt, Insertion, InsertOptions, Phase
+from armsight.charging.insert_paper import PaperInsertion
+from armsight.charging.ports.collision import plug_contours, sleeves, socket_contours
+from armsight.charging.ports.outline import inside_any, sample_union
+from armsight.charging.ports.table import PORTS
+from armsight.experiments.insertion_bench import draw, run_trial
+from armsight.geometry.pose import inverse, make_pose, transform
+
+PLUGS = ("type1_plug", "type2_plug", "ccs2_plug")
+
+
+@pytest.mark.parametrize("name", PLUGS)
+def test_a_socket_is_open_where_its_plug_goes_and_closed_beside_it(name: str) -> None:
+    plug = PORTS[name]
+    clearance = 0.4e-3
+    socket = socket_contours(plug, clearance, 1.5e-3, plug.depth)
+    rng = np.random.default_rng(0)
+    p = rng.uniform(-0.09, 0.09, (8000, 2))
+    for z in (-0.0002, -0.001, -0.003, -0.01, -0.03):
+        lead = max(0.0, 1.5e-3 + z)  # wider above the chamfer
+        inner = inside_any([s.grown(clearance + lead) for s in sleeves(plug)], p, 0.3e-3)
+        free = np.column_stack([p[inner], np.full(inner.sum(), z)])
+        for T, half in zip(socket.boxes, socket.half):
+            assert not (np.abs(transform(inverse(T), free)) < half).all(axis=1).any()
+    rim, _ = sample_union([s.grown(clearance + 0.15e-3) for s in sleeves(plug)], 1e-3)
+    wall = np.column_stack([rim, np.full(len(rim), -0.01)])
+    closed = np.zeros(len(wall), bool)
+    for T, half in zip(socket.boxes, socket.half):
+        closed |= (np.abs(transform(inverse(T), wall)) < half).all(axis=1)
+    assert closed.mean() > 0.9  # but for the corner where two sleeves meet
+    capsules = plug_contours(plug)
+    tips = capsules.capsules[:, :2]
+    assert inside_any([s.grown(1e-9) for s in sleeves(plug)], tips).all()
+
+
+def test_the_admittance_is_stable_behind_its_delay_and_not_when_told_a_third_of_it() -> None:
+    """A spring pressed with 20 N, the answer a delay late: less than a tenth over, or swinging."""
+
+    def peak(believed: float) -> float:
+        law = Admittance(delay=believed, speed=(1.0, 1.0), acceleration=(1e3, 1e3))
+        x, dt, late = 0.0, 0.001, [np.zeros(6)] * 72
+        most, ripple = 0.0, []
+        for i in range(4000):
+            wrench = np.array([0.0, 0.0, -5000.0 * x, 0.0, 0.0, 0.0])
+            late.append(law.answer(wrench, np.array([0, 0, 20.0, 0, 0, 0])))
+            x += float(late.pop(0)[2]) * dt
+            most = max(most, 5000.0 * x)
+            if i > 3000:
+                ripple.append(5000.0 * x)
+        return most + float(np.ptp(ripple))
+
+    assert peak(0.072) < 22.0
+    assert peak(0.024) > 40.0
+
+
+def _felt(now: float, z: float, force: float) -> Felt:
+    return Felt(now, make_pose(None, [0, 0, z]), np.array([0, 0, force, 0, 0, 0]))
+
+
+def test_depth_alone_is_not_seated() -> None:
+    """At the right depth but without force, or with a moment, it does not say so."""
+    for force, moment in ((-10.0, 0.0), (-80.0, 4.0)):
+        law = Insertion(InsertOptions(depth=0.035, tries=99))
+        law.phase = Phase.INSERT
+        for i in range(400):
+            give = -force / 5000.0
+            felt = _felt(0.008 * i, give, force)
+            felt.wrench[3] = moment
+            law.step(felt)
+            assert law.phase is not Phase.SEATED
+
+
+def test_a_wall_ends_in_a_named_failure_and_the_twist_is_bounded() -> None:
+    law = Insertion(InsertOptions(seconds=20.0))
+    z, last = -0.046, np.zeros(6)
+    for i in range(4000):
+        force = -5000.0 * max(z + 0.036, 0.0)
+        answer = law.step(_felt(0.008 * i, z, force))
+        assert np.linalg.norm(answer.twist[:3]) <= 0.0251
+        assert np.linalg.norm(answer.twist[:3] - last[:3]) <= 0.4 * 0.008 + 1e-9
+        z, last = z + 0.008 * float(answer.twist[2]), answer.twist
+        if law.phase is Phase.FAILED:
+            break
+    assert law.phase is Phase.FAILED
+    assert "no socket" in law.words or "gave up" in law.words
+
+
+def test_the_papers_way_halts_where_it_is_pressed() -> None:
+    law = PaperInsertion()
+    assert law.step(_felt(0.0, -0.03, -10.0)).phase is Phase.INSERT
+    assert law.step(_felt(0.1, -0.02, -90.0)).phase is Phase.SEATED
+    assert "halted at 16.0 mm" in law.words
+
+
+def test_a_plug_goes_in_and_out_in_contact_physics() -> None:
+    """Physics decides: from 1.5 mm and 1 deg off, fully in, gently, and out again (about 4 s)."""
+    result = run_trial(draw(np.random.default_rng(5), 1.5e-3, 1.0))
+    assert result["full"]
+    assert result["said"]
+    assert result["axial_n"] < 110.0
+    assert result["sunk_mm"] < 0.1
+    assert result["unplugged"]
