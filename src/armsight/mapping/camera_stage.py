@@ -136,20 +136,17 @@ class CameraStage:
         if returns < config.min_returns:
             return Evidence((), returns, 0)
         mounting = self.mounting
+        lie = self._lie(depth, T_base_camera, body, stamp) if mounting.settled else ""
+        if lie:
+            return Evidence((), returns, 0, problem=lie)
         if mounting.due(stamp):
-            known = np.where(self.label == VALID, depth, np.float32(np.nan))
-            mounting.look(known, T_base_camera, body, stamp)
+            mounting.look(self._known(depth), T_base_camera, body, stamp)
         if mounting.problem or mounting.excluded:
             return Evidence((), returns, 0)
         T = np.ascontiguousarray(T_base_camera @ mounting.T_old_new, float)
         depth = np.multiply(depth, np.float32(mounting.gain), out=self._scaled)
         error_m, error_rad = mounting.error
-        lie = mounting.settled and self._plausibility.problem(
-            depth, self.label, T, body, mounting.error, config.stamp_error
-        )
-        if lie:
-            return Evidence((), returns, 0, problem=lie)
-        warning = self._plausibility.warning(self.label)
+        warning = self._plausibility.warning(self.label) or mounting.warning(stamp)
         found = self._filter.label(
             depth,
             self.label,
@@ -172,6 +169,29 @@ class CameraStage:
             carved.result()
         sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
         return Evidence(hits, returns, found, sight, warning=warning)
+
+    def _known(self, depth: Floats32) -> Floats32:
+        """The usable returns, NaN elsewhere."""
+        return np.where(self.label == VALID, depth, np.float32(np.nan))
+
+    def _lie(self, depth: Floats32, T_base_camera: Pose, body: BodyPose, stamp: float) -> str:
+        """Why a picture cannot be true, or nothing; a camera that was moved tells the truth."""
+        mounting, look = self.mounting, self._plausibility
+        repeats = look.repeats(depth, self.label, T_base_camera)
+        if repeats:
+            return repeats
+        scaled = np.multiply(depth, np.float32(mounting.gain), out=self._scaled)
+        margins = (mounting.error, self._config.stamp_error)
+        here = np.ascontiguousarray(T_base_camera @ mounting.T_old_new, float)
+        lie = look.contradiction(scaled, self.label, here, body, *margins)
+        if not lie:
+            return ""
+        known = self._known(depth)
+        there = mounting.other_pose(known, T_base_camera, body, stamp)
+        if there is None or look.contradiction(scaled, self.label, there, body, *margins):
+            return lie
+        mounting.moved(known, T_base_camera, body, stamp)
+        return ""
 
     def _corrected(self, depth: Floats32) -> Floats32:
         """Without the systematic error that calibration has found."""

@@ -24,7 +24,7 @@ POINTS = 5000
 """Points used for an alignment, about."""
 ATTEMPTS = 10
 """Frames tried at the start before the declared pose is taken as it is."""
-CHECK_PERIOD = 1.0
+CHECK_PERIOD = 0.06
 """Time between looks whether the camera still sits where it did [s]."""
 MOVED = 0.012
 """A camera has moved when known surfaces at arm's length seem displaced by this much [m] ..."""
@@ -33,6 +33,10 @@ CHECKS = 3
 BUMPED = 0.02
 """A calibrated camera is excluded when an alignment that believes nothing finds points at arm's
 length displaced by this much [m]; less may be the map's own doubt."""
+DOUBT_PERIOD = 1.0
+"""Time between attempts to explain by another pose what a picture contradicts [s]."""
+TOLD = 3.0
+"""So long it is told that a camera was moved and aligned again [s]."""
 ARM_S_LENGTH = np.array([[0.0, 0.0, 1.5]])
 """A point that far ahead [m]."""
 STILL = 0.003
@@ -70,6 +74,8 @@ class Mounting:
         self.alignment: Alignment | None = None
         self.problem = ""
         self.excluded = ""
+        self._told, self._told_until = "", -np.inf
+        self._doubted = -np.inf
         self._believed = _believed(info)
         ends = filter_.reach * np.array(
             [[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]], float
@@ -87,6 +93,10 @@ class Mounting:
     def settled(self) -> bool:
         """Whether its first alignment is over."""
         return self._attempts == 0
+
+    def warning(self, stamp: float) -> str:
+        """What became of the camera a moment ago, or nothing."""
+        return self._told if stamp <= self._told_until else ""
 
     def restart(self) -> None:
         """The clock was turned back: the next picture is due for a check."""
@@ -106,26 +116,45 @@ class Mounting:
             self._align(depth, T_base_camera, body, stamp)
         else:
             self._next_check = stamp + CHECK_PERIOD
-            view = self._view(depth, body, POINTS // 4)
+            view = self._view(depth, body, POINTS // 8)
             shift = mismatch(
                 view, T_base_camera @ self.T_old_new, self._filter.fields, self._solids, self.gain
             )
             self._moved = self._moved + 1 if shift > MOVED else 0
             if self._moved >= CHECKS:
                 self._moved = 0
-                self._look_again(depth, T_base_camera, body, stamp)
+                self.moved(depth, T_base_camera, body, stamp)
 
-    def _look_again(
+    def other_pose(
         self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float
-    ) -> None:
+    ) -> Pose | None:
+        """A picture contradicts the pose: another in ``base`` that may explain it, or None.
+
+        Tried once a second. The picture may lie: whoever asks looks whether the new pose explains
+        it, and only then calls :meth:`moved`. Arguments as in :meth:`look`.
+        """
+        if stamp < self._doubted + DOUBT_PERIOD:
+            return None
+        self._doubted = stamp
+        start = T_base_camera @ self.T_old_new
+        view = self._view(depth, body, POINTS)
+        found = align_camera([view], [start], self._filter.fields, self._solids, self.gain)
+        return np.asarray(start @ found.T_old_new) if found.good else None
+
+    def moved(self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float) -> None:
         """It seems to have been moved: align a declared camera anew, exclude a calibrated one."""
         if self._believed is None:
+            before = self.T_old_new
             self._align(depth, T_base_camera, body, stamp)
+            moved = _off(inverse(before) @ self.T_old_new)
+            if moved > MOVED:
+                self._told = f"was moved by about {1e3 * moved:.0f} mm, and was aligned again"
+                self._told_until = stamp + TOLD
             return
         view = self._view(depth, body, POINTS)
         start = T_base_camera @ self.T_old_new
         found = align_camera([view], [start], self._filter.fields, self._solids, self.gain)
-        off = float(np.linalg.norm(transform(found.T_old_new, ARM_S_LENGTH) - ARM_S_LENGTH))
+        off = _off(found.T_old_new)
         if found.good and off > BUMPED:
             self.excluded = (
                 f"was moved since it was calibrated: it sees the cell {1e3 * off:.0f} mm off; "
@@ -180,6 +209,11 @@ class Mounting:
         flat = np.column_stack([rays[known].astype(float) * z[:, None], z])
         moving = float(body.speed.max(initial=0.0)) * self._config.stamp_error > STILL
         return AlignmentView(flat, None if moving else body.T_cells_base)
+
+
+def _off(T: Pose) -> float:
+    """How far a correction moves a point at arm's length [m]."""
+    return float(np.linalg.norm(transform(T, ARM_S_LENGTH) - ARM_S_LENGTH))
 
 
 def _believed(info: RgbdCameraInfo) -> Floats | None:

@@ -25,6 +25,7 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
 from armsight.mapping.kernels.image import VALID, trace_solids
+from armsight.mapping.kernels.sightlines import count_through
 from armsight.mapping.self_filter import BodyFields, BodyPose
 from armsight.mapping.static_geometry import StaticGeometry
 
@@ -95,7 +96,7 @@ class Plausibility:
         self._seen: set[bytes] = set()
         self._order: deque[bytes] = deque()
 
-    def problem(
+    def contradiction(
         self,
         depth: Floats32,
         label: Bytes,
@@ -104,7 +105,7 @@ class Plausibility:
         error: tuple[float, float],
         stamp_error: float,
     ) -> str:
-        """Why a picture cannot be true, or nothing.
+        """What a picture sees through although it is there, or nothing.
 
         Args:
             depth: (h, w) float32 [m].
@@ -114,16 +115,15 @@ class Plausibility:
             error: (m, rad) of the camera's pose.
             stamp_error: greatest error of the stamp against the joints' [s].
         """
-        sample = np.where(
-            label[self._rows, self._columns] >= VALID,
-            depth[self._rows, self._columns],
-            np.float32(np.nan),
+        T = T_base_camera
+        return self._through_solids(self._sample(depth, label), T) or self._through_arm(
+            depth, label, T, body, error, stamp_error
         )
-        return (
-            self._repeats(sample, T_base_camera)
-            or self._through_solids(sample, T_base_camera)
-            or self._through_arm(depth, label, T_base_camera, body, error, stamp_error)
-        )
+
+    def _sample(self, depth: Floats32, label: Bytes) -> Floats32:
+        """Usable returns of the pixels that are looked at, NaN where there is none."""
+        at = self._rows, self._columns
+        return np.where(label[at] >= VALID, depth[at], np.float32(np.nan))
 
     def warning(self, label: Bytes) -> str:
         """What is odd about a picture that is believed, or nothing.
@@ -142,8 +142,17 @@ class Plausibility:
         self._usual += (share - self._usual) / min(self._pictures, USUAL_PICTURES)
         return ""
 
-    def _repeats(self, sample: Floats32, T: Pose) -> str:
-        """Noise never repeats; only a camera that has shown noise is held to it."""
+    def repeats(self, depth: Floats32, label: Bytes, T: Pose) -> str:
+        """Whether a picture was told before; each is asked about once.
+
+        Noise never repeats, and only a camera that has shown noise is held to it.
+
+        Args:
+            depth: (h, w) float32 [m], as the camera gave it.
+            label: (h, w) uint8, not 0 where there is a usable return.
+            T: where the camera is believed to be.
+        """
+        sample = self._sample(depth, label)
         mark = blake2b(np.nan_to_num(sample).tobytes(), digest_size=8).digest()
         if self._noisy and mark in self._seen:
             return "it repeats an earlier picture, value for value, under a new stamp"
@@ -214,26 +223,13 @@ class Plausibility:
         at = transform(inverse(T), in_base + T_base_cells[:, :3, 3])
         slip = body.speed[self._part] * stamp_error
         pixel = self._lens.project(at)
-        # Nothing is said where the arm may be beside the point, or the point beside the picture.
-        room = np.ceil(
-            self._lens.fx * ((error[0] + slip) / np.maximum(at[:, 2], 0.1) + error[1])
-        ).astype(np.int64)
-        h, w = depth.shape
-        room = np.minimum(room, 12)
+        # Around the point, as far as the arm may be beside it.
+        aside = (error[0] + slip) / np.maximum(at[:, 2], 0.1) + error[1]
+        room = np.minimum(np.ceil(self._lens.fx * aside), 12).astype(np.int64)
         near, far = self._range
-        with np.errstate(invalid="ignore"):
-            shown = (at[:, 2] > near) & (at[:, 2] + ARM_BEHIND < far)
-            for c, size in ((0, w), (1, h)):
-                shown &= (pixel[:, c] >= room) & (pixel[:, c] < size - 1 - room)
-        seen = through = 0
-        for k in np.flatnonzero(shown):
-            u, v, r = int(pixel[k, 0] + 0.5), int(pixel[k, 1] + 0.5), int(room[k])
-            around = slice(v - r, v + r + 1), slice(u - r, u + r + 1)
-            valid = label[around] != 0
-            if 2 * valid.sum() < valid.size:
-                continue  # black or shiny: no return is no contradiction
-            seen += 1
-            through += bool(depth[around][valid].min() > at[k, 2] + ARM_BEHIND + slip[k])
+        limit = at[:, 2] + ARM_BEHIND + slip
+        pixel[(at[:, 2] <= near) | (limit >= far)] = np.nan
+        seen, through = count_through(depth, label, pixel, limit, room)
         if through < LEAST_POINTS or through <= ARM_SHARE * seen:
             return ""
         return f"it sees through the arm at {through} of {seen} points where the joints put it"
