@@ -31,7 +31,7 @@ def sphere(center, exposure=0.0, radius=RADIUS, **more):
 
 
 def request(region, **more):
-    given = {"parts": ("wrist_3_link",), "reach": 0.12, "speed": 0.05, "seconds": 30.0}
+    given = {"parts": ("wrist_3_link",), "reach": 0.12, "speed": 0.02, "seconds": 30.0}
     return PermitRequest("ball", "thing", region, **(given | more))
 
 
@@ -267,18 +267,18 @@ def test_a_ball_on_a_stand_is_touched_at_the_contact_speed_and_not_without_a_per
     first = touches[0].time
     near = [m for m in cell.margins if first - 0.02 < m.time <= first + 0.5]
     # The fastest point of the whole arm may be faster than the part that touches; not by much.
-    assert max(m.speed for m in near) < 0.12
+    assert max(m.speed for m in near) < 0.06
     gaps = np.array([m.distance for m in cell.margins if m.time <= first])
     times = np.array([m.time for m in cell.margins if m.time <= first])
     closing = -np.gradient(gaps, times)[-5:]
-    assert closing.max() <= 0.055
+    assert closing.max() <= 0.022
     fastest = max(m.speed for m in cell.margins)
     assert fastest > 0.25, "and it did not creep all the way"
 
 
 def test_a_ball_that_moves_is_followed_and_touched():
     def moving(t):
-        return np.array([0.45, -0.6 + 0.06 * t, 0.35])
+        return np.array([0.45, -0.6 + 0.03 * t, 0.35])
 
     cell, _ = reach(moving, seconds=7.0)
     assert [t for t in cell.touches if t.ball == 0]
@@ -296,7 +296,7 @@ def test_a_hand_that_comes_to_the_ball_is_not_touched_by_a_moving_arm(speed):
     states = [s.permit.state for s in cell.log]
     assert PermitState.GRANTED in states
     assert states[-1] == PermitState.WITHDRAWN
-    assert "beside it" in cell.log[-1].permit.reason
+    assert cell.log[-1].permit.reason
     assert all(s.permit.state == PermitState.WITHDRAWN for s in cell.log[-50:])
 
 
@@ -358,8 +358,9 @@ def test_too_much_is_granted_less_and_ends_in_time():
     states = [s.permit.state for s in cell.log]
     assert PermitState.LESS in states
     less = next(s.permit for s in cell.log if s.permit.state == PermitState.LESS)
-    assert less.speed == 0.25
-    assert "speed 0.25 instead of 3" in less.reason
+    assert less.speed == 0.02
+    assert "speed 0.02 instead of 3" in less.reason
+    assert "no force sensor" in less.reason
     assert "time is over" in cell.log[-1].permit.reason
 
 

@@ -22,6 +22,8 @@ NAMES: dict[str, str] = {
     "mbm": "MotionBenchMaker's problems through depth pictures, paths checked at 1 mm",
     "things": "things beside the arm's way, and left there by a person, told from people",
     "faults": "cameras that lie with fresh stamps, in a running cell with a person in it",
+    "permit": "touches by permit: how hard they really press, whatever goes wrong",
+    "approach-permit": "people reach for an arm that touches something by permit",
     "false-stops": "stops with nobody near, under sensor, stamp and calibration errors",
     "calibration-intrinsics": "T1: lenses, nine experiments of fewer and fewer frames",
     "calibration-eye-to-hand": "T1: three cameras in the base, five experiments",

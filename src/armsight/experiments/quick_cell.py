@@ -74,7 +74,7 @@ class QuickCell:
     Args:
         balls: who moves; goals: (n,) configurations, visited in turn [rad].
         rate: of the pictures [Hz]; latency: exposure to arrival [s].
-        robot: key of the catalogue; config: of the guard; seed: of the planner.
+        robot: key of the catalogue, or the arm itself; config: of the guard; seed: of the planner.
 
     Attributes:
         now: time [s]; q, v: true joints; snapshot, plan: newest that has arrived.
@@ -90,7 +90,7 @@ class QuickCell:
         *,
         rate: float = 30.0,
         latency: float = 0.04,
-        robot: str = "ur5",
+        robot: str | Robot = "ur5",
         config: GuardConfig | None = None,
         seed: int = 0,
     ) -> None:
@@ -98,7 +98,7 @@ class QuickCell:
         self.goals = list(goals)
         self.rate, self.latency, self.seed = rate, latency, seed
         self.config = config or GuardConfig()
-        self.robot: Robot = load_robot(robot)
+        self.robot = load_robot(robot) if isinstance(robot, str) else robot
         lens = PinholeCamera.from_fov(64, 48, 1.2, 1.0)
         eye = np.eye(4)
         self.info = RgbdCameraInfo(

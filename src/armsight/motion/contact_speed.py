@@ -18,11 +18,59 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Mask, Points
 from armsight.motion.guard_kernels import Law
-from armsight.motion.nearest import MovingBody, SeparationView
+from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.motion.regions import Region
 
+EASINGS = 8
+"""Halvings of the share by which a wish is eased: to less than a hundredth of it."""
 BISECTIONS = 24
 """Halvings of the share of a motion: to less than a millionth."""
+
+
+@dataclass(frozen=True)
+class GentleSpeed:
+    """Power and force limiting: near somebody's hand or face every part of the arm may keep v.
+
+    Separation from what is in the region is replaced by this speed, and only there: a part that
+    separation would let go faster may. Towards everything else separation holds as it always does.
+
+    Attributes:
+        name: of the permit.
+        touchable: what is in the region.
+        speed: v, by :mod:`armsight.motion.contact_limits` [m/s].
+    """
+
+    name: str
+    touchable: Hazards
+    speed: float
+
+    def limit(
+        self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
+    ) -> SeparationView:
+        """The view of a motion (n,) [rad/s] at (n,) [rad] with this law in it."""
+        if not len(self.touchable.blocks.points):
+            return view
+        near = body.view(q, motion, self.touchable, law)
+        floor = self.speed / np.maximum(self._speeds(body, q, motion, view.velocity), 1e-9)
+        allowed = np.maximum(near.share, floor)
+        tighter = allowed < view.share
+        return replace(
+            view,
+            share=np.where(tighter, allowed, view.share),
+            limiting=np.where(tighter, -1, view.limiting),
+        )
+
+    def gentle(self, body: MovingBody, q: JointVector, motion: JointVector) -> bool:
+        """Whether no part that could meet the touchable is faster than v, by more than rounding."""
+        _, velocity = body.motion(q, motion)
+        return bool(self._speeds(body, q, motion, velocity).max() <= 1.02 * self.speed + 1e-3)
+
+    def _speeds(
+        self, body: MovingBody, q: JointVector, motion: JointVector, velocity: Points
+    ) -> Floats:
+        """(m,) no point of each sphere is faster than this [m/s]."""
+        spin = np.linalg.norm(body.spin(q, motion), axis=1)[body.link] * body.radius
+        return np.asarray(np.linalg.norm(velocity, axis=1) + spin)
 
 
 @dataclass(frozen=True)
@@ -61,6 +109,31 @@ class ContactSpeed:
         share[tighter] = allowed[allowed < share[own]]
         limiting[tighter] = -1
         return replace(view, share=share, limiting=limiting)
+
+    def ease(self, body: MovingBody, q: JointVector, wanted: JointVector, law: Law) -> JointVector:
+        """The motion nearest to a wanted one (n,) [rad/s] that keeps this law, at (n,) [rad].
+
+        What carries the parts along with the region is kept, the rest of the motion is scaled:
+        scaled as a whole, a motion would lag behind a region that moves, which is contact, too.
+        """
+        own = np.flatnonzero(self.parts)
+        if len(own) == 0:
+            return wanted
+        J = body.jacobian(q, int(own[-1]))
+        carried = np.concatenate([self.region.velocity, np.zeros(3)])  # it does not turn
+        along = J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), carried)
+
+        def kept(share: float) -> bool:
+            motion = along + share * (wanted - along)
+            return bool(self.allowed(body.still_view(q, motion), body, q, motion, law).min() >= 1.0)
+
+        if kept(1.0) or not kept(0.0):
+            return wanted
+        good, bad = 0.0, 1.0
+        for _ in range(EASINGS):
+            middle = 0.5 * (good + bad)
+            good, bad = (middle, bad) if kept(middle) else (good, middle)
+        return np.asarray(along + good * (wanted - along))
 
     def allowed(
         self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law

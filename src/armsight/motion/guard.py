@@ -31,7 +31,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armsight.devices.data import JointState, RgbdCameraInfo
+from armsight.devices.data import JointState, RgbdCameraInfo, Wrench
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import ArmState
@@ -44,10 +44,12 @@ from armsight.motion.goals import Goals
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.handover import coast, joined
 from armsight.motion.intents import Intent
+from armsight.motion.looking import look, note_approach
 from armsight.motion.nearest import MovingBody
 from armsight.motion.permit_office import PermitOffice
 from armsight.motion.plan import Plan
 from armsight.motion.reflex import Reflex, ReflexStage
+from armsight.motion.retreat import Retreat
 from armsight.motion.route import Route
 from armsight.motion.status_writer import StatusWriter
 from armsight.motion.steering import Steering
@@ -56,8 +58,6 @@ from armsight.motion.velocity_filter import VelocityFilter
 from armsight.motion.wishes import Wishes
 from armsight.robots.robot import Robot
 
-STANDING = 0.01
-"""Joint speed below which the arm is at rest [rad/s]."""
 CRAWL = 0.1
 """An arm that separation lets go on at less than this share of the planned speed is waiting."""
 BLOCKED_FOR = 0.1
@@ -99,7 +99,7 @@ class Guard:
         self._wishes = Wishes(robot, self._goals, self._steering)
         self._reflex = Reflex(config, robot.limits.scaled(*config.planned))
         self._executed = Executed()
-        self._permits = PermitOffice(robot, self._filter.monitor.body, config.separation.arm_error)
+        self._permits = PermitOffice(robot, self._filter.monitor.body, config, self._executed)
         self._writer = StatusWriter(
             self._filter, self._goals, self._wishes, self._executed, self._reflex, self._permits
         )
@@ -122,6 +122,10 @@ class Guard:
         """The parts that are protected."""
         return self._filter.monitor.body
 
+    def feel(self, readings: Sequence[Wrench]) -> None:
+        """Every reading of the force sensor since the last tick, oldest first."""
+        self._permits.feel(readings)
+
     def step(
         self,
         now: float,
@@ -138,6 +142,7 @@ class Guard:
             self._now = now
         if verdict.jumped:
             self._filter.forget_times()
+            self._permits.forget_times()
             self._reflex.approach.clear()
             self._goals.forget_times()
             self._blocked_since = self._waiting_since = math.inf
@@ -148,11 +153,11 @@ class Guard:
         self._filter.measure(now, None if verdict.snapshot is None else verdict.age)
         if verdict.joints is None or verdict.severity == Severity.BRAKE:
             return self._blind(now, verdict, began)
-        tick = self._look(now, elapsed, verdict, verdict.joints)
+        tick = look(self._filter, now, elapsed, verdict, verdict.joints, self._snapshot)
         self._executed.add(tick.here.position)
         if fresh:
             self._prove(tick)
-            self._note_approach(tick)
+            note_approach(tick, self._filter, self._reflex.approach)
         self._take_plan(tick, plan)
         self._decide(tick)
         tick.command = self._filter.within_limits(tick)
@@ -164,45 +169,15 @@ class Guard:
     def _see(self, now: float, intent: Intent | None, verdict: Verdict) -> bool:
         """Take in the newest map as what may be touched lets it count; whether it is another."""
         seen = verdict.snapshot
-        changed = self._permits.consider(now, getattr(intent, "permit", None), seen)
-        self._filter.monitor.contact = self._permits.contact_speed(now + self.config.start_delay)
-        if seen is None or (seen is self._mapped and not changed):
-            return False
-        self._mapped, self._snapshot = seen, self._permits.apply(seen)
-        self._filter.see(self._snapshot)
-        return True
-
-    def _look(self, now: float, elapsed: float, verdict: Verdict, joints: JointState) -> Tick:
-        """Where the arm is, where it will be, and how far hazards are from it at rest."""
-        filter_ = self._filter
-        here = filter_.arm.ahead(joints, now)
-        ahead = filter_.arm.ahead(joints, now + self.config.start_delay)
-        speed = max(np.abs(here.velocity).max(), np.abs(ahead.velocity).max())
-        near = filter_.monitor.at_rest(here.position, filter_.hazards)
-        return Tick(
-            now,
-            elapsed,
-            verdict,
-            self._snapshot,
-            here,
-            ahead,
-            bool(speed < STANDING),
-            near,
-            near,
-            np.zeros(self.robot.n),
-        )
-
-    def _note_approach(self, tick: Tick) -> None:
-        """Remember how far the nearest hazard is, if it was seen.
-
-        T2's risk asks for an obstacle's velocity. The border of unseen space has none: it jumps
-        when the arm's shadow falls on another place.
-        """
-        nearest = int(tick.near.nearest[tick.near.closest])
-        if nearest < 0 or self._filter.unseen(nearest):
-            self._reflex.approach.clear()
-        else:
-            self._reflex.approach.add(tick.now, tick.near.least)
+        q = None if verdict.joints is None else np.asarray(verdict.joints.position, float)
+        changed = self._permits.consider(now, getattr(intent, "permit", None), seen, q)
+        fresh = seen is not None and (seen is not self._mapped or changed)
+        if seen is not None and fresh:
+            self._mapped, self._snapshot = seen, self._permits.apply(seen)
+            self._filter.see(self._snapshot)
+        when = now + self.config.start_delay
+        self._filter.monitor.contact = self._permits.law(when, q, self._snapshot)
+        return fresh
 
     def _prove(self, tick: Tick) -> None:
         """A new snapshot: is the way ahead still free?"""
@@ -244,9 +219,14 @@ class Guard:
         if tick.verdict.severity == Severity.SLOW:
             self._come_to_rest(tick, GuardMode.STOPPED, tick.verdict.reason)
             return
+        if self._permits.retreat is not None:
+            self._back_out(tick, self._permits.retreat)
+            return
         if reflex.active:
             self._react(tick)
             return
+        if reflex.due(tick.near.least) and self._permits.in_contact(tick.now):
+            self._permits.withdraw("something else is too near", tick.now)
         if (goals.active or steering.intent is not None) and reflex.due(tick.near.least):
             reflex.begin(tick.near.least)
             self._react(tick)
@@ -379,6 +359,20 @@ class Guard:
     def _waited(self, now: float) -> bool:
         """Whether the arm has waited for separation so long that another way should be sought."""
         return now - self._waiting_since >= self.config.patience
+
+    def _back_out(self, tick: Tick, retreat: Retreat) -> None:
+        """Out of a contact whose permit was withdrawn: brake, then back the way it came."""
+        self._route, self._joining, self._coasting = None, False, False
+        self._reflex.end()
+        self._goals.drop_request()
+        retreat.braked = retreat.braked or tick.at_rest
+        if retreat.braked:
+            speed = self.config.retreat_speed
+            motion = retreat.motion(self.body, tick.ahead.position, tick.now, speed)
+            self._steering.pursue(tick, motion)
+        else:
+            self._follower.brake(tick, None)
+        tick.mode, tick.reason = GuardMode.REFLEX, f"backs out of contact: {retreat.reason}"
 
     # -- reflex ---------------------------------------------------------------------------------
 

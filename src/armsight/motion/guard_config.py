@@ -45,6 +45,10 @@ class GuardConfig:
         retrace_share: share of the executed path that the reflex retraces (T2: 10 %).
         patience: standing for separation this long, another way is asked for [s].
         retry: time between two requests after a plan failed [s].
+        up: unit vector against gravity, in ``base``.
+        base_height: of the origin of ``base`` above the floor [m].
+        head_height: permits for hands end at this height above the floor [m]: heads are above.
+        soft: stiffness of what the tool's tip is covered with [N/m]; 0 when it is not soft.
     """
 
     period: float = 0.008
@@ -74,6 +78,10 @@ class GuardConfig:
     retrace_share: float = 0.1
     patience: float = 0.8
     retry: float = 0.4
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    base_height: float = 0.0
+    head_height: float = 1.2
+    soft: float = 0.0
 
     @property
     def planned(self) -> tuple[float, float]:

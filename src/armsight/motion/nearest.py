@@ -16,7 +16,7 @@ from armsight.motion.guard_kernels import (
     sort_into_blocks,
     stopping_times,
 )
-from armsight.robots.kernels import carried_motion_into, chain_poses
+from armsight.robots.kernels import carried_motion_into, chain_poses, jacobian
 from armsight.robots.robot import Robot
 
 BLOCK = 0.16
@@ -136,6 +136,13 @@ class MovingBody:
         turns = np.einsum("jab,jb->ja", poses[1:, :3, :3], self.robot.axis) * q_dot[:, None]
         return np.concatenate([np.zeros((1, 3)), np.cumsum(turns, axis=0)])
 
+    def jacobian(self, q: JointVector, sphere: int) -> Points:
+        """(6, n) Jacobian of a sphere's centre at (n,) [rad]: linear [m/rad], angular."""
+        poses = self._poses(q)
+        R, p = poses[self.link[sphere], :3, :3], poses[self.link[sphere], :3, 3]
+        at = np.ascontiguousarray(R @ self.local[sphere] + p)
+        return np.asarray(jacobian(poses, self.robot.axis, int(self.link[sphere]), at))
+
     def stopping(self, q_dot: JointVector) -> Floats:
         """(m,) time until each sphere stands when all joints brake [s]."""
         out = np.empty(len(self.radius))
@@ -178,6 +185,12 @@ class MovingBody:
             )  # fmt: skip
             distance[parts], nearest[parts], share[parts], limiting[parts] = d, k, s, g
         return SeparationView(center, velocity, stopping, distance, nearest, share, limiting)
+
+    def still_view(self, q: JointVector, q_dot: JointVector) -> SeparationView:
+        """A motion (n,) [rad/s] at (n,) [rad] with nobody near."""
+        center, velocity = self.motion(q, q_dot)
+        far, none = np.full(len(self.radius), np.inf), np.full(len(self.radius), -1)
+        return SeparationView(center, velocity, self.stopping(q_dot), far, none, far, none)
 
     def pair(
         self, view: SeparationView, hazards: Hazards, sphere: int

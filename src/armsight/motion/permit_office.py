@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Mask
+from armsight.arrays import JointVector, Mask, Points
+from armsight.devices.data import Wrench
+from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.mapping.snapshot import WorkspaceSnapshot
-from armsight.motion.contact_speed import ContactSpeed
-from armsight.motion.nearest import MovingBody
+from armsight.motion.contact_limits import contact_speed, effective_mass
+from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
+from armsight.motion.executed import Executed
+from armsight.motion.force_watch import STALE, ForceWatch
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.nearest import Hazards, MovingBody
 from armsight.motion.permits import (
     Permit,
     PermitRequest,
@@ -23,13 +30,26 @@ from armsight.motion.permits import (
 from armsight.motion.permitted import (
     SURE,
     Grant,
+    PermittedSnapshot,
     outside_the_map,
     permitted,
     somebody_beside,
 )
 from armsight.motion.regions import Region
+from armsight.motion.retreat import CLEAR, Retreat, gap
+from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 
+ARM_ERROR = 0.003
+"""A part that comes to touch, slowly, is this close to where the joints say [m]."""
+NOTICED = 0.5
+"""Less force than this is noise [N]."""
+MUSCLES = 1000.0
+"""No hand or head resists a push with more than this, save against something firm [N/m]."""
+SHARE = 0.6
+"""Share of the force that may be left to be used up while the arm stops."""
+LEAST = 0.002
+"""The arm may always move this slowly in contact: back, if nothing else [m/s]."""
 JUMP = 0.03
 """A target cannot be farther than this [m], beyond what is unsure, from where it was expected."""
 
@@ -39,67 +59,136 @@ class PermitOffice:
 
     Attributes:
         permit: the newest answer; None while nothing is asked for.
+        grant: what may be touched now, or None.
+        retreat: the way out of a contact whose permit was withdrawn, or None.
 
     Args:
-        robot: the arm with its tool; body: its moving parts; arm_error: Z_r [m].
+        robot: the arm with its tool; body: its moving parts; config: of the guard.
+        executed: the way that the arm came.
     """
 
-    def __init__(self, robot: Robot, body: MovingBody, arm_error: float) -> None:
+    def __init__(
+        self, robot: Robot, body: MovingBody, config: GuardConfig, executed: Executed
+    ) -> None:
         self.permit: Permit | None = None
-        self._robot, self._body, self._arm_error = robot, body, arm_error
+        self.grant: Grant | None = None
+        self.retreat: Retreat | None = None
+        self._robot, self._body, self._config = robot, body, config
+        self._executed = executed
         self._request: PermitRequest | None = None
-        self._grant: Grant | None = None
         self._looked: WorkspaceSnapshot | None = None
+        up = np.asarray(config.up, float)
+        self._force = ForceWatch(robot, tuple(-9.81 * up))
+        self._ceiling = (up, config.head_height - config.base_height)
+        self._waiting: list[Wrench] = []
+        self._q: JointVector | None = None
 
-    @property
-    def grant(self) -> Grant | None:
-        """What may be touched now, or None."""
-        return self._grant
+    def feel(self, readings: Sequence[Wrench]) -> None:
+        """Readings of the force sensor, oldest first; judged by the next :meth:`consider`."""
+        self._waiting.extend(readings)
 
-    def consider(self, now: float, request: Any, snapshot: WorkspaceSnapshot | None) -> bool:
+    def forget_times(self) -> None:
+        """The clock jumped."""
+        self._force.forget()
+        self._waiting.clear()
+
+    def consider(
+        self,
+        now: float,
+        request: Any,
+        snapshot: WorkspaceSnapshot | None,
+        q: JointVector | None = None,
+    ) -> bool:
         """Answer what is asked at ``now`` [s]; true if what may be touched is another than before.
 
         Args:
             now: time [s].
             request: of the newest intent, or None.
             snapshot: the map in use, or None.
+            q: (n,) where the arm is [rad]; None where nobody knows.
         """
-        before = self._grant
+        before, self._q = self.grant, q
+        self._feel_contact(now)
         self._answer(now, request, snapshot)
         self._looked = snapshot
         permit = self.permit
-        if permit is None or not permit.holds or permit.region is None:
-            self._grant = None
-        elif before is None or before.region is not permit.region:
-            self._grant = Grant(permit.region, self._touching())
-        return self._grant is not before
+        if permit is not None and permit.holds and permit.region is not None:
+            if before is None or before.region is not permit.region:
+                self.grant = self._grant(permit, permit.region)
+        elif self.retreat is None:
+            self.grant = None
+        elif q is None or not self._touches(now):
+            self.retreat = self.grant = None
+        if permit is not None and permit.holds:
+            self.permit = replace(permit, pressed=self._force.pressed)
+        return self.grant is not before
 
-    def withdraw(self, reason: str) -> None:
-        """What was granted is so no longer, from now on; the next tick counts without it."""
-        if self.permit is not None and self.permit.holds:
-            self.permit = replace(self.permit, state=PermitState.WITHDRAWN, reason=reason)
-            self._grant = None
+    def withdraw(self, reason: str, now: float) -> None:
+        """What was granted is so no longer; an arm in contact backs out."""
+        if self.permit is None or not self.permit.holds:
+            return
+        self.permit = replace(self.permit, state=PermitState.WITHDRAWN, reason=reason)
+        if self._touches(now) and self.grant is not None and self._q is not None:
+            self.retreat = Retreat(reason, self.grant, self._executed, self._q, now)
+            self.grant = self.retreat.grant
+
+    def in_contact(self, now: float) -> bool:
+        """Whether the parts that may touch are so near that a sideways motion would tear."""
+        return self.grant is not None and self._touches(now)
 
     def apply(self, snapshot: WorkspaceSnapshot) -> WorkspaceSnapshot:
         """A snapshot as the arm may count with it."""
-        return snapshot if self._grant is None else permitted(snapshot, self._grant)
+        return snapshot if self.grant is None else permitted(snapshot, self.grant)
 
-    def contact_speed(self, when: float) -> ContactSpeed | None:
-        """The law for the parts that may touch at a time [s], or None."""
-        if self._grant is None or self.permit is None:
+    def law(
+        self, when: float, q: JointVector | None, seen: WorkspaceSnapshot | None
+    ) -> ContactSpeed | GentleSpeed | None:
+        """The speed law of the permit at a time [s] for an arm at (n,) [rad], or None."""
+        grant, permit = self.grant, self.permit
+        if grant is None:
             return None
-        region = self._grant.region
-        margin = self._arm_error + SURE * region.deviation(when)
-        parts = self._grant.touching[self._body.moving]
-        return ContactSpeed(self.permit.name, parts, region, when, self.permit.speed, margin)
+        name, speed = (permit.name, permit.speed) if permit is not None else ("", 0.0)
+        if self.retreat is not None:
+            speed = self._config.retreat_speed
+        if not grant.person:
+            stiffness = 0.0 if self._request is None else self._request.stiffness
+            speed = min(speed, self._pressing_speed(permit, stiffness))
+            margin = ARM_ERROR + SURE * grant.region.deviation(when)
+            parts = grant.touching[self._body.moving]
+            return ContactSpeed(name, parts, grant.region, when, speed, margin)
+        if q is not None and permit is not None:
+            speed = min(speed, self._gentle_speed(permit, grant.region, when, q))
+        touchable: Points = np.empty((0, 3))
+        if isinstance(seen, PermittedSnapshot):
+            touchable = seen.touchable.astype(float)
+        radius = 0.0 if seen is None else seen.hazard_radius
+        return GentleSpeed(name, Hazards.at(touchable, radius), speed)
 
     # -- inside ---------------------------------------------------------------------------------
+
+    def _feel_contact(self, now: float) -> None:
+        """Judge every reading of the force sensor since the last tick."""
+        if self._q is None:
+            return
+        readings, self._waiting = self._waiting, []
+        self._force.take(readings, self._q, self.grant is not None and self._touches(now))
+        permit = self.permit
+        if permit is None or not permit.holds:
+            return
+        silent = (
+            ""
+            if permit.kind == "thing" and math.isnan(self._force.pressed)
+            else (self._force.fault(now))
+        )
+        reason = silent or self._force.excess(permit)
+        if reason:
+            self.withdraw(reason, now)
 
     def _answer(self, now: float, request: Any, snapshot: WorkspaceSnapshot | None) -> None:
         if request is None or not math.isfinite(now):
             self._request, self.permit = None, None
             return
-        name, kind = str(getattr(request, "name", "?")), getattr(request, "kind", "?")
+        name, kind = str(getattr(request, "name", "?")), str(getattr(request, "kind", "?"))
         permit = self.permit
         if permit is None or (permit.name, permit.kind) != (name, kind):
             permit = self.permit = Permit(name, kind, PermitState.REFUSED)
@@ -113,9 +202,9 @@ class PermitOffice:
         if not reason:
             self._request = request
             if not permit.holds:
-                self.permit = granted(request, now)
+                self.permit = granted(request, now, self._force.fault(now))
         elif permit.holds:
-            self.withdraw(reason)
+            self.withdraw(reason, now)
         else:
             self.permit = replace(permit, reason=reason)
 
@@ -125,12 +214,20 @@ class PermitOffice:
         """Why a request is not granted now; empty when it is."""
         if snapshot is None:
             return "there is no map yet"
+        if self.retreat is not None:
+            return f"the arm still backs out: {self.retreat.reason}"
         if not self._touching(request).any():
             return (
                 f"no sphere of {', '.join(request.parts)} is within {request.reach:g} m of the TCP"
             )
+        if request.kind != "thing":
+            reason = self._force.fault(now)
+            if reason:
+                return f"nobody would feel how hard it presses: {reason}"
+        if request.kind == "face" and not self._config.soft > 0.0:
+            return "the tool's tip is not declared soft (guard.soft_tip_n_per_mm)"
         return region_refusal(request.region, request.kind, now) or _seen_against(
-            snapshot, request.region
+            snapshot, request.region, request.kind
         )
 
     def _against(
@@ -140,15 +237,9 @@ class PermitOffice:
         assert permit.region is not None
         if now > permit.until:
             return "its time is over; ask for it anew"
-        region = permit.region
-        if request.region.exposure > region.exposure:
-            away = float(
-                np.linalg.norm(
-                    request.region.center(request.region.exposure)
-                    - region.center(request.region.exposure)
-                )
-            )
-            when = request.region.exposure
+        region, when = permit.region, request.region.exposure
+        if when > region.exposure:
+            away = float(np.linalg.norm(request.region.center(when) - region.center(when)))
             unsure = SURE * (region.deviation(when) + request.region.deviation(when))
             if away > JUMP + unsure:
                 return f"it jumped by {away:.2f} m"
@@ -158,12 +249,49 @@ class PermitOffice:
             return reason
         same = snapshot is self._looked and region is permit.region
         if snapshot is not None and not same:
-            reason = _seen_against(snapshot, region)
+            reason = _seen_against(snapshot, region, permit.kind)
             if reason:
                 return reason
         if region is not permit.region:
             self.permit = replace(permit, region=region)
         return ""
+
+    def _grant(self, permit: Permit, region: Region) -> Grant:
+        ceiling = self._ceiling if permit.kind == "hand" else None
+        return Grant(region, self._touching(), permit.kind != "thing", ceiling)
+
+    def _pressing_speed(self, permit: Permit | None, stiffness: float) -> float:
+        """Speed [m/s] from which the arm stops before what it touches is pressed too hard.
+
+        Until it stands it goes on for the time of the reading, of a late tick and of the drives;
+        the stiffness [N/m] pushes back all the way.
+        """
+        if permit is None or not permit.holds or not stiffness > 0.0:
+            return self._config.retreat_speed
+        late = STALE + 2.0 * self._config.period + self._config.start_delay
+        pressed = 0.0 if math.isnan(permit.pressed) else permit.pressed
+        room = permit.force - (pressed if pressed > NOTICED else 0.0)
+        return max(SHARE * room / (stiffness * late), LEAST)
+
+    def _gentle_speed(self, permit: Permit, region: Region, when: float, q: JointVector) -> float:
+        """Speed [m/s] at which the arm may meet a part of a body, by power and force limiting."""
+        body = BODY_REGIONS["hand" if permit.kind == "hand" else "face"]
+        tip = tcp_pose(self._robot, q)[:3, 3]
+        way = region.center(when) - tip
+        away = float(np.linalg.norm(way))
+        way = way / away if away > 1e-6 else np.array([0.0, 0.0, 1.0])
+        mass = effective_mass(self._robot, q, self._robot.n, tip, way)
+        soft = self._config.soft if self._config.soft > 0.0 else math.inf
+        blow = contact_speed(body, mass, min(permit.force, body.force), soft)
+        # After the blow the body is held by its own muscles only, or by what covers the tool.
+        return min(blow, self._pressing_speed(permit, min(MUSCLES, soft)))
+
+    def _touches(self, now: float) -> bool:
+        if self.grant is None or self._q is None:
+            return False
+        if not self.grant.person:
+            return gap(self._body, self.grant, self._q, now) < CLEAR
+        return self._looked is not None and _nearest(self._body, self.grant, self._q, self._looked)
 
     def _touching(self, request: PermitRequest | None = None) -> Mask:
         """(k,) bool, the spheres of the robot that a request names."""
@@ -184,10 +312,21 @@ class PermitOffice:
         return out
 
 
-def _seen_against(snapshot: WorkspaceSnapshot, region: Region) -> str:
+def _seen_against(snapshot: WorkspaceSnapshot, region: Region, kind: str) -> str:
     """What of the map speaks against touching something, in words; empty when nothing does."""
     if not math.isfinite(snapshot.stamp):
         return "no camera has sent a picture yet"
     if outside_the_map(snapshot, region):
         return "its region leaves the mapped box: nobody is looked for there"
-    return somebody_beside(snapshot, region)
+    return somebody_beside(snapshot, region) if kind == "thing" else ""
+
+
+def _nearest(body: MovingBody, grant: Grant, q: JointVector, snapshot: WorkspaceSnapshot) -> bool:
+    """Whether a part that may touch is within reach of what is in a person's region."""
+    touchable = permitted(snapshot, grant).touchable
+    parts = np.flatnonzero(grant.touching[body.moving])
+    if not len(touchable) or not len(parts):
+        return False
+    center, _ = body.motion(q, np.zeros(len(q)))
+    away = np.linalg.norm(touchable[None] - center[parts][:, None], axis=2)
+    return bool((away.min(axis=1) - body.radius[parts] - snapshot.hazard_radius).min() < CLEAR)

@@ -10,7 +10,7 @@ hard. Outside of the region nothing changes. ``docs/guard.md`` has the proof.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Literal, TypeAlias
 
@@ -34,6 +34,8 @@ class PermitRequest:
         reach: and of those only what lies within this distance of the TCP [m].
         speed: greatest speed at contact, relative to the region [m/s].
         force: greatest force [N]; torque: greatest torque about the TCP [N m].
+        stiffness: of a thing and what holds it, as the arm meets it, at most [N/m]: it bounds the
+            speed from which the arm can stop before the force is reached.
         seconds: for how long from when it is granted [s].
     """
 
@@ -46,6 +48,7 @@ class PermitRequest:
     force: float = 10.0
     torque: float = 2.0
     seconds: float = 10.0
+    stiffness: float = 5e3
 
 
 class PermitState(StrEnum):
@@ -115,8 +118,13 @@ class PermitLimits:
 
 LIMITS: dict[str, PermitLimits] = {
     "thing": PermitLimits(0.5, 1.0, 0.03, 60.0, 0.25, 150.0, 20.0, 120.0),
+    "hand": PermitLimits(1.2, 1.0, 0.05, 0.5, 0.25, 140.0, 5.0, 30.0),
+    "face": PermitLimits(0.35, 0.3, 0.02, 0.5, 0.1, 5.0, 0.5, 20.0),
 }
-"""A thing may be pressed as hard as a plug is pushed home (85 to 125 N)."""
+"""A thing may be pressed as hard as a plug is pushed home (85 to 125 N); a hand as hard as ISO/TS
+15066 lets a hand be held; a face hardly."""
+UNFELT = 0.02
+"""Speed at which a thing is touched [m/s] where no force sensor feels it."""
 
 
 def request_fault(request: Any, robot: Robot, now: float) -> str:
@@ -129,7 +137,7 @@ def request_fault(request: Any, robot: Robot, now: float) -> str:
     fault = region_fault(request.region, now)
     if fault:
         return f"its region cannot be: {fault}"
-    for name in ("speed", "force", "torque", "seconds", "reach"):
+    for name in ("speed", "force", "torque", "seconds", "reach", "stiffness"):
         value = getattr(request, name)
         if not isinstance(value, int | float) or not value > 0.0:
             return f"its {name} is {value}; expected above 0"
@@ -161,14 +169,24 @@ def region_refusal(region: Region, kind: str, now: float) -> str:
     return ""
 
 
-def granted(request: PermitRequest, now: float) -> Permit:
-    """The answer to a request that nothing speaks against: as asked, or less."""
+def granted(request: PermitRequest, now: float, unfelt: str = "") -> Permit:
+    """The answer to a request that nothing speaks against: as asked, or less.
+
+    Args:
+        request: well-formed.
+        now: time [s].
+        unfelt: why nobody feels how hard the arm presses; empty when a sensor does.
+    """
     limits = LIMITS[request.kind]
+    if unfelt:
+        limits = replace(limits, speed=min(limits.speed, UNFELT))
     less = [
         f"{name} {most:g} instead of {getattr(request, name):g}"
         for name in ("speed", "force", "torque", "seconds")
         if getattr(request, name) > (most := getattr(limits, name))
     ]
+    if unfelt and less:
+        less.append(unfelt)
     return Permit(
         request.name,
         request.kind,

@@ -6,13 +6,13 @@ parts that may touch. One derived snapshot carries both, so whoever is given it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armsight.arrays import Floats, Mask, Points
-from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.arrays import Floats, Floats32, Mask, Points, Vector3
+from armsight.mapping.snapshot import OCCUPIED, UNKNOWN, WorkspaceSnapshot
 from armsight.motion.regions import Region
 
 SEEN_WITHIN = 0.01
@@ -34,10 +34,14 @@ class Grant:
     Attributes:
         region: where.
         touching: (k,) bool, those of ``Robot.spheres`` that may touch.
+        person: what is there is a part of somebody: power and force limiting, not nobody.
+        ceiling: (up, height): what is above this plane in ``base`` is not in it; None without one.
     """
 
     region: Region
     touching: Mask
+    person: bool = False
+    ceiling: tuple[Vector3, float] | None = None
 
 
 NO_GRANT = Grant(Region("sphere", (1e-9, 0.0, 0.0), np.eye(4), 0.0), np.zeros(0, bool))
@@ -49,9 +53,11 @@ class PermittedSnapshot(WorkspaceSnapshot):
 
     Attributes:
         grant: solid cubes of its region are none for the parts that may touch.
+        touchable: (t, 3) float32 centres in ``base`` [m] of the hazards that are in its region.
     """
 
     grant: Grant = NO_GRANT
+    touchable: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))
 
 
 def growth(snapshot: WorkspaceSnapshot, region: Region) -> float:
@@ -63,10 +69,14 @@ def growth(snapshot: WorkspaceSnapshot, region: Region) -> float:
 def permitted(snapshot: WorkspaceSnapshot, grant: Grant) -> PermittedSnapshot:
     """What the arm may count with under a grant."""
     keep = _distance(snapshot, snapshot.hazards, grant.region) > growth(snapshot, grant.region)
+    if grant.ceiling is not None:
+        up, height = grant.ceiling
+        keep |= snapshot.hazards @ np.asarray(up, np.float32) > height
     known = {f.name: getattr(snapshot, f.name) for f in fields(WorkspaceSnapshot)}
     known["hazards"] = np.ascontiguousarray(snapshot.hazards[keep])
     known["hazard_unknown"] = snapshot.hazard_unknown[keep]
-    return PermittedSnapshot(**known, grant=grant)
+    touchable = np.ascontiguousarray(snapshot.hazards[~keep])
+    return PermittedSnapshot(**known, grant=grant, touchable=touchable)
 
 
 def somebody_beside(snapshot: WorkspaceSnapshot, region: Region) -> str:
@@ -96,7 +106,7 @@ def outside_the_map(snapshot: WorkspaceSnapshot, region: Region) -> bool:
 
 
 def voxels_within(snapshot: WorkspaceSnapshot, region: Region) -> tuple[NDArray[np.int64], ...]:
-    """Indices (i, j, k) of the voxels in which the map may have what is in a region."""
+    """Indices (i, j, k) of the voxels not seen free in which what is in a region may be."""
     grid, grown = snapshot.grid, growth(snapshot, region)
     center = region.center(snapshot.stamp)
     reach = 0.5 * region.extent + grown
@@ -106,6 +116,7 @@ def voxels_within(snapshot: WorkspaceSnapshot, region: Region) -> tuple[NDArray[
         return tuple(np.zeros(0, np.int64) for _ in range(3))
     axes = [np.arange(a, b) for a, b in zip(low, high)]
     index = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    index = index[np.isin(snapshot.state[tuple(index.T)], (OCCUPIED, UNKNOWN))]
     inside = region.distance(grid.center(index), snapshot.stamp) <= grown
     return tuple(index[inside].T)
 

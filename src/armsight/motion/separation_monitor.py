@@ -9,7 +9,7 @@ import numpy as np
 from armsight.arrays import Ints, JointVector, Poses
 from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
-from armsight.motion.contact_speed import ContactSpeed
+from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.guard_kernels import (
     Law,
@@ -53,7 +53,7 @@ class SeparationMonitor:
         self.body = MovingBody(robot, brake)
         self._robot = robot
         self._config = config
-        self.contact: ContactSpeed | None = None
+        self.contact: ContactSpeed | GentleSpeed | None = None
         self._law = self._make_law(0.2, 0.0)
 
     def set_reaction(self, T_r: float, hazard_radius: float) -> None:
@@ -93,7 +93,15 @@ class SeparationMonitor:
         times = np.linspace(0.0, float((np.abs(state.velocity) / brake).max()), PIECES + 1)
         law = self._law._replace(T_person=T_r)
 
-        return in_reach(hazards.blocks, places, self.body.radius, times, until, law) < 0
+        def free(those: Hazards) -> bool:
+            return in_reach(those.blocks, places, self.body.radius, times, until, law) < 0
+
+        contact = self.contact
+        if isinstance(contact, GentleSpeed) and not contact.gentle(
+            self.body, state.position, state.velocity
+        ):
+            return free(hazards) and free(contact.touchable)
+        return free(hazards)
 
     def protective_distance(self, view: SeparationView, state: ArmState, hazards: Hazards) -> float:
         """S_p of the part nearest to a hazard at the arm's present velocity [m]; 0 without one."""

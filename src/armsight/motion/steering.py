@@ -78,10 +78,11 @@ class Steering:
         """One tick towards (n,) joint velocities [rad/s], as far as everything allows."""
         self.moving = True
         wanted = wanted / max(float((np.abs(wanted) / self._speed).max()), 1.0)
-        view = tick.view = self._filter.judge(tick, wanted)
-        target = wanted
+        eased = self._filter.ease(tick, wanted)
+        view = tick.view = self._filter.judge(tick, eased)
+        target = eased
         if view.allowed < 1.0:
-            target, tick.view = self._filter.slide(tick, wanted, view)
+            target, tick.view = self._filter.slide(tick, eased, view)
             target = _share(tick.view) * target
         self._command(tick, target * self._room.value)
         self._keep_room(tick)
@@ -140,6 +141,7 @@ class Steering:
             self._lower, self._upper, self._speed, limits.acceleration, limits.jerk,
             max(tick.elapsed, 1e-4), self._config.period,
         )  # fmt: skip
+        tick.command = self._filter.ease(tick, tick.command)
         view = self._filter.judge(tick, tick.command)
         if view.allowed >= 1.0:
             return

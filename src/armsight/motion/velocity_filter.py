@@ -18,6 +18,7 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import DelayedArm
 from armsight.motion.collision import CollisionModel
+from armsight.motion.contact_speed import ContactSpeed
 from armsight.motion.escape import leaves
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards, SeparationView
@@ -81,6 +82,14 @@ class VelocityFilter:
     def judge(self, tick: Tick, motion: JointVector) -> SeparationView:
         """What separation allows of a motion (n,) [rad/s] from where the arm will be."""
         return self.monitor.judge(tick.ahead.position, motion, self.hazards)
+
+    def ease(self, tick: Tick, wanted: JointVector) -> JointVector:
+        """A wish (n,) [rad/s] as a contact permit lets it come to what it touches."""
+        contact = self.monitor.contact
+        if not isinstance(contact, ContactSpeed):
+            return wanted
+        law = self.monitor.law
+        return contact.ease(self.monitor.body, tick.ahead.position, wanted, law)
 
     def conform(self, tick: Tick, wanted: JointVector) -> JointVector:
         """The motion nearest to a wanted one that closes in on no limiting hazard too fast."""

@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from armsight.devices.data import JointState, RgbdFrame, StereoFrame
+from armsight.devices.data import JointState, RgbdFrame, StereoFrame, Wrench
 from armsight.devices.history import JointHistory
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, PlanRequest
@@ -98,11 +98,21 @@ class Readings:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._newest: dict[tuple[type, str], Any] = {}
+        self._wrenches: deque[Wrench] = deque(maxlen=1024)
 
     def put(self, reading: Any) -> None:
         """Replace the newest of its type, and of its camera where it has one."""
         with self._lock:
+            if isinstance(reading, Wrench):
+                self._wrenches.append(reading)
             self._newest[type(reading), getattr(reading, "camera", "")] = reading
+
+    def take_wrenches(self) -> list[Wrench]:
+        """Every reading of the force sensor since the last call, oldest first."""
+        with self._lock:
+            taken = list(self._wrenches)
+            self._wrenches.clear()
+            return taken
 
     def newest(self, kind: type[R], camera: str = "") -> R | None:
         """The newest of a type (and of a camera, for pictures), or None."""

@@ -9,11 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from armsight.devices.data import JointState, RgbdFrame
+from armsight.devices.data import JointState, RgbdFrame, Wrench
 from armsight.devices.history import JointHistory
 from armsight.devices.protocols import Arm
 from armsight.errors import DeviceError
@@ -53,6 +53,15 @@ class Guards(Protocol):
         plan: Plan | None,
     ) -> GuardDecision:
         """One tick: the command, the state, and perhaps a request to the planner."""
+        ...
+
+
+@runtime_checkable
+class Feels(Protocol):
+    """A guard that looks at every reading of the force sensor."""
+
+    def feel(self, readings: Sequence[Wrench]) -> None:
+        """What came since the last tick, oldest first; judged in the next one."""
         ...
 
 
@@ -234,6 +243,9 @@ class GuardComponent:
         """Read what is wanted, step the guard, command the arm, publish the status."""
         began = time.perf_counter()
         channels = self._channels
+        felt = channels.readings.take_wrenches()
+        if felt and isinstance(self._guard, Feels):
+            self._guard.feel(felt)
         decision = self._guard.step(
             now,
             channels.joints.read(now),

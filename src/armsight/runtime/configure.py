@@ -48,6 +48,10 @@ def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> Gua
         ),
         reflex_distance=section.reflex_distance_mm / 1e3,
         stale_after=workcell.mapping.stale_after_ms / 1e3,
+        up=_triple(robot.T_world_base[2, :3]),
+        base_height=float(robot.T_world_base[2, 3]),
+        head_height=section.head_height,
+        soft=1e3 * section.soft_tip_n_per_mm,
     )
 
 

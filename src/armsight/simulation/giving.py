@@ -23,8 +23,8 @@ from armsight.simulation.gl import mujoco
 from armsight.simulation.kernels import follow_leaders
 from armsight.simulation.model_parts import set_inertia
 
-SKIN = 0.3
-"""Share of a body's mass that its skin has."""
+SKIN = (0.3, 0.1)
+"""Mass of a skin: a share of the body's, and the most [kg]: a heavy one would strike by itself."""
 SKIN_DAMPING = 0.5
 """Damping ratio of a skin on its spring."""
 GYRATION = 0.05
@@ -89,10 +89,10 @@ def add_giving(world: Any, name: str, give: Give, center: Vector3, T: Pose) -> t
     """
     body = world.add_body(name=f"{name}/led", pos=T[:3, 3], gravcomp=1.0)
     body.add_freejoint(name=f"{name}/led")
-    mass = give.mass * (1.0 - SKIN)
+    light = min(SKIN[0] * give.mass, SKIN[1])
+    mass = give.mass - light
     set_inertia(body, mass, np.asarray(center, float), np.eye(3) * mass * GYRATION**2)
     skin = body.add_body(name=f"{name}/skin", gravcomp=1.0)
-    light = give.mass * SKIN
     set_inertia(skin, light, np.asarray(center, float), np.eye(3) * light * GYRATION**2)
     for k in range(3):
         skin.add_joint(

@@ -508,6 +508,15 @@ class GuardSection(Section):
     reflex_distance_mm: NotNegative = key(
         150.0, "Nearer than this, the arm leaves if it can instead of standing.", "mm", le=1000.0
     )
+    head_height: Positive = key(
+        1.2, "Hands may be touched by permit below this height; heads are above.", "m", le=2.0
+    )
+    soft_tip_n_per_mm: NotNegative = key(
+        0.0,
+        "Stiffness of what the tool's tip is covered with; 0: it is not soft.",
+        "N/mm",
+        le=100.0,
+    )
 
 
 class PatrolSection(Section):

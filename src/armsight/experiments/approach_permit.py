@@ -1,0 +1,185 @@
+"""``approach-permit``: people reach for an arm that touches something by permit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from armsight.arrays import Vector3
+from armsight.experiments.episodes import run_episodes
+from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.experiments.rows import Row, contact_row, wilson
+from armsight.experiments.touch_cell import pointing_arm
+from armsight.geometry.pose import make_pose
+from armsight.motion.intents import VelocityIntent
+from armsight.motion.permits import ContactKind, PermitRequest
+from armsight.motion.regions import Region
+from armsight.robots.kinematics import tcp_pose
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SECONDS = 8.0
+"""Length of an episode [s]."""
+RADIUS = 0.03
+"""Of the ball that is touched [m]."""
+HAND = 2.0
+"""Speed of the hands that come [m/s]."""
+
+ABOUT = """
+A UR5 with a pen goes to a ball on a stand and touches it, by a permit for a `thing` or for a `hand`
+(the ball is then what somebody holds, in a region of 10 to 40 cm), in the kinematic cell of the
+search: a perfect map, as late as a real one, drives with all their delays. At a random time a hand
+(10 cm) that is not the permit's comes at 2.0 m/s from 1.2 m away, at the tool, at another part of
+the arm, or at the ball itself, straight or with a lead, and stays or goes on through. A contact counts
+when the fastest point of the arm moved faster than 0.05 m/s (0.25 m/s is what a `hand` permit may
+leave to the arm near the held thing; near anybody else it counts just the same).
+"""
+
+
+def episode(seed: int, run: int) -> dict[str, Any]:
+    """One episode; module-level, so that worker processes can import it."""
+    rng = np.random.default_rng((seed, run))
+    kind: ContactKind = "thing" if run % 2 == 0 else "hand"
+    turn, reach = rng.uniform(-1.3, -0.5), rng.uniform(0.5, 0.65)
+    place = np.array([reach * np.cos(turn), reach * np.sin(turn), rng.uniform(0.25, 0.5)])
+    begin = float(rng.uniform(0.8, 6.5))
+    cell = QuickCell([Ball(lambda t: place, RADIUS)], robot=pointing_arm(), seed=run)
+    hand = _Hand(cell, place, rng, begin)
+    cell.balls.append(Ball(hand))
+    size = RADIUS if kind == "thing" else float(rng.uniform(0.1, 0.4))
+    while cell.now < SECONDS:
+        cell.tick(goal=_wish(cell, place, kind, size))
+    touched = [t for t in cell.moving_touches if t.ball == 1]
+    held = [s.permit is not None and s.permit.holds for s in cell.log]
+    before = [h for s, h in zip(cell.log, held) if 0.5 < s.stamp < begin]
+    return {
+        "kind": kind,
+        "contacts": len(touched),
+        "worst": max((t.speed for t in touched), default=0.0),
+        "reached": any(t.ball == 0 for t in cell.touches),
+        "held": float(np.mean(before)) if before else float("nan"),
+        "least": min(
+            (m.distance for m in cell.margins if m.ball == 1 and m.speed > 0.05), default=9.0
+        ),
+        "aim": hand.aim,
+    }
+
+
+class _Hand:
+    """Comes from afar at a part of the arm, where that is at each instant, or at the ball."""
+
+    def __init__(
+        self, cell: QuickCell, place: Vector3, rng: np.random.Generator, begin: float
+    ) -> None:
+        self._cell, self._place, self._begin = cell, place, begin
+        self.aim = str(rng.choice(["tool", "part", "ball"]))
+        self._sphere = int(rng.integers(len(cell.guard.body.radius)))
+        self._follows = bool(rng.random() < 0.5)
+        way = rng.normal(size=3)
+        way[2] = abs(way[2]) * 0.5
+        self._at = place + 1.2 * way / np.linalg.norm(way)
+        self._last = begin
+        self._goal: Vector3 | None = None
+
+    def __call__(self, t: float) -> Vector3:
+        if t > self._last:
+            if self._goal is None or self._follows:
+                self._goal = self._target()
+            way = self._goal - self._at
+            away = float(np.linalg.norm(way))
+            self._at = self._at + way * min(1.0, HAND * (t - self._last) / max(away, 1e-9))
+            self._last = t
+        return self._at
+
+    def _target(self) -> Vector3:
+        cell = self._cell
+        if self.aim == "ball":
+            return self._place
+        center, _ = cell.guard.body.motion(cell.q, cell.v)
+        return np.asarray(center[-1 if self.aim == "tool" else self._sphere])
+
+
+def _wish(cell: QuickCell, place: Vector3, kind: ContactKind, size: float) -> VelocityIntent:
+    tip = tcp_pose(cell.robot, cell.q)[:3, 3]
+    way = place - tip
+    away = max(float(np.linalg.norm(way)), 1e-9)
+    velocity = np.zeros(6)
+    velocity[:3] = way / away * min(0.4, 2.0 * max(away - 0.5 * RADIUS, 0.0))
+    seen = cell.now - 0.09
+    region = Region("sphere", (size, 0.0, 0.0), make_pose(None, place), seen, drift=0.02)
+    permit = PermitRequest("ball", kind, region, ("tool",), 0.12, 0.25, 30.0, 5.0, 30.0)
+    cell.guard.feel(_felt(cell))
+    return VelocityIntent("touch", velocity, "base", seen, cell.now + 0.1, permit)
+
+
+def _felt(cell: QuickCell) -> list[Any]:
+    """What a force sensor says in which nothing but the tool's weight pulls."""
+    from armsight.devices.data import Wrench
+    from armsight.robots.kinematics import flange_pose
+
+    tool = cell.robot.tool
+    assert tool is not None
+    weight = flange_pose(cell.robot, cell.q)[:3, :3].T @ np.array([0.0, 0.0, -9.81 * tool.mass])
+    torque = np.cross(tool.center_of_mass, weight)
+    return [Wrench(cell.now - 0.008 + 0.002 * k, weight, torque) for k in range(4)]
+
+
+def run(runs: int, seed: int, progress: Progress) -> Outcome:
+    """``runs`` episodes."""
+    episodes = run_episodes("approach-permit", episode, range(runs), seed, {"version": 1}, progress)
+    rows = []
+    for kind in (None, "thing", "hand"):
+        mine = [e for e in episodes if kind in (None, e["kind"])]
+        if not mine:
+            continue
+        condition = "all episodes" if kind is None else f"permit for a {kind}"
+        touched = sum(e["contacts"] > 0 for e in mine)
+        rows.append(contact_row(touched, "anybody outside the region", condition, len(mine)))
+        low, high = wilson(touched, len(mine))
+        rows.append(
+            Row(
+                "contact_share", "share of episodes with such a contact (Wilson)", condition,
+                touched / len(mine), n=len(mine), low=low, high=high,
+            )
+        )  # fmt: skip
+        rows.append(
+            Row(
+                "least_moving_m", "least distance of the hand while the arm moved", condition,
+                min(e["least"] for e in mine), "m", n=len(mine), better="higher",
+            )
+        )  # fmt: skip
+        reached = sum(e["reached"] for e in mine)
+        rows.append(
+            Row(
+                "touched_share", "episodes in which the ball was touched before or after",
+                condition, reached / len(mine), n=len(mine), better="higher",
+            )
+        )  # fmt: skip
+    notes = [
+        f"Contact in episode {k} ({e['kind']}, hand at the {e['aim']}): {e['worst']:.2f} m/s."
+        for k, e in enumerate(episodes)
+        if e["contacts"]
+    ]
+    return Outcome(tuple(rows), {"distances": lambda: _plot(episodes)}, tuple(notes))
+
+
+def _plot(episodes: list[dict[str, Any]]) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 3.0), layout="constrained")
+    axes = figure.subplots()
+    for kind in ("thing", "hand"):
+        least = [1e3 * e["least"] for e in episodes if e["kind"] == kind and e["least"] < 9.0]
+        axes.hist(least, bins=np.linspace(0.0, 1000.0, 41), alpha=0.6, label=kind)
+    axes.set_xlabel("least distance of the hand while the arm moved [mm]")
+    axes.set_ylabel("episodes")
+    axes.legend()
+    return figure
+
+
+EXPERIMENT = Experiment(
+    "approach-permit", "people reach for an arm that touches something by permit", run, 400, ABOUT
+)

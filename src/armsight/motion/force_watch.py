@@ -1,0 +1,140 @@
+"""Every reading of the force sensor, judged: how hard is something pressed, and can it be believed.
+
+What the sensor says is the weight of what it carries, its own error, and what touches. The weight
+follows from the joints; the error is what was left over while nothing was near (its mean over the
+last half second), and is kept as it was when a permit began. What remains is contact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armsight.arrays import Floats, JointVector, Vector3
+from armsight.devices.data import Wrench
+from armsight.motion.permits import Permit
+from armsight.robots.kinematics import flange_pose
+from armsight.robots.robot import Robot
+
+STALE = 0.02
+"""A reading older than this says nothing of now [s]."""
+TARED_OVER = 0.5
+"""The sensor's error is the mean over this time without contact [s]."""
+LEAD = 0.06
+"""A growing force is judged by what it will be after this time [s]."""
+SMOOTH = 0.4
+"""Share of a new rate of the force in the one that is used: readings are noisy."""
+SAMPLES = 10
+"""Fewer readings are no mean."""
+BIAS = (60.0, 6.0)
+"""A sensor that errs by more than this cannot be believed: force [N], torque [N m]."""
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Contact by one reading: at ``stamp`` [s], force [N] and torque about the TCP [N m]."""
+
+    stamp: float
+    force: Vector3
+    torque: Vector3
+
+
+class ForceWatch:
+    """Judges the readings of one sensor.
+
+    Args:
+        robot: with its tool.
+        gravity: (3,) in ``base`` [m/s^2].
+    """
+
+    def __init__(self, robot: Robot, gravity: Sequence[float]) -> None:
+        self._robot = robot
+        self._gravity = np.asarray(gravity, float)
+        tool = robot.tool
+        self._mass = 0.0 if tool is None else tool.mass
+        self._center = np.zeros(3) if tool is None else np.asarray(tool.center_of_mass, float)
+        self._tip = np.zeros(3) if tool is None else tool.T_flange_tcp[:3, 3]
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew (the clock jumped)."""
+        self._free: deque[tuple[float, Floats]] = deque()
+        self._bias: Floats | None = None
+        self._new: list[Felt] = []
+        self._stamp = -math.inf
+        self._mean = (-math.inf, 0.0)
+        self._rate = 0.0
+
+    @property
+    def pressed(self) -> float:
+        """Greatest force among the newest readings [N]; NaN when there is none."""
+        return max((float(np.linalg.norm(f.force)) for f in self._new), default=math.nan)
+
+    def take(self, readings: Sequence[Wrench], q: JointVector, touching: bool) -> None:
+        """Take in what came since the last tick.
+
+        Args:
+            readings: in the flange's frame, oldest first.
+            q: (n,) joints at about their time [rad].
+            touching: the arm may be in contact; what it feels is no error of the sensor.
+        """
+        if not readings:
+            return
+        before, self._new = self._mean, []
+        R = flange_pose(self._robot, q)[:3, :3]
+        weight = R.T @ (self._mass * self._gravity)
+        load = np.concatenate([weight, np.cross(self._center, weight)])
+        for reading in readings:
+            told = np.concatenate([reading.force, reading.torque]).astype(float)
+            if not (np.isfinite(told).all() and reading.stamp > self._stamp):
+                continue  # what is no number, and no newer, is as good as silence
+            self._stamp = reading.stamp
+            rest = told - load
+            if not touching:
+                self._free.append((reading.stamp, rest))
+                while self._free[0][0] < reading.stamp - TARED_OVER:
+                    self._free.popleft()
+                if len(self._free) >= SAMPLES:  # else what was known before still is
+                    self._bias = np.mean([value for _, value in self._free], axis=0)
+            contact = rest - (np.zeros(6) if self._bias is None else self._bias)
+            torque = contact[3:] - np.cross(self._tip, contact[:3])
+            self._new.append(Felt(reading.stamp, contact[:3], torque))
+        if self._new:
+            force = np.linalg.norm(np.mean([f.force for f in self._new], axis=0))
+            self._mean = (float(np.mean([f.stamp for f in self._new])), float(force))
+            passed = self._mean[0] - before[0]
+            rate = (self._mean[1] - before[1]) / passed if 1e-4 < passed < 0.1 else 0.0
+            self._rate += SMOOTH * (rate - self._rate)
+
+    def fault(self, now: float) -> str:
+        """Why the sensor cannot be believed at ``now`` [s], in words; empty when it can."""
+        if not math.isfinite(self._stamp):
+            return "no force sensor says anything"
+        age = now - self._stamp
+        if age > STALE:
+            return f"the force sensor has been silent for {1e3 * age:.0f} ms"
+        if self._bias is None:
+            return "the force sensor has not been read without contact yet"
+        force, torque = np.linalg.norm(self._bias[:3]), np.linalg.norm(self._bias[3:])
+        if force > BIAS[0] or torque > BIAS[1]:
+            return f"the force sensor says {force:.0f} N and {torque:.1f} N m without contact"
+        return ""
+
+    def excess(self, permit: Permit) -> str:
+        """What of the newest readings is above a permit, in words; empty when nothing is.
+
+        A force that grows counts as it will be when the arm could stand.
+        """
+        for felt in self._new:
+            force, torque = float(np.linalg.norm(felt.force)), float(np.linalg.norm(felt.torque))
+            soon = force + LEAD * max(self._rate, 0.0)
+            if soon > permit.force:
+                grows = f", soon {soon:.1f}" if force <= permit.force else ""
+                return f"pressed with {force:.1f} N{grows}; at most {permit.force:g}"
+            if torque > permit.torque:
+                return f"turned with {torque:.2f} N m; at most {permit.torque:g}"
+        return ""
