@@ -33,9 +33,9 @@ A UR5 with a pen goes to a ball on a stand and touches it, by a permit for a `th
 (the ball is then what somebody holds, in a region of 10 to 40 cm), in the kinematic cell of the
 search: a perfect map, as late as a real one, drives with all their delays. At a random time a hand
 (10 cm) that is not the permit's comes at 2.0 m/s from 1.2 m away, at the tool, at another part of
-the arm, or at the ball itself, straight or with a lead, and stays or goes on through. A contact counts
-when the fastest point of the arm moved faster than 0.05 m/s (0.25 m/s is what a `hand` permit may
-leave to the arm near the held thing; near anybody else it counts just the same).
+the arm, or at the ball itself, straight or following it. A contact counts when the hand was outside
+of the permit's region and the fastest point of the arm was faster than 0.05 m/s. Within the region
+of a `hand` power and force limiting holds instead: `inside` has the greatest speed there.
 """
 
 
@@ -52,12 +52,15 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     size = RADIUS if kind == "thing" else float(rng.uniform(0.1, 0.4))
     while cell.now < SECONDS:
         cell.tick(goal=_wish(cell, place, kind, size))
-    touched = [t for t in cell.moving_touches if t.ball == 1]
+    met = [t for t in cell.moving_touches if t.ball == 1]
+    border = size + cell.balls[1].radius
+    touched = [t for t in met if np.linalg.norm(hand.was(t.time) - place) > border]
     held = [s.permit is not None and s.permit.holds for s in cell.log]
     before = [h for s, h in zip(cell.log, held) if 0.5 < s.stamp < begin]
     return {
         "kind": kind,
         "contacts": len(touched),
+        "inside": max((t.speed for t in met), default=0.0),
         "worst": max((t.speed for t in touched), default=0.0),
         "reached": any(t.ball == 0 for t in cell.touches),
         "held": float(np.mean(before)) if before else float("nan"),
@@ -83,6 +86,11 @@ class _Hand:
         self._at = place + 1.2 * way / np.linalg.norm(way)
         self._last = begin
         self._goal: Vector3 | None = None
+        self._been: dict[float, Vector3] = {}
+
+    def was(self, t: float) -> Vector3:
+        """(3,) where it was at about a time [s]."""
+        return self._been[min(self._been, key=lambda s: abs(s - t))]
 
     def __call__(self, t: float) -> Vector3:
         if t > self._last:
@@ -92,6 +100,7 @@ class _Hand:
             away = float(np.linalg.norm(way))
             self._at = self._at + way * min(1.0, HAND * (t - self._last) / max(away, 1e-9))
             self._last = t
+            self._been[t] = self._at
         return self._at
 
     def _target(self) -> Vector3:
@@ -158,6 +167,11 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
                 condition, reached / len(mine), n=len(mine), better="higher",
             )
         )  # fmt: skip
+        inside = max(e["inside"] for e in mine)
+        measure = (
+            "greatest speed of the arm at which the hand was met, the region's inside included"
+        )
+        rows.append(Row("inside", measure, condition, inside, "m/s", n=len(mine)))
     notes = [
         f"Contact in episode {k} ({e['kind']}, hand at the {e['aim']}): {e['worst']:.2f} m/s."
         for k, e in enumerate(episodes)
@@ -173,7 +187,7 @@ def _plot(episodes: list[dict[str, Any]]) -> Figure:
     axes = figure.subplots()
     for kind in ("thing", "hand"):
         least = [1e3 * e["least"] for e in episodes if e["kind"] == kind and e["least"] < 9.0]
-        axes.hist(least, bins=np.linspace(0.0, 1000.0, 41), alpha=0.6, label=kind)
+        axes.hist(least, bins=np.linspace(0.0, 1000.0, 41).tolist(), alpha=0.6, label=kind)
     axes.set_xlabel("least distance of the hand while the arm moved [mm]")
     axes.set_ylabel("episodes")
     axes.legend()
