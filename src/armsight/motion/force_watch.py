@@ -26,7 +26,7 @@ TARED_OVER = 0.5
 """The sensor's error is the mean over this time without contact [s]."""
 LEAD = 0.06
 """A growing force is judged by what it will be after this time [s]."""
-SMOOTH = 0.4
+SMOOTH = 0.15
 """Share of a new rate of the force in the one that is used: readings are noisy."""
 SAMPLES = 10
 """Fewer readings are no mean."""

@@ -1,0 +1,257 @@
+"""Power and force limiting, the force watch, and touching a hand: against physics of their own."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armsight.devices.data import Wrench
+from armsight.experiments.touch_cell import Target, TouchCell, Toucher
+from armsight.geometry.body_regions import BODY_REGIONS
+from armsight.geometry.pose import make_pose
+from armsight.motion.contact_limits import MOST, ROTOR, contact_speed, effective_mass, mass_matrix
+from armsight.motion.contact_speed import GentleSpeed
+from armsight.motion.force_watch import STALE, ForceWatch
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.nearest import Hazards
+from armsight.motion.permits import Permit, PermitRequest, PermitState
+from armsight.motion.permitted import Grant, permitted
+from armsight.motion.regions import Region
+from armsight.motion.separation_monitor import SeparationMonitor
+from armsight.robots import load_robot, load_tool
+from armsight.robots.kinematics import flange_pose
+from armsight.simulation.spec import ArmSpec, WorldSpec
+from armsight.simulation.world import SimulatedWorld
+
+from .scenes import make_snapshot
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(sorted(BODY_REGIONS)),
+    st.floats(1.0, 60.0),
+    st.floats(1.0, 200.0),
+    st.sampled_from([np.inf, 300.0, 5e3]),
+)
+def test_two_masses_and_a_spring_press_no_harder_than_that(name, arm, force, soft):
+    """Played in small steps: an arm that coasts into a body at rest."""
+    region = BODY_REGIONS[name]
+    v = contact_speed(region, arm, force, soft)
+    assert 0.0 < v <= MOST
+    k = 1.0 / (1.0 / region.stiffness + 1.0 / soft)
+    dt = 0.002 / np.sqrt(k / region.mass + k / arm)
+    gap, va, vb, peak = 0.0, v, 0.0, 0.0
+    while gap >= 0.0:
+        F = k * gap
+        peak = max(peak, F)
+        va, vb = va - F / arm * dt, vb + F / region.mass * dt
+        gap += (va - vb) * dt
+    assert peak <= force * 1.01
+    assert peak == pytest.approx(force, rel=0.01) or v == MOST
+
+
+def test_the_table_is_ordered_as_the_standard_orders_it():
+    face, hand, skull = (BODY_REGIONS[n] for n in ("face", "hand", "skull"))
+    assert (face.force, face.stiffness, face.mass, face.transient) == (65.0, 75e3, 4.4, 1.0)
+    assert (hand.force, hand.stiffness, hand.mass, hand.transient) == (140.0, 75e3, 0.6, 2.0)
+    assert skull.force < BODY_REGIONS["neck"].force < BODY_REGIONS["thigh"].force
+    assert len(BODY_REGIONS) == 12
+
+
+def test_the_arms_inertia_is_that_of_another_library():
+    robot = load_robot("ur10").with_tool(load_tool("pen"))
+    with SimulatedWorld(WorldSpec(ArmSpec(robot, np.eye(4), robot.home), floor=False)) as world:
+        model = world._cell.model
+        data = mujoco.MjData(model)
+        rng = np.random.default_rng(0)
+        for _ in range(10):
+            q = rng.uniform(-2.5, 2.5, 6)
+            data.qpos[:6] = q
+            mujoco.mj_forward(model, data)
+            full = np.zeros((6, 6))
+            mujoco.mj_fullM(model, data, full)
+            theirs = full - np.diag(model.dof_armature)
+            ours = mass_matrix(robot, q) - ROTOR * np.eye(6)
+            assert ours == pytest.approx(theirs, abs=0.02 * np.abs(theirs).max())
+    tip = flange_pose(robot, robot.home)[:3, 3]
+    ways = np.eye(3)
+    masses = [effective_mass(robot, robot.home, 6, tip, w) for w in ways]
+    assert all(0.5 < m < 200.0 for m in masses)
+
+
+# -- the force sensor -------------------------------------------------------------------------
+
+ROBOT = load_robot("ur5").with_tool(load_tool("pen"))
+PERMIT = Permit("x", "hand", PermitState.GRANTED, speed=0.1, force=20.0, torque=1.0)
+
+
+def load(q, extra=(0, 0, 0), bias=(0, 0, 0), stamp=0.0):
+    """What a sensor says at a pose: weight, a push at the tip in the flange's frame, an error."""
+    R = flange_pose(ROBOT, q)[:3, :3]
+    weight = R.T @ np.array([0.0, 0.0, -9.81 * ROBOT.tool.mass])
+    push = np.asarray(extra, float)
+    torque = np.cross(ROBOT.tool.center_of_mass, weight)
+    torque = torque + np.cross(ROBOT.tool.T_flange_tcp[:3, 3], push)
+    return Wrench(stamp, weight + push + np.asarray(bias), torque)
+
+
+def tared(bias=(3.0, -2.0, 5.0)):
+    watch = ForceWatch(ROBOT, (0.0, 0.0, -9.81))
+    rng = np.random.default_rng(1)
+    for k in range(60):
+        q = ROBOT.home + rng.normal(size=6) * 0.3
+        watch.take([load(q, bias=bias, stamp=0.008 * k)], q, False)
+    return watch
+
+
+def test_it_feels_contact_alone_whatever_the_pose_and_the_sensors_error():
+    watch, rng = tared(), np.random.default_rng(2)
+    for k in range(20):
+        q = ROBOT.home + rng.normal(size=6) * 0.5
+        push = rng.normal(size=3) * 10.0
+        watch.take([load(q, push, (3.0, -2.0, 5.0), 1.0 + 0.1 * k)], q, True)
+        assert watch.pressed == pytest.approx(np.linalg.norm(push), abs=1e-6)
+        assert np.abs(watch._new[-1].torque).max() < 1e-6, "a push at the tip turns nothing there"
+
+
+def test_every_reading_counts_and_one_that_grows_counts_ahead():
+    watch, q = tared((0, 0, 0)), ROBOT.home
+    calm = [load(q, stamp=1.0 + 0.002 * k) for k in range(4)]
+    watch.take(calm, q, True)
+    assert watch.excess(PERMIT) == ""
+    spike = [*calm[:1], load(q, (0, 0, 25.0), stamp=1.1), load(q, stamp=1.102)]
+    watch.take(spike, q, True)
+    assert "pressed with 25.0 N" in watch.excess(PERMIT)
+    watch = tared((0, 0, 0))
+    for k in range(30):
+        watch.take([load(q, (0, 0, 0.5 * k), stamp=1.0 + 0.008 * k)], q, True)
+        if watch.excess(PERMIT):
+            break
+    assert 14.0 < watch.pressed < 19.5, "62 N/s: 20 N would be reached before the arm stands"
+    turned = Wrench(3.0, load(q).force, load(q).torque + np.array([0.0, 0.0, 1.5]))
+    watch.take([turned], q, True)
+    assert "turned with 1.50 N m" in watch.excess(PERMIT)
+
+
+def test_a_sensor_that_cannot_be_believed_says_why():
+    watch = ForceWatch(ROBOT, (0.0, 0.0, -9.81))
+    assert "no force sensor" in watch.fault(0.0)
+    watch.take([load(ROBOT.home, stamp=1.0)], ROBOT.home, True)
+    assert "not been read without contact" in watch.fault(1.001)
+    assert tared().fault(0.48) == ""
+    assert "silent for 30 ms" in tared().fault(59 * 0.008 + STALE + 0.01)
+    assert "without contact" in tared((90.0, 0.0, 0.0)).fault(0.48)
+    watch = tared()
+    nothing = Wrench(2.0, np.full(3, np.nan), np.zeros(3))
+    watch.take([nothing], ROBOT.home, True)
+    assert "silent" in watch.fault(2.0)
+    old = load(ROBOT.home, stamp=0.1)
+    watch.take([old], ROBOT.home, True)
+    assert "silent" in watch.fault(2.0), "an old reading is none"
+
+
+# -- hands ------------------------------------------------------------------------------------
+
+
+def test_near_a_permitted_hand_every_part_may_keep_the_gentle_speed_and_no_more():
+    rng = np.random.default_rng(5)
+    gate = SeparationMonitor(ROBOT, GuardConfig(), ROBOT.limits.acceleration)
+    gate.set_reaction(0.2, 0.0173)
+    for _ in range(40):
+        q, motion = ROBOT.home + rng.normal(size=6) * 0.3, rng.normal(size=6) * 0.5
+        center, velocity = gate.body.motion(q, motion)
+        part = int(rng.integers(len(center)))
+        hand = Hazards.at((center[part] + rng.normal(size=3) * 0.1)[None], 0.0173)
+        other = Hazards.at(center[part] + rng.normal(size=(3, 3)) * 0.8, 0.0173)
+        gate.contact = None
+        both = Hazards.at(np.concatenate([hand.blocks.points, other.blocks.points]), 0.0173)
+        strict, without = gate.judge(q, motion, both), gate.judge(q, motion, other)
+        gate.contact = GentleSpeed("hand", hand, 0.15)
+        view = gate.judge(q, motion, other)
+        spin = np.linalg.norm(gate.body.spin(q, motion), axis=1)[gate.body.link]
+        fastest = np.linalg.norm(velocity, axis=1) + spin * gate.body.radius
+        assert (view.share >= strict.share - 1e-9).all()
+        assert (view.share <= without.share + 1e-9).all(), "towards others nothing changes"
+        freed = view.share > strict.share + 1e-9
+        used = np.minimum(view.share, 1.0)
+        assert (fastest[freed] * used[freed] <= 0.15 + 1e-9).all()
+
+
+def test_what_is_above_the_height_of_heads_is_no_part_of_a_permit():
+    snapshot = make_snapshot([])
+    points = np.random.default_rng(0).uniform(-0.3, 0.3, (500, 3)).astype(np.float32)
+    points += np.array([0.5, 0.0, 0.5], np.float32)
+    snapshot = replace(snapshot, hazards=points, hazard_unknown=np.zeros(500, bool))
+    region = Region("sphere", (0.4, 0, 0), make_pose(None, (0.5, 0.0, 0.5)), snapshot.stamp)
+    none = np.zeros(len(ROBOT.spheres.radius), bool)
+    up = np.array([0.0, 0.0, 1.0])
+    seen = permitted(snapshot, Grant(region, none, True, (up, 0.6)))
+    assert (seen.hazards[:, 2] > 0.6).sum() == (points[:, 2] > 0.6).sum()
+    assert seen.touchable[:, 2].max() <= 0.6
+    assert len(seen.touchable) + len(seen.hazards) == 500
+
+
+def palm(sway=0.02):
+    region = BODY_REGIONS["hand"]
+    place = np.array([0.45, -0.4, 0.35])
+    return Target(
+        lambda t: place + sway * np.array([0.0, 0.0, np.sin(t)]), 0.05, region.mass,
+        region.stiffness, 500.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", ["none", "silent"])
+def test_a_palm_is_touched_gently_and_left_when_nobody_feels_it_any_more(fault):
+    cell = TouchCell(palm(), seed=3)
+    try:
+        toucher = Toucher(cell, "hand", 0.05, np.random.default_rng(0), limits=(0.1, 30.0, 5.0))
+        touched = np.inf
+        while cell.now < min(9.0, touched + 2.0):
+            cell.tick(goal=toucher())
+            if cell.contacts and not np.isfinite(touched):
+                touched = cell.now
+            if fault == "silent" and cell.now > touched + 0.3:
+                cell.silent = touched + 0.3
+        assert cell.contacts
+        assert max(c.force for c in cell.contacts) < 30.0
+        assert {c.link for c in cell.contacts} == {6}
+        last = cell.log[-1]
+        if fault == "none":
+            assert last.permit.holds
+            felt = max(s.permit.pressed for s in cell.log if s.stamp > touched)
+            assert 0.4 < felt / max(c.force for c in cell.contacts) < 1.3
+        else:
+            assert any("backs out" in s.reason for s in cell.log)
+            assert last.permit.state == PermitState.WITHDRAWN
+            assert "silent" in last.permit.reason
+            assert cell.contacts[-1].end < cell.now - 0.3, "and it is left"
+            back = [s for s in cell.log if "backs out" in s.reason]
+            assert back[0].stamp < touched + 0.3 + 0.03 + 0.02
+    finally:
+        cell.close()
+
+
+def test_without_a_force_sensor_or_a_soft_tip_no_person_is_touched():
+    from armsight.experiments.quick_cell import Ball, QuickCell
+
+    place = np.array([0.45, -0.4, 0.35])
+    cell = QuickCell([Ball(lambda t: place, 0.05)], robot=ROBOT)
+    for _ in range(80):
+        region = Region("sphere", (0.08, 0, 0), make_pose(None, place), cell.now)
+        request = PermitRequest("p", "hand", region, ("tool",), 0.12)
+        cell.tick(goal=_rest(request))
+    assert "nobody would feel" in cell.log[-1].permit.reason
+    for _ in range(80):
+        cell.guard.feel([load(cell.q, stamp=cell.now - 0.001)])
+        region = Region("sphere", (0.08, 0, 0), make_pose(None, place), cell.now)
+        cell.tick(goal=_rest(PermitRequest("f", "face", region, ("tool",), 0.12)))
+    assert "not declared soft" in cell.log[-1].permit.reason
+
+
+def _rest(request):
+    from armsight.motion.intents import Rest
+
+    return Rest(permit=request)
