@@ -18,6 +18,7 @@ from armsight.geometry.pose import from_rpy, make_pose, transform
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import CameraCorrection, CameraStatus, Emptiness
 from armsight.motion.data import GuardMode
+from armsight.motion.permits import Permit, PermitState
 from armsight.runtime.view import ComponentHealth
 from armsight.viewer import colors, html
 from armsight.viewer.accuracy import NEVER, TrueErrors, accuracy
@@ -237,3 +238,18 @@ def test_tables_and_posts_are_no_walls() -> None:
     for size in ((1.4, 1.4, 0.05), (1.4, 1.4, 0.75), (0.06, 0.06, 2.0), (3.0, 0.4, 0.02)):
         assert not is_wall(Solid("s", "box", size, np.eye(4)))
     assert not is_wall(Solid("s", "sphere", (3.0, 0.0, 0.0), np.eye(4)))
+
+
+def test_a_permit_is_shown_in_words_and_what_comes_from_outside_is_escaped() -> None:
+    status = make_guard(1.0)
+    assert html.permit(None) == html.permit(status) == ""
+    asked = Permit("<b>ball", "thing", PermitState.GRANTED, speed=0.05, force=10.0, pressed=3.2)
+    shown = html.permit(replace(status, permit=asked))
+    assert "&lt;b&gt;ball" in shown
+    assert "0.05 m/s, 10 N" in shown
+    assert "pressed with 3.2 N" in shown
+    refused = replace(asked, state=PermitState.REFUSED, reason="somebody is <beside> it")
+    shown = html.permit(replace(status, permit=refused))
+    assert "refused" in shown
+    assert "somebody is &lt;beside&gt; it" in shown
+    assert "10 N" not in shown
