@@ -1,4 +1,4 @@
-"""Which robot is in a picture, and where? Asked of the network that comes with armsight.
+"""Which robot arms are in a picture, and where? Asked of the network that comes with armsight.
 
 Without a file, the picture is one that armsight renders itself.
 
@@ -9,10 +9,11 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from armsight import Recogniser
+from armsight import ArmRecogniser
 from armsight.commands.dataset import Generate
+from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.data.labelled_set import LabelledSet
-from armsight.recognition.inference.model import Model, network_file
+from armsight.recognition.inference.model import network_file
 from armsight.recognition.inference.pictures import Picture, read_picture
 
 
@@ -26,9 +27,11 @@ def rendered() -> tuple[str, Picture]:
 
 def main(file: str | None) -> None:
     truth, picture = rendered() if file is None else ("?", read_picture(Path(file)))
-    found = Recogniser(Model(network_file("multi-objective"))).recognise(picture)
-    print(f"robot: {found.robot} (truth: {truth}); joints in the camera [m]:")
-    print(found.joints.round(2))
+    found = ArmRecogniser(CropModel(network_file("arms"))).recognise(picture)
+    print(f"{len(found.arms)} arm(s); truth: {truth}; {'; '.join(found.notes)}")
+    for arm in found.arms:
+        print(f"{arm.robot}, trust {arm.trust:.2f} {arm.problem}; joints in the camera [m]:")
+        print(arm.joints.round(2))
 
 
 if __name__ == "__main__":

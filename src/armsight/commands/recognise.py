@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from armsight.recognition.inference.pictures import Picture
     from armsight.recognition.opening import Looks
 
-DEFAULT_NETWORK = "multi-objective"
+DEFAULT_NETWORK = "arms"
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from armsight.experiments.any_arm_frames import (
     try_frame,
 )
 from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.recognition_scores import folder
 from armsight.experiments.rows import Row, wilson
 from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.recogniser import ArmRecogniser
@@ -28,7 +29,7 @@ from armsight.recognition.inference.recogniser import Recogniser
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NETWORK, BASELINE = "arms", "multi-objective"
+NETWORK, BASELINE = "arms", "t7-rooms-on"
 SHOWN = 12
 _WHERE = "second renderer, 640 x 480, base at 1.2 to 2.5 m, box not given"
 
@@ -45,7 +46,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     rows = _rows(frames, "")
     notes = [NOTE]
     try:
-        old = Recogniser(Model(network_file(BASELINE), 1))
+        old = Recogniser(Model(folder() / "runs" / BASELINE / "network.onnx", 1))
     except ArmsightError as error:
         notes.append(f"No network of the papers was there to compare with: {error}")
     else:

@@ -14,14 +14,17 @@ from armsight.recognition.any_arm.observing import observe
 from armsight.recognition.any_arm.recogniser import MARGIN, ArmRecogniser
 from armsight.recognition.any_arm.sighting import Sighting
 from armsight.recognition.any_arm.solver import solve
-from armsight.recognition.any_arm.views import take_crop
+from armsight.recognition.any_arm.views import SIDE, take_crop
 from armsight.recognition.data.sample import KNOWN_ROBOTS, Sample
 from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.inference.recogniser import Recogniser
 from armsight.robots.catalogue import load_robot
+from armsight.robots.kinematics import link_poses
 
 INSIDE_90 = 6.251
 """Of chi squared with three degrees of freedom, 90 %."""
+CROP = 160.0
+"""Side of the crop that errors of landmarks are given for [px]."""
 NOTHING = 1e4
 """Joint error of a frame without an answer [mm]."""
 
@@ -133,8 +136,6 @@ def _given_box(
     crop = take_crop(sample.image, lens, low, high, MARGIN)
     look = recogniser.model.look(crop.image)
     robot, marks = load_robot(sample.robot), recogniser.model.landmarks[sample.robot]
-    from armsight.robots.kinematics import link_poses
-
     T_link = sample.T_camera_base @ link_poses(robot, sample.q)
     true = marks.placed(T_link)
     ids = sample.link_ids
@@ -147,7 +148,8 @@ def _given_box(
         # A joint's origin lies within the links that it joins.
         if (np.abs(window - (marks.link[k] + 1)) <= 1)[window > 0].any():
             at = places.mean[k] * 4 + 1.5
-            errors.append(float(np.linalg.norm(at - crop.pixels(true[k : k + 1])[0])))
+            away = float(np.linalg.norm(at - crop.pixels(true[k : k + 1])[0]))
+            errors.append(away * CROP / SIDE)
     fits = solve(robot, marks, observe(look, crop, sample.robot, marks), known=sample.q)
     if not fits:
         return np.array(errors), NOTHING

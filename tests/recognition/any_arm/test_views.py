@@ -48,7 +48,9 @@ def test_a_mask_comes_back_to_its_place() -> None:
     image = np.zeros((480, 640, 3), np.uint8)
     image[180:300, 340:460] = 255
     crop = take_crop(image, LENS, low, high, 1.3)
-    arm = crop.image[..., 0].reshape(40, 4, 40, 4).mean((1, 3)).astype(np.float32) / 255
+    arm = (
+        crop.image[..., 0].reshape(SIDE // 4, 4, SIDE // 4, 4).mean((1, 3)).astype(np.float32) / 255
+    )
     back = mask_in_picture(crop, arm, LENS) > 0.5
     true = image[..., 0] > 0
     assert (back & true).sum() / (back | true).sum() > 0.9

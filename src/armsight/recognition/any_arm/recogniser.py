@@ -21,6 +21,8 @@ from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.own_arm.surface import arm_surface, render
 from armsight.robots.catalogue import load_robot
 
+FAINT = 0.15
+"""Share of the strongest lump below which another is none."""
 MARGIN = 1.3
 """Side of a crop over the arm's box."""
 ARM = 0.5
@@ -82,6 +84,8 @@ class ArmRecogniser:
         lumps, _ = find_lumps(self.model, picture.image)
         arms: list[Arm] = []
         for lump in lumps:
+            if lump.strength < FAINT * lumps[0].strength:
+                break
             arm = self.arm_in(picture.image, lens, lump.low, lump.high)
             if arm is not None and not any(_same(arm, other) for other in arms):
                 arms.append(arm)
@@ -98,7 +102,7 @@ class ArmRecogniser:
             notes.append(
                 "intrinsics assumed (65 deg across): distances scale with the focal length"
             )
-        arms.sort(key=lambda arm: -arm.trust)
+        arms.sort(key=lambda arm: (arm.believed, float(arm.mask.sum())), reverse=True)
         return Sighting(
             picture.name, tuple(arms), lens.K, np.array(lens.distortion), source, tuple(notes)
         )

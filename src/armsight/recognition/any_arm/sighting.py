@@ -56,7 +56,7 @@ class Sighting:
 
     Attributes:
         name: of the picture.
-        arms: the surest first.
+        arms: believed ones first, then the largest.
         K: (3, 3) camera of the picture [px]; distortion: (5,) of its lens.
         intrinsics: given, from the picture's own file, or assumed, and with it every metre.
         notes: what makes the answers less sure, in words.

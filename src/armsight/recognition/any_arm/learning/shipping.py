@@ -20,7 +20,7 @@ from armsight.recognition.training.weights import LICENCE, Card
 from armsight.robots.catalogue import load_robot
 from armsight.writing import write_atomically, write_text
 
-JUDGED = 160
+JUDGED = 120
 """Held-back crops on which trust is chosen."""
 _PARITY = 4
 
@@ -84,7 +84,7 @@ def card_text(card: dict[str, Any]) -> str:
     lines = [
         "# Crop network",
         "",
-        f"Knows {', '.join(card['robots'])}, `none` and `unknown`; looks at crops of 160 px.",
+        f"Knows {', '.join(card['robots'])}, `none` and `unknown`; looks at crops.",
         "",
         f"* Trunk: {card['trunk']['origin']}, licence {card['trunk']['licence']}.",
         f"* Learned from {sum(card['data'].values())} rendered crops ({counts}); no photograph.",
@@ -96,7 +96,7 @@ def card_text(card: dict[str, Any]) -> str:
     if v:
         lines.append(
             f"* In held-back rooms of the training's renderer: mask IoU {v['mask_iou']:.3f}, "
-            f"landmarks {v['keypoint_px']:.1f} px of {t['size']} (median), "
+            f"landmarks {v['keypoint_px']:.1f} px of {v.get('size', t['size']):.0f} (median), "
             f"{v['type_right']:.0%} of the types right (at update {v['update']})."
         )
     if "trust" in card:

@@ -196,6 +196,7 @@ class CropTrainer:
         some = self.held[:: max(len(self.held) // MEASURED, 1)][:MEASURED]
         figures = measure(self.mean, self.data, some, self.device, self.plan.size)
         figures["loss"] = sum(_weighted(figures).values())
+        figures["size"] = self.plan.size
         rounded = {k: round(v, 5) for k, v in figures.items()}
         if self.progress.curve:
             self.progress.curve[-1]["validation"] = rounded
