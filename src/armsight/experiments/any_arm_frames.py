@@ -148,8 +148,8 @@ def _given_box(
         # A joint's origin lies within the links that it joins.
         if (np.abs(window - (marks.link[k] + 1)) <= 1)[window > 0].any():
             at = places.mean[k] * 4 + 1.5
-            away = float(np.linalg.norm(at - crop.pixels(true[k : k + 1])[0]))
-            errors.append(away * CROP / SIDE)
+            pixels = float(np.linalg.norm(at - crop.pixels(true[k : k + 1])[0]))
+            errors.append(pixels * CROP / SIDE)
     fits = solve(robot, marks, observe(look, crop, sample.robot, marks), known=sample.q)
     if not fits:
         return np.array(errors), NOTHING
