@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Floats, Pose
+from armsight.calibration.arm_field import ArmField, field_covariance, fit_field
 from armsight.calibration.covariance import Covariance, covariance
 from armsight.calibration.left_out import LeftOut, left_out_errors
 from armsight.calibration.model_selection import Selection, select_model
@@ -60,6 +61,7 @@ class Calibration:
         left_out: test on unseen views, or None.
         rejected: (sighting, reason) of what was left out of the solve.
         starts: of each rig.
+        field: errors of the arm that similar poses share, where its kinematics are not solved.
     """
 
     problem: Problem
@@ -70,6 +72,7 @@ class Calibration:
     left_out: LeftOut | None
     rejected: tuple[tuple[Sighting, str], ...]
     starts: tuple[HandEyeStart | None, ...]
+    field: ArmField | None = None
 
     def camera_pose(self, rig: int) -> Pose:
         """``T_mount_rig``."""
@@ -146,6 +149,7 @@ def calibrate(
     loose = full_freedom(start.problem, options.solve_lenses or options.select)
     kept, rejected = reject_outliers(start.problem, loose, options.priors, options.solver)
     selection: Selection | None = None
+    field: ArmField | None = None
     if options.select:
         chosen = select_model(
             kept,
@@ -157,6 +161,10 @@ def calibrate(
         )
         selection, best = chosen, chosen.best
         solution, freedom, left_out = best.solution, best.freedom, best.left_out
+        say("errors of the arm that similar poses share")
+        field = fit_field(solution)
+        if field is not None:
+            solution = field.solution
     else:
         say("solve")
         left_out = None
@@ -174,12 +182,13 @@ def calibrate(
     return Calibration(
         solution.model.problem,
         solution,
-        covariance(solution, options.select),
+        covariance(solution, options.select) if field is None else field_covariance(field),
         freedom,
         selection,
         left_out,
         (*start.rejected, *rejected),
         start.hand_eye,
+        field,
     )
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from armsight.calibration.left_out import LeftOut, left_out_errors
-from armsight.calibration.noise import WHITE, solve_with_noise
+from armsight.calibration.noise import WHITE, exact_arm, solve_with_noise
 from armsight.calibration.problem import Freedom, Priors, Problem
 from armsight.calibration.solver import Solution, SolverOptions
 
@@ -85,6 +85,7 @@ def select_model(
         start = near.solution.model.problem if near is not None else problem
         state = near.solution.state if near is not None else None
         solution, freedom = solve_with_noise(start, freedom, priors, options, state=state)
+        solution, freedom = exact_arm(solution, freedom, priors, options)
         left_out = left_out_errors(
             solution.model.problem, freedom, solution, folds, priors, options
         )

@@ -17,9 +17,11 @@ WHITE = (1e-4, 2e-4)
 """Where the search for the size of pose errors starts [m], [rad]."""
 
 
-def pose_noise(
-    solution: Solution, floor: tuple[float, float] = (2e-5, 3e-5)
-) -> tuple[float, float]:
+FLOOR = (2e-5, 3e-5)
+"""No arm repeats better [m], [rad]; one that is told to has no error at all: it is simulated."""
+
+
+def pose_noise(solution: Solution, floor: tuple[float, float] = FLOOR) -> tuple[float, float]:
     """The size of the arm's independent pose error that the data tell (translation, rotation).
 
     Evidence (MacKay) update of the prior's variance: the sum of squares of the estimated errors
@@ -94,6 +96,35 @@ def scatter_within(solution: Solution) -> Floats:
         square = np.sum((r - A @ x).reshape(K, 2) ** 2, axis=1)[model.seen[f]]
         out[f] = float(np.median(square)) * model.sigma[f] ** 2
     return out
+
+
+EXACT = 1.02
+"""Corners may scatter by so much more when the arm is taken to be exact [1]."""
+
+
+def exact_arm(
+    solution: Solution,
+    freedom: Freedom,
+    priors: Priors | None = None,
+    options: SolverOptions | None = None,
+) -> tuple[Solution, Freedom]:
+    """The same without errors of the arm, where the data tell of none.
+
+    Poses that come from a simulation are exact: errors of the size that the best arm has cost
+    accuracy over metres. Corners must fit as well without them.
+    """
+    white = freedom.white
+    if white is None or white[0] > 1.01 * FLOOR[0] or white[1] > 1.01 * FLOOR[1]:
+        return solution, freedom
+    rigid = replace(freedom, white=None)
+    problem = solution.model.problem
+    model = Model(problem, rigid, priors)
+    exact = solve(model, model.with_exact_views(solution.state), with_cut(options))
+    noise = corner_noise(exact)
+    if float(np.median(noise / solution.model.sigma)) > EXACT:
+        return solution, freedom
+    problem = with_corner_noise(problem, noise)
+    return solve(Model(problem, rigid, priors), exact.state, with_cut(options)), rigid
 
 
 CUT = 6.0

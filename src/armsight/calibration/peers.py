@@ -48,14 +48,13 @@ def compare(answer: Calibration, rig: int = 0) -> list[Peer]:
         ValueError: fewer than four views of the camera are left.
     """
     problem = answer.problem
-    ours = left_out_errors(problem, answer.freedom, answer.solution, len(problem.used_views))
-    out = [Peer("armsight", ours.mm, ours.px, len(problem.used_views))]
     lens = answer.main_lens(rig)
     views = [s for s in problem.sightings if s.lens == lens and not problem.views[s.view].free]
     if len(views) < 4:
         raise ValueError(f"only {len(views)} views to compare by")
     A = arm_for(problem, rig)[[s.view for s in views]]
     C = _boards(answer, views, A, rig)
+    out = [_ours(answer, views, A, rig)]
     for name, solver in solvers().items():
         mm, square = [], []
         for k in range(len(views)):
@@ -72,6 +71,25 @@ def compare(answer: Calibration, rig: int = 0) -> list[Peer]:
             px = float(np.sqrt(np.mean(np.concatenate(square))))
             out.append(Peer(name, float(np.mean(np.concatenate(mm))), px, len(mm)))
     return sorted(out, key=lambda p: p.mm)
+
+
+def _ours(answer: Calibration, views: list[Sighting], A: Poses, rig: int) -> Peer:
+    """Each view without it: by the solve of the rest, and the arm's error as they foresee it."""
+    problem, field = answer.problem, answer.field
+    if field is None:
+        ours = left_out_errors(problem, answer.freedom, answer.solution, len(problem.used_views))
+        return Peer("armsight", ours.mm, ours.px, len(problem.used_views))
+    mm, square = [], []
+    beside = problem.rigs[rig].mount == "base"
+    for s, pose in zip(views, A):
+        state, E = field.foreseen(s.view)
+        arm = pose @ E if beside else se3.inverses(E[None])[0] @ pose
+        found = _errors(answer, s, arm, state.T_mount_rig[rig], state.T_mount_board[s.board])
+        if found is not None:
+            square.append(found[0])
+            mm.append(found[1])
+    px = float(np.sqrt(np.mean(np.concatenate(square))))
+    return Peer("armsight", float(np.mean(np.concatenate(mm))), px, len(mm))
 
 
 def solvers() -> dict[str, Solver]:
