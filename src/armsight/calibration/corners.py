@@ -14,6 +14,8 @@ from armsight.arrays import Bytes, Floats
 
 _FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
+SPECKLED = 0.03
+"""Windows disagree about most corners by so much of a square where a picture is speckled [1]."""
 _COMFORT = 26.0  # [px] a square of this size is found reliably
 
 
@@ -190,6 +192,10 @@ def refine(gray: Bytes, pixel: Floats, across: int, reach: float = 0.42) -> Floa
     crop = gray[y0:y1, x0:x1] if scale == 1 else resized(gray[y0:y1, x0:x1], scale)
     rough = scaled(pixel - [x0, y0], scale)
     tries = [_saddles(crop, rough, near * scale, share * reach) for share in (1.0, 0.6)]
+    if _speckled(near * scale, tries):
+        # A projector's dots, or coarse noise: saddles of the smoothed picture are the corners'.
+        smooth = cv2.GaussianBlur(crop, (0, 0), 0.12 * float(np.median(near)) * scale)
+        tries = [_saddles(smooth, rough, near * scale, share * reach) for share in (1.0, 0.6)]
     refined = tries[0]
     apart = np.linalg.norm(tries[0] - tries[1], axis=1)
     usual = max(float(np.nanmedian(apart)), 0.05)
@@ -203,6 +209,12 @@ def refine(gray: Bytes, pixel: Floats, across: int, reach: float = 0.42) -> Floa
         off = _off_surface(refined, across)
         refined[off > np.maximum(0.3, 8.0 * np.median(off))] = np.nan
     return refined
+
+
+def _speckled(near: Floats, tries: list[Floats]) -> bool:
+    """Whether windows of two sizes disagree about most corners."""
+    apart = np.linalg.norm(tries[0] - tries[1], axis=1) / near
+    return bool(np.median(near) > 8.0 and np.nanmedian(apart) > SPECKLED)
 
 
 def _nearest_corner(pixel: Floats) -> Floats:

@@ -54,8 +54,9 @@ def lines(
     calibration: Calibration,
     depth: Sequence[DepthModel | None] = (),
     findings: Sequence[Finding] = (),
+    names: Sequence[str] = (),
 ) -> list[str]:
-    """The report for a terminal."""
+    """The report for a terminal; ``names`` are the pictures of the views, where they have any."""
     out = [verdict(calibration, findings)]
     problem = calibration.problem
     for index, rig in enumerate(problem.rigs):
@@ -99,7 +100,8 @@ def lines(
 
         out += ["models tried (* taken):", *selection_lines(calibration.selection)]
     for s, reason in calibration.rejected[:10]:
-        out.append(f"left out: view {s.view}, {problem.lenses[s.lens].name}: {reason}")
+        view = names[s.view] if s.view < len(names) else f"view {s.view}"
+        out.append(f"left out: {view}, {problem.lenses[s.lens].name}: {reason}")
     if len(calibration.rejected) > 10:
         out.append(f"left out: {len(calibration.rejected) - 10} more boards")
     out += [str(f) for f in findings]

@@ -139,7 +139,7 @@ class Calibrate:
                 print(finding)
             print("nothing was written: mend what is wrong first", file=sys.stderr)
             return 1
-        for line in report.lines(answer.calibration, (), answer.findings):
+        for line in report.lines(answer.calibration, (), answer.findings, recorded.names):
             print(line)
         if self.compare:
             from armsight.calibration.peers import compare, peer_lines
