@@ -47,6 +47,8 @@ SHIPPED = {
 SHARES = {"clean": 500, "mistakes": 40, "coverage": 100}
 """Sets of each kind at the full number of runs."""
 FULL = 500
+STATE = 2
+"""Of the calibration's code: runs that an older one has kept do not count."""
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
@@ -76,7 +78,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
 def _shipped(seed: int, progress: Progress) -> tuple[list[Row], list[str]]:
     """Sets as they are shipped, solved by nothing but the board; peers on the same corners."""
-    cache = RunCache("calibration-strangers-shipped", seed, {"sets": SHIPPED})
+    cache = RunCache("calibration-strangers-shipped", seed, {"sets": SHIPPED, "state": STATE})
     found: dict[str, dict[str, Any]] = {}
     for k, (name, words) in enumerate(SHIPPED.items()):
         progress(f"shipped sets: {name}", 0.95 + 0.05 * k / len(SHIPPED))
@@ -180,7 +182,7 @@ def _mistakes(
     called: Counter[str] = Counter()
     for number, name in enumerate(MISTAKES):
         progress(f"mistakes: {name}", 0.2 + 0.3 * number / len(MISTAKES))
-        cache = RunCache("calibration-strangers-mistakes", seed, {"mistake": name})
+        cache = RunCache("calibration-strangers-mistakes", seed, {"mistake": name, "state": STATE})
 
         def one(k: int, name: str = name, number: int = number) -> dict[str, Any]:
             rng = np.random.default_rng([seed, 2, number, k])
@@ -246,7 +248,7 @@ def _solved(
 
 def _clean(count: int, seed: int, robot: Robot, progress: Progress) -> tuple[list[Row], list[str]]:
     """Clean sets of arms of all qualities: nobody may be accused; the model must not overreach."""
-    cache = RunCache("calibration-strangers-clean", seed, {"arms": "all"})
+    cache = RunCache("calibration-strangers-clean", seed, {"arms": "all", "state": STATE})
 
     def one(k: int) -> dict[str, Any]:
         rng = np.random.default_rng([seed, 3, k])
@@ -311,7 +313,7 @@ def _coverage(
     rows = []
     for number, (name, (lens, views, arm)) in enumerate(CONDITIONS.items()):
         progress(f"coverage: {name}", 0.8 + 0.15 * number / len(CONDITIONS))
-        cache = RunCache("calibration-strangers-coverage", seed, {"condition": name})
+        cache = RunCache("calibration-strangers-coverage", seed, {"condition": name, "state": STATE})
 
         def one(
             k: int,
