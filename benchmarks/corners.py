@@ -44,7 +44,7 @@ def ours(gray: Bytes) -> Floats | None:
 
 def opencv_sb(gray: Bytes) -> Floats | None:
     """OpenCV's newest detector, with its flags for accuracy."""
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
     ok, found = cv2.findChessboardCornersSB(gray, BOARD.inner, flags=flags)
     return np.asarray(found, float).reshape(-1, 2) if ok else None
 
