@@ -313,7 +313,9 @@ def _coverage(
     rows = []
     for number, (name, (lens, views, arm)) in enumerate(CONDITIONS.items()):
         progress(f"coverage: {name}", 0.8 + 0.15 * number / len(CONDITIONS))
-        cache = RunCache("calibration-strangers-coverage", seed, {"condition": name, "state": STATE})
+        cache = RunCache(
+            "calibration-strangers-coverage", seed, {"condition": name, "state": STATE}
+        )
 
         def one(
             k: int,
