@@ -194,7 +194,8 @@ def refine(gray: Bytes, pixel: Floats, across: int, reach: float = 0.42) -> Floa
     tries = [_saddles(crop, rough, near * scale, share * reach) for share in (1.0, 0.6)]
     if _speckled(near * scale, tries):
         # A projector's dots, or coarse noise: saddles of the smoothed picture are the corners'.
-        smooth = cv2.GaussianBlur(crop, (0, 0), 0.12 * float(np.median(near)) * scale)
+        blur = 0.12 * float(np.median(near)) * scale
+        smooth = np.asarray(cv2.GaussianBlur(crop, (0, 0), blur), np.uint8)
         tries = [_saddles(smooth, rough, near * scale, share * reach) for share in (1.0, 0.6)]
     refined = tries[0]
     apart = np.linalg.norm(tries[0] - tries[1], axis=1)
