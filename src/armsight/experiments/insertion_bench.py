@@ -208,11 +208,15 @@ def joint_rates(robot: Robot, q: JointVector, twist: Floats, T_flange_plug: Pose
 
 def _ik(robot: Robot, T: Pose, near: JointVector | None = None) -> JointVector:
     """Joints of a flange pose, from a start that looks forward."""
-    q = np.array([0.2, -1.9, 2.2, -0.3, 1.57, 0.0]) if near is None else near
-    best, least = q, np.inf
+    home = np.array([0.2, -1.9, 2.2, -0.3, 1.57, 0.0])
+    best, least = home, np.inf
     rng = np.random.default_rng(0)
-    for attempt in range(40 if near is None else 1):
-        trial = q if attempt == 0 else q + rng.normal(0, 0.7, robot.n)
+    for attempt in range(60):
+        trial = home + rng.normal(0, 0.7, robot.n) if attempt else home
+        if attempt == 0 and near is not None:
+            trial = near
+        if attempt and near is not None and np.isfinite(least):
+            break
         for _ in range(120):
             now = flange_pose(robot, trial)
             e = log(inverse(now) @ T)
@@ -224,7 +228,7 @@ def _ik(robot: Robot, T: Pose, near: JointVector | None = None) -> JointVector:
             if np.abs(e).max() < 1e-8:
                 break
         J = flange_jacobian(robot, trial)
-        bad = float(np.abs(e).max()) > 1e-6 or np.abs(trial).max() > 6.0
+        bad = float(np.abs(e).max()) > 1e-6 or np.abs(trial).max() > 2 * np.pi
         cost = np.inf if bad else 1.0 / float(np.linalg.svd(J, compute_uv=False)[-1])
         if cost < least:
             best, least = trial, cost
