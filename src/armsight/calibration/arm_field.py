@@ -32,8 +32,9 @@ RATIO = (2.0, 0.7)
 SIZE = (5e-4, 1.5)
 """Translation errors of an unknown arm [m], and how unsure their logarithm is."""
 HIDDEN = {"base": (4.0, 3.0), "flange": (2.0, 1.6)}
-"""Errors (translation, rotation) that are constant in a mount over those that vary [1]: of arms
-whose zeros, lengths and sag are wrong the middle half has 1.4 to 3.2 times in the base."""
+"""Errors (translation, rotation) that are constant in a mount over those that vary [1]. Of 60
+simulated arms whose zeros, lengths and sag are wrong, in the base: translation 2.2 times in the
+middle, 1.2 to 4.4 from the tenth to the ninetieth percentile; rotation 1.6, 0.8 to 3.2."""
 TOLD_BY = 60
 """Views that are enough to tell the sizes."""
 LOOSE = 1e3
