@@ -90,17 +90,21 @@ def test_a_tracker_s_jump_is_refused_and_a_target_that_was_carried_away_is_found
 
 
 def test_velocity_is_found_and_its_prediction_dies_away():
-    f = filter_(damping=0.5)
+    f = filter_(horizon=0.5)
     for k in range(40):
         t = 0.05 * k
         f.add(look("ab"[k % 2], t, (0.5 + 0.2 * t, 0.0, 0.8)))
     e = f.estimate
     assert e.velocity[0] == pytest.approx(0.2, abs=0.03)
     at, v = e.at(e.stamp + 0.1)
-    assert at[0] - e.position[0] == pytest.approx(e.velocity[0] * 0.5 * (1 - np.exp(-0.2)))
-    assert v[0] == pytest.approx(e.velocity[0] * np.exp(-0.2))
-    far, _ = e.at(e.stamp + 60.0)
-    assert far[0] - e.position[0] == pytest.approx(e.velocity[0] * 0.5)
+    assert at[0] - e.position[0] == pytest.approx(0.1 * 0.2, abs=0.004)
+    assert v[0] == pytest.approx(e.velocity[0] * np.exp(-0.2), abs=0.02)
+    step = 1e-5
+    ahead, speed = e.at(e.stamp + 0.2)
+    later, _ = e.at(e.stamp + 0.2 + step)
+    assert np.allclose((later - ahead) / step, speed, atol=0.02)
+    _, stands = e.at(e.stamp + 60.0)
+    assert np.linalg.norm(stands) < 0.05
 
 
 def test_of_two_that_look_alike_the_expected_one_is_taken():
@@ -114,11 +118,11 @@ def test_of_two_that_look_alike_the_expected_one_is_taken():
 
 
 def test_covariance_covers_the_error():
-    """Normalised error squared of 3 dimensions over 60 seeded targets that move as modelled."""
+    """Normalised error squared of 3 dimensions over 60 seeded targets that move as one mode says."""
     squares = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        f = filter_(damping=0.5)
+        f = filter_(acceleration=(0.3,), damping=(0.5,), jerk=(0.0,))
         p, v, dt = np.array([0.7, 0, 0.8]), np.zeros(3), 0.01
         bias = {c: rng.normal(0, 0.004 if c == "wrist" else 0.012, 3) for c in CAMERAS}
         for k in range(200):
@@ -126,7 +130,7 @@ def test_covariance_covers_the_error():
             v = v * np.exp(-dt / 0.5) + rng.normal(0, 0.3 * np.sqrt(dt), 3)
             if k % 5 == 0:
                 camera = CAMERAS[(k // 5) % 3]
-                floor = 0.0005 if camera == "wrist" else 0.003
+                floor = f.config.floor_wrist if camera == "wrist" else f.config.floor_fixed
                 sigma = np.hypot(0.001, floor)
                 f.add(look(camera, k * dt, p + bias[camera] + rng.normal(0, sigma, 3), 0.001))
             if k == 195:
@@ -134,6 +138,25 @@ def test_covariance_covers_the_error():
                 error = p - e.position
                 squares.append(error @ np.linalg.solve(e.covariance[:3, :3], error))
     assert 2.0 < np.mean(squares) < 4.5
+
+
+def test_modes_follow_what_the_target_does():
+    """At rest the first mode is the likeliest; on a circle one of the others."""
+    rng = np.random.default_rng(3)
+    f = filter_()
+    resting, turning = [], []
+    for k in range(240):
+        t = 0.05 * k
+        w = max(t - 6.0, 0.0) * 2.0
+        place = np.array([0.7, 0.1 * np.sin(w), 0.8 + 0.1 * (1 - np.cos(w))])
+        f.add(look("ab"[k % 2], t, place + rng.normal(0, 0.001, 3), 0.001))
+        if 3 < t < 6:
+            resting.append(f.estimate.modes)
+        if t > 8:
+            turning.append(f.estimate.modes)
+    assert np.mean(resting, axis=0)[0] > 0.5
+    assert np.mean(turning, axis=0)[0] < 0.1
+    assert np.allclose(np.sum(turning, axis=1), 1.0)
 
 
 def test_hostile_stamps_and_unknown_cameras_change_nothing():

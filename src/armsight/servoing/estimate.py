@@ -23,10 +23,13 @@ class FilterConfig:
     """Settings of :class:`TargetFilter`.
 
     Attributes:
-        acceleration: white noise of the target's acceleration [m/s^2 / sqrt(Hz)]; agile: of one
-            that does what nobody expected, at once and for as long as it does.
-        surprise: mean chi-square (3 expected) of the last few sightings that makes it agile.
-        damping: a velocity forgets itself within this time [s]; people's hands do.
+        acceleration: white noise of the target's acceleration [m/s^2 / sqrt(Hz)] in each of the
+            modes: at rest, on its way, and when it does what nobody expected.
+        damping: a velocity forgets itself within this time [s], in each mode.
+        turn: an acceleration that goes on, as on a curve, forgets itself within this time [s].
+        jerk: white noise that drives it, in each mode [m/s^3 / sqrt(Hz)].
+        stay: a mode lasts this long on average [s].
+        horizon: in a prediction a velocity dies away within this time [s]; people's hands do.
         bias_fixed, bias_wrist: prior of a camera's bias [m]; bias_walk: its walk [m/sqrt(s)].
         floor_fixed, floor_wrist: least standard deviation of a sighting [m].
         mark: how far the pair's error at the target may differ from that at the tool's mark [m].
@@ -36,15 +39,17 @@ class FilterConfig:
         biases: whether cameras have biases at all (an ablation).
     """
 
-    acceleration: float = 0.3
-    agile: float = 2.5
-    surprise: float = 6.0
-    damping: float = 0.5
+    acceleration: tuple[float, ...] = (0.03, 0.05, 2.0)
+    damping: tuple[float, ...] = (0.15, 20.0, 20.0)
+    turn: float = 1.0
+    jerk: tuple[float, ...] = (0.0, 0.8, 3.0)
+    stay: float = 1.0
+    horizon: float = 0.7
     bias_fixed: float = 0.012
     bias_wrist: float = 0.004
     bias_walk: float = 0.001
-    floor_fixed: float = 0.003
-    floor_wrist: float = 0.0005
+    floor_fixed: float = 0.0015
+    floor_wrist: float = 0.0004
     mark: float = 0.0015
     gate: float = 16.3
     again: int = 3
@@ -59,9 +64,11 @@ class TargetEstimate:
 
     Attributes:
         stamp: of the estimate, the newest exposure that went in [s].
-        position: (3,) in ``base`` [m]; velocity: (3,) [m/s].
-        covariance: (6, 6) of both.
-        damping: see :class:`FilterConfig`.
+        position: (3,) in ``base`` [m]; velocity: (3,) [m/s]; acceleration: (3,)
+            [m/s^2].
+        covariance: (6, 6) of position and velocity.
+        horizon: see :class:`FilterConfig`.
+        modes: how likely each mode is.
         wrist_stamp: newest exposure of the pair that showed it [s]; -inf for never.
         normal: (3,) of a target with a face, or None.
     """
@@ -69,18 +76,24 @@ class TargetEstimate:
     stamp: float
     position: Vector3
     velocity: Vector3
+    acceleration: Vector3
     covariance: Floats
-    damping: float
+    horizon: float
+    modes: Floats
     wrist_stamp: float = -math.inf
     normal: Vector3 | None = None
 
     def at(self, time: float) -> tuple[Vector3, Vector3]:
-        """Predicted position [m] and velocity [m/s] at a time [s]: the velocity dies away."""
+        """Predicted position [m] and velocity [m/s] at a time [s]; what drives it dies away."""
         ahead = max(time - self.stamp, 0.0)
-        left = math.exp(-ahead / self.damping)
+        left = math.exp(-ahead / self.horizon)
+        way = self.horizon * (1.0 - left)
+        # The acceleration dies away within a quarter of that.
+        short = 0.25 * self.horizon
+        speed = short * (1.0 - math.exp(-ahead / short))
         return (
-            self.position + self.velocity * self.damping * (1.0 - left),
-            self.velocity * left,
+            self.position + self.velocity * way + self.acceleration * short * (ahead - speed),
+            self.velocity * left + self.acceleration * speed,
         )
 
     def sigma(self, time: float) -> float:
@@ -92,7 +105,7 @@ class TargetEstimate:
 
 @dataclass
 class _Event:
-    """One measurement and the state after it."""
+    """One measurement and the state after it: of each mode, their shares, and all together."""
 
     stamp: float
     camera: str
@@ -100,14 +113,30 @@ class _Event:
     R: Floats
     of_mark: bool = False
     wrist: bool = False
+    means: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    Ps: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    modes: Floats = field(default_factory=lambda: np.zeros(0))
     mean: Floats = field(default_factory=lambda: np.zeros(0))
     P: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     believed: bool = True
-    surprise: float = 3.0
+
+    def set(self, means: Floats, Ps: Floats, modes: Floats) -> None:
+        """The state after it."""
+        self.means, self.Ps, self.modes = means, Ps, modes
+        self.mean, self.P = _together(means, Ps, modes)
+
+
+def _together(means: Floats, Ps: Floats, shares: Floats) -> tuple[Floats, Floats]:
+    """Mean and covariance of a mixture."""
+    mean = shares @ means
+    off = means - mean
+    return mean, np.einsum("k,kij->ij", shares, Ps + off[:, :, None] * off[:, None, :])
 
 
 class TargetFilter:
     """Fuses sightings by the time of their exposure, however late they come.
+
+    Interacting multiple models (Blom and Bar-Shalom 1988): a Kalman filter in each mode, mixed.
 
     Args:
         cameras: names of all that may see the target; wrist: which of them is on the arm.
@@ -118,9 +147,9 @@ class TargetFilter:
         self, cameras: Sequence[str], wrist: str = "", config: FilterConfig | None = None
     ) -> None:
         self.config = config or FilterConfig()
-        self._index = {name: 6 + 3 * i for i, name in enumerate(cameras)}
+        self._index = {name: 9 + 3 * i for i, name in enumerate(cameras)}
         self._wrist = wrist
-        self._n = 6 + 3 * len(self._index)
+        self._n = 9 + 3 * len(self._index)
         self._bias, self._bias_P = self._prior()
         self.reset()
 
@@ -143,8 +172,10 @@ class TargetFilter:
             last.stamp,
             last.mean[:3].copy(),
             last.mean[3:6].copy(),
+            last.mean[6:9].copy(),
             last.P[:6, :6].copy(),
-            self.config.damping,
+            self.config.horizon,
+            last.modes.copy(),
             self._wrist_stamp,
             self._normal,
         )
@@ -201,8 +232,8 @@ class TargetFilter:
             return False
         last = self._events[-1] if self._events else self._base
         if last is not None:
-            self._bias, self._bias_P = last.mean[6:], last.P[6:, 6:]
-            self._bias = np.concatenate([np.zeros(6), self._bias])
+            self._bias, self._bias_P = last.mean[9:], last.P[9:, 9:]
+            self._bias = np.concatenate([np.zeros(9), self._bias])
         restarts = self.restarts + 1
         wrist = self._wrist_stamp
         self.reset()
@@ -215,10 +246,10 @@ class TargetFilter:
     def _prior(self) -> tuple[Floats, Floats]:
         c = self.config
         mean = np.zeros(self._n)
-        P = np.zeros((self._n - 6, self._n - 6))
+        P = np.zeros((self._n - 9, self._n - 9))
         for name, i in self._index.items():
             sigma = c.bias_wrist if name == self._wrist else c.bias_fixed
-            P[i - 6 : i - 3, i - 6 : i - 3] = np.eye(3) * (sigma if c.biases else 1e-6) ** 2
+            P[i - 9 : i - 6, i - 9 : i - 6] = np.eye(3) * (sigma if c.biases else 1e-6) ** 2
         return mean, P
 
     def _measure(self, event: _Event) -> bool:
@@ -244,65 +275,92 @@ class TargetFilter:
         mean = self._bias.copy()
         i = self._index[event.camera]
         mean[:3] = event.z - mean[i : i + 3]
-        mean[3:6] = 0.0
+        mean[3:9] = 0.0
         P = np.zeros((self._n, self._n))
-        P[6:, 6:] = self._bias_P
-        own = self._bias_P[i - 6 : i - 3]
-        P[:3, :3] = event.R + own[:, i - 6 : i - 3]
-        P[:3, 6:], P[6:, :3] = -own, -own.T
+        P[9:, 9:] = self._bias_P
+        own = self._bias_P[i - 9 : i - 6]
+        P[:3, :3] = event.R + own[:, i - 9 : i - 6]
+        P[:3, 9:], P[9:, :3] = -own, -own.T
         P[3:6, 3:6] = 0.5**2 * np.eye(3)
-        event.mean, event.P = mean, P
+        count = len(self.config.acceleration)
+        event.set(np.tile(mean, (count, 1)), np.tile(P, (count, 1, 1)), np.full(count, 1 / count))
         self._base = event
         if event.wrist:
             self._wrist_stamp = max(self._wrist_stamp, event.stamp)
 
     def _apply(self, event: _Event, before: _Event) -> None:
         """State after a measurement, from the state after the one before it."""
-        c, dt = self.config, event.stamp - before.stamp
+        c, dt = self.config, max(event.stamp - before.stamp, 0.0)
         H = np.zeros((3, self._n))
         i = self._index[event.camera]
         H[:, i : i + 3] = np.eye(3)
         if not event.of_mark:
             H[:, :3] = np.eye(3)
-        noises = [c.acceleration, c.agile] if before.surprise < c.surprise else [c.agile]
-        square = math.inf
-        for noise in noises:
-            mean, P = self._carry(before.mean, before.P, dt, noise)
-            innovation = event.z - H @ mean
-            PH = P @ H.T
-            S_inv = np.linalg.inv(H @ PH + event.R)
-            square = min(square, float(innovation @ S_inv @ innovation))
-            event.believed = bool(innovation @ S_inv @ innovation <= c.gate)
-            if event.believed:
-                K = PH @ S_inv
-                mean = mean + K @ innovation
-                P = P - K @ PH.T
-                P = 0.5 * (P + P.T)
-                break
-        if not event.believed:  # a speck says nothing of how the target moves
-            mean, P = self._carry(before.mean, before.P, dt, noises[0])
-            square = before.surprise
-        event.mean, event.P = mean, P
-        event.surprise = before.surprise if event.of_mark else 0.6 * before.surprise + 0.4 * square
+        starts, start_Ps, shares = self._mixed(before, dt)
+        means, Ps = np.empty_like(before.means), np.empty_like(before.Ps)
+        seen_means, seen_Ps = np.empty_like(means), np.empty_like(Ps)
+        likely, square = np.empty(len(shares)), math.inf
+        for k in range(len(shares)):
+            means[k], Ps[k] = self._carry(starts[k], start_Ps[k], dt, k)
+            innovation = event.z - H @ means[k]
+            PH = Ps[k] @ H.T
+            S = H @ PH + event.R
+            S_inv = np.linalg.inv(S)
+            chi = float(innovation @ S_inv @ innovation)
+            square = min(square, chi)
+            likely[k] = -0.5 * (chi + math.log(np.linalg.det(S)))
+            K = PH @ S_inv
+            seen_means[k] = means[k] + K @ innovation
+            P = Ps[k] - K @ PH.T
+            seen_Ps[k] = 0.5 * (P + P.T)
+        event.believed = square <= c.gate
+        if event.believed:
+            modes = shares * np.exp(likely - likely.max())
+            event.set(seen_means, seen_Ps, modes / modes.sum())
+        else:  # a speck says nothing of how the target moves
+            event.set(means, Ps, shares)
 
-    def _carry(
-        self, mean: Floats, P: Floats, dt: float, acceleration: float
-    ) -> tuple[Floats, Floats]:
-        """The state a time [s] later."""
+    def _mixed(self, before: _Event, dt: float) -> tuple[Floats, Floats, Floats]:
+        """Where each mode begins, if the target may have changed from any to any other."""
+        count = len(before.modes)
+        if count == 1 or dt <= 0.0:
+            return before.means, before.Ps, before.modes
+        stay = math.exp(-dt / self.config.stay)
+        change = np.full((count, count), (1.0 - stay) / (count - 1))
+        np.fill_diagonal(change, stay)
+        joint = change * before.modes[:, None]
+        shares = joint.sum(axis=0)
+        starts = [_together(before.means, before.Ps, joint[:, k] / shares[k]) for k in range(count)]
+        return np.array([m for m, _ in starts]), np.array([P for _, P in starts]), shares
+
+    def _carry(self, mean: Floats, P: Floats, dt: float, mode: int) -> tuple[Floats, Floats]:
+        """The state of a mode a time [s] later."""
         if dt <= 0.0:
             return mean, P
         c = self.config
-        left = math.exp(-dt / c.damping)
+        damping, q = c.damping[mode], c.acceleration[mode] ** 2
+        left = math.exp(-dt / damping)
         F = np.eye(self._n)
-        F[:3, 3:6] = c.damping * (1.0 - left) * np.eye(3)
+        F[:3, 3:6] = damping * (1.0 - left) * np.eye(3)
         F[3:6, 3:6] = left * np.eye(3)
+        F[:3, 6:9] = 0.5 * dt * dt * np.eye(3)
+        F[3:6, 6:9] = dt * np.eye(3)
+        j = c.jerk[mode] ** 2
+        F[6:9, 6:9] = (math.exp(-dt / c.turn) if j > 0.0 else 0.0) * np.eye(3)
+        # White noise of acceleration and of jerk through the chain of integrators.
+        terms = (
+            (0, 0, q * dt**3 / 3.0 + j * dt**5 / 20.0),
+            (0, 3, q * dt**2 / 2.0 + j * dt**4 / 8.0),
+            (3, 3, q * dt + j * dt**3 / 3.0),
+            (0, 6, j * dt**3 / 6.0),
+            (3, 6, j * dt**2 / 2.0),
+            (6, 6, j * dt),
+        )
         Q = np.zeros((self._n, self._n))
-        q = acceleration**2
-        Q[:3, :3] = q * dt**3 / 3.0 * np.eye(3)
-        Q[:3, 3:6] = Q[3:6, :3] = q * dt**2 / 2.0 * np.eye(3)
-        Q[3:6, 3:6] = q * dt * np.eye(3)
+        for a, b, value in terms:
+            Q[a : a + 3, b : b + 3] = Q[b : b + 3, a : a + 3] = value * np.eye(3)
         if c.biases:
-            Q[6:, 6:] = c.bias_walk**2 * dt * np.eye(self._n - 6)
+            Q[9:, 9:] = c.bias_walk**2 * dt * np.eye(self._n - 9)
         return F @ mean, F @ P @ F.T + Q
 
     def _forget(self) -> None:

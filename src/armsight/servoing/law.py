@@ -22,6 +22,9 @@ from armsight.motion.data import GuardStatus
 from armsight.robots.robot import Robot
 from armsight.servoing.aim import Aim, Weights, joint_velocity, joints_for
 
+FAR = 3.0
+"""Joints for the goal that are farther away than this [rad] are looked for anew from here."""
+
 
 @dataclass(frozen=True)
 class LawConfig:
@@ -90,7 +93,7 @@ class VelocityLaw:
         """(n,) joint velocities towards an aim as it will be when they act [rad/s]."""
         q = self.ahead(joints, now)
         start = self._wanted
-        if start is None or np.abs(start - q).max() > 1.2:
+        if start is None or np.abs(start - q).max() > FAR:
             start = q
         self._wanted = wanted = joints_for(self.robot, aim, start, self.weights)
         error = wanted - q

@@ -26,8 +26,8 @@ LOST = 0.6
 """A target that nobody has seen for so long is not chased [s]."""
 LASTS = 0.7
 """What a sighting's velocity is good for [s]."""
-PAPER_SIGMA = 0.012
-"""What V's estimate of a target is worth, for a permit [m]."""
+PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
+"""What V's estimate of a target is worth, for a permit [m], [m], [m/s]: it has no covariance."""
 SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
 
 
@@ -38,6 +38,8 @@ class ChaseConfig:
     Attributes:
         vertical: (3,) unit, up in ``base``; front: (3,) unit, towards the person's side.
         radius: of the target's surface about its point [m]; 0 for a plane.
+        pitch: how far below the horizontal our tool points [rad]: the wrist keeps off the table, and
+            off the pose in which its axes lie in one plane; V's points horizontally.
         funnel: of the touch.
         law, filter, segments, weights: of the parts.
     """
@@ -45,6 +47,7 @@ class ChaseConfig:
     vertical: Vector3
     front: Vector3
     radius: float
+    pitch: float = math.radians(30.0)
     funnel: Funnel = field(default_factory=Funnel)
     law: LawConfig = field(default_factory=LawConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
@@ -63,12 +66,20 @@ class Wish:
 
 @dataclass(frozen=True)
 class Touchable:
-    """Where the target was at ``stamp`` [s]: (3,) [m], (3,) [m/s], (3, 3) [m^2], in ``base``."""
+    """Where the target was.
+
+    Attributes:
+        stamp: [s]; position: (3,) [m], velocity: (3,) [m/s], covariance: (3, 3) [m^2], in ``base``.
+        margin: what it may reach beyond its own size about that [m].
+        drift: how fast its place becomes unsure while nobody sees it [m/s].
+    """
 
     stamp: float
     position: Vector3
     velocity: Vector3
     covariance: Floats
+    margin: float = 0.0
+    drift: float = 0.1
 
 
 class Chase(Protocol):
@@ -173,7 +184,8 @@ class OurChase:
         self.place = here
         self.distance = float(np.linalg.norm(here - T[:3, 3])) - config.radius
         at, velocity = estimate.at(now + config.law.delay)
-        axis = facing(at, config.vertical, config.front)
+        flat = facing(at, config.vertical, config.front)
+        axis = math.cos(config.pitch) * flat - math.sin(config.pitch) * config.vertical
         tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
         touched = at - config.radius * axis
         aim = touch_aim(tip, touched, velocity, axis, -config.vertical, config.funnel)
@@ -273,7 +285,8 @@ class PaperChase:
         """By the Master's choice."""
         if self.place is None:
             return None
-        return Touchable(self._stamp, self.place, np.zeros(3), PAPER_SIGMA**2 * np.eye(3))
+        sigma = PAPER_SIGMA**2 * np.eye(3)
+        return Touchable(self._stamp, self.place, np.zeros(3), sigma, PAPER_MARGIN, PAPER_DRIFT)
 
     def _before(self, place: Vector3 | None, here: JointVector) -> Vector3 | None:
         """What is servoed to: the place itself, or before it by the stand-off that is asked for."""

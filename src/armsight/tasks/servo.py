@@ -38,16 +38,17 @@ from armsight.servoing.targets.ball import Ball
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell
+    from armsight.workcell.schema import Workcell
 
 Triple = tuple[float, float, float]
 Mode = Literal["ours", "paper", "fixed"]
 TOUCH = 0.005
 """The tip touches when it is this near the surface (V's criterion) [m]."""
-ASK_WITHIN = 0.6
+ASK_WITHIN = 2.0
 """A permit is asked for from here on [m]: other links of the arm come near the target, too."""
 TIP = 0.06
 """That much of the tool, from its tip, may touch [m]."""
-TOUCH_SPEED, TOUCH_FORCE = 0.10, 10.0
+TOUCH_SPEED, TOUCH_FORCE = 0.15, 10.0
 """Of the tip against the target at most [m/s], [N]."""
 TOOL_MARKS = {"pen": (0.005, (0.0, 0.0, -0.005))}
 """Balls on tools that the pair can see: radius [m], and place in the TCP's frame [m]."""
@@ -90,33 +91,9 @@ class ServoOptions:
             radius, at = TOOL_MARKS.get(tool, (0.0, (0.0, 0.0, 0.0)))
             mark = Ball(radius, "mark") if radius else None
             eyes.append(WristEye(pair, ball, cell.robot, mark, np.array(at), self.mode == "paper"))
-        section = cell.workcell.robot
-        T_base_world = inverse(cell.T_world_base)
-        box = cell.workcell.mapping
-        lower, upper = _box(box.lower, box.upper, T_base_world)
-        chase = make_chase(
-            self.mode,
-            cell.robot,
-            [*cameras, *([pair] if pair else [])],
-            pair,
-            ChaseConfig(
-                vertical=T_base_world[:3, 2],
-                front=T_base_world[:3, 0],
-                radius=self.ball_radius,
-                funnel=Funnel(gap=self.standoff),
-                law=LawConfig(
-                    delay=section.start_delay_ms / 1e3 + 0.002,
-                    speed=section.speed * cell.workcell.guard.speed,
-                    acceleration=section.acceleration,
-                ),
-                segments=SegmentConfig(
-                    speed=section.speed * cell.workcell.guard.speed,
-                    acceleration=section.acceleration,
-                    lower=lower,
-                    upper=upper,
-                ),
-            ),
-        )
+        config = chase_config(cell.workcell, cell.T_world_base, self.ball_radius, self.standoff)
+        names = [*cameras, *([pair] if pair else [])]
+        chase = make_chase(self.mode, cell.robot, names, pair, config)
         return ServoTask(self.target, self.mode, chase, eyes, self.ball_radius, self.standoff)
 
 
@@ -198,11 +175,12 @@ class ServoTask:
         self._pausing = False
         region = Region(
             "sphere",
-            (self.radius, 0.0, 0.0),
+            (self.radius + seen.margin, 0.0, 0.0),
             make_pose(None, seen.position),
             seen.stamp,
             seen.velocity,
             seen.covariance,
+            seen.drift,
         )
         return PermitRequest(
             self.target, "thing", region, reach=TIP, speed=TOUCH_SPEED, force=TOUCH_FORCE
@@ -264,6 +242,37 @@ class ServoTask:
             pictures=pictures,
             marks=tuple(marks),
         )
+
+
+def chase_config(
+    workcell: Workcell, T_world_base: Pose, radius: float, standoff: float = 0.0
+) -> ChaseConfig:
+    """What a chase has to know of a cell.
+
+    Args:
+        workcell: the cell.
+        T_world_base: where its robot stands.
+        radius: of the target's surface about its point [m].
+        standoff: how far before it the tip stays [m].
+    """
+    section = workcell.robot
+    T_base_world = inverse(T_world_base)
+    lower, upper = _box(workcell.mapping.lower, workcell.mapping.upper, T_base_world)
+    speed = section.speed * workcell.guard.speed
+    return ChaseConfig(
+        vertical=T_base_world[:3, 2],
+        front=T_base_world[:3, 0],
+        radius=radius,
+        funnel=Funnel(gap=standoff),
+        law=LawConfig(
+            delay=section.start_delay_ms / 1e3 + 0.002,
+            speed=speed,
+            acceleration=section.acceleration,
+        ),
+        segments=SegmentConfig(
+            speed=speed, acceleration=section.acceleration, lower=lower, upper=upper
+        ),
+    )
 
 
 def _box(lower: Triple | None, upper: Triple | None, T_base_world: Pose) -> tuple[Triple, Triple]:

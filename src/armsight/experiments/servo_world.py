@@ -1,0 +1,387 @@
+"""Servoing without pictures: a model of what the cameras would say, an arm with its true errors.
+
+The task, the guard with its permits and the drives are the real ones; what the perceivers would
+find is drawn from the errors that were measured on rendered pictures (docs/servoing.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats, JointVector, Pose, Vector3
+from armsight.devices.data import JointState
+from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.geometry.pose import exp, inverse
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.task import Observation, Perceived
+from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_pose
+from armsight.robots.robot import Robot
+from armsight.runtime.config import SessionConfig
+from armsight.runtime.configure import guard_config
+from armsight.servoing.sighting import Look, Looks, Sighting
+from armsight.simulation.arm_errors import true_geometry
+from armsight.workcell import load_workcell
+from armsight.workcell.build import robot_in
+from armsight.workcell.packaged import packaged
+from armsight.workcell.schema import Workcell
+
+CELL = "ur10_servoing"
+RADIUS = 0.04
+Path = Callable[[float], Vector3]
+"""(3,) place in ``base`` [m] at a time [s]."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How wrong the cell is about itself; standard deviations an axis.
+
+    Attributes:
+        fixed_mm, fixed_deg: of a fixed camera's pose; depth_mm: its systematic error of depth.
+        wrist_mm, wrist_deg: of the pair on the flange.
+        arm: scale of the arm's absolute errors.
+        fixed_noise_mm, wrist_noise_mm: of one sighting; a pair's is twice that along its axis.
+        drop: share of pictures in which the target is not found.
+        jitter: of the stamps, uniform [s].
+    """
+
+    fixed_mm: float = 3.0
+    fixed_deg: float = 0.2
+    depth_mm: float = 3.0
+    wrist_mm: float = 3.0
+    wrist_deg: float = 0.2
+    arm: float = 1.0
+    fixed_noise_mm: float = 1.2
+    wrist_noise_mm: float = 0.15
+    drop: float = 0.02
+    jitter: float = 0.002
+
+
+PAPERS = Errors(fixed_mm=14.0, fixed_deg=0.5, depth_mm=8.0, wrist_mm=5.0, wrist_deg=0.4)
+"""V's: 3 cm on average between the fixed cameras, 1 cm of the pair."""
+
+
+@dataclass
+class ModelCamera:
+    """One fixed camera: where it is believed and where it is, and when it looks.
+
+    Attributes:
+        name: of the camera; believed, true: ``T_base_camera``.
+        depth: systematic error along the ray [m].
+        phase, rate, latency: of its pictures, and exposure to look [s].
+    """
+
+    name: str
+    believed: Pose
+    true: Pose
+    depth: float
+    phase: float
+    rate: float = 5.0
+    latency: float = 0.062
+
+
+@dataclass
+class ModelPair:
+    """The pair on the flange."""
+
+    believed: Pose
+    true: Pose
+    rate: float = 10.0
+    latency: float = 0.082
+    half: tuple[float, float] = (math.tan(math.radians(22.5)), math.tan(math.radians(15.45)))
+
+
+@dataclass
+class Eyes:
+    """Draws the looks of a cell's cameras at a moving ball.
+
+    Attributes:
+        hidden: camera or ``all``, and from when to when it sees nothing [s].
+    """
+
+    fixed: list[ModelCamera]
+    pair: ModelPair | None
+    robot: Robot
+    true_robot: Robot
+    errors: Errors
+    rng: np.random.Generator
+    hidden: list[tuple[str, float, float]] = field(default_factory=list)
+    glossy: bool = False
+
+    def __post_init__(self) -> None:
+        self._due: dict[str, float] = {c.name: c.phase for c in self.fixed}
+        self._due["wrist"] = 0.005
+        self._waiting: list[tuple[float, Look]] = []
+
+    def expose(self, now: float, q: JointVector, ball: Path) -> None:
+        """Take what is due at ``now`` [s] with the joints (n,) as they are."""
+        for camera in self.fixed:
+            if now >= self._due[camera.name] - 1e-9:
+                self._due[camera.name] += 1.0 / camera.rate
+                self._send(now, camera.latency, self._fixed(camera, now, q, ball(now)))
+        if self.pair is not None and now >= self._due["wrist"] - 1e-9:
+            self._due["wrist"] += 1.0 / self.pair.rate
+            self._send(now, self.pair.latency, self._wrist(self.pair, now, q, ball(now)))
+
+    def arrived(self, now: float) -> tuple[Perceived, ...]:
+        """What perceivers have published by ``now`` [s]: the newest of each."""
+        newest: dict[str, Look] = {}
+        for at, look in self._waiting:
+            if at <= now + 1e-9:
+                newest[look.camera] = look
+        self._waiting = [w for w in self._waiting if w[0] > now + 1e-9 or w[1] in newest.values()]
+        return tuple(
+            Perceived(f"eye/{name}", Looks(look.stamp, (look,))) for name, look in newest.items()
+        )
+
+    def _send(self, now: float, latency: float, look: Look) -> None:
+        stamp = look.stamp + self.rng.uniform(-1, 1) * self.errors.jitter
+        seen = tuple(replace(s, stamp=stamp) for s in look.sightings)
+        self._waiting.append((now + latency, replace(look, stamp=stamp, sightings=seen)))
+
+    def _sees(self, name: str, now: float) -> bool:
+        if any(who in (name, "all") and a <= now < b for who, a, b in self.hidden):
+            return False
+        return bool(self.rng.random() >= self.errors.drop)
+
+    def _fixed(self, camera: ModelCamera, now: float, q: JointVector, ball: Vector3) -> Look:
+        eye = camera.true[:3, 3]
+        ray = (ball - eye) / np.linalg.norm(ball - eye)
+        look = Look(camera.name, now, False, camera.believed)
+        if not self._sees(camera.name, now) or self._covered(q, eye, ball):
+            return look
+        noise = 1e-3 * self.errors.fixed_noise_mm
+        seen = ball + self.rng.normal(0, noise, 3) + camera.depth * ray
+        place = _moved(camera, seen)
+        near = seen - 2.0 / 3.0 * RADIUS * ray + self.rng.normal(0, 0.003, 3)
+        sigma = noise**2 * np.eye(3)
+        return replace(
+            look, sightings=(_sighting(camera.name, now, place, sigma, _moved(camera, near)),)
+        )
+
+    def _wrist(self, pair: ModelPair, now: float, q: JointVector, ball: Vector3) -> Look:
+        T_true = flange_pose(self.true_robot, q) @ pair.true
+        T_believed = flange_pose(self.robot, q) @ pair.believed
+        p = T_true[:3, :3].T @ (ball - T_true[:3, 3])
+        noise = 1e-3 * self.errors.wrist_noise_mm * np.array([1.0, 1.0, 2.0])
+        mark = self._mark(q, T_true, T_believed, noise)
+        sigma = T_believed[:3, :3] @ np.diag(noise**2) @ T_believed[:3, :3].T
+        look = Look("wrist", now, True, T_believed, mark=mark, mark_covariance=sigma)
+        margin = 0.3 * RADIUS / max(p[2], 0.05)
+        left = abs(p[0]) < (pair.half[0] - margin) * p[2]
+        right = abs(p[0] - 0.06) < (pair.half[0] - margin) * p[2]
+        inside = left and right and abs(p[1]) < (pair.half[1] - margin) * p[2]
+        if not (inside and 0.12 < p[2] < 0.8) or not self._sees("wrist", now):
+            return look
+        p = p + self.rng.normal(0, 1, 3) * noise * max(p[2] / 0.27, 1.0) ** 2
+        place = T_believed[:3, :3] @ p + T_believed[:3, 3]
+        surface = _planes(p, self.rng, self.glossy)
+        near = T_believed[:3, :3] @ surface + T_believed[:3, 3]
+        return replace(look, sightings=(_sighting("wrist", now, place, sigma, near, True),))
+
+    def _mark(self, q: JointVector, T_true: Pose, T_believed: Pose, noise: Floats) -> Vector3:
+        """The stylus' tip as the pair sees it, less where the joints say that it is."""
+        at = np.array([0.0, 0.0, -0.005, 1.0])
+        tip = (tcp_pose(self.true_robot, q) @ at)[:3]
+        p = T_true[:3, :3].T @ (tip - T_true[:3, 3]) + self.rng.normal(0, 1, 3) * noise
+        seen = T_believed[:3, :3] @ p + T_believed[:3, 3]
+        return np.asarray(seen - (tcp_pose(self.robot, q) @ at)[:3])
+
+    def _covered(self, q: JointVector, eye: Vector3, ball: Vector3) -> bool:
+        """Whether the arm stands before more than about half of the ball."""
+        centers = sphere_centers(self.true_robot, q)
+        way = ball - eye
+        length = float(np.linalg.norm(way))
+        along = (centers - eye) @ way / length
+        across = np.linalg.norm(np.cross(centers - eye, way / length), axis=1)
+        before = (along > 0.1) & (along < length - RADIUS)
+        return bool((before & (across < self.robot.spheres.radius * 0.8)).any())
+
+
+def _sighting(
+    camera: str, now: float, place: Vector3, sigma: Floats, near: Vector3, wrist: bool = False
+) -> Sighting:
+    return Sighting("ball", camera, now, place, sigma, near, None, wrist)
+
+
+def _moved(camera: ModelCamera, point: Vector3) -> Vector3:
+    """A point as the cell believes it: through the true pose, back through the believed one."""
+    T = camera.believed @ inverse(camera.true)
+    return np.asarray(T[:3, :3] @ point + T[:3, 3])
+
+
+def _planes(p: Vector3, rng: np.random.Generator, glossy: bool) -> Vector3:
+    """Mean of the visible cap by V's planes, in the pair's frame; gloss puts it deeper."""
+    away = float(np.linalg.norm(p))
+    near = p * (1.0 - 2.0 / 3.0 * RADIUS / away)
+    step = 0.20 / 29
+    depth = round((near[2] + rng.normal(0, 0.002)) / step) * step
+    if glossy and rng.random() < 0.1:
+        depth += rng.uniform(0.01, 0.03)
+    depth = min(max(depth, 0.20), 0.40)
+    return np.asarray(near * depth / near[2])
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The cell that all trials share: its file, arm and guard's configuration."""
+
+    workcell: Workcell
+    robot: Robot
+    guard: GuardConfig
+
+
+def set_up(speed: float | None = None, acceleration: float | None = None) -> Setup:
+    """The packaged cell, with other shares of speed and acceleration if wanted."""
+    workcell = load_workcell(packaged()[CELL])
+    if speed is not None or acceleration is not None:
+        section = workcell.robot.model_copy(
+            update={
+                "speed": speed or workcell.robot.speed,
+                "acceleration": acceleration or workcell.robot.acceleration,
+            }
+        )
+        workcell = workcell.model_copy(update={"robot": section})
+    return Setup(workcell, robot_in(workcell), guard_config(workcell, SessionConfig()))
+
+
+def make_eyes(setup: Setup, errors: Errors, rng: np.random.Generator) -> Eyes:
+    """The cell's cameras with errors drawn."""
+    T_base_world = inverse(setup.workcell.robot.T_world_base)
+
+    def off(mm: float, deg: float) -> Pose:
+        return exp(rng.normal(0, 1, 6) * np.repeat([mm / 1e3, math.radians(deg)], 3))
+
+    fixed = []
+    for i, section in enumerate(setup.workcell.camera):
+        believed = np.asarray(T_base_world @ section.T_mount_camera)
+        true = np.asarray(believed @ off(errors.fixed_mm, errors.fixed_deg))
+        depth = float(rng.normal(0, errors.depth_mm / 1e3))
+        fixed.append(ModelCamera(section.name, believed, true, depth, 0.05 * i))
+    mount = setup.workcell.stereo[0].T_mount_camera
+    pair = ModelPair(mount, np.asarray(mount @ off(errors.wrist_mm, errors.wrist_deg)))
+    geometry = true_geometry(setup.robot, errors.arm, rng)
+    return Eyes(fixed, pair, setup.robot, replace(setup.robot, T_link_joint=geometry), errors, rng)
+
+
+@dataclass
+class Course:
+    """What happened in one trial, a row a tick.
+
+    Attributes:
+        times: [s]; gap: tip to surface, truly [m]; believed: the same as the task has it.
+        error: of the task's place of the target [m], NaN without one; wrist: the pair leads.
+        commands: (k, n) [rad/s]; ball_speed: [m/s].
+        permits: states of the permit that were seen.
+    """
+
+    times: list[float] = field(default_factory=list)
+    gap: list[float] = field(default_factory=list)
+    believed: list[float] = field(default_factory=list)
+    error: list[float] = field(default_factory=list)
+    wrist: list[bool] = field(default_factory=list)
+    commands: list[JointVector] = field(default_factory=list)
+    places: list[Vector3] = field(default_factory=list)
+    tips: list[Vector3] = field(default_factory=list)
+    permits: set[str] = field(default_factory=set)
+    harm: int = 0
+
+
+class Trial:
+    """One task before one ball, guarded, without pictures.
+
+    Args:
+        setup: the cell; eyes: its cameras; task: a servo task.
+        ball: (3,) in ``base`` at a time; start: (n,) joints [rad].
+        seed: of the planner; people: whether the ball is in the map at all.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        eyes: Eyes,
+        task: Any,
+        ball: Path,
+        start: JointVector,
+        seed: int = 0,
+        mapped: bool = True,
+    ) -> None:
+        self.eyes, self.task, self.ball = eyes, task, ball
+        balls = [Ball(ball, RADIUS)] if mapped else []
+        self.cell = QuickCell(balls, robot=setup.robot, config=setup.guard, seed=seed, rate=60.0)
+        self.cell.q = np.array(start, float)
+        self.course = Course()
+        self._status: Any = None
+
+    @property
+    def now(self) -> float:
+        """Time [s]."""
+        return self.cell.now
+
+    def step(self) -> None:
+        """One period of the guard."""
+        cell, now = self.cell, self.cell.now
+        self.eyes.expose(now, cell.q, self.ball)
+        joints = JointState(now, cell.q.copy(), cell.v.copy())
+        observation = Observation(
+            now, cell.robot, joints, self._status, perceived=self.eyes.arrived(now)
+        )
+        intent = self.task.update(observation)
+        decision = cell.tick(goal=intent)
+        self._status = decision.status
+        self._note(decision.command)
+
+    def run(self, seconds: float, until: Callable[[Course], bool] | None = None) -> Course:
+        """Go on for a time [s], or until something is so."""
+        end = self.now + seconds
+        while self.now < end - 1e-9:
+            self.step()
+            if until is not None and until(self.course):
+                break
+        return self.course
+
+    def _note(self, command: JointVector) -> None:
+        course, cell = self.course, self.cell
+        ball = self.ball(cell.now)
+        tip = tcp_pose(self.eyes.true_robot, cell.q)[:3, 3]
+        course.times.append(cell.now)
+        course.gap.append(float(np.linalg.norm(tip - ball)) - RADIUS)
+        course.believed.append(self.task.chase.distance)
+        place = self.task.chase.place
+        course.error.append(math.nan if place is None else float(np.linalg.norm(place - ball)))
+        course.wrist.append(self.task.chase.source_number == 3.0)
+        course.commands.append(command.copy())
+        course.places.append(np.full(3, np.nan) if place is None else place.copy())
+        course.tips.append(tip)
+        permit = self._status.permit
+        if permit is not None:
+            course.permits.add(permit.state.value)
+        speed = float(np.abs(cell.v).max())
+        held = permit is not None and permit.holds
+        if course.gap[-1] < 0.0 and not held and speed > 0.05:
+            course.harm += 1
+
+
+def make_task(setup: Setup, mode: str, standoff: float = 0.0, **chase: Any) -> Any:
+    """The servo task of a mode, without perceivers."""
+    from armsight.servoing.modes import make_chase
+    from armsight.tasks.servo import ServoTask, chase_config
+
+    config = chase_config(setup.workcell, setup.workcell.robot.T_world_base, RADIUS, standoff)
+    config = replace(config, **chase)
+    names = [c.name for c in setup.workcell.camera]
+    wrist = "" if mode == "fixed" else "wrist"
+    cameras = [*names, *([wrist] if wrist else [])]
+    made = make_chase(mode, setup.robot, cameras, wrist, config)  # type: ignore[arg-type]
+    return ServoTask("ball", mode, made, [], RADIUS, standoff)  # type: ignore[arg-type]
+
+
+def world_to_base(setup: Setup, points: Sequence[Sequence[float]]) -> Floats:
+    """(k, 3) points of the world in ``base`` [m]."""
+    T = inverse(setup.workcell.robot.T_world_base)
+    p = np.asarray(points, float)
+    return np.asarray(p @ T[:3, :3].T + T[:3, 3])
