@@ -14,6 +14,7 @@ from armsight.robots import load_robot
 from armsight.runtime.session import Session
 from armsight.servoing.approach import Funnel
 from armsight.servoing.modes import ChaseConfig, make_chase
+from armsight.servoing.sighting import Look
 from armsight.tasks.servo import ServoOptions, ServoTask
 from armsight.workcell import open_cell
 from armsight.workcell.packaged import load
@@ -128,3 +129,21 @@ def test_a_permit_is_asked_for_near_the_target_and_not_at_a_stand_off():
         if asked:
             assert intent.permit.region.size[0] == 0.04
             assert intent.permit.kind == "thing"
+
+
+def test_the_mark_on_the_tool_keeps_no_target_alive():
+    """The pair goes on seeing its own tool; the ball that nobody sees is stale all the same, and
+    the tip goes back from it first."""
+    task = task_of()
+    for k in range(8):
+        task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), (0.8, 0.1, 0.7), 0.6 + 0.05 * k))
+    near = task.update(observe(1.0)).velocity
+    for k in range(30):
+        stamp = 1.0 + 0.05 * k
+        task.chase.see(Look("wrist", stamp, True, np.eye(4), (), np.zeros(3), 1e-6 * np.eye(3)))
+        intent = task.update(observe(stamp + 0.08))
+        if isinstance(intent, VelocityIntent):
+            assert intent.exposure == pytest.approx(0.95)
+    assert isinstance(intent, Rest)
+    assert "not seen" in intent.reason
+    assert np.isfinite(near).all()

@@ -205,7 +205,7 @@ def _ours(results: dict[tuple[str, str], list[dict[str, Any]]]) -> list[Row]:
         _time("ball_moving_time_s", f"at up to 0.15-0.25 m/s, {full}", near, None, (4.0, 2.5)),
         Row(
             "harm",
-            "overlaps of the tip with the ball above 0.05 rad/s without a permit that holds",
+            "ticks with the tip in the ball, faster than 0.05 m/s, without a permit that holds",
             "all of ours",
             float(sum(r["harm"] for r in everything)),
             n=len(everything),

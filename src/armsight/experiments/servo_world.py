@@ -19,7 +19,7 @@ from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.geometry.pose import exp, inverse
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.task import Observation, Perceived
-from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_pose
+from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.configure import guard_config
@@ -32,6 +32,8 @@ from armsight.workcell.schema import Workcell
 
 CELL = "ur10_servoing"
 RADIUS = 0.04
+MOVING = 0.05
+"""A contact counts when the tip is faster than this [m/s]."""
 Path = Callable[[float], Vector3]
 """(3,) place in ``base`` [m] at a time [s]."""
 
@@ -277,6 +279,7 @@ class Course:
         error: of the task's place of the target [m], NaN without one; wrist: the pair leads.
         commands: (k, n) [rad/s]; ball_speed: [m/s].
         permits: states of the permit that were seen.
+        harm: ticks in which a moving tip was in the ball without a permit that holds.
     """
 
     times: list[float] = field(default_factory=list)
@@ -360,10 +363,10 @@ class Trial:
         permit = self._status.permit
         if permit is not None:
             course.permits.add(permit.state.value)
-        speed = float(np.abs(cell.v).max())
         held = permit is not None and permit.holds
-        if course.gap[-1] < 0.0 and not held and speed > 0.05:
-            course.harm += 1
+        if course.gap[-1] < 0.0 and not held:
+            speed = float(np.linalg.norm((tcp_jacobian(self.eyes.true_robot, cell.q) @ cell.v)[:3]))
+            course.harm += speed > MOVING
 
 
 def make_task(setup: Setup, mode: str, standoff: float = 0.0, **chase: Any) -> Any:

@@ -22,8 +22,8 @@ class Funnel:
     """
 
     gap: float = 0.0
-    slope: float = 2.0
-    free: float = 0.004
+    slope: float = 1.2
+    free: float = 0.008
     most: float = 0.12
 
     def standoff(self, tip: Vector3, touched: Vector3, axis: Vector3) -> float:

@@ -69,6 +69,7 @@ class TargetEstimate:
         covariance: (6, 6) of position and velocity.
         horizon: see :class:`FilterConfig`.
         modes: how likely each mode is.
+        seen: newest exposure that showed the target [s]; the stamp may be that of the tool's mark.
         wrist_stamp: newest exposure of the pair that showed it [s]; -inf for never.
         normal: (3,) of a target with a face, or None.
     """
@@ -80,6 +81,7 @@ class TargetEstimate:
     covariance: Floats
     horizon: float
     modes: Floats
+    seen: float = -math.inf
     wrist_stamp: float = -math.inf
     normal: Vector3 | None = None
 
@@ -158,7 +160,7 @@ class TargetFilter:
         self._events: list[_Event] = []
         self._base: _Event | None = None
         self._refused: list[tuple[float, Vector3, str]] = []
-        self._wrist_stamp = -math.inf
+        self._wrist_stamp = self._seen = -math.inf
         self._normal: Vector3 | None = None
         self.restarts = 0
 
@@ -176,6 +178,7 @@ class TargetFilter:
             last.P[:6, :6].copy(),
             self.config.horizon,
             last.modes.copy(),
+            self._seen,
             self._wrist_stamp,
             self._normal,
         )
@@ -203,6 +206,7 @@ class TargetFilter:
         believed = self._measure(event)
         if believed:
             self._refused.clear()
+            self._seen = max(self._seen, look.stamp)
             if look.wrist:
                 self._wrist_stamp = max(self._wrist_stamp, look.stamp)
             if chosen.normal is not None:
@@ -237,7 +241,7 @@ class TargetFilter:
         restarts = self.restarts + 1
         wrist = self._wrist_stamp
         self.reset()
-        self.restarts, self._wrist_stamp = restarts, wrist
+        self.restarts, self._wrist_stamp, self._seen = restarts, wrist, event.stamp
         return self._measure(event)
 
     def _bias_of(self, event: _Event) -> Vector3:

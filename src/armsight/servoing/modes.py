@@ -22,10 +22,16 @@ from armsight.servoing.master import PaperMaster, Source
 from armsight.servoing.segments import SegmentConfig, SegmentPlanner
 from armsight.servoing.sighting import Look
 
-LOST = 0.6
+LOST = 0.8
 """A target that nobody has seen for so long is not chased [s]."""
-LASTS = 0.7
+LASTS = 0.9
 """What a sighting's velocity is good for [s]."""
+SEEN_WITHIN = 0.18
+"""A target that was seen within this time may be touched [s]; later the tip goes back ..."""
+RETREAT, RETREAT_SPEED = 0.1, 1.0
+"""... by this much at most [m], so fast [m/s]."""
+DRIFT = 0.06
+"""How fast an unseen target's place becomes unsure beside its predicted motion [m/s]."""
 PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
 """What V's estimate of a target is worth, for a permit [m], [m], [m/s]: it has no covariance."""
 SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
@@ -38,8 +44,8 @@ class ChaseConfig:
     Attributes:
         vertical: (3,) unit, up in ``base``; front: (3,) unit, towards the person's side.
         radius: of the target's surface about its point [m]; 0 for a plane.
-        pitch: how far below the horizontal our tool points [rad]: the wrist keeps off the table, and
-            off the pose in which its axes lie in one plane; V's points horizontally.
+        pitch: how far below the horizontal our tool points [rad]: the wrist keeps off the table,
+            and off the pose in which its axes lie in one plane; V's points horizontally.
         funnel: of the touch.
         law, filter, segments, weights: of the parts.
     """
@@ -172,7 +178,7 @@ class OurChase:
         estimate = self.filter.estimate
         if estimate is None:
             return None
-        age = now - estimate.stamp
+        age = now - estimate.seen
         if age > LOST:
             self.state, self.reason = "search", f"target not seen for {age:.1f} s"
             self.place, self.distance = None, math.inf
@@ -187,16 +193,18 @@ class OurChase:
         flat = facing(at, config.vertical, config.front)
         axis = math.cos(config.pitch) * flat - math.sin(config.pitch) * config.vertical
         tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
-        touched = at - config.radius * axis
+        # Nobody presses against what nobody sees: the tip goes back before the permit has to end.
+        retreat = min(RETREAT, RETREAT_SPEED * max(age - SEEN_WITHIN, 0.0))
+        touched = at - (config.radius + retreat) * axis
         aim = touch_aim(tip, touched, velocity, axis, -config.vertical, config.funnel)
-        return Wish(self.law.command(now, joints, aim), estimate.stamp)
+        return Wish(self.law.command(now, joints, aim), estimate.seen)
 
     def touchable(self) -> Touchable | None:
         """By the estimate."""
         e = self.filter.estimate
         if e is None:
             return None
-        return Touchable(e.stamp, e.position, e.velocity, e.covariance[:3, :3])
+        return Touchable(e.stamp, e.position, e.velocity, e.covariance[:3, :3], drift=DRIFT)
 
     def _tell(self, now: float, estimate: TargetEstimate) -> None:
         """Which sensors carry the estimate: for the report only, nothing depends on it."""
