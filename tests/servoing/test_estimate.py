@@ -118,7 +118,7 @@ def test_of_two_that_look_alike_the_expected_one_is_taken():
 
 
 def test_covariance_covers_the_error():
-    """Normalised error squared of 3 dimensions over 60 seeded targets that move as one mode says."""
+    """Normalised error squared, 3 dimensions, of 60 seeded targets that move as one mode says."""
     squares = []
     for seed in range(60):
         rng = np.random.default_rng(seed)

@@ -300,7 +300,9 @@ def _rows(found: dict[str, list[Any]], runs: int) -> list[Row]:
     harm = sum(r["harm"] for name in ("track", "gaps") for r in found[name])
     rows.append(
         Row(
-            "harm", "ticks with the tip in the ball, faster than 0.05 m/s, without a permit that holds", "all of ours",
+            "harm",
+            "ticks with the tip in the ball, faster than 0.05 m/s, without a permit that holds",
+            "all of ours",
             float(harm), n=2 * runs, must=0.0, aim=0.0,
         )
     )  # fmt: skip
