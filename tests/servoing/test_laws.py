@@ -162,7 +162,7 @@ def test_the_funnel_lets_nobody_touch_who_is_not_aligned():
     funnel = Funnel()
     axis, touched = FRONT, np.array([0.7, 0, 0.7])
     assert funnel.standoff(touched - 0.05 * axis, touched, axis) == 0.0
-    assert funnel.standoff(touched + np.array((-0.05, 0.03, 0)), touched, axis) > 0.04
+    assert funnel.standoff(touched + np.array((-0.05, 0.03, 0)), touched, axis) > 0.02
     assert funnel.standoff(touched + np.array((0.1, 0, 0)), touched, axis) == pytest.approx(
         funnel.most
     )

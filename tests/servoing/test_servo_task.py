@@ -72,7 +72,7 @@ def test_a_cell_without_colour_is_refused():
 
 
 def task_of(mode="ours", standoff=0.0):
-    config = ChaseConfig(UP, FRONT, 0.04, Funnel(standoff))
+    config = ChaseConfig(UP, FRONT, 0.04, funnel=Funnel(standoff))
     chase = make_chase(mode, UR10, ("a", "b", "wrist"), "wrist", config)
     return ServoTask("ball", mode, chase, [], 0.04, standoff)
 
