@@ -24,8 +24,11 @@ STALE = 0.02
 """A reading older than this says nothing of now [s]."""
 TARED_OVER = 0.5
 """The sensor's error is the mean over this time without contact [s]."""
-LEAD = 0.06
-"""A growing force is judged by what it will be after this time [s]."""
+LEAD = 0.15
+"""What presses on a thing and grows is judged by what it will be after this time [s]: until a
+command has acted (a tick, the drives, the filters) and the arm has come to rest."""
+GIVING = 0.06
+"""The same of a part of a body [s], which gives way after the first blow."""
 SMOOTH = 0.15
 """Share of a new rate of the force in the one that is used: readings are noisy."""
 SAMPLES = 10
@@ -131,7 +134,8 @@ class ForceWatch:
         """
         for felt in self._new:
             force, torque = float(np.linalg.norm(felt.force)), float(np.linalg.norm(felt.torque))
-            soon = force + LEAD * max(self._rate, 0.0)
+            lead = LEAD if permit.kind == "thing" else GIVING
+            soon = force + lead * max(self._rate, 0.0)
             if soon > permit.force:
                 grows = f", soon {soon:.1f}" if force <= permit.force else ""
                 return f"pressed with {force:.1f} N{grows}; at most {permit.force:g}"

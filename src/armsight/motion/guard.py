@@ -365,7 +365,7 @@ class Guard:
         self._route, self._joining, self._coasting = None, False, False
         self._reflex.end()
         self._goals.drop_request()
-        retreat.braked = retreat.braked or tick.at_rest
+        retreat.braked = retreat.braked or tick.at_rest or self._steering.moving
         if retreat.braked:
             speed = self.config.retreat_speed
             motion = retreat.motion(self.body, tick.ahead.position, tick.now, speed)

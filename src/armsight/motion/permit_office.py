@@ -154,8 +154,10 @@ class PermitOffice:
             stiffness = 0.0 if self._request is None else self._request.stiffness
             speed = min(speed, self._pressing_speed(permit, stiffness))
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
-            parts = grant.touching[self._body.moving]
-            return ContactSpeed(name, parts, grant.region, when, speed, margin)
+            parts, region = grant.touching[self._body.moving], grant.region
+            if self.retreat is not None:  # it stays where it was, and the arm may give way to it
+                region = replace(region, exposure=when, velocity=self.retreat.carried)
+            return ContactSpeed(name, parts, region, when, speed, margin)
         if q is not None and permit is not None:
             speed = min(speed, self._gentle_speed(permit, grant.region, when, q))
         touchable: Points = np.empty((0, 3))
