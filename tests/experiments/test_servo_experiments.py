@@ -59,7 +59,7 @@ def test_a_guarded_trial_comes_to_the_ball_by_permit_and_does_no_harm():
     course = trial.run(4.0, until=lambda c: c.gap[-1] < 0.005)
     assert course.gap[-1] < 0.005
     assert course.harm == 0
-    assert "granted" in course.permits
+    assert course.permits & {"granted", "granted less"}
 
 
 def test_the_box_of_v_has_fourteen_places_that_the_arm_can_stand_before():

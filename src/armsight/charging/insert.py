@@ -36,7 +36,7 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True)
 class InsertOptions:
-    """Forces and tolerances; the design page's measured values.
+    """Forces and tolerances, as measured on the simulated bench (docs/charging.md).
 
     Attributes:
         depth: of the seat below the face [m].

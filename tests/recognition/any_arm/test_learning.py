@@ -8,20 +8,22 @@ import pytest
 
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.landmarks import SLOTS
-from armsight.recognition.any_arm.learning.changes import Changes, make_batch
-from armsight.recognition.any_arm.learning.examples import (
-    UNSEEN,
-    Examples,
-    held_back,
-)
-from armsight.recognition.any_arm.learning.export import check_parity, to_onnx
-from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
-from armsight.recognition.any_arm.learning.plan import Plan, read_plan
-from armsight.recognition.any_arm.learning.trainer import CropTrainer
-from armsight.recognition.any_arm.learning.trunk import Trunk, load_pretrained
-from armsight.recognition.any_arm.learning.trusting import logistic
 
 from ..torch_or_skip import torch
+
+if torch:
+    from armsight.recognition.any_arm.learning.changes import Changes, make_batch
+    from armsight.recognition.any_arm.learning.examples import (
+        UNSEEN,
+        Examples,
+        held_back,
+    )
+    from armsight.recognition.any_arm.learning.export import check_parity, to_onnx
+    from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
+    from armsight.recognition.any_arm.learning.plan import Plan, read_plan
+    from armsight.recognition.any_arm.learning.trainer import CropTrainer
+    from armsight.recognition.any_arm.learning.trunk import Trunk, load_pretrained
+    from armsight.recognition.any_arm.learning.trusting import logistic
 
 NAMES = ("ur5", "iiwa", "none", "unknown")
 

@@ -19,7 +19,7 @@ loss = { mask = 1, joints = 1.5 }
 def test_packaged_ones_are_read() -> None:
     names = {p.stem for p in PACKAGED.glob("*.toml")}
     assert {"t4", "t5", "t6", "t7"} <= names
-    for name in names:
+    for name in names - {"ours", "ours-gpu"}:  # plans of another network: any_arm/test_learning.py
         read_config(config_file(name))
 
 
