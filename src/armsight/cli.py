@@ -16,6 +16,7 @@ import tyro
 from armsight import __version__
 from armsight.commands.board import BoardCommand
 from armsight.commands.calibrate import Calibrate
+from armsight.commands.calibration import CalibrationCommand
 from armsight.commands.check import Check
 from armsight.commands.dataset import Dataset
 from armsight.commands.demo import Demo
@@ -43,6 +44,7 @@ COMMANDS = (
     RunCommand,
     Servo,
     Calibrate,
+    CalibrationCommand,
     BoardCommand,
     Record,
     Replay,

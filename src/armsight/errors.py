@@ -47,10 +47,6 @@ class CalibrationError(ArmsightError):
     """A calibration cannot be made from what was seen; says what is missing or contradictory."""
 
 
-class PlanningError(ArmsightError):
-    """No motion could be planned; says which of start, goal, limits or surroundings forbids it."""
-
-
 class LoopError(ArmsightError):
     """A component of the running loop failed; the arm was stopped before this was raised."""
 

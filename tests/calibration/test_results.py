@@ -17,7 +17,6 @@ from armsight.calibration.drift import DriftWatch
 from armsight.calibration.export import (
     camera_info_yaml,
     opencv_yaml,
-    update_workcell,
     write_results,
 )
 from armsight.calibration.layouts.lens_files import LensFile
@@ -232,27 +231,6 @@ def test_results_do_not_replace_better_ones(solved, tmp_path):
     with pytest.raises(CalibrationError, match="better"):
         write_results(tmp_path, answer)
     write_results(tmp_path, answer, force=True)
-
-
-def test_workcell_keeps_its_comments(solved, tmp_path):
-    file = tmp_path / "cell.toml"
-    text = "# my cell\n[cell]\nname = 'x' # short\n"
-    for name in ("left", "right", "front"):
-        text += f'\n[[camera]]\nname = "{name}" # by the door\n'
-        text += "position = [0, 0, 1]\nlook_at = [1, 0, 0]\n"
-    file.write_text(text)
-    T = exp([0, 0, 0.8, 0, 0, 0])
-    out = update_workcell(file, solved[1], T)
-    assert "# my cell" in out
-    assert out.count("# by the door") == 3
-    assert "look_at" not in out
-    import tomllib
-
-    camera = tomllib.loads(out)["camera"][1]
-    np.testing.assert_allclose(camera["position"], (T @ solved[1].camera_pose(1))[:3, 3], atol=1e-6)
-    file.write_text("[cell]\nname='x'\n")
-    with pytest.raises(CalibrationError, match="no \\[\\[camera\\]\\]"):
-        update_workcell(file, solved[1], T)
 
 
 def test_views_survive_a_stop(tmp_path):

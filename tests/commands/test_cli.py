@@ -82,7 +82,7 @@ def test_blank_goals_are_told(tmp_path, capsys):
     file = tmp_path / "cell.toml"
     assert run(["new", str(file)]) == 0
     assert run(["patrol", str(file), "--seconds", "1", "--headless"]) == 2
-    assert "no goals to patrol" in capsys.readouterr().err
+    assert "a patrol needs at least two goals" in capsys.readouterr().err
 
 
 def test_new_then_check(tmp_path, capsys):

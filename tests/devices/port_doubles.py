@@ -97,7 +97,7 @@ class CameraDouble:
 
     def __init__(self, settings, log, hangs=(), waits=True, change=lambda reading: reading):
         self.log, self.hangs, self.waits, self.change = log, set(hangs), waits, change
-        self.count, self.raises, self.color = 0, None, False
+        self.count, self.raises, self.color, self.infrared = 0, None, False, False
         log.calls.append(("open", settings))
         if "open" in self.hangs:
             hang()
@@ -113,10 +113,15 @@ class CameraDouble:
         depth = np.full((24, 32), 1.5, np.float32)
         depth[0, 0] = 0.0
         color = np.full((24, 32, 3), 7, np.uint8) if self.color else None
-        return self.change(DepthReading(900.0 + time.perf_counter(), depth, color))
+        infrared = np.full((48, 64), 9, np.uint8) if self.infrared else None
+        stamp = 900.0 + time.perf_counter()
+        return self.change(DepthReading(stamp, depth, color, infrared=infrared))
 
     def want_color(self, wanted):
         self.color = wanted
+
+    def want_infrared(self, wanted):
+        self.infrared = wanted
 
     def close(self):
         self.log.calls.append(("close", None))

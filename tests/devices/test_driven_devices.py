@@ -252,6 +252,24 @@ def test_a_camera_gives_its_newest_frame_once_cleaned_and_dated(waits):
     camera.close()
 
 
+def test_infrared_comes_where_it_is_asked_for_and_checked(monkeypatch):
+    """What a live calibration finds the board in."""
+    monkeypatch.setattr(CameraDouble, "report", replace(CameraDouble.report, infrared_scale=2))
+    camera, made, _ = make_camera()
+    assert until(camera.read).infrared is None
+    camera.want_infrared(True)
+    seen = until(lambda: (f := camera.read()) is not None and f.infrared is not None and f)
+    assert seen.infrared.shape == (48, 64)
+    made[0].change = lambda r: replace(r, infrared=np.zeros((24, 32), np.uint8))
+    assert r"expected uint8 of shape (48, 64)" in str(raised(camera.read))
+    camera.close()
+    monkeypatch.setattr(CameraDouble, "report", replace(CameraDouble.report, infrared_scale=0))
+    camera, made, _ = make_camera()
+    camera.want_infrared(True)
+    assert "reports an infrared_scale of 0" in str(raised(camera.read))
+    camera.close()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -321,6 +339,7 @@ def test_another_camera_than_before_is_refused():
         replace(CameraDouble.report, depth=replace(LENS, width=0)),
         replace(CameraDouble.report, range=(4.0, 0.2)),
         replace(CameraDouble.report, rate=0.0),
+        replace(CameraDouble.report, infrared_scale=9),
     ],
 )
 def test_a_report_that_cannot_be_is_refused_at_the_start(report, monkeypatch):

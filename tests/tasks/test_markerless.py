@@ -17,7 +17,7 @@ from armsight.motion.perception import PosedFrame
 from armsight.recognition.own_arm import DepthView, OwnArmPose
 from armsight.tasks.markerless import ArmViews, between, entry_of, find_camera
 from armsight.workcell import open_cell
-from armsight.workcell.build import robot_in
+from armsight.workcell.beliefs import robot_in
 from armsight.workcell.packaged import find, load
 
 INFO = replace(

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 import yaml
 
 from armsight.arrays import Floats, Pose
@@ -74,20 +73,22 @@ def tf_list(calibration: Calibration) -> list[dict[str, Any]]:
     for index, rig in enumerate(problem.rigs):
         main = calibration.main_lens(index)
         out.append(
-            _tf(rig.mount, _frame(problem.lenses[main].name), calibration.camera_pose(index))
+            transform_entry(
+                rig.mount, _frame(problem.lenses[main].name), calibration.camera_pose(index)
+            )
         )
     for index, lens in enumerate(problem.lenses):
         if lens.offset_free:
             main = calibration.main_lens(lens.rig)
             out.append(
-                _tf(
+                transform_entry(
                     _frame(problem.lenses[main].name),
                     _frame(lens.name),
                     calibration.lens_pose(index),
                 )
             )
     for index, board in enumerate(problem.boards):
-        out.append(_tf(board.mount, board.name, calibration.board_pose(index)))
+        out.append(transform_entry(board.mount, board.name, calibration.board_pose(index)))
     return out
 
 
@@ -95,7 +96,8 @@ def _frame(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") + "_optical_frame"
 
 
-def _tf(parent: str, child: str, T: Pose) -> dict[str, Any]:
+def transform_entry(parent: str, child: str, T: Pose) -> dict[str, Any]:
+    """A transform as a list of them has it: ``T_parent_child``, metres, rotation x y z w."""
     return {
         "parent": parent,
         "child": child,
@@ -235,37 +237,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def update_workcell(file: Path, calibration: Calibration, T_world_base: Pose) -> str:
-    """The cell's file with the cameras where they were found; comments and all else kept.
-
-    Args:
-        file: the workcell file.
-        calibration: its ``rigs`` carry the cameras' names.
-        T_world_base: where the arm stands: the file is in world.
-
-    Returns:
-        The new text; the caller writes it.
-
-    Raises:
-        CalibrationError: the file cannot be read or lacks a camera.
-    """
-    try:
-        document = tomlkit.parse(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomlkit.exceptions.ParseError) as error:
-        raise CalibrationError(f"{file}: cannot be read: {error}") from None
-    sections = document.get("camera", [])
-    for index, rig in enumerate(calibration.problem.rigs):
-        section = next((s for s in sections if s.get("name") == rig.name), None)
-        if section is None:
-            raise CalibrationError(f"{file}: has no [[camera]] named {rig.name}")
-        T = calibration.camera_pose(index)
-        if rig.mount == "base":
-            T = T_world_base @ T
-        section["position"] = [round(float(v), 6) for v in T[:3, 3]]
-        for key in ("look_at", "rpy_deg"):
-            if key in section:
-                del section[key]
-        section["quaternion_xyzw"] = [round(float(v), 9) for v in to_quaternion(T)]
-    return tomlkit.dumps(document)

@@ -8,7 +8,7 @@ space, so that its covariance and its prior are those of every later solve (docs
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -188,9 +188,3 @@ def summary(solution: Solution, lens: int) -> LensCalibration:
         len({s.view for s in solution.model.problem.sightings if s.lens == lens}),
         solution,
     )
-
-
-def with_lens_prior(lens: Lens, calibration: LensCalibration) -> Lens:
-    """A lens that starts from, and is held by, an earlier calibration."""
-    sheet = lens.prior if lens.prior is not None else np.zeros((9, 9))
-    return replace(lens, camera=calibration.camera, prior=sheet + calibration.information)

@@ -257,6 +257,7 @@ class Calibrate:
                 ),
             )
             seconds = session.now()
+            infos = {camera.info.name: camera.info for camera in cell.cameras}
         if task.error is not None:
             raise task.error
         if session.task_failure:
@@ -283,7 +284,9 @@ class Calibrate:
                     f"results are in {self.out}"
                 )
             source = f"armsight calibrate, live, {len(result.views)} views"
-            entries = camera_entries(workcell, result.calibration, result.depth, source)
+            entries = camera_entries(
+                workcell, result.calibration, result.depth, source, infos=infos
+            )
             board = board_of_cell(workcell, result.calibration, source)
             file = store(workcell, entries, arm_of(result.calibration, source), board)
             print(f"{file}: {', '.join(e.name for e in entries)} calibrated")

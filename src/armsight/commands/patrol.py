@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from armsight.commands.serving import Page
+
+if TYPE_CHECKING:
+    from armsight.motion.task import Task
+    from armsight.workcell import Cell
 
 
 @dataclass(frozen=True)
@@ -43,49 +46,21 @@ class Patrol:
 
     def run(self) -> int:
         """Run the patrol; prints its figures at the end."""
-        from armsight.commands.running import (
-            RunOptions,
-            exit_code,
-            run_session,
-            say,
-            write_summary,
-        )
-        from armsight.errors import UsageError
+        from armsight.commands.running import exit_code, ran, say, write_summary
         from armsight.recording.patrol_log import PatrolLog
-        from armsight.tasks.patrol import PatrolTask
-        from armsight.workcell import open_cell
-        from armsight.workcell.packaged import load
+        from armsight.tasks.patrol import PatrolOptions
 
-        workcell = load(self.workcell)
-        if len(workcell.goals) < 2:
-            raise UsageError(
-                f"{self.workcell}: no goals to patrol; give [patrol.goals_deg] at least two"
-            )
-        if self.headless and self.seconds is None:
-            raise UsageError("--headless needs --seconds: nobody would see when to end it")
-        with open_cell(workcell, self.seed) as cell:
-            task = PatrolTask(workcell.goals, workcell.patrol.dwell_s)
-            log = PatrolLog(cell, task)
-            wanted = RunOptions(
-                seconds=self.seconds,
-                page=None if self.headless else self.page,
-                record=self.record,
-                seed=self.seed,
-                speed=speed_of(self.speed, self.headless),
-                observers=(log,),
-                cell_is_empty=self.cell_is_empty,
-            )
-            session = run_session(cell, task, wanted)
-            summary, lines = log.summary(session), log.lines(session)
+        logs: list[PatrolLog] = []
+
+        def make(cell: Cell) -> tuple[Task, list[PatrolLog]]:
+            task = PatrolOptions().make(cell)
+            logs.append(PatrolLog(cell, task))
+            return task, logs
+
+        with ran(self, make) as session:
+            summary, lines = logs[0].summary(session), logs[0].lines(session)
         for line in lines:
             say(line)
         if self.json is not None:
             write_summary(self.json, summary)
         return exit_code(session, self.seconds)
-
-
-def speed_of(given: float | None, headless: bool) -> float:
-    """Wanted simulated seconds a second: real time for people, as fast as possible otherwise."""
-    if given is None:
-        return math.inf if headless else 1.0
-    return math.inf if given == 0 else given

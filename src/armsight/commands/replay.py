@@ -50,8 +50,7 @@ class Replay:
 
     def run(self) -> int:
         """Replay; the recorded task shows what it showed."""
-        from armsight.commands.patrol import speed_of
-        from armsight.commands.running import RunOptions, run_session, say, write_summary
+        from armsight.commands.running import RunOptions, run_session, say, speed_of, write_summary
         from armsight.errors import RecordingError, UsageError
         from armsight.recording.replay_parts import HoldAtEnd, recorded_task, replay_parts
 

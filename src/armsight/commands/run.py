@@ -13,7 +13,10 @@ import tyro
 from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
+    from armsight.motion.task import Task
+    from armsight.runtime.component import Component
     from armsight.runtime.session import Session
+    from armsight.workcell import Cell
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,8 @@ class RunCommand:
         workcell: a workcell file, or the name of a packaged cell.
         task: name of a task, or module:Class of one of your own; `patrol` comes with armsight.
         seconds: how long on the cell's clock; until Ctrl-C if left out.
+        cell_is_empty: you have looked, and nobody is in the cell: what stands there is no person,
+            and the arm works around it.
         headless: no page, and as fast as the machine can.
         json: write the run's figures here; `-` is standard output.
         record: record everything into this new file (.mcap).
@@ -37,6 +42,7 @@ class RunCommand:
     workcell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")]
     task: str
     seconds: float | None = None
+    cell_is_empty: bool = False
     headless: bool = False
     json: Path | None = None
     record: Path | None = None
@@ -46,36 +52,18 @@ class RunCommand:
 
     def run(self) -> int:
         """Run the task; prints how it ended."""
-        from armsight.commands.patrol import speed_of
-        from armsight.commands.running import (
-            RunOptions,
-            exit_code,
-            run_session,
-            say,
-            write_summary,
-        )
-        from armsight.errors import UsageError
+        from armsight.commands.running import exit_code, ran, say, write_summary
         from armsight.tasks.catalogue import load_options, make_task
-        from armsight.workcell import open_cell
-        from armsight.workcell.packaged import load
 
         options = getattr(self, "task_options", None)
         if options is None:
             options = load_options(self.task)()
-        workcell = load(self.workcell)
-        if self.headless and self.seconds is None:
-            raise UsageError("--headless needs --seconds: nobody would see when to end it")
-        with open_cell(workcell, self.seed) as cell:
-            task = make_task(self.task, options, cell)
-            wanted = RunOptions(
-                seconds=self.seconds,
-                page=None if self.headless else self.page,
-                record=self.record,
-                seed=self.seed,
-                speed=speed_of(self.speed, self.headless),
-                observers=(EndsWithTask(),) if self.headless else (),
-            )
-            session = run_session(cell, task, wanted)
+
+        def make(cell: Cell) -> tuple[Task, Sequence[Component]]:
+            watch = (EndsWithTask(),) if self.headless else ()
+            return make_task(self.task, options, cell), watch
+
+        with ran(self, make) as session:
             summary = summary_of(session)
         for key, value in summary.items():
             say(f"{key:18}{value}")

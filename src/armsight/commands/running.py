@@ -18,6 +18,8 @@ from armsight.commands.serving import Page
 from armsight.errors import TaskError
 
 if TYPE_CHECKING:
+    from armsight.commands.patrol import Patrol
+    from armsight.commands.run import RunCommand
     from armsight.motion.task import Task
     from armsight.runtime.component import Component
     from armsight.runtime.config import SessionConfig
@@ -100,6 +102,47 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             with progress_bar() as ticker.progress:
                 session.run(wanted.seconds)
     return session
+
+
+@contextmanager
+def ran(
+    asked: Patrol | RunCommand, make: Callable[[Cell], tuple[Task, Sequence[Component]]]
+) -> Iterator[Session]:
+    """Open the cell, run the task in it to the end; the cell is open while figures are taken.
+
+    Args:
+        asked: by the person.
+        make: the task for the open cell, and who looks on.
+
+    Raises:
+        UsageError: nobody would see when to end it.
+    """
+    from armsight.errors import UsageError
+    from armsight.workcell import open_cell
+    from armsight.workcell.packaged import load
+
+    workcell = load(asked.workcell)
+    if asked.headless and asked.seconds is None:
+        raise UsageError("--headless needs --seconds: nobody would see when to end it")
+    with open_cell(workcell, asked.seed) as cell:
+        task, observers = make(cell)
+        wanted = RunOptions(
+            seconds=asked.seconds,
+            page=None if asked.headless else asked.page,
+            record=asked.record,
+            seed=asked.seed,
+            speed=speed_of(asked.speed, asked.headless),
+            observers=observers,
+            cell_is_empty=asked.cell_is_empty,
+        )
+        yield run_session(cell, task, wanted)
+
+
+def speed_of(given: float | None, headless: bool) -> float:
+    """Wanted simulated seconds a second: real time for people, as fast as possible otherwise."""
+    if given is None:
+        return math.inf if headless else 1.0
+    return math.inf if given == 0 else given
 
 
 def exit_code(session: Session, seconds: float | None) -> int:

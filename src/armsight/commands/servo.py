@@ -47,13 +47,13 @@ class Servo:
 
     def run(self) -> int:
         """Servo; prints how it went."""
-        from armsight.commands.patrol import speed_of
         from armsight.commands.run import EndsWithTask, summary_of
         from armsight.commands.running import (
             RunOptions,
             exit_code,
             run_session,
             say,
+            speed_of,
             write_summary,
         )
         from armsight.errors import UsageError

@@ -37,8 +37,7 @@ class ViewCommand:
 
     def run(self) -> int:
         """Run without a task."""
-        from armsight.commands.patrol import speed_of
-        from armsight.commands.running import RunOptions, exit_code, run_session
+        from armsight.commands.running import RunOptions, exit_code, run_session, speed_of
         from armsight.errors import UsageError
         from armsight.workcell import open_cell
         from armsight.workcell.packaged import load

@@ -94,6 +94,8 @@ def conformance(
     yield from _read(bench, kind, driver, report, settings, seconds)
     if kind == "camera":
         yield _tried(bench, "colour", "want_color()", lambda: driver.want_color(True))
+        if hasattr(driver, "want_infrared"):
+            yield _tried(bench, "infrared", "want_infrared()", lambda: driver.want_infrared(True))
     if commands and kind == "arm":
         yield from _nudge(bench, driver, settings)
     if commands and kind == "gripper":

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import ColorImage, DepthImage
+from armsight.arrays import Bytes, ColorImage, DepthImage
 from armsight.devices.clock import WallClock
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
 from armsight.devices.driven_sensor import DrivenSensor
@@ -28,6 +28,8 @@ from armsight.geometry.camera import PinholeCamera
 
 SILENT_FRAMES = 10
 """A camera that misses so many frames in a row is lost."""
+MOST_INFRARED = 8
+"""No infrared picture is finer than so many times its depth picture."""
 SILENCE = 1.0
 """But none is lost sooner than after this [s]."""
 
@@ -59,6 +61,7 @@ class DrivenCamera:
         self._label = settings.name
         self.name = f"camera '{settings.name}'"
         self._wanted = self._told = False
+        self._infrared_wanted = self._infrared_told = False
         self._sequence = -1
         self._report: CameraReport | None = None
         self._sensor: DrivenSensor[DepthReading, RgbdFrame] = DrivenSensor(
@@ -67,7 +70,7 @@ class DrivenCamera:
             self._accept,
             self._frame,
             clock,
-            before=self._pass_on_color,
+            before=self._pass_on_wishes,
         )
         self._info = describe(self._known())
         self._sensor.line.set_silence(max(SILENCE, SILENT_FRAMES / self._info.rate))
@@ -93,6 +96,10 @@ class DrivenCamera:
         """
         self._wanted = rate > 0.0
 
+    def want_infrared(self, wanted: bool) -> None:
+        """Ask for the depth lens's own picture or spare it; only drivers that have it give it."""
+        self._infrared_wanted = wanted
+
     def health(self) -> DeviceHealth:
         """How it is."""
         return self._sensor.health()
@@ -117,19 +124,28 @@ class DrivenCamera:
                 "growing distances"
             )
         check_rate(self.name, report.rate, report.latency)
+        if report.infrared_scale not in range(MOST_INFRARED + 1):
+            raise DeviceError(
+                f"{self.name}: its driver reports {report.infrared_scale!r} pixels of infrared a "
+                f"depth pixel, expected 0 (none) to {MOST_INFRARED}"
+            )
         before = self._report
         if before is not None and (before.depth, before.color) != (report.depth, report.color):
             raise DeviceError(
                 f"{self.name}: came back with other intrinsics ({report.model}, before "
                 f"{before.model}); if it is another camera, start again and calibrate it"
             )
-        self._report, self._told = report, False
+        self._report, self._told, self._infrared_told = report, False, False
         return report.latency if self._latency is None else self._latency
 
-    def _pass_on_color(self, driver: Any) -> None:
+    def _pass_on_wishes(self, driver: Any) -> None:
         if self._wanted != self._told:
             self._told = self._wanted
             driver.want_color(self._wanted)
+        if self._infrared_wanted != self._infrared_told:
+            self._infrared_told = self._infrared_wanted
+            if hasattr(driver, "want_infrared"):
+                driver.want_infrared(self._infrared_wanted)
 
     def _frame(self, reading: DepthReading, stamp: float, arrival: float) -> RgbdFrame:
         report = self._known()
@@ -139,8 +155,13 @@ class DrivenCamera:
             if report.color is None:
                 raise DeviceError(f"{self.name}: delivers colour but reports no colour lens")
             color = checked_color(self.name, "color", reading.color, report.color)
+        infrared = None
+        if self._infrared_wanted and reading.infrared is not None:
+            infrared = checked_infrared(self.name, reading.infrared, report)
         self._sequence = counted(self._sequence, reading.sequence)
-        return RgbdFrame(self._label, self._sequence, stamp, arrival, depth, color)
+        return RgbdFrame(
+            self._label, self._sequence, stamp, arrival, depth, color, infrared=infrared
+        )
 
 
 class DrivenStereo:
@@ -289,6 +310,24 @@ def checked_color(name: str, which: str, image: ColorImage, lens: PinholeCamera)
         raise DeviceError(
             f"{name}: {which} is {image.dtype} of shape {image.shape}, expected uint8 RGB of "
             f"shape ({lens.height}, {lens.width}, 3) as its lens says"
+        )
+    return image.copy()
+
+
+def checked_infrared(name: str, image: Bytes, report: CameraReport) -> Bytes:
+    """A copy of the depth lens's own picture.
+
+    Raises:
+        DeviceError: wrong shape or type, or the driver has reported none.
+    """
+    image, m = np.asarray(image), report.infrared_scale
+    shape = (m * report.depth.height, m * report.depth.width)
+    if m == 0:
+        raise DeviceError(f"{name}: delivers infrared but reports an infrared_scale of 0")
+    if image.shape != shape or image.dtype != np.uint8:
+        raise DeviceError(
+            f"{name}: infrared is {image.dtype} of shape {image.shape}, expected uint8 of shape "
+            f"{shape}: {m} times the depth picture's, as its driver reports"
         )
     return image.copy()
 

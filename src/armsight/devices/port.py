@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
-from armsight.arrays import ColorImage, DepthImage, Floats, JointVector, Pose
+from armsight.arrays import Bytes, ColorImage, DepthImage, Floats, JointVector, Pose
 from armsight.devices.data import ArmMode, DepthNoise
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
@@ -163,6 +163,8 @@ class CameraReport:
         noise: random error of depth.
         latency: exposure to arrival in the computer [s].
         T_depth_color: colour lens in the depth lens's frame.
+        infrared_scale: pixels of the depth lens's own (infrared) picture a depth pixel; 0 for a
+            camera that does not deliver it.
     """
 
     model: str
@@ -173,6 +175,7 @@ class CameraReport:
     latency: float = 0.03
     color: PinholeCamera | None = None
     T_depth_color: Pose = field(default_factory=lambda: np.eye(4))
+    infrared_scale: int = 0
 
 
 @dataclass(frozen=True)
@@ -184,16 +187,23 @@ class DepthReading:
         depth: (h, w) float32 [m] along the optical axis; NaN (or 0) where there is no return.
         color: (H, W, 3) uint8 RGB, or None.
         sequence: the device's own count of exposures, or None.
+        infrared: (m h, m w) uint8 the depth lens's own picture, m the report's scale, or None.
+            16 bits are to be scaled down so that a white sheet is bright, not saturated.
     """
 
     stamp: float | None
     depth: DepthImage
     color: ColorImage | None = None
     sequence: int | None = None
+    infrared: Bytes | None = None
 
 
 class CameraDriver(Protocol):
-    """Called with :class:`CameraSettings`. Everything but :meth:`close` comes from one thread."""
+    """Called with :class:`CameraSettings`. Everything but :meth:`close` comes from one thread.
+
+    One that delivers infrared may also have ``want_infrared(wanted: bool)``, like
+    :meth:`want_color`.
+    """
 
     @property
     def report(self) -> CameraReport:

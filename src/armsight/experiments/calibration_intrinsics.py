@@ -246,6 +246,7 @@ def _tour(joints: JointPath) -> JointPath:
 
 def _problem(cell: CalibrationCell, frames: list[Frame]) -> Problem:
     camera = cell.setup.cameras[0]
+    assert camera.infrared is not None
     assert camera.color is not None
     lenses = (
         Lens("infrared", 0, camera.infrared, prior=sheet_prior(camera.infrared)),

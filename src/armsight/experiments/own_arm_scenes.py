@@ -16,9 +16,9 @@ from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 from armsight.simulation.spec import PersonSpec
 from armsight.simulation.world import SimulatedWorld
-from armsight.workcell.build import world_spec
 from armsight.workcell.load import load_workcell
 from armsight.workcell.packaged import find
+from armsight.workcell.simulated import world_spec
 
 CELLS = ("ur5_four_cameras", "panda_table", "iiwa_circle", "ur3_bench", "ur10_inverted")
 SCRIPTS = ("stand", "reach_in", "work", "walk_by", "wave")

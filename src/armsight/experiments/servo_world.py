@@ -25,8 +25,7 @@ from armsight.runtime.config import SessionConfig
 from armsight.runtime.configure import guard_config
 from armsight.servoing.sighting import Look, Looks, Sighting
 from armsight.simulation.arm_errors import true_geometry
-from armsight.workcell import load_workcell
-from armsight.workcell.build import robot_in
+from armsight.workcell import load_workcell, robot_in
 from armsight.workcell.packaged import packaged
 from armsight.workcell.schema import Workcell
 

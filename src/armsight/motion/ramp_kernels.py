@@ -128,11 +128,28 @@ def ramp(
         best = min(max(best, a[j] - change), a[j] + change)
         if (wanted[j] - v[j]) * a[j] < 0.0 or abs(a[j]) > 1.05 * share * A + change:
             best = quick
+        # Nor may it be let go so gently that the target is passed.
+        best = min(best, quick) if wanted[j] >= v[j] else max(best, quick)
+        best = min(best, max(_greatest(v[j], speed[j], J, dt), a[j] - change))
+        best = max(best, min(-_greatest(-v[j], speed[j], J, dt), a[j] + change))
         rest = acceleration_towards(v[j], a[j], 0.0, A, J, dt, period)
         out[j] = v[j] + dt * _stopping_in(
             q[j], v[j], best, rest, lower[j], upper[j], A, J, dt, period
         )
     return out
+
+
+@njit(cache=True, nogil=True)
+def _greatest(v: float, speed: float, jerk: float, seconds: float) -> float:
+    """The greatest acceleration that can be let go before the speed limit, however ticks fall.
+
+    Ticks are not all as long as they should be, and let go in shorter ones an acceleration a adds
+    more to the velocity: in the limit a^2 / (2 j). Where v + a dt + a^2 / (2 j) is within the limit
+    now, it is after any further tick in which the acceleration is let go by the jerk.
+    """
+    room = max(speed - v, 0.0)
+    step = jerk * seconds
+    return float(np.sqrt(step * step + 2.0 * jerk * room) - step)
 
 
 @njit(cache=True, nogil=True)

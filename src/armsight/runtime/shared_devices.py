@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import JointVector
-from armsight.devices.data import ArmStatus, GripperState, JointState, RgbdCameraInfo, RgbdFrame
+from armsight.devices.data import ArmStatus, JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.driven_arm import DrivenArm
 from armsight.devices.driven_cameras import DrivenCamera, DrivenStereo
 from armsight.devices.driven_hand import DrivenGripper, DrivenWrench
@@ -128,26 +128,6 @@ class SharedSensor:
         """The newest reading since the last call."""
         with self._lock:
             return self._sensor.read()
-
-
-class SharedGripper(SharedSensor):
-    """A gripper behind a lock."""
-
-    @property
-    def opening(self) -> float:
-        """Greatest width [m]."""
-        return float(self._sensor.opening)
-
-    def move(self, width: float) -> None:
-        """Begin to open or close."""
-        with self._lock:
-            self._sensor.move(width)
-
-    def read(self) -> GripperState | None:
-        """The newest state."""
-        with self._lock:
-            state: GripperState | None = self._sensor.read()
-            return state
 
 
 def shared_arm(arm: Arm, lock: threading.RLock) -> Arm:

@@ -22,7 +22,6 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from armsight.arrays import Floats, Mask
 from armsight.errors import ArmsightError
-from armsight.geometry.pose import make_pose
 from armsight.simulation.legs import add_legs
 from armsight.simulation.skeleton import INDEX, JOINTS, Proportions
 
@@ -229,9 +228,3 @@ def _raise_sunken(joints: Floats) -> None:
     p = PERSON
     upright = np.percentile(joints[:, INDEX["pelvis"], 2], 90)
     joints[..., 2] += p.ankle + p.shin + p.thigh - 0.01 - upright
-
-
-def clip_frame(x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> Floats:
-    """``T_world_person`` for a robot that stands at (x, y) and faces along yaw [rad]."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return make_pose([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], [x, y, 0.0])

@@ -92,19 +92,19 @@ def unseen_is_empty(mapping: MappingConfig) -> MappingConfig:
 
 def _camera(info: RgbdCameraInfo, keep: bool) -> CameraSetup:
     scale = info.infrared_scale
-    if scale == 0:
+    if scale == 0 and info.color is None:
         raise CalibrationError(
-            f"camera {info.name} ({info.model}) delivers no picture of its depth lens: record "
-            "images, and use --from"
+            f"camera {info.name} ({info.model}) delivers neither a picture of its depth lens nor "
+            "colour: there is nothing to find a board in"
         )
-    infrared = info.depth if scale == 1 else info.depth.scaled(scale)
+    infrared = None if scale == 0 else info.depth.scaled(scale) if scale > 1 else info.depth
     if keep:
         return CameraSetup(
             info.name, infrared, info.color, info.T_depth_color, keep=True, depth_scale=scale
         )
     return CameraSetup(
         info.name,
-        _sheet(infrared),
+        None if infrared is None else _sheet(infrared),
         None if info.color is None else _sheet(info.color),
         make_pose(None, info.T_depth_color[:3, 3]),
         depth_scale=scale,

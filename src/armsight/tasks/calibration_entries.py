@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.devices.depth_model import DepthModel
 from armsight.errors import CalibrationError
 from armsight.geometry.pose import inverse, make_pose
+from armsight.workcell.beliefs import camera_info_of
 from armsight.workcell.board import board_of
-from armsight.workcell.build import camera_info_of
 from armsight.workcell.calibration_file.schema import (
     CalibratedArm,
     CalibratedBoard,
@@ -33,6 +33,7 @@ def camera_entries(
     depth: Sequence[DepthModel | None],
     source: str,
     camera: str | None = None,
+    infos: Mapping[str, RgbdCameraInfo] | None = None,
 ) -> tuple[CalibratedCamera, ...]:
     """Entries of all cameras that saw enough.
 
@@ -42,6 +43,8 @@ def camera_entries(
         depth: model of each rig's depth, or None.
         source: from what, for people.
         camera: the cell's camera that a set of one rig is of; None: rigs are named as they are.
+        infos: what is declared of the cameras, where the cell is open: a driver says what its
+            camera is; None for what the cell's file and the catalogue say.
 
     Raises:
         CalibrationError: a camera is none of the cell's, or its lens is of another resolution.
@@ -66,13 +69,15 @@ def camera_entries(
         views = {s.view for s in answer.problem.sightings if s.lens in lenses}
         if len(views) >= LEAST_VIEWS:
             model = depth[index] if index < len(depth) else None
-            out.append(_entry(workcell, section, answer, index, lenses, model, source))
+            info = infos[name] if infos is not None else camera_info_of(workcell, section)
+            out.append(_entry(workcell, section, info, answer, index, lenses, model, source))
     return tuple(out)
 
 
 def _entry(
     workcell: Workcell,
     section: CameraSection,
+    info: RgbdCameraInfo,
     answer: Calibration,
     rig: int,
     lenses: list[int],
@@ -80,7 +85,6 @@ def _entry(
     source: str,
 ) -> CalibratedCamera:
     """The rig's frame is its first lens: the infrared one, or the colour lens where it is alone."""
-    info = camera_info_of(workcell, section)
     by_kind = {_kind_of(section, info, answer, k): k for k in lenses}
     sigma = max(answer.target_sigma(k) for k in lenses)
     depth_lens, color, T_depth_color = info.depth, info.color, info.T_depth_color
@@ -106,6 +110,7 @@ def _entry(
         depth_model,
         source=source,
         target_error=sigma,
+        model=info.model,
     )
 
 

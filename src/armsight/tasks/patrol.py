@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from armsight.arrays import JointVector
 from armsight.errors import UsageError
+from armsight.motion.face import Face, Figure
 from armsight.motion.intents import JointIntent
 from armsight.motion.task import Observation, Subscriptions
 
@@ -94,3 +95,16 @@ class PatrolTask:
                 self.visits += 1
                 self._arrived = math.inf
         return self.goal
+
+    def face(self) -> Face:
+        """Where it is going, what it has done, and the goals it goes between."""
+        n = len(self._goals)
+        minutes = (self.times[-1] - self.times[0]) / 60.0 if len(self.times) > 1 else math.nan
+        rate = (len(self.times) - 1) / minutes if minutes > 0.0 else math.nan
+        resting = math.isfinite(self._arrived)
+        names = " → ".join(intent.name for intent in self._goals)
+        return Face(
+            state=f"{'rests at' if resting else 'on its way to'} {self.goal.name}",
+            reason=f"round {self.visits // n + 1} of {names}",
+            figures=(Figure("goals reached", float(len(self.times))), Figure("a minute", rate)),
+        )

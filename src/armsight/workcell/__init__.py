@@ -5,16 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from armsight.workcell.build import (
-        Cell,
-        camera_info_of,
-        open_cell,
-        robot_in,
-        simulated_world,
-        world_spec,
-    )
+    from armsight.workcell.beliefs import camera_info_of, robot_in
+    from armsight.workcell.build import Cell, open_cell, simulated_world
     from armsight.workcell.load import load_workcell, parse_workcell
     from armsight.workcell.schema import Workcell
+    from armsight.workcell.simulated import world_spec
 
 __all__ = [
     "Cell",
@@ -31,13 +26,13 @@ __all__ = [
 _HOME = {
     "Cell": "build",
     "Workcell": "schema",
-    "camera_info_of": "build",
+    "camera_info_of": "beliefs",
     "load_workcell": "load",
     "open_cell": "build",
     "parse_workcell": "load",
-    "robot_in": "build",
+    "robot_in": "beliefs",
     "simulated_world": "build",
-    "world_spec": "build",
+    "world_spec": "simulated",
 }
 
 

@@ -7,10 +7,7 @@ from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any, TypeVar
 
-import numpy as np
-
 from armsight.arrays import JointVector, Pose
-from armsight.devices.camera_models import camera_info
 from armsight.devices.clock import WallClock
 from armsight.devices.data import RgbdCameraInfo
 from armsight.devices.line import DeviceHealth
@@ -20,26 +17,13 @@ from armsight.errors import DeviceError, UsageError
 from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Robot
-from armsight.simulation.spec import (
-    ArmSpec,
-    CameraSpec,
-    GripperSpec,
-    MovingObjectSpec,
-    PersonSpec,
-    WorldSpec,
-    WrenchSpec,
-)
-from armsight.simulation.targets import TargetSpec, target_object
 from armsight.simulation.world import SimulatedWorld
-from armsight.workcell.board import board_spec
+from armsight.workcell.beliefs import believed, robot_in
 from armsight.workcell.calibration_file.reading import (
-    calibrated_info,
     calibrated_robot,
     calibration_of,
-    mount_pose,
 )
 from armsight.workcell.calibration_file.schema import CellCalibration
-from armsight.workcell.checks import robot_of
 from armsight.workcell.drivers import SIMULATED
 from armsight.workcell.opening import (
     Driven,
@@ -51,16 +35,9 @@ from armsight.workcell.opening import (
     open_wrench,
 )
 from armsight.workcell.schema import (
-    CameraSection,
-    ObjectSection,
-    PersonSection,
-    StereoSection,
-    TargetSection,
     Workcell,
 )
-
-DEFAULT_STEREO = "wrist_stereo"
-"""Model of a simulated pair that names none."""
+from armsight.workcell.simulated import world_spec
 
 Device = TypeVar("Device")
 
@@ -245,225 +222,6 @@ def simulated_world(cell: Cell) -> SimulatedWorld:
     if not isinstance(cell.world, SimulatedWorld):
         raise UsageError(f"{cell.workcell.name}: only a simulated cell has a truth to score by")
     return cell.world
-
-
-def robot_in(workcell: Workcell) -> Robot:
-    """The cell's robot: with its tool, its home, and joint limits as narrow as the file says."""
-    section = workcell.robot
-    robot = robot_of(section)
-    limits = robot.limits
-    lower, upper = limits.lower, limits.upper
-    if section.joint_lower_deg is not None:
-        lower = np.maximum(lower, np.deg2rad(section.joint_lower_deg))
-    if section.joint_upper_deg is not None:
-        upper = np.minimum(upper, np.deg2rad(section.joint_upper_deg))
-    return replace(
-        robot, limits=replace(limits, lower=lower, upper=upper), home=_home(workcell, robot)
-    )
-
-
-def camera_info_of(
-    workcell: Workcell, section: CameraSection, calibration: CellCalibration | None = None
-) -> RgbdCameraInfo:
-    """What the cell believes of a camera: as it is declared, or as it was calibrated.
-
-    Args:
-        workcell: the cell.
-        section: the camera's own.
-        calibration: of the cell; None for what the workcell file declares.
-
-    Raises:
-        WorkcellError: the calibration is of a camera with another resolution.
-    """
-    ideal = section.driver == SIMULATED and not workcell.simulation.sensor_errors
-    declared = camera_info(
-        section.name,
-        section.model or "",
-        "base" if section.mounted_on == "world" else "flange",
-        mount_pose(workcell, section),
-        rate=section.rate_hz,
-        latency=None if section.latency_ms is None else section.latency_ms / 1e3,
-        ideal_lens=ideal,
-        color_scale=workcell.simulation.color_scale if section.driver == SIMULATED else 1.0,
-    )
-    if not section.guard:
-        declared = replace(declared, guard=False)
-    return believed(declared, calibration)
-
-
-def believed(declared: RgbdCameraInfo, calibration: CellCalibration | None) -> RgbdCameraInfo:
-    """What is declared of a camera, corrected by its calibration if it has one.
-
-    Raises:
-        WorkcellError: the calibration is of a camera with another resolution.
-    """
-    found = None if calibration is None else calibration.of(declared.name)
-    return declared if found is None else calibrated_info(declared, found)
-
-
-def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -> WorldSpec:
-    """The simulated cell, in world.
-
-    Args:
-        workcell: the cell.
-        calibration: what its cameras are believed to be; the truth is drawn without it.
-    """
-    section, settings = workcell.robot, workcell.simulation
-    robot = robot_in(workcell)
-    arm = ArmSpec(
-        robot=robot,
-        T_world_base=section.T_world_base,
-        home=robot.home,
-        start_delay=section.start_delay_ms / 1e3,
-        state_latency=section.state_latency_ms / 1e3,
-        state_rate=section.state_rate_hz,
-        watchdog=section.watchdog_ms / 1e3,
-        speed=section.speed,
-        acceleration=section.acceleration,
-        repeatability=settings.arm_repeatability_mm / 1e3,
-        kinematic_error=settings.arm_kinematic_error,
-    )
-    return WorldSpec(
-        arm=arm,
-        cameras=tuple(
-            _camera(workcell, c, calibration) for c in workcell.camera if c.driver == SIMULATED
-        ),
-        static=tuple(s.solid for s in workcell.solid),
-        undeclared=tuple(s.solid for s in settings.undeclared),
-        people=tuple(_person(workcell, p) for p in settings.person),
-        objects=(
-            *(_object(o) for o in settings.object),
-            *(target_object(_target(t)) for t in settings.target),
-        ),
-        floor=settings.floor,
-        time_step=(settings.time_step_ms or (1.0 if settings.contact_pushes else 2.0)) / 1e3,
-        stereo=tuple(_pair(workcell, s) for s in workcell.stereo if s.driver == SIMULATED),
-        wrench=_wrench(workcell),
-        gripper=_gripper(workcell),
-        board=board_spec(workcell),
-        pushes=settings.contact_pushes,
-    )
-
-
-def _camera(
-    workcell: Workcell, section: CameraSection, calibration: CellCalibration | None
-) -> CameraSpec:
-    settings = workcell.simulation
-    return CameraSpec(
-        info=camera_info_of(workcell, section, calibration),
-        T_mount_camera_declared=section.T_mount_camera,
-        declared=camera_info_of(workcell, section),
-        errors=settings.sensor_errors,
-        pose_error=(
-            settings.calibration_error_mm / 1e3,
-            float(np.deg2rad(settings.calibration_error_deg)),
-        ),
-        lens_error=settings.lens_error,
-        stamp_jitter=settings.stamp_jitter_ms / 1e3,
-        phase=section.phase_ms / 1e3,
-        systematic=settings.depth_error,
-    )
-
-
-def _pair(workcell: Workcell, section: StereoSection) -> CameraSpec:
-    """A simulated pair: its left lens is ``depth``, its right lens ``color``."""
-    settings = workcell.simulation
-    mount = "base" if section.mounted_on == "world" else "flange"
-    return CameraSpec(
-        info=camera_info(
-            section.name,
-            section.model or DEFAULT_STEREO,
-            mount,
-            mount_pose(workcell, section),
-            rate=section.rate_hz,
-            latency=None if section.latency_ms is None else section.latency_ms / 1e3,
-            ideal_lens=not settings.sensor_errors,
-        ),
-        T_mount_camera_declared=section.T_mount_camera,
-        errors=False,
-        pose_error=(
-            settings.calibration_error_mm / 1e3,
-            float(np.deg2rad(settings.calibration_error_deg)),
-        ),
-        lens_error=settings.lens_error,
-        stamp_jitter=settings.stamp_jitter_ms / 1e3,
-    )
-
-
-def _wrench(workcell: Workcell) -> WrenchSpec | None:
-    section, errors = workcell.wrench, workcell.simulation.wrench
-    if section is None or section.driver != SIMULATED:
-        return None
-    on = float(workcell.simulation.sensor_errors)
-    return WrenchSpec(
-        rate=section.rate_hz,
-        noise=(on * errors.noise_n, on * errors.noise_nm),
-        bias=(on * errors.bias_n, on * errors.bias_nm),
-        low_pass=errors.low_pass_hz,
-        latency=errors.latency_ms / 1e3,
-        drift=(on * errors.drift_n, on * errors.drift_nm),
-        greatest=(errors.greatest_n, errors.greatest_nm),
-    )
-
-
-def _gripper(workcell: Workcell) -> GripperSpec | None:
-    section = workcell.gripper
-    if section is None or section.driver != SIMULATED:
-        return None
-    return GripperSpec(section.opening, section.speed, force=section.force_n)
-
-
-def _object(section: ObjectSection) -> MovingObjectSpec:
-    return MovingObjectSpec(
-        section.solid,
-        section.path,
-        section.center or (0.0, 0.0, 0.0),
-        section.period_s,
-        mass=section.mass_kg,
-        surface=1e3 * section.surface_n_per_mm,
-        hold=1e3 * section.hold_n_per_mm,
-        held_by=section.held_by or "",
-    )
-
-
-def _person(workcell: Workcell, section: PersonSection) -> PersonSpec:
-    clip = None
-    if section.clip is not None:
-        clip = workcell.file.parent / section.clip if workcell.file is not None else None
-    return PersonSpec(
-        name=section.name,
-        motion=section.motion,
-        T_world_person=section.T_world_person,
-        script=section.script,
-        clip=clip,
-        period=section.period_s,
-        start=section.start_s,
-        speed_scale=section.speed_scale,
-        max_hand_speed=section.max_hand_speed,
-        mirror=section.mirror,
-        height=section.height,
-        target=section.target,
-        distance=section.distance,
-    )
-
-
-def _target(section: TargetSection) -> TargetSpec:
-    return TargetSpec(
-        name=section.name,
-        kind=section.kind,
-        T_world_target=section.pose,
-        path=section.path,
-        center=section.center or (0.0, 0.0, 0.0),
-        period=section.period_s,
-        speed=section.speed,
-        room=section.room,
-        glossy=section.glossy,
-    )
-
-
-def _home(workcell: Workcell, robot: Robot) -> JointVector:
-    home = workcell.robot.home_deg
-    return robot.home if home is None else np.deg2rad(home)
 
 
 def _in_base(solid: Solid, T_world_base: Pose) -> Solid:

@@ -150,6 +150,7 @@ def _declared(workcell: Workcell, section: CameraSection, report: CameraReport) 
         range=report.range,
         noise=report.noise,
         guard=section.guard,
+        infrared_scale=report.infrared_scale,
     )
     return info if section.latency_ms is None else replace(info, latency=section.latency_ms / 1e3)
 

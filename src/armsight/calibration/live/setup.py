@@ -12,6 +12,7 @@ from armsight.calibration.boards import Board
 from armsight.calibration.lens_prior import sheet_prior
 from armsight.calibration.problem import Lens
 from armsight.calibration.views import FreeCheck
+from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.robots.robot import Robot
 
@@ -22,14 +23,14 @@ class CameraSetup:
 
     Attributes:
         name: of the camera.
-        infrared, color: lenses by the sheet (colour None for a camera without).
+        infrared, color: lenses by the sheet, None for one that delivers no such picture.
         T_infrared_color: colour lens in the infrared one by the sheet.
         keep: the lenses are factory calibrated and kept.
         depth_scale: infrared picture's pixels a depth pixel.
     """
 
     name: str
-    infrared: PinholeCamera
+    infrared: PinholeCamera | None
     color: PinholeCamera | None
     T_infrared_color: Pose
     keep: bool = False
@@ -61,15 +62,20 @@ class Setup:
 
 
 def lens_list(cameras: Sequence[CameraSetup]) -> list[Lens]:
-    """Lenses of all cameras: infrared first, then colour, camera by camera."""
+    """Lenses of all cameras: infrared first, then colour, camera by camera.
+
+    Raises:
+        UsageError: a camera has none.
+    """
     out: list[Lens] = []
     for index, c in enumerate(cameras):
-        out.append(
-            Lens(
-                f"{c.name} infrared", index, c.infrared, prior=sheet_prior(c.infrared), keep=c.keep
-            )
-        )
-        if c.color is not None:
+        first = c.infrared if c.infrared is not None else c.color
+        if first is None:
+            raise UsageError(f"camera {c.name} has neither an infrared nor a colour lens")
+        kind = "color" if c.infrared is None else "infrared"
+        out.append(Lens(f"{c.name} {kind}", index, first, prior=sheet_prior(first), keep=c.keep))
+        if c.color is not None and c.infrared is not None:
+            prior = sheet_prior(c.color)
             out.append(
                 Lens(
                     f"{c.name} color",
@@ -77,7 +83,7 @@ def lens_list(cameras: Sequence[CameraSetup]) -> list[Lens]:
                     c.color,
                     c.T_infrared_color,
                     not c.keep,
-                    sheet_prior(c.color),
+                    prior,
                     keep=c.keep,
                 )
             )

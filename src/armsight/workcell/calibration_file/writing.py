@@ -49,6 +49,7 @@ def camera_entry(
     source: str,
     target_error: float | None = None,
     now: datetime | None = None,
+    model: str | None = None,
 ) -> CalibratedCamera:
     """A camera's entry from what was found.
 
@@ -64,13 +65,14 @@ def camera_entry(
         source: from what, for people.
         target_error: expected error of a point 1.0-1.5 m away [m].
         now: when; this moment if None.
+        model: of the camera, where the workcell file names none.
 
     Raises:
         ValueError: it is no calibration that could be (pydantic's error names the key).
     """
-    model: dict[str, Any] | None = None
+    depths: dict[str, Any] | None = None
     if depth_model is not None:
-        model = {
+        depths = {
             "offset": float(depth_model.offset),
             "scale": float(depth_model.scale) if depth_model.scale_known else 0.0,
             "middle": float(depth_model.middle),
@@ -85,7 +87,7 @@ def camera_entry(
     return CalibratedCamera.model_validate(
         {
             "name": section.name,
-            "model": section.model,
+            "model": section.model or model,
             "mount": "base" if section.mounted_on == "world" else "flange",
             "calibrated": _moment(now),
             "source": source,
@@ -95,7 +97,7 @@ def camera_entry(
             "declared": _placed(mount_pose(workcell, section)),
             "depth_lens": _lens(depth_lens),
             "color_lens": color,
-            "depth_model": model,
+            "depth_model": depths,
         }
     )
 

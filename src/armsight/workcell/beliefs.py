@@ -1,0 +1,82 @@
+"""What a cell believes of its arm and its cameras: as declared, or as calibrated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from armsight.arrays import JointVector
+from armsight.devices.camera_models import camera_info
+from armsight.devices.data import RgbdCameraInfo
+from armsight.robots.robot import Robot
+from armsight.workcell.calibration_file.reading import (
+    calibrated_info,
+    mount_pose,
+)
+from armsight.workcell.calibration_file.schema import CellCalibration
+from armsight.workcell.checks import robot_of
+from armsight.workcell.drivers import SIMULATED
+from armsight.workcell.schema import (
+    CameraSection,
+    Workcell,
+)
+
+
+def robot_in(workcell: Workcell) -> Robot:
+    """The cell's robot: with its tool, its home, and joint limits as narrow as the file says."""
+    section = workcell.robot
+    robot = robot_of(section)
+    limits = robot.limits
+    lower, upper = limits.lower, limits.upper
+    if section.joint_lower_deg is not None:
+        lower = np.maximum(lower, np.deg2rad(section.joint_lower_deg))
+    if section.joint_upper_deg is not None:
+        upper = np.minimum(upper, np.deg2rad(section.joint_upper_deg))
+    return replace(
+        robot, limits=replace(limits, lower=lower, upper=upper), home=_home(workcell, robot)
+    )
+
+
+def camera_info_of(
+    workcell: Workcell, section: CameraSection, calibration: CellCalibration | None = None
+) -> RgbdCameraInfo:
+    """What the cell believes of a camera: as it is declared, or as it was calibrated.
+
+    Args:
+        workcell: the cell.
+        section: the camera's own.
+        calibration: of the cell; None for what the workcell file declares.
+
+    Raises:
+        WorkcellError: the calibration is of a camera with another resolution.
+    """
+    ideal = section.driver == SIMULATED and not workcell.simulation.sensor_errors
+    declared = camera_info(
+        section.name,
+        section.model or "",
+        "base" if section.mounted_on == "world" else "flange",
+        mount_pose(workcell, section),
+        rate=section.rate_hz,
+        latency=None if section.latency_ms is None else section.latency_ms / 1e3,
+        ideal_lens=ideal,
+        color_scale=workcell.simulation.color_scale if section.driver == SIMULATED else 1.0,
+    )
+    if not section.guard:
+        declared = replace(declared, guard=False)
+    return believed(declared, calibration)
+
+
+def believed(declared: RgbdCameraInfo, calibration: CellCalibration | None) -> RgbdCameraInfo:
+    """What is declared of a camera, corrected by its calibration if it has one.
+
+    Raises:
+        WorkcellError: the calibration is of a camera with another resolution.
+    """
+    found = None if calibration is None else calibration.of(declared.name)
+    return declared if found is None else calibrated_info(declared, found)
+
+
+def _home(workcell: Workcell, robot: Robot) -> JointVector:
+    home = workcell.robot.home_deg
+    return robot.home if home is None else np.deg2rad(home)
