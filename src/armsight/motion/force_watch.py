@@ -25,10 +25,10 @@ STALE = 0.02
 TARED_OVER = 0.5
 """The sensor's error is the mean over this time without contact [s]."""
 LEAD = 0.15
-"""What presses on a thing and grows is judged by what it will be after this time [s]: until a
-command has acted (a tick, the drives, the filters) and the arm has come to rest."""
+"""What presses on a thing or a face and grows is judged by what it will be after this time [s]:
+until a command has acted (a tick, the drives, the filters) and the arm has come to rest."""
 GIVING = 0.06
-"""The same of a part of a body [s], which gives way after the first blow."""
+"""The same of a hand [s], which gives way after the first blow."""
 SMOOTH = 0.15
 """Share of a new rate of the force in the one that is used: readings are noisy."""
 SAMPLES = 10
@@ -134,7 +134,7 @@ class ForceWatch:
         """
         for felt in self._new:
             force, torque = float(np.linalg.norm(felt.force)), float(np.linalg.norm(felt.torque))
-            lead = LEAD if permit.kind == "thing" else GIVING
+            lead = GIVING if permit.kind == "hand" else LEAD
             soon = force + lead * max(self._rate, 0.0)
             if soon > permit.force:
                 grows = f", soon {soon:.1f}" if force <= permit.force else ""
