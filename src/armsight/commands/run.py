@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -13,8 +13,8 @@ import tyro
 from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
+    from armsight.commands.servo import Servo
     from armsight.motion.task import Task
-    from armsight.runtime.component import Component
     from armsight.runtime.session import Session
     from armsight.workcell import Cell
 
@@ -52,24 +52,27 @@ class RunCommand:
 
     def run(self) -> int:
         """Run the task; prints how it ended."""
-        from armsight.commands.running import exit_code, ran, say, write_summary
         from armsight.tasks.catalogue import load_options, make_task
 
         options = getattr(self, "task_options", None)
         if options is None:
             options = load_options(self.task)()
 
-        def make(cell: Cell) -> tuple[Task, Sequence[Component]]:
-            watch = (EndsWithTask(),) if self.headless else ()
-            return make_task(self.task, options, cell), watch
+        return run_and_tell(self, lambda cell: make_task(self.task, options, cell))
 
-        with ran(self, make) as session:
-            summary = summary_of(session)
-        for key, value in summary.items():
-            say(f"{key:18}{value}")
-        if self.json is not None:
-            write_summary(self.json, summary)
-        return exit_code(session, self.seconds)
+
+def run_and_tell(asked: RunCommand | Servo, make: Callable[[Cell], Task]) -> int:
+    """Run the task that is made for the open cell, print how it ended; the exit code."""
+    from armsight.commands.running import exit_code, ran, say, write_summary
+
+    watch = (EndsWithTask(),) if asked.headless else ()
+    with ran(asked, lambda cell: (make(cell), watch)) as session:
+        summary = summary_of(session)
+    for key, value in summary.items():
+        say(f"{key:18}{value}")
+    if asked.json is not None:
+        write_summary(asked.json, summary)
+    return exit_code(session, asked.seconds)
 
 
 class EndsWithTask:

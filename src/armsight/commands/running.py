@@ -20,6 +20,7 @@ from armsight.errors import TaskError
 if TYPE_CHECKING:
     from armsight.commands.patrol import Patrol
     from armsight.commands.run import RunCommand
+    from armsight.commands.servo import Servo
     from armsight.motion.task import Task
     from armsight.runtime.component import Component
     from armsight.runtime.config import SessionConfig
@@ -106,7 +107,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
 
 @contextmanager
 def ran(
-    asked: Patrol | RunCommand, make: Callable[[Cell], tuple[Task, Sequence[Component]]]
+    asked: Patrol | RunCommand | Servo, make: Callable[[Cell], tuple[Task, Sequence[Component]]]
 ) -> Iterator[Session]:
     """Open the cell, run the task in it to the end; the cell is open while figures are taken.
 

@@ -47,38 +47,7 @@ class Servo:
 
     def run(self) -> int:
         """Servo; prints how it went."""
-        from armsight.commands.run import EndsWithTask, summary_of
-        from armsight.commands.running import (
-            RunOptions,
-            exit_code,
-            run_session,
-            say,
-            speed_of,
-            write_summary,
-        )
-        from armsight.errors import UsageError
+        from armsight.commands.run import run_and_tell
         from armsight.tasks.servo import ServoOptions
-        from armsight.workcell import open_cell
-        from armsight.workcell.packaged import load
 
-        if self.headless and self.seconds is None:
-            raise UsageError("--headless needs --seconds: nobody would see when to end it")
-        workcell = load(self.workcell)
-        with open_cell(workcell, self.seed) as cell:
-            task = ServoOptions(self.task, self.mode, self.standoff).make(cell)
-            wanted = RunOptions(
-                seconds=self.seconds,
-                page=None if self.headless else self.page,
-                record=self.record,
-                seed=self.seed,
-                speed=speed_of(self.speed, self.headless),
-                observers=(EndsWithTask(),) if self.headless else (),
-                cell_is_empty=self.cell_is_empty,
-            )
-            session = run_session(cell, task, wanted)
-            summary = summary_of(session)
-        for key, value in summary.items():
-            say(f"{key:18}{value}")
-        if self.json is not None:
-            write_summary(self.json, summary)
-        return exit_code(session, self.seconds)
+        return run_and_tell(self, ServoOptions(self.task, self.mode, self.standoff).make)

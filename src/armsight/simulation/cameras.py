@@ -66,9 +66,9 @@ class Faults:
         self._faults.clear()
 
     @property
-    def memory(self) -> float:
-        """How far back a picture may be told again [s]."""
-        return max((f.amount for f in self._faults if f.kind == "old"), default=0.0)
+    def memory(self) -> float | None:
+        """How far back a picture may be told again [s]; None when none may."""
+        return max((f.amount for f in self._faults if f.kind == "old"), default=None)
 
     def find(self, kind: FaultKind, now: float) -> Fault | None:
         """The active fault of a kind, the latest added first."""

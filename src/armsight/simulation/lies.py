@@ -33,9 +33,12 @@ class Liar:
         self.newest: DepthImage | None = None
         self._kept: deque[tuple[float, DepthImage]] = deque()
 
-    def keep(self, depth: DepthImage, now: float, seconds: float) -> None:
-        """Remember a true picture, and the older ones for so long [s]."""
+    def keep(self, depth: DepthImage, now: float, seconds: float | None) -> None:
+        """Remember a true picture, and the older ones for so long [s]; None: no older ones."""
         self.newest = depth
+        if seconds is None:  # a second of four cameras is 50 MB
+            self._kept.clear()
+            return
         self._kept.append((now, depth))
         while self._kept[0][0] < now - seconds - 1.0:
             self._kept.popleft()
