@@ -13,7 +13,7 @@ from armsight.calibration import report
 from armsight.calibration.boards import Checkerboard, Detection
 from armsight.calibration.calibrate import CalibrationOptions, calibrate
 from armsight.calibration.depth import DepthSamples, fit_depth
-from armsight.calibration.drift import DriftWatch
+from armsight.calibration.drift import DriftWatch, known_from
 from armsight.calibration.export import (
     camera_info_yaml,
     opencv_yaml,
@@ -157,7 +157,7 @@ def watch(cell, answer, moved, seed, count=12):
     rng = np.random.default_rng(seed)
     joints = random_views(cell, count, rng)
     later = observe(moved, joints, rng)
-    guard = DriftWatch(answer)
+    guard = DriftWatch(known_from(answer))
     for v in range(count):
         seen = [s for s in later.sightings if s.view == v]
         alarm = guard.add(later.views[v], seen)
@@ -195,7 +195,7 @@ def test_one_board_seen_wrongly_blames_nobody(solved):
     quiet = replace(cell, levels=replace(cell.levels, wrong_boards=0.0))
     rng = np.random.default_rng(7)
     later = observe(quiet, random_views(quiet, 9, rng), rng)
-    guard = DriftWatch(answer)
+    guard = DriftWatch(known_from(answer))
     for v in range(9):
         seen = [s for s in later.sightings if s.view == v]
         if v in (3, 7):  # slipped by one column, in every lens of one camera

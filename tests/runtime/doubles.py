@@ -127,6 +127,9 @@ class FakeMap:
     def declare_empty(self):
         self.calls.append("empty")
 
+    def exclude(self, camera, reason):
+        self.calls.append((camera, reason))
+
 
 class FakePlanner:
     def plan(self, request, snapshot, time_limit, rng):

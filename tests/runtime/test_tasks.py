@@ -300,6 +300,29 @@ def test_two_perceivers_of_one_name_are_refused():
         session_of(None, perceivers=[Counter(), Counter()])
 
 
+def test_a_perceiver_takes_a_camera_out_of_the_map_and_warns():
+    @dataclass(frozen=True)
+    class Bumped(Count):
+        excluded: tuple[tuple[str, str], ...] = ()
+        warning: str = ""
+
+    class Watch(Counter):
+        def update(self, frames):
+            stamp = frames[-1].frame.stamp
+            out = (("c", "was moved"),) if stamp > 0.3 else ()
+            return Bumped(stamp, 1, out, "the board slipped" if out else "")
+
+    session, _ = session_of(None, perceivers=[Watch()])
+    session.run(0.25)
+    calls = session._parts.workspace.calls
+    assert ("c", "was moved") not in calls
+    session.run(0.5)
+    first = calls.index(("c", "was moved"))
+    before = [call for call in calls[:first] if len(call) == 3]
+    assert before[-1][0] >= 0.3 + 0.03 - 0.02 - 1e-9  # not before it could be known
+    assert "the board slipped" in {h.name: h.problem for h in session.health()}.values()
+
+
 def test_a_reset_begins_task_and_perceivers_anew():
     task = Scripted(lambda o: None)
     session, _ = session_of(task)

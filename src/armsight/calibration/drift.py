@@ -22,7 +22,7 @@ from armsight.arrays import Floats, Ints
 from armsight.calibration import se3
 from armsight.calibration.calibrate import Calibration
 from armsight.calibration.model import Model, State
-from armsight.calibration.problem import ArmView, Sighting
+from armsight.calibration.problem import ArmView, Freedom, Problem, Sighting
 
 Cause = Literal["camera", "board, base or robot"]
 
@@ -90,24 +90,54 @@ class _Track:
         return [m for m in self.motions if m.rest >= rest]
 
 
+@dataclass(frozen=True)
+class Known:
+    """What is held to be true, and how surely.
+
+    Attributes:
+        problem: rigs, lenses, boards and arm; its views and sightings are not looked at.
+        state: value of everything; freedom: how the arm's errors enter.
+        unknown: (g,) indices of the unknowns that are not sure; covariance: (g, g) of these.
+        noise: usual standard deviation of a corner by lens [px].
+        pose_noise: the arm's repeatability (translation [m], rotation [rad]), or None.
+    """
+
+    problem: Problem
+    state: State
+    freedom: Freedom
+    unknown: Ints
+    covariance: Floats
+    noise: dict[int, float]
+    pose_noise: tuple[float, float] | None = None
+
+
+def known_from(calibration: Calibration) -> Known:
+    """A solved calibration as what is held to be true."""
+    solution = calibration.solution
+    unknown: Ints = np.flatnonzero(solution.model.free)
+    return Known(
+        calibration.problem,
+        solution.state,
+        calibration.freedom,
+        unknown,
+        calibration.covariance.model[np.ix_(unknown, unknown)],
+        calibration.corner_sigma(),
+        calibration.freedom.white,
+    )
+
+
 class DriftWatch:
     """Feeds on sightings and says when the calibration no longer holds."""
 
-    def __init__(self, calibration: Calibration, options: DriftOptions | None = None) -> None:
-        self._calibration = calibration
+    def __init__(self, known: Known, options: DriftOptions | None = None) -> None:
+        self._known = known
         self._options = options or DriftOptions()
+        self._pose_noise = known.pose_noise or self._options.pose_noise
         self.reset()
-        model, covariance = calibration.solution.model, calibration.covariance
-        self._unknown: Ints = np.flatnonzero(model.free)
-        at = np.ix_(self._unknown, self._unknown)
-        self._covariance: Floats = covariance.model[at]
-        self._noise = calibration.corner_sigma()
-        white = calibration.freedom.white
-        self._pose_noise = white if white is not None else self._options.pose_noise
 
     def reset(self) -> None:
         """Forget all sightings, as after something was put back in place."""
-        self._tracks = [_Track() for _ in self._calibration.problem.rigs]
+        self._tracks = [_Track() for _ in self._known.problem.rigs]
         self._rested: list[tuple[int, ArmView, list[Sighting]]] = []
         self._rests = 0
 
@@ -119,7 +149,7 @@ class DriftWatch:
             sightings: their ``view`` is ignored.
         """
         sightings = [replace(s, view=0) for s in sightings]
-        lenses = self._calibration.problem.lenses
+        lenses = self._known.problem.lenses
         self._rests += 1
         for rig, track in enumerate(self._tracks):
             mine = [s for s in sightings if lenses[s.lens].rig == rig]
@@ -135,15 +165,15 @@ class DriftWatch:
         self, rig: int | None, view: ArmView, sightings: list[Sighting], rest: int | None = None
     ) -> _Motion:
         """How a camera, or the board for None, seems to have moved, in its own axes."""
-        calibration = self._calibration
+        held = self._known
         board = sightings[0].board
-        sightings = [replace(s, sigma=self._noise.get(s.lens, s.sigma)) for s in sightings]
-        problem = replace(calibration.problem, views=(view,), sightings=tuple(sightings))
-        model = Model(problem, replace(calibration.freedom, white=None))
-        start = replace(calibration.solution.state, E=np.eye(4)[None])
+        sightings = [replace(s, sigma=held.noise.get(s.lens, s.sigma)) for s in sightings]
+        problem = replace(held.problem, views=(view,), sightings=tuple(sightings))
+        model = Model(problem, replace(held.freedom, white=None))
+        start = replace(held.state, E=np.eye(4)[None])
         at = model.board_slice(board) if rig is None else model.rig_slice(rig)
         place = np.full(model.size, -1)
-        place[self._unknown] = np.arange(len(self._unknown))
+        place[held.unknown] = np.arange(len(held.unknown))
         t, r = self._pose_noise
         W = np.diag([1 / t**2] * 3 + [1 / r**2] * 3)
         total: Floats = np.zeros((1, 6))
@@ -170,7 +200,7 @@ class DriftWatch:
             if turn > 0 and length.max() < 3.0 and float((step @ H @ step.T)[0, 0]) < 1e-4:
                 break  # nothing moved, no outlier: the usual case
         # An error d of the calibration shifts the estimate by -inv(H) Q^T J d.
-        known = np.zeros((6, len(self._unknown)))
+        known = np.zeros((6, len(held.unknown)))
         rows = 2 * lin.jacobian.shape[1]
         for f in range(F):
             part = Q[f * rows : (f + 1) * rows].T @ lin.jacobian[f].reshape(rows, -1)
@@ -240,7 +270,7 @@ class DriftWatch:
         C = np.linalg.inv(sum((m.information for m in motions), np.zeros((6, 6))))
         mean = C @ sum((m.h for m in motions), np.zeros(6))
         known = C @ sum((m.known for m in motions), np.zeros_like(motions[0].known))
-        C = C + known @ self._covariance @ known.T
+        C = C + known @ self._known.covariance @ known.T
         return float(mean @ np.linalg.solve(C, mean)), np.asarray(mean, np.float64)
 
     def _agree(self, motions: list[_Motion], mean: Floats) -> bool:
@@ -250,14 +280,14 @@ class DriftWatch:
             C = np.linalg.inv(m.information)
             off = C @ m.h - mean
             known = C @ m.known
-            C = C + known @ self._covariance @ known.T
+            C = C + known @ self._known.covariance @ known.T
             if float(off @ np.linalg.solve(C, off)) > bar:
                 return False
         return True
 
     def _camera(self, moved: dict[int, Floats]) -> Drift:
         worst = max(moved.values(), key=lambda m: float(np.linalg.norm(m[:3])))
-        names = tuple(self._calibration.problem.rigs[r].name for r in moved)
+        names = tuple(self._known.problem.rigs[r].name for r in moved)
         shift, turn, size = _words(worst)
         verb = "was" if len(names) == 1 else "were"
         return Drift(
@@ -270,7 +300,7 @@ class DriftWatch:
         )
 
     def _shared(self, motion: Floats, watching: list[int]) -> Drift:
-        names = tuple(self._calibration.problem.rigs[r].name for r in watching)
+        names = tuple(self._known.problem.rigs[r].name for r in watching)
         shift, turn, size = _words(motion)
         return Drift(
             "board, base or robot",

@@ -15,7 +15,7 @@ import numpy as np
 from armsight.arrays import JointPath
 from armsight.calibration import se3
 from armsight.calibration.calibrate import Calibration, CalibrationOptions, calibrate
-from armsight.calibration.drift import Drift, DriftWatch
+from armsight.calibration.drift import Drift, DriftWatch, known_from
 from armsight.calibration.problem import Problem
 from armsight.calibration.synthetic import (
     SyntheticCell,
@@ -75,7 +75,7 @@ def one(seed: int) -> dict[str, Any]:
     pool = random_views(cell, 90, rng)
     rests = round(3600 * HOURS / BETWEEN)
     alarms = 0
-    watch = DriftWatch(answer)
+    watch = DriftWatch(known_from(answer))
     for block in np.array_split(rng.integers(len(pool), size=rests), max(rests // 60, 1)):
         for drift in _alarms(watch, cell, pool[block], rng):
             if drift is not None:
@@ -124,7 +124,7 @@ def _move(
         state = replace(state, T_mount_rig=poses)
         want = (cell.sheet.rigs[rig].name,)
     moved = replace(cell, state=state)
-    watch = DriftWatch(answer)
+    watch = DriftWatch(known_from(answer))
     _alarms(watch, cell, pool[rng.integers(len(pool), size=BEFORE)], rng)
     rests = round(WITHIN / BETWEEN)
     after = _alarms(watch, moved, pool[rng.integers(len(pool), size=rests)], rng)

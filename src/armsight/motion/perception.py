@@ -101,6 +101,10 @@ class Perceiver(Protocol):
     may have a ``reset()``, called when a simulated cell begins anew. One that raises loses that
     round and says so; one that hangs publishes nothing any more.
 
+    What it publishes may have ``excluded``, pairs of a camera's name and a reason: from then on
+    nothing counts that this camera says, in the map and for the guard. It may have a ``warning``
+    that people should read.
+
     Attributes:
         name: unique in the session; a task finds the observation by it.
         period: least time between two rounds [s]; a round begins when a frame has come.

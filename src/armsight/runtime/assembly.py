@@ -132,6 +132,7 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
         part.on_seconds = loop.meters[part.name].more
         if not devices.wall:
             part.call_at = loop.call_at
+    mapping.judges = tuple(p.newest for p in perceivers)
     made = Assembly(channels, parts, loop, sensing, guard, task, components)
     _wire(made, mapping, planning, perceivers)
     orders = PictureOrders(

@@ -21,8 +21,10 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.intents import Intent
 from armsight.runtime.channels import Channels
 from armsight.runtime.latency import Latency
+from armsight.runtime.slot import Slot
 
 if TYPE_CHECKING:
+    from armsight.motion.perception import Evidence
     from armsight.motion.plan import Plan, Planner
     from armsight.motion.tick import GuardDecision
 
@@ -38,6 +40,10 @@ class Maps(Protocol):
 
     def declare_empty(self) -> None:
         """Somebody says that nobody is in the cell."""
+        ...
+
+    def exclude(self, camera: str, reason: str) -> None:
+        """Somebody knows that a camera was moved: nothing counts any more that it says."""
         ...
 
 
@@ -107,6 +113,8 @@ class MappingComponent:
 
     Attributes:
         beside: computes beside the loop, where the compute time is declared; None in its turn.
+        judges: newest observations of the perceivers; a camera that one of them excludes is
+            evidence no more (``excluded``, see :class:`~armsight.motion.perception.Perceiver`).
     """
 
     name = "mapping"
@@ -127,11 +135,15 @@ class MappingComponent:
         self._workspace = workspace
         self._latency = latency
         self._updated = float("-inf")
+        self.judges: tuple[Slot[Evidence], ...] = ()
 
     def update(self, now: float) -> None:
         """Take the waiting frames into the map and publish a snapshot."""
         frames = self._channels.frames.take()
         self.charge = 0.0
+        for judge in self.judges:
+            for camera, reason in getattr(judge.read(now), "excluded", ()):
+                self._workspace.exclude(camera, reason)
         if not frames and now < self._updated + self.period:
             return
         self._updated = now

@@ -124,6 +124,7 @@ class PerceiverComponent:
         if not isinstance(stamp, (int, float)) or not math.isfinite(stamp):
             self.problem = f"its {type(evidence).__name__} has no finite stamp"
             return
+        self.problem = str(getattr(evidence, "warning", ""))
         self.newest.publish(evidence, at)
         self.on_result(at)
 

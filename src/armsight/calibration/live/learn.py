@@ -11,6 +11,9 @@ from armsight.calibration.live.log import Log, go, look, report, solve_now
 from armsight.calibration.live.seen import Request, SeenView
 from armsight.calibration.views import choose, information, propose, target_weight, travel_seconds
 
+STARTING = 0.2
+"""What a move takes beside its travel: it is planned, and the arm comes to rest [s]."""
+
 
 def learn(
     log: Log, answer: Calibration, rng: np.random.Generator, began: float
@@ -65,7 +68,7 @@ def learn(
             sigma=answer.corner_sigma(),
         )
         here = log.at if log.at is not None else setup.robot.home
-        fixed = options.rest + options.frames * setup.frame_seconds
+        fixed = STARTING + options.rest + options.frames * setup.frame_seconds
         seconds = travel_seconds(setup.robot, here, offers, setup.speed, setup.acceleration) + fixed
         # The best view may lie behind something: then the next best that can be reached straight.
         left = np.arange(len(offers))
