@@ -20,9 +20,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-import convert_robots as source
 import numpy as np
 import trimesh
+from convert_robots import DATA
+from robot_sources.parts import Color, Part, extract, find, read_collada
+from robot_sources.writing import decimate, obj_text
 from trimesh.creation import box, capsule, cylinder, icosphere
 
 from armsight.geometry.pose import from_rpy, make_pose, transform
@@ -31,13 +33,14 @@ from armsight.robots.fitting import fit_body
 from armsight.robots.link_body import FitOptions, NeighbourLinks, prepare
 from armsight.robots.meshes import join_triangles
 
-TOOLS = source.DATA / "tools"
+TOOLS = DATA / "tools"
 ALUMINIUM, DARK, BLACK, WHITE = (
     (0.72, 0.73, 0.75),
     (0.22, 0.23, 0.25),
     (0.07, 0.07, 0.08),
     (0.95,) * 3,
 )
+GREEN = (0.25, 0.65, 0.35)
 STEEL = (0.55, 0.56, 0.58)
 
 
@@ -54,9 +57,9 @@ class Draft:
     license_text: str = ""
     sphere_price: float = 1e-9
     capsule_price: float = 5e-10
-    meshes: list[tuple[source.Color, trimesh.Trimesh]] = field(default_factory=list)
+    meshes: list[tuple[Color, trimesh.Trimesh]] = field(default_factory=list)
 
-    def add(self, color: source.Color, mesh: trimesh.Trimesh, T: np.ndarray | None = None) -> None:
+    def add(self, color: Color, mesh: trimesh.Trimesh, T: np.ndarray | None = None) -> None:
         """One more body, placed in the flange's frame."""
         if T is not None:
             mesh.apply_transform(T)
@@ -95,6 +98,21 @@ def pen() -> Draft:
     tool.add(ALUMINIUM, rod(0.012, 0.030), at(z=0.010))
     tool.add(STEEL, rod(0.004, 0.106), at(z=0.040))
     tool.add((0.8, 0.1, 0.1), icosphere(subdivisions=3, radius=0.005), at(z=0.145))
+    return tool
+
+
+def straw_cup() -> Draft:
+    """A cup held upright beside the tool's axis when that is level, and its straw to the tip (V).
+
+    The straw bends at its lid; what bends it further is the stiffness that the cell declares.
+    """
+    tool = Draft("cup with a straw, in its holder", at(z=0.150), 0.45, (0.0, 0.015, 0.055))
+    tool.add(ALUMINIUM, rod(0.0315, 0.010))
+    tool.add(ALUMINIUM, box((0.030, 0.030, 0.020)), at(z=0.018))
+    upright = from_rpy([-math.pi / 2, 0, 0], [0, -0.020, 0.058])
+    tool.add(WHITE, rod(0.030, 0.085), upright)
+    straw = capsule(height=0.0796, radius=0.003, count=(12, 12))
+    tool.add(GREEN, straw, from_rpy([-0.2507, 0, 0], [0, -0.0106, 0.1085]))
     return tool
 
 
@@ -167,7 +185,7 @@ def nose(radius: float, flat: float, length: float) -> trimesh.Trimesh:
 
 def panda_hand(example: Path) -> Draft:
     """The Panda's own hand, fingers open; its frame is turned by -45 deg about the flange's z."""
-    meshes = source.find(example, "meshes/visual/hand.dae").parent
+    meshes = find(example, "meshes/visual/hand.dae").parent
     T_flange_hand = from_rpy([0, 0, -math.pi / 4])
     tool = Draft(
         "Franka hand, fingers open 80 mm",
@@ -182,7 +200,7 @@ def panda_hand(example: Path) -> Draft:
         ("finger", at(y=0.04, z=0.0584)),
         ("finger", from_rpy([0, 0, math.pi], [0, -0.04, 0.0584])),
     ):
-        for part in source.read_collada(meshes / f"{stem}.dae", 1.0):
+        for part in read_collada(meshes / f"{stem}.dae", 1.0):
             mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
             tool.add(part.color, mesh, T_flange_hand @ T)
     return tool
@@ -196,11 +214,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=TOOLS)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        source.extract(args.example_robot_data, Path(folder), ("/panda_description/",))
+        extract(args.example_robot_data, Path(folder), ("/panda_description/",))
         makers: dict[str, Callable[[], Draft]] = {
             "gripper": gripper,
             "panda_hand": lambda: panda_hand(Path(folder)),
             "pen": pen,
+            "straw_cup": straw_cup,
             "calibration_board": calibration_board,
             "type2_plug": type2_plug,
         }
@@ -213,16 +232,16 @@ def write(tool: Draft, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("*.obj"):
         old.unlink()
-    by_color: dict[source.Color, list[source.Part]] = {}
+    by_color: dict[Color, list[Part]] = {}
     for color, mesh in tool.meshes:
-        part = source.Part(color, np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        part = Part(color, np.asarray(mesh.vertices), np.asarray(mesh.faces))
         by_color.setdefault(color, []).append(part)
     files, full = [], []
     for i, (color, parts) in enumerate(by_color.items()):
-        joined = source.Part(color, *join_triangles([(p.vertices, p.faces) for p in parts]))
-        small = source.decimate(joined, 0.0001)
+        joined = Part(color, *join_triangles([(p.vertices, p.faces) for p in parts]))
+        small = decimate(joined, 0.0001)
         name = f"{folder.name}_{i}.obj"
-        (folder / name).write_text(source.obj_text(small, folder.name, "see tool.json"))
+        (folder / name).write_text(obj_text(small, folder.name, "see tool.json"))
         files.append({"file": name, "color": [round(float(c), 3) for c in color]})
         full += [(joined.vertices, joined.faces), (small.vertices, small.faces)]
     options = FitOptions(

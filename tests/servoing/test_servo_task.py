@@ -13,6 +13,7 @@ from armsight.motion.task import Observation
 from armsight.robots import load_robot
 from armsight.runtime.session import Session
 from armsight.servoing.approach import Funnel
+from armsight.servoing.docking import docking
 from armsight.servoing.modes import ChaseConfig, make_chase
 from armsight.servoing.sighting import Look
 from armsight.tasks.servo import ServoOptions, ServoTask
@@ -74,7 +75,7 @@ def test_a_cell_without_colour_is_refused():
 def task_of(mode="ours", standoff=0.0):
     config = ChaseConfig(UP, FRONT, 0.04, funnel=Funnel(standoff))
     chase = make_chase(mode, UR10, ("a", "b", "wrist"), "wrist", config)
-    return ServoTask("ball", mode, chase, [], 0.04, standoff)
+    return ServoTask(docking("ball"), mode, chase, [], config, standoff)
 
 
 def observe(now, q=HOME, command=None):

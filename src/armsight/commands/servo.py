@@ -19,7 +19,8 @@ class Servo:
 
     Attributes:
         workcell: a workcell file, or the name of a packaged cell.
-        task: what to follow.
+        task: what to follow: touch the `ball`, dock with the `bullseye`, bring a `straw` to a
+            mouth, or an item above a `hand`.
         mode: `ours`; `paper`: the Master and the segments of V; `fixed`: those without the pair.
         standoff: how far before the surface the tip stays [m]; 0 touches.
         seconds: how long on the cell's clock; until Ctrl-C if left out.
@@ -33,7 +34,7 @@ class Servo:
     """
 
     workcell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")]
-    task: Literal["ball"] = "ball"
+    task: Literal["ball", "bullseye", "straw", "hand"] = "ball"
     mode: Literal["ours", "paper", "fixed"] = "ours"
     standoff: float = 0.0
     seconds: float | None = None

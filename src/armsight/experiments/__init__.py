@@ -34,6 +34,8 @@ NAMES: dict[str, str] = {
     "recognition": "T4 to T7: the robot in one colour image, the papers' four networks",
     "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",
     "servo-accuracy": "V: accuracy of the fixed cameras at a moving ball, tracking, gaps, switches",
+    "servo-straw": "V: a straw to a mouth that moves, with contact, ours beside V's mode",
+    "servo-bullseye": "V: docking with a bulls-eye, ours beside V's two modes",
     "servo-ball": "V: touching a ball at rest and moving, ours beside V's two modes",
     "port-detection": "T3: charging ports found in one picture: speed, recall, false alarms",
     "port-pose": "T3: the pose of a port by a converging pair, beside the paper's plane",

@@ -33,6 +33,8 @@ CELL = "ur10_servoing"
 RADIUS = 0.04
 MOVING = 0.05
 """A contact counts when the tip is faster than this [m/s]."""
+ASLANT = 0.25
+"""A print is not found by who sees it more aslant: cosine with its normal [1]."""
 Path = Callable[[float], Vector3]
 """(3,) place in ``base`` [m] at a time [s]."""
 
@@ -102,6 +104,8 @@ class Eyes:
 
     Attributes:
         hidden: camera or ``all``, and from when to when it sees nothing [s].
+        normal: (3,) of a flat target, which is seen from before it only; None for a ball.
+        marked: the tool has a mark that the pair sees.
     """
 
     fixed: list[ModelCamera]
@@ -112,6 +116,8 @@ class Eyes:
     rng: np.random.Generator
     hidden: list[tuple[str, float, float]] = field(default_factory=list)
     glossy: bool = False
+    normal: Vector3 | None = None
+    marked: bool = True
 
     def __post_init__(self) -> None:
         self._due: dict[str, float] = {c.name: c.phase for c in self.fixed}
@@ -155,34 +161,46 @@ class Eyes:
         look = Look(camera.name, now, False, camera.believed)
         if not self._sees(camera.name, now) or self._covered(q, eye, ball):
             return look
+        if self.normal is not None and float(self.normal @ ray) > -ASLANT:
+            return look
         noise = 1e-3 * self.errors.fixed_noise_mm
         seen = ball + self.rng.normal(0, noise, 3) + camera.depth * ray
         place = _moved(camera, seen)
-        near = seen - 2.0 / 3.0 * RADIUS * ray + self.rng.normal(0, 0.003, 3)
+        cap = 0.0 if self.normal is not None else 2.0 / 3.0 * RADIUS
+        near = seen - cap * ray + self.rng.normal(0, 0.003, 3)
         sigma = noise**2 * np.eye(3)
-        return replace(
-            look, sightings=(_sighting(camera.name, now, place, sigma, _moved(camera, near)),)
-        )
+        found = _sighting(camera.name, now, place, sigma, _moved(camera, near))
+        return replace(look, sightings=(self._facing(found, 0.015),))
+
+    def _facing(self, sighting: Sighting, tilt: float) -> Sighting:
+        """With the normal of a flat target, as well as it is seen [rad]."""
+        if self.normal is None:
+            return sighting
+        normal = self.normal + self.rng.normal(0, tilt, 3)
+        return replace(sighting, normal=normal / np.linalg.norm(normal), tilt=tilt)
 
     def _wrist(self, pair: ModelPair, now: float, q: JointVector, ball: Vector3) -> Look:
         T_true = flange_pose(self.true_robot, q) @ pair.true
         T_believed = flange_pose(self.robot, q) @ pair.believed
         p = T_true[:3, :3].T @ (ball - T_true[:3, 3])
         noise = 1e-3 * self.errors.wrist_noise_mm * np.array([1.0, 1.0, 2.0])
-        mark = self._mark(q, T_true, T_believed, noise)
+        mark = self._mark(q, T_true, T_believed, noise) if self.marked else None
         sigma = T_believed[:3, :3] @ np.diag(noise**2) @ T_believed[:3, :3].T
         look = Look("wrist", now, True, T_believed, mark=mark, mark_covariance=sigma)
         margin = 0.3 * RADIUS / max(p[2], 0.05)
         left = abs(p[0]) < (pair.half[0] - margin) * p[2]
         right = abs(p[0] - 0.06) < (pair.half[0] - margin) * p[2]
         inside = left and right and abs(p[1]) < (pair.half[1] - margin) * p[2]
+        if self.normal is not None:
+            inside = inside and float(self.normal @ (ball - T_true[:3, 3])) < 0.0
         if not (inside and 0.12 < p[2] < 0.8) or not self._sees("wrist", now):
             return look
         p = p + self.rng.normal(0, 1, 3) * noise * max(p[2] / 0.27, 1.0) ** 2
         place = T_believed[:3, :3] @ p + T_believed[:3, 3]
-        surface = _planes(p, self.rng, self.glossy)
+        surface = _planes(p, self.rng, self.glossy, 0.0 if self.normal is not None else RADIUS)
         near = T_believed[:3, :3] @ surface + T_believed[:3, 3]
-        return replace(look, sightings=(_sighting("wrist", now, place, sigma, near, True),))
+        found = _sighting("wrist", now, place, sigma, near, True)
+        return replace(look, sightings=(self._facing(found, 0.003),))
 
     def _mark(self, q: JointVector, T_true: Pose, T_believed: Pose, noise: Floats) -> Vector3:
         """The stylus' tip as the pair sees it, less where the joints say that it is."""
@@ -215,10 +233,10 @@ def _moved(camera: ModelCamera, point: Vector3) -> Vector3:
     return np.asarray(T[:3, :3] @ point + T[:3, 3])
 
 
-def _planes(p: Vector3, rng: np.random.Generator, glossy: bool) -> Vector3:
-    """Mean of the visible cap by V's planes, in the pair's frame; gloss puts it deeper."""
+def _planes(p: Vector3, rng: np.random.Generator, glossy: bool, radius: float) -> Vector3:
+    """Mean of the visible surface by V's planes, in the pair's frame; gloss puts it deeper."""
     away = float(np.linalg.norm(p))
-    near = p * (1.0 - 2.0 / 3.0 * RADIUS / away)
+    near = p * (1.0 - 2.0 / 3.0 * radius / away)
     step = 0.20 / 29
     depth = round((near[2] + rng.normal(0, 0.002)) / step) * step
     if glossy and rng.random() < 0.1:
@@ -236,9 +254,11 @@ class Setup:
     guard: GuardConfig
 
 
-def set_up(speed: float | None = None, acceleration: float | None = None) -> Setup:
-    """The packaged cell, with other shares of speed and acceleration if wanted."""
-    workcell = load_workcell(packaged()[CELL])
+def set_up(
+    speed: float | None = None, acceleration: float | None = None, cell: str = CELL
+) -> Setup:
+    """A packaged cell, with other shares of speed and acceleration if wanted."""
+    workcell = load_workcell(packaged()[cell])
     if speed is not None or acceleration is not None:
         section = workcell.robot.model_copy(
             update={
@@ -368,18 +388,22 @@ class Trial:
             course.harm += speed > MOVING
 
 
-def make_task(setup: Setup, mode: str, standoff: float = 0.0, **chase: Any) -> Any:
+def make_task(
+    setup: Setup, mode: str, standoff: float = 0.0, dock: str = "ball", **chase: Any
+) -> Any:
     """The servo task of a mode, without perceivers."""
+    from armsight.servoing.docking import docking
     from armsight.servoing.modes import make_chase
     from armsight.tasks.servo import ServoTask, chase_config
 
-    config = chase_config(setup.workcell, setup.workcell.robot.T_world_base, RADIUS, standoff)
+    chosen = docking(dock, RADIUS)
+    config = chase_config(setup.workcell, setup.workcell.robot.T_world_base, chosen, standoff)
     config = replace(config, **chase)
     names = [c.name for c in setup.workcell.camera]
     wrist = "" if mode == "fixed" else "wrist"
     cameras = [*names, *([wrist] if wrist else [])]
     made = make_chase(mode, setup.robot, cameras, wrist, config)  # type: ignore[arg-type]
-    return ServoTask("ball", mode, made, [], RADIUS, standoff)  # type: ignore[arg-type]
+    return ServoTask(chosen, mode, made, [], config, standoff)  # type: ignore[arg-type]
 
 
 def world_to_base(setup: Setup, points: Sequence[Sequence[float]]) -> Floats:

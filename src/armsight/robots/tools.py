@@ -26,6 +26,7 @@ TOOL_NAMES: tuple[str, ...] = (
     "gripper",
     "panda_hand",
     "pen",
+    "straw_cup",
     BOARD_TOOL,
     "type2_plug",
 )

@@ -17,6 +17,10 @@ import numpy as np
 from armsight.arrays import Floats, Vector3
 from armsight.servoing.sighting import Look, Sighting
 
+NEWS, SHARP = 0.3, 0.02
+"""Share of a new normal in the one that is believed, of one that is known so well [rad] or better;
+of others less."""
+
 
 @dataclass(frozen=True)
 class FilterConfig:
@@ -211,7 +215,8 @@ class TargetFilter:
                 self._wrist_stamp = max(self._wrist_stamp, look.stamp)
             if chosen.normal is not None:
                 old = self._normal
-                mixed = chosen.normal if old is None else 0.7 * old + 0.3 * chosen.normal
+                share = NEWS * min(1.0, SHARP / max(chosen.tilt, 1e-6))
+                mixed = chosen.normal if old is None else old + share * (chosen.normal - old)
                 self._normal = mixed / np.linalg.norm(mixed)
             return True
         return self._doubt(event)

@@ -9,13 +9,14 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Vector3
+from armsight.arrays import JointVector, Vector3
 from armsight.devices.data import JointState
 from armsight.motion.data import GuardStatus
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 from armsight.servoing.aim import Weights
 from armsight.servoing.approach import Funnel, facing, touch_aim
+from armsight.servoing.docking import Direction, Touchable
 from armsight.servoing.estimate import FilterConfig, TargetEstimate, TargetFilter
 from armsight.servoing.law import LawConfig, VelocityLaw
 from armsight.servoing.master import PaperMaster, Source
@@ -30,8 +31,8 @@ SEEN_WITHIN = 0.18
 """A target that was seen within this time may be touched [s]; later the tip goes back ..."""
 RETREAT, RETREAT_SPEED = 0.1, 1.0
 """... by this much at most [m], so fast [m/s]."""
-DRIFT = 0.06
-"""How fast an unseen target's place becomes unsure beside its predicted motion [m/s]."""
+WIDEST = math.radians(50.0)
+"""The tool is turned no farther than this from the operator's side for a target's normal [rad]."""
 PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
 """What V's estimate of a target is worth, for a permit [m], [m], [m/s]: it has no covariance."""
 SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
@@ -44,6 +45,7 @@ class ChaseConfig:
     Attributes:
         vertical: (3,) unit, up in ``base``; front: (3,) unit, towards the person's side.
         radius: of the target's surface about its point [m]; 0 for a plane.
+        direction: how the tool points.
         pitch: how far below the horizontal our tool points [rad]: the wrist keeps off the table,
             and off the pose in which its axes lie in one plane; V's points horizontally.
         funnel: of the touch.
@@ -53,6 +55,7 @@ class ChaseConfig:
     vertical: Vector3
     front: Vector3
     radius: float
+    direction: Direction = "facing"
     pitch: float = math.radians(30.0)
     funnel: Funnel = field(default_factory=Funnel)
     law: LawConfig = field(default_factory=LawConfig)
@@ -68,24 +71,6 @@ class Wish:
     velocity: JointVector
     exposure: float
     lasts: float = LASTS
-
-
-@dataclass(frozen=True)
-class Touchable:
-    """Where the target was.
-
-    Attributes:
-        stamp: [s]; position: (3,) [m], velocity: (3,) [m/s], covariance: (3, 3) [m^2], in ``base``.
-        margin: what it may reach beyond its own size about that [m].
-        drift: how fast its place becomes unsure while nobody sees it [m/s].
-    """
-
-    stamp: float
-    position: Vector3
-    velocity: Vector3
-    covariance: Floats
-    margin: float = 0.0
-    drift: float = 0.1
 
 
 class Chase(Protocol):
@@ -190,13 +175,12 @@ class OurChase:
         self.place = here
         self.distance = float(np.linalg.norm(here - T[:3, 3])) - config.radius
         at, velocity = estimate.at(now + config.law.delay)
-        flat = facing(at, config.vertical, config.front)
-        axis = math.cos(config.pitch) * flat - math.sin(config.pitch) * config.vertical
+        axis, down = tool_direction(config, at, estimate.normal)
         tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
         # Nobody presses against what nobody sees: the tip goes back before the permit has to end.
         retreat = min(RETREAT, RETREAT_SPEED * max(age - SEEN_WITHIN, 0.0))
         touched = at - (config.radius + retreat) * axis
-        aim = touch_aim(tip, touched, velocity, axis, -config.vertical, config.funnel)
+        aim = touch_aim(tip, touched, velocity, axis, down, config.funnel)
         return Wish(self.law.command(now, joints, aim), estimate.seen)
 
     def touchable(self) -> Touchable | None:
@@ -204,7 +188,8 @@ class OurChase:
         e = self.filter.estimate
         if e is None:
             return None
-        return Touchable(e.stamp, e.position, e.velocity, e.covariance[:3, :3], drift=DRIFT)
+        P = e.covariance[:3, :3]
+        return Touchable(e.stamp, e.position, e.velocity, P, drift=0.0, normal=e.normal)
 
     def _tell(self, now: float, estimate: TargetEstimate) -> None:
         """Which sensors carry the estimate: for the report only, nothing depends on it."""
@@ -225,8 +210,9 @@ class PaperChase:
         self.master = PaperMaster(wrist=wrist)
         down = -config.vertical
         self.planner = SegmentPlanner(
-            robot, config.segments, config.vertical, config.front, down, config.weights
-        )
+            robot, config.segments, config.vertical, config.front, down, config.weights,
+            downward=config.direction == "down",
+        )  # fmt: skip
         self.law = VelocityLaw(robot, config.law, config.weights)
         self.reset()
 
@@ -301,8 +287,26 @@ class PaperChase:
         gap = self.config.funnel.gap
         if place is None or gap <= 0.0:
             return place
+        if self.config.direction == "down":
+            return np.asarray(place + gap * self.config.vertical)
         axis = facing(place, self.config.vertical, self.config.front)
         return np.asarray(place - gap * axis)
+
+
+def tool_direction(
+    config: ChaseConfig, place: Vector3, normal: Vector3 | None
+) -> tuple[Vector3, Vector3]:
+    """Where the tool's axis (3,) should point at a place, and its y (3,), both unit."""
+    flat = facing(place, config.vertical, config.front)
+    if config.direction == "down":
+        return -config.vertical, -flat
+    axis = math.cos(config.pitch) * flat - math.sin(config.pitch) * config.vertical
+    if config.direction == "normal" and normal is not None:
+        between = math.acos(float(np.clip(-normal @ axis, -1.0, 1.0)))
+        share = min(1.0, WIDEST / max(between, 1e-6))
+        axis = (1.0 - share) * axis - share * normal
+        axis = axis / np.linalg.norm(axis)
+    return np.asarray(axis), -config.vertical
 
 
 def make_chase(

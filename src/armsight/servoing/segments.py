@@ -68,6 +68,7 @@ class SegmentPlanner:
 
     Attributes:
         iterations: segments begun.
+        downward: the tool points down, the pair looking down with it (V's hand).
     """
 
     robot: Robot
@@ -78,6 +79,7 @@ class SegmentPlanner:
     weights: Weights = field(default_factory=Weights)
     iterations: int = 0
     running: Segment | None = None
+    downward: bool = False
     _next: tuple[float, JointVector] | None = None
     _axis: Vector3 | None = None
 
@@ -126,7 +128,10 @@ class SegmentPlanner:
         flat = away - self.vertical * (self.vertical @ away)
         if self._axis is None or np.linalg.norm(flat) > self.config.near:
             self._axis = facing(away, self.vertical, self.front)
-        aim = Aim(goal, np.zeros(3), self._axis, self.down)
+        axis, down = self._axis, self.down
+        if self.downward:
+            axis, down = -self.vertical, -axis
+        aim = Aim(goal, np.zeros(3), axis, down)
         return joints_for(self.robot, aim, start, self.weights, rounds=30)
 
     def _seconds(self, start: JointVector, end: JointVector) -> float:

@@ -22,6 +22,7 @@ class Sighting:
         surface: (3,) mean of the visible surface in ``base`` [m]: V's estimate of the place.
         normal: (3,) outward, where the target has a face; None for a ball.
         wrist: seen by the pair on the arm.
+        tilt: standard deviation of the normal [rad].
     """
 
     target: str
@@ -32,6 +33,7 @@ class Sighting:
     surface: Vector3
     normal: Vector3 | None = None
     wrist: bool = False
+    tilt: float = 0.0
 
 
 @dataclass(frozen=True)

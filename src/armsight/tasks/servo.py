@@ -11,7 +11,7 @@ import numpy as np
 from armsight.arrays import Pose
 from armsight.devices.data import JointState
 from armsight.errors import UsageError
-from armsight.geometry.pose import inverse, make_pose, transform
+from armsight.geometry.pose import inverse, transform
 from armsight.motion.face import (
     ArrowMark,
     Curve,
@@ -24,14 +24,14 @@ from armsight.motion.face import (
 )
 from armsight.motion.intents import Intent, Rest, VelocityIntent
 from armsight.motion.permits import PermitRequest
-from armsight.motion.regions import Region
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 from armsight.servoing.approach import Funnel
+from armsight.servoing.docking import DOCK_NAMES, Docking, docking
 from armsight.servoing.eyes import Eye, WristEye
 from armsight.servoing.law import LawConfig
-from armsight.servoing.modes import Chase, ChaseConfig, make_chase
+from armsight.servoing.modes import Chase, ChaseConfig, make_chase, tool_direction
 from armsight.servoing.segments import SegmentConfig
 from armsight.servoing.sighting import Look, Looks
 from armsight.servoing.targets.ball import Ball
@@ -46,27 +46,23 @@ TOUCH = 0.005
 """The tip touches when it is this near the surface (V's criterion) [m]."""
 ASK_WITHIN = 2.0
 """A permit is asked for from here on [m]: other links of the arm come near the target, too."""
-TIP = 0.06
-"""That much of the tool, from its tip, may touch [m]."""
-TOUCH_SPEED, TOUCH_FORCE = 0.15, 10.0
-"""Of the tip against the target at most [m/s], [N]."""
 TOOL_MARKS = {"pen": (0.005, (0.0, 0.0, -0.005))}
 """Balls on tools that the pair can see: radius [m], and place in the TCP's frame [m]."""
 
 
 @dataclass(frozen=True)
 class ServoOptions:
-    """Follow a target that moves until the tool touches it (V).
+    """Follow a target that moves until the tool touches it, or docks with it (V).
 
     Attributes:
-        target: what to follow.
+        target: what to follow: the ball, the bulls-eye, a mouth with a `straw`, or a `hand`.
         mode: `ours`; `paper`: V's Master and its stop-and-go segments; `fixed`: those without the
             pair on the wrist.
         standoff: how far before the surface the tip stays [m]; 0 touches.
         ball_radius: of the red ball [m].
     """
 
-    target: Literal["ball"] = "ball"
+    target: Literal["ball", "bullseye", "straw", "hand"] = "ball"
     mode: Mode = "ours"
     standoff: float = 0.0
     ball_radius: float = 0.04
@@ -84,27 +80,31 @@ class ServoOptions:
             )
         pairs = [p.info.name for p in cell.stereo if p.info.mounted_on == "flange"]
         pair = pairs[0] if pairs and self.mode != "fixed" else ""
-        ball = Ball(self.ball_radius)
-        eyes: list[Eye | WristEye] = [Eye(name, ball) for name in cameras]
+        dock = docking(self.target, self.ball_radius)
+        target = dock.detector()
+        eyes: list[Eye | WristEye] = [Eye(name, target) for name in cameras]
         if pair:
             tool = cell.robot.tool.name if cell.robot.tool is not None else ""
             radius, at = TOOL_MARKS.get(tool, (0.0, (0.0, 0.0, 0.0)))
             mark = Ball(radius, "mark") if radius else None
-            eyes.append(WristEye(pair, ball, cell.robot, mark, np.array(at), self.mode == "paper"))
-        config = chase_config(cell.workcell, cell.T_world_base, self.ball_radius, self.standoff)
+            eyes.append(
+                WristEye(pair, target, cell.robot, mark, np.array(at), self.mode == "paper")
+            )
+        config = chase_config(cell.workcell, cell.T_world_base, dock, self.standoff)
         names = [*cameras, *([pair] if pair else [])]
         chase = make_chase(self.mode, cell.robot, names, pair, config)
-        return ServoTask(self.target, self.mode, chase, eyes, self.ball_radius, self.standoff)
+        return ServoTask(dock, self.mode, chase, eyes, config, self.standoff)
 
 
 class ServoTask:
     """Follows a target and touches it.
 
     Args:
-        target: what it is; mode: how.
-        radius: of the target [m]; standoff: how far before it the tip stays [m].
+        dock: what it is and how it is touched; mode: how it is come to.
         chase: turns looks into joint velocities.
         eyes: the perceivers.
+        config: of the chase.
+        standoff: how far before it the tip stays [m].
 
     Attributes:
         touches: when the tip came to touch the target, as far as is known [s].
@@ -116,15 +116,15 @@ class ServoTask:
 
     def __init__(
         self,
-        target: str,
+        dock: Docking,
         mode: Mode,
         chase: Chase,
         eyes: list[Eye | WristEye],
-        radius: float,
+        config: ChaseConfig,
         standoff: float = 0.0,
     ) -> None:
-        self.target, self.mode, self.chase = target, mode, chase
-        self.radius, self.standoff = radius, standoff
+        self.dock, self.mode, self.chase = dock, mode, chase
+        self.config, self.standoff = config, standoff
         self.perceivers = tuple(eyes)
         self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
         self.reset()
@@ -156,7 +156,12 @@ class ServoTask:
             return Rest(self.chase.reason)
         permit = None if self.standoff > 0.0 else self._permit(observation)
         return VelocityIntent(
-            self.target, wish.velocity, "joint", wish.exposure, wish.exposure + wish.lasts, permit
+            self.dock.name,
+            wish.velocity,
+            "joint",
+            wish.exposure,
+            wish.exposure + wish.lasts,
+            permit,
         )
 
     def _permit(self, observation: Observation) -> PermitRequest | None:
@@ -173,18 +178,8 @@ class ServoTask:
             self._pausing = True
             return None
         self._pausing = False
-        region = Region(
-            "sphere",
-            (self.radius + seen.margin, 0.0, 0.0),
-            make_pose(None, seen.position),
-            seen.stamp,
-            seen.velocity,
-            seen.covariance,
-            seen.drift,
-        )
-        return PermitRequest(
-            self.target, "thing", region, reach=TIP, speed=TOUCH_SPEED, force=TOUCH_FORCE
-        )
+        axis, _ = tool_direction(self.config, seen.position, seen.normal)
+        return self.dock.request(seen, -axis, self.config.vertical)
 
     def face(self) -> Face:
         """What the page shows."""
@@ -245,15 +240,15 @@ class ServoTask:
 
 
 def chase_config(
-    workcell: Workcell, T_world_base: Pose, radius: float, standoff: float = 0.0
+    workcell: Workcell, T_world_base: Pose, dock: Docking, standoff: float = 0.0
 ) -> ChaseConfig:
     """What a chase has to know of a cell.
 
     Args:
         workcell: the cell.
         T_world_base: where its robot stands.
-        radius: of the target's surface about its point [m].
-        standoff: how far before it the tip stays [m].
+        dock: what is servoed to.
+        standoff: how far before it the tip stays [m]; 0 for what the docking says.
     """
     section = workcell.robot
     T_base_world = inverse(T_world_base)
@@ -262,8 +257,9 @@ def chase_config(
     return ChaseConfig(
         vertical=T_base_world[:3, 2],
         front=T_base_world[:3, 0],
-        radius=radius,
-        funnel=Funnel(gap=standoff),
+        radius=dock.radius,
+        direction=dock.direction,
+        funnel=Funnel(gap=standoff if standoff > 0.0 else dock.gap),
         law=LawConfig(
             delay=section.start_delay_ms / 1e3 + 0.002,
             speed=speed,
@@ -284,4 +280,4 @@ def _box(lower: Triple | None, upper: Triple | None, T_base_world: Pose) -> tupl
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
-__all__ = ["Mode", "ServoOptions", "ServoTask"]
+__all__ = ["DOCK_NAMES", "Mode", "ServoOptions", "ServoTask"]

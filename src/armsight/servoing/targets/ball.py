@@ -10,25 +10,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, Floats, Points, Pose, Vector3
+from armsight.arrays import Points, Pose, Vector3
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import inverse, transform
+from armsight.geometry.pose import transform
 from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.servoing.planes import plane_sweep
-from armsight.servoing.segment import (
-    LabColor,
-    Region,
-    color_mask,
-    lab_of,
-    outline,
-    regions,
-    saturation,
-)
+from armsight.servoing.segment import LabColor, Region
 from armsight.servoing.sighting import Sighting
 from armsight.servoing.sphere_fit import BallFit, Outline, fit_ball, tangent_cone
+from armsight.servoing.targets.seen import outlines_in_frame, outlines_in_pair, points_of
 
 RED = LabColor(hue_deg=36.0, width_deg=24.0)
 """Of the ball, and of the mark on the stylus."""
@@ -38,10 +30,6 @@ DEPTH_SIGMA = 0.004
 """Of a depth camera's point on a curved surface [m]; its systematic error is the filter's bias."""
 SIZE = 0.22
 """A ball's size may contradict its distance by this share."""
-BEHIND = 0.15
-"""What lies farther behind a region's nearest points is seen past it [m]."""
-LEAST = 12.0
-"""Fewer pixels are no region."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +55,9 @@ class Ball:
         frame, lens, T = view.frame, view.color_lens, view.T_base_color
         if frame.color is None or lens is None or T is None or view.T_base_camera is None:
             return []
-        lab = lab_of(frame.color)
-        signal = saturation(lab, self.color)
         found = []
-        for region in regions(color_mask(lab, self.color), LEAST):
-            points = _points_of(view, region)
-            seen = self._fit_one(T, lens, outline(signal, region), points)
+        for region, rays in outlines_in_frame(frame.color, lens, self.color):
+            seen = self._fit_one(T, lens, rays, points_of(view, region))
             if seen is not None:
                 found.append(seen)
         found.sort(key=lambda seen: -seen.fit.share)
@@ -89,7 +74,7 @@ class Ball:
         if T is None:
             return []
         cones = [
-            self._cones(image, lens)
+            outlines_in_pair(image, lens, self.color)
             for image, lens in (
                 (view.frame.left, view.info.left),
                 (view.frame.right, view.info.right),
@@ -111,12 +96,11 @@ class Ball:
         frame = view.frame
         return [self._sighting(s, frame.camera, frame.stamp, True) for s, _ in found]
 
-    def _fit_one(self, T: Pose, lens: PinholeCamera, edge: Floats, points: Points) -> Seen | None:
+    def _fit_one(self, T: Pose, lens: PinholeCamera, rays: Points, points: Points) -> Seen | None:
         """From one lens's outline and what depth there is inside it."""
         sigma = OUTLINE_SIGMA / lens.fx
-        if len(edge) < 8 or len(points) < 4:
+        if len(points) < 4:
             return None
-        rays = _rays(lens, edge)
         cone = tangent_cone(rays, sigma)
         if cone is None:
             return None
@@ -144,29 +128,6 @@ class Ball:
         if fit is None or fit.share < 0.5 or fit.misfit > 2.5:
             return None
         return Seen(fit, points.mean(axis=0))
-
-    def _cones(self, image: ColorImage, lens: PinholeCamera) -> list[tuple[Region, Points]]:
-        """Regions of a picture with the rays of their outlines, in the lens's frame."""
-        found = []
-        for region in regions(self._mask(image), 60.0):
-            u, v = region.corner
-            h, w = region.mask.shape
-            pad = 12
-            u0, v0 = max(u - pad, 0), max(v - pad, 0)
-            part = np.ascontiguousarray(image[v0 : v + h + pad, u0 : u + w + pad])
-            signal = saturation(lab_of(part), self.color)
-            inside = Region(region.mask, (u - u0, v - v0), region.center - (u0, v0), region.area)
-            edge = outline(signal, inside) + np.array([u0, v0])
-            if len(edge) >= 8:
-                found.append((region, _rays(lens, edge)))
-        return found
-
-    def _mask(self, image: ColorImage) -> Bytes:
-        """A pair's picture is looked through at half its size."""
-        h, w = image.shape[:2]
-        small = cv2.resize(image, (w // 2, h // 2), interpolation=cv2.INTER_AREA)
-        mask = color_mask(lab_of(np.asarray(small, np.uint8)), self.color)
-        return np.asarray(cv2.resize(mask, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
 
     def _fit_two(
         self, poses: tuple[Pose, Pose], left: Points, right: Points, view: PosedPair
@@ -211,60 +172,7 @@ class Ball:
         )
 
 
-def _points_of(view: PosedFrame, region: Region) -> Points:
-    """(k, 3) depth points in ``base`` whose colour pixel lies in a region."""
-    assert view.color_lens is not None
-    assert view.T_base_camera is not None
-    corner, (h, w) = region.corner, region.mask.shape
-    window = _depth_window(view, region)
-    if window is None:
-        return np.empty((0, 3))
-    rows, columns = window
-    depth = view.frame.depth[rows, columns]
-    good = np.isfinite(depth)
-    z, rays = depth[good].astype(float), view.info.depth.rays[rows, columns][good]
-    model = view.info.depth_model
-    if model is not None:
-        v, u = np.nonzero(good)
-        at_pixel = np.column_stack([u + columns.start, v + rows.start]).astype(float)
-        z = z - model.error(z, at_pixel, view.info.depth)
-    points = np.column_stack([rays * z[:, None], z])
-    pixels = view.color_lens.project(transform(inverse(view.info.T_depth_color), points))
-    at = np.rint(np.nan_to_num(pixels, nan=-9.0) - corner).astype(int)
-    inside = (at[:, 0] >= 0) & (at[:, 0] < w) & (at[:, 1] >= 0) & (at[:, 1] < h)
-    inside[inside] = region.mask[at[inside, 1], at[inside, 0]] > 0
-    points = points[inside]
-    if len(points):
-        # The lenses stand apart: what the target hides from the colour lens is no part of it.
-        points = points[points[:, 2] < np.percentile(points[:, 2], 10.0) + BEHIND]
-    return transform(view.T_base_camera, points)
-
-
-def _depth_window(view: PosedFrame, region: Region) -> tuple[slice, slice] | None:
-    """Rows and columns of the depth picture that may show what a colour region shows."""
-    lens, info = view.color_lens, view.info
-    assert lens is not None
-    (u, v), (h, w) = region.corner, region.mask.shape
-    box = np.array([[u, v], [u + w, v], [u, v + h], [u + w, v + h]], float)
-    rays = np.column_stack([lens.normalise(box), np.ones(4)])
-    near, far = info.range
-    corners = np.concatenate([rays * z for z in (near, 1.0, 2.0, far)])
-    pixels = info.depth.project(transform(info.T_depth_color, corners))
-    low = np.floor(np.nanmin(pixels, axis=0)).astype(int) - 2
-    high = np.ceil(np.nanmax(pixels, axis=0)).astype(int) + 3
-    low = np.maximum(low, 0)
-    high = np.minimum(high, [info.depth.width, info.depth.height])
-    if (high <= low).any():
-        return None
-    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
-
-
 def _swept(view: PosedPair, T: Pose, region: Region, otherwise: Vector3) -> Vector3:
     """Mean of a region's surface in ``base`` by V's planes."""
     points = plane_sweep(view, region)
     return transform(T, points).mean(axis=0) if len(points) else otherwise
-
-
-def _rays(lens: PinholeCamera, pixels: Floats) -> Points:
-    rays = np.column_stack([lens.normalise(pixels), np.ones(len(pixels))])
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))

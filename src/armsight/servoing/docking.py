@@ -1,0 +1,146 @@
+"""What a task of visual servoing is made of: a target, the way to it, and what may be touched.
+
+One :class:`Docking` a task; a new one (a spoon, a tool) is a detector and one of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from armsight.arrays import Floats, Pose, Vector3
+from armsight.geometry.pose import make_pose
+from armsight.motion.permits import ContactKind, PermitRequest
+from armsight.motion.regions import Region
+from armsight.servoing.eyes import Target
+from armsight.servoing.targets.ball import Ball
+from armsight.servoing.targets.bullseye import Bullseye
+from armsight.servoing.targets.mouth import Mouth
+from armsight.servoing.targets.palm import Palm
+
+Direction: TypeAlias = Literal["facing", "normal", "down"]
+"""How the tool points: towards the operator's side, against the target's normal, or down."""
+DOCK_NAMES: tuple[str, ...] = ("ball", "bullseye", "straw", "hand")
+
+
+@dataclass(frozen=True)
+class Touchable:
+    """Where the target was.
+
+    Attributes:
+        stamp: [s]; position: (3,) [m], velocity: (3,) [m/s], covariance: (3, 3) [m^2], in ``base``.
+        margin: what it may reach beyond its own size about that [m].
+        drift: how fast its place becomes unsure while nobody sees it [m/s].
+        normal: (3,) unit, out of its surface, where it has a face that was seen; else None.
+    """
+
+    stamp: float
+    position: Vector3
+    velocity: Vector3
+    covariance: Floats
+    margin: float = 0.0
+    drift: float = 0.1
+    normal: Vector3 | None = None
+
+
+@dataclass(frozen=True)
+class Docking:
+    """A target, the way to it, and what is asked of the guard.
+
+    Attributes:
+        name: of the task; detector: makes what finds its target in pictures.
+        direction: how the tool points.
+        radius: of the target's surface about its point [m]; 0 for a plane.
+        gap: how far before the surface the tip ends [m]; below 0 presses.
+        permit: kind of the contact permit.
+        shape, size: of the region, see :class:`~armsight.motion.regions.Region`.
+        behind: how far behind the surface its centre lies, against the normal [m]; above: and how
+            far above it.
+        reach: that much of the tool, from its tip, may touch [m].
+        speed: of the touch [m/s]; force: [N]; stiffness: of the target and what holds it [N/m].
+        drift: how fast its place becomes unsure while nobody sees it [m/s].
+    """
+
+    name: str
+    detector: Callable[[], Target]
+    direction: Direction = "facing"
+    radius: float = 0.0
+    gap: float = 0.0
+    permit: ContactKind = "thing"
+    shape: Literal["sphere", "box"] = "sphere"
+    size: tuple[float, float, float] = (0.04, 0.0, 0.0)
+    behind: float = 0.0
+    above: float = 0.0
+    reach: float = 0.06
+    speed: float = 0.15
+    force: float = 10.0
+    stiffness: float = 5e3
+    drift: float = 0.06
+
+    def request(self, seen: Touchable, otherwise: Vector3, up: Vector3) -> PermitRequest:
+        """What is asked of the guard.
+
+        Args:
+            seen: the target.
+            otherwise: (3,) unit, taken for its normal where nobody knows that.
+            up: (3,) unit, in ``base``.
+        """
+        normal = otherwise if seen.normal is None else seen.normal
+        a, b, c = self.size
+        size = (a + seen.margin, b, c) if self.shape == "sphere" else (a, b, c + 2.0 * seen.margin)
+        region = Region(
+            self.shape,
+            size,
+            facing_pose(seen.position - self.behind * normal + self.above * up, normal),
+            seen.stamp,
+            seen.velocity,
+            seen.covariance,
+            max(seen.drift, self.drift),
+        )
+        return PermitRequest(
+            self.name, self.permit, region, reach=self.reach, speed=self.speed, force=self.force,
+            stiffness=self.stiffness, seconds=20.0,
+        )  # fmt: skip
+
+
+def facing_pose(place: Vector3, normal: Vector3) -> Pose:
+    """A frame at a place whose z is a normal; its turn about that is arbitrary."""
+    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    x = np.cross(helper, normal)
+    x /= np.linalg.norm(x)
+    return make_pose(np.stack([x, np.cross(normal, x), normal], axis=1), place)
+
+
+def docking(name: str, ball_radius: float = 0.04) -> Docking:
+    """The docking of one of V's tasks, by its name (:data:`DOCK_NAMES`).
+
+    Args:
+        name: ``ball``, ``bullseye``, ``straw`` or ``hand``.
+        ball_radius: of the red ball [m].
+
+    Raises:
+        KeyError: there is no such task.
+    """
+    return {
+        "ball": Docking(
+            "ball", lambda: Ball(ball_radius), radius=ball_radius, size=(ball_radius, 0.0, 0.0)
+        ),
+        # Its plate has 16 cm; how it is turned about its middle nobody knows.
+        "bullseye": Docking(
+            "bullseye", Bullseye, "normal", shape="box", size=(0.19, 0.19, 0.02), behind=0.005,
+            drift=0.03,
+        ),
+        # The head behind and above the mouth; a straw bends before anything gives way.
+        "straw": Docking(
+            "straw", Mouth, "normal", gap=-0.004, permit="face", size=(0.17, 0.0, 0.0),
+            behind=0.06, above=0.045, reach=0.08, speed=0.1, force=5.0, stiffness=150.0,
+        ),
+        # The hand with the arm behind it; the item is let go above the palm.
+        "hand": Docking(
+            "hand", Palm, "down", gap=0.045, permit="hand", size=(0.45, 0.0, 0.0), behind=0.05,
+            reach=0.10, speed=0.25, force=10.0, drift=0.1,
+        ),
+    }[name]  # fmt: skip

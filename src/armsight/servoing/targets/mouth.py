@@ -1,0 +1,217 @@
+"""The mouth of a smiley (V: 20 cm, on a box): its middle, and the way the face looks.
+
+From afar the yellow disc gives centre and normal, and the print's dark lines which way is down.
+From near the disc is larger than the picture: then the mouth's own arc is fitted in both pictures
+of the pair, as much of it as they show; which way is down is remembered from afar.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from armsight.arrays import Bytes, ColorImage, Floats, Pose, Vector3
+from armsight.devices.data import RgbdFrame, StereoFrame
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse, transform
+from armsight.motion.perception import PosedFrame, PosedPair
+from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc
+from armsight.servoing.segment import LabColor, lab_of
+from armsight.servoing.sighting import Sighting
+from armsight.servoing.sphere_fit import Outline
+from armsight.servoing.targets.discs import Discs, Part, SeenDisc, between
+from armsight.servoing.targets.seen import half_size_mask, rays_of
+
+YELLOW = LabColor(hue_deg=88.0, width_deg=20.0, chroma=25.0, purity=0.55)
+FACE = Part(0.10, 0.9)
+BELOW = 0.045
+"""The mouth's middle lies so far from the face's [m]."""
+EYES = ((-0.033, 0.030), (0.033, 0.030))
+"""Of the face [m]."""
+ARC, HALF_WIDTH, HALF_ANGLE = 0.062, 0.006, np.deg2rad(64.0)
+"""The mouth is an arc about a point 62 mm above its middle, 12 mm wide [m], [rad]."""
+DARK = 0.5
+"""Less light than this share of the yellow's is mouth or eyes."""
+TURN_SIGMA = 0.03
+"""Standard deviation of which way is down [rad]."""
+EDGE_SIGMA = 0.6
+"""Of a point of the arc's edge in a picture [px]."""
+TURNS = 120
+"""Ways to turn the face that are compared."""
+
+
+class Mouth:
+    """Finds the mouth of a smiley whose face measures 20 cm."""
+
+    name = "mouth"
+
+    def __init__(self) -> None:
+        self._discs = Discs(YELLOW, (FACE,))
+        self._down: Vector3 | None = None
+
+    def in_frame(self, view: PosedFrame) -> list[Sighting]:
+        """In the colour and depth of one camera, the most believable first."""
+        lens, T = view.color_lens, view.T_base_color
+        if view.frame.color is None or lens is None or T is None:
+            return []
+        found = []
+        for seen in self._discs.in_frame(view):
+            down = _down_of(view.frame.color, lens, T, seen)
+            if down is not None:
+                self._down = down
+                found.append(_sighting(view.frame, seen, down, False))
+        return found
+
+    def in_pair(self, view: PosedPair, surface: bool = False) -> list[Sighting]:
+        """In both pictures of a pair, the most believable first."""
+        T, frame, info = view.T_base_camera, view.frame, view.info
+        if T is None:
+            return []
+        for seen in self._discs.in_pair(view):
+            down = _down_of(frame.left, info.left, T, seen)
+            if down is not None:
+                self._down = down
+                return [_sighting(frame, seen, down, True)]
+        if self._down is None:
+            return []
+        right = np.asarray(T @ info.T_left_right)
+        arcs = [_arc(frame.left, info.left, T), _arc(frame.right, info.right, right)]
+        fit = None if arcs[0] is None or arcs[1] is None else _fit_arcs((arcs[0], arcs[1]))
+        if fit is None:
+            return []
+            # The arc says where the mouth is better than which way it looks.
+        return [replace(_placed(frame, fit, fit.center, ARC, self._down, True), normal=None)]
+
+
+def _placed(
+    frame: RgbdFrame | StereoFrame,
+    fit: DiscFit,
+    center: Vector3,
+    below: float,
+    down: Vector3,
+    wrist: bool,
+) -> Sighting:
+    """The mouth so far below a fitted centre [m]; which way down is, is known to hundredths."""
+    down = down - fit.normal * (fit.normal @ down)
+    down = down / np.linalg.norm(down)
+    place = np.asarray(center + below * down)
+    covariance = fit.covariance + (below * TURN_SIGMA) ** 2 * np.eye(3)
+    return Sighting(
+        Mouth.name, frame.camera, frame.stamp, place, covariance, place, fit.normal, wrist, fit.tilt
+    )
+
+
+def _sighting(
+    frame: RgbdFrame | StereoFrame, seen: SeenDisc, down: Vector3, wrist: bool
+) -> Sighting:
+    return _placed(frame, seen.fit, seen.fit.center, BELOW, down, wrist)
+
+
+def _down_of(image: ColorImage, lens: PinholeCamera, T: Pose, seen: SeenDisc) -> Vector3 | None:
+    """(3,) unit, from the face's middle to its mouth: where its lines are dark; None without any.
+
+    Eyes and mouth are turned about the face's middle to where the picture is darkest under them.
+    """
+    fit, into = seen.fit, inverse(T)
+    x, y = across(fit.normal)
+    turns = np.linspace(0.0, 2.0 * np.pi, TURNS, endpoint=False)
+    s = np.stack([np.sin(turns), -np.cos(turns)], axis=1)  # the mouth's side
+    side = np.stack([-s[:, 1], s[:, 0]], axis=1)
+    along = _LINES[:, 0, None, None] * side - _LINES[:, 1, None, None] * s  # (points, turns, 2)
+    places = fit.center + along[..., :1] * x + along[..., 1:] * y
+    pixels = lens.project(transform(into, places.reshape(-1, 3))).astype(np.float32)
+    at = pixels.reshape(len(_LINES), TURNS, 2)
+    shown = (at >= 0).all(axis=-1) & (at < (lens.width - 1, lens.height - 1)).all(axis=-1)
+    (u0, v0), (h, w) = seen.region.corner, seen.region.mask.shape
+    part = np.ascontiguousarray(image[v0 : v0 + h, u0 : u0 + w])
+    light = np.ascontiguousarray(lab_of(part)[..., 0])
+    found = cv2.remap(
+        light, at[..., 0] - np.float32(u0), at[..., 1] - np.float32(v0), cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )  # fmt: skip
+    count = shown.sum(axis=0)
+    if count.max() < 0.6 * len(_LINES):
+        return None
+    mean = np.where(
+        count > 0.5 * len(_LINES), (found * shown).sum(axis=0) / np.maximum(count, 1), np.inf
+    )
+    best = int(np.argmin(mean))
+    if not mean[best] < 0.65 * float(np.median(light[seen.region.mask > 0])):
+        return None
+    # The lines are wide and the arc is nearly round: what counts is the middle of all dark turns.
+    level = 0.5 * (mean[best] + float(np.median(mean[np.isfinite(mean)])))
+    weight = np.maximum(level - mean, 0.0) * (np.cos(turns - turns[best]) > 0.7)
+    down = (weight @ np.sin(turns)) * x - (weight @ np.cos(turns)) * y
+    return np.asarray(down / np.linalg.norm(down))
+
+
+def _arc(image: ColorImage, lens: PinholeCamera, T: Pose) -> tuple[Circle, Circle] | None:
+    """The inner and outer edge of a mouth that is seen from near; None without one."""
+    pixels = _mouth_edge(image, half_size_mask(image, YELLOW))
+    if pixels is None:
+        return None
+    A = np.column_stack([2.0 * pixels, np.ones(len(pixels))])
+    solved = np.linalg.lstsq(A, (pixels**2).sum(axis=1), rcond=None)[0]
+    away = np.linalg.norm(pixels - solved[:2], axis=1)
+    middle, thick = float(np.median(away)), HALF_WIDTH / ARC
+    circles = []
+    for side in (-1.0, 1.0):
+        own = np.abs(away / middle - 1.0 - side * thick) < 0.6 * thick
+        if own.sum() < 12:
+            return None
+        rays = rays_of(lens, pixels[own][:: max(int(own.sum()) // 60, 1)]) @ T[:3, :3].T
+        outline = Outline(T[:3, 3], rays, EDGE_SIGMA / lens.fx)
+        circles.append(Circle(outline, ARC + side * HALF_WIDTH))
+    return circles[0], circles[1]
+
+
+def _fit_arcs(arcs: tuple[tuple[Circle, Circle], tuple[Circle, Circle]]) -> DiscFit | None:
+    """The arc's own centre and normal, from both lenses."""
+    left, right = arcs[0][0].outline, arcs[1][0].outline
+    # The same part of the arc is seen by both, about: its middle is where their rays meet.
+    start = between(left, right, 0.03)
+    if start is None:
+        return None
+    normal = np.asarray(left.origin - start) / np.linalg.norm(left.origin - start)
+    circles = (*arcs[0], *arcs[1])
+    best = None
+    x, y = across(normal)
+    for turn in np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False):
+        begin = start + ARC * (np.cos(turn) * x + np.sin(turn) * y)
+        fit = fit_disc(begin, normal, circles)
+        if fit is not None and fit.share > 0.5 and (best is None or fit.misfit < best.misfit):
+            best = fit
+    return best if best is not None and best.misfit < 2.5 and best.tilt < 0.1 else None
+
+
+def _mouth_edge(image: ColorImage, yellow: Bytes) -> Floats | None:
+    """(k, 2) pixels on the edge of the longest dark part before the yellow; None without one."""
+    if np.count_nonzero(yellow) < 0.1 * yellow.size:
+        return None
+    light = lab_of(image)[..., 0]
+    dark = (light < DARK * float(np.median(light[yellow > 0]))).astype(np.uint8)
+    near = cv2.dilate(yellow, np.ones((9, 9), np.uint8)) > 0
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=8)
+    best, longest, (h, w) = None, 100.0, yellow.shape
+    for i in range(1, count):
+        u, v, du, dv, area = (int(n) for n in stats[i])
+        length = float(np.hypot(du, dv))
+        if length < longest or area > 0.35 * length * length:
+            continue
+        own = (labels[v : v + dv, u : u + du] == i).astype(np.uint8)
+        contours, _ = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        edge = np.concatenate([c[:, 0] for c in contours]) + np.array([u, v])
+        inside = ((edge > 2) & (edge < (w - 3, h - 3))).all(axis=1)
+        edge = edge[inside]
+        if len(edge) > 60 and near[edge[:, 1], edge[:, 0]].mean() > 0.8:
+            best, longest = edge.astype(float), length
+    return best
+
+
+_ANGLES = np.linspace(-0.85 * HALF_ANGLE, 0.85 * HALF_ANGLE, 25)
+_LINES = np.array(
+    [*EYES, *[(ARC * np.sin(a), ARC - BELOW - ARC * np.cos(a)) for a in _ANGLES]], float
+)
+"""(k, 2) points of the print that are dark, right and up of the face's middle [m]."""

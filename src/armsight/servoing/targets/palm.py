@@ -1,0 +1,99 @@
+"""A palm: the blue disc on a pink glove; where something hides the disc, the glove stands in.
+
+V lost the disc behind the item in the gripper, and with it its hand-overs. Here each camera
+remembers where the disc was on the glove that it sees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armsight.arrays import Points, Vector3
+from armsight.devices.data import StereoFrame
+from armsight.motion.perception import PosedFrame, PosedPair
+from armsight.servoing.disc_fit import meet, plane_of
+from armsight.servoing.segment import LabColor, color_mask, lab_of, regions
+from armsight.servoing.sighting import Sighting
+from armsight.servoing.targets.discs import Discs, Part, SeenDisc
+from armsight.servoing.targets.seen import LEAST, points_of, rays_of
+
+BLUE = LabColor(hue_deg=295.0, width_deg=20.0)
+PINK = LabColor(hue_deg=350.0, width_deg=22.0)
+DISC = Part(0.022)
+"""The disc on the palm [m]."""
+AROUND = 0.05
+"""The glove so far around a blue disc is the palm [m]."""
+DISC_SIGMA = 0.003
+"""Standard deviation of a disc of a few pixels, seen aslant by a fixed camera [m]."""
+STANDS_IN = 0.015
+"""Standard deviation of a palm of which only the glove is seen [m]."""
+
+
+class Palm:
+    """Finds the palm of a gloved hand."""
+
+    name = "palm"
+
+    def __init__(self) -> None:
+        self._discs = Discs(BLUE, (DISC,))
+        self._offset: dict[str, Vector3] = {}
+
+    def in_frame(self, view: PosedFrame) -> list[Sighting]:
+        """In the colour and depth of one camera: the disc on the glove, else the glove."""
+        frame, lens, T = view.frame, view.color_lens, view.T_base_color
+        if frame.color is None or lens is None or T is None or view.T_base_camera is None:
+            return []
+        lab = lab_of(frame.color)
+        parts = [points_of(view, region) for region in regions(color_mask(lab, PINK), LEAST)]
+        glove = np.concatenate([np.empty((0, 3)), *parts])
+        if len(glove) < 12:
+            return []
+        # Of its outline, not of what is seen inside: an item before the palm moves that.
+        middle = 0.5 * np.percentile(glove, [2.0, 98.0], axis=0).sum(axis=0)
+        for region in regions(color_mask(lab, BLUE), LEAST):
+            ray = T[:3, :3] @ rays_of(lens, region.center[None])[0]
+            seen = _on_glove(T[:3, 3], ray, glove)
+            if seen is not None:
+                place, normal = seen
+                self._offset[frame.camera] = place - middle
+                C = DISC_SIGMA**2 * np.eye(3)
+                return [
+                    Sighting(
+                        self.name, frame.camera, frame.stamp, place, C, place, normal, False, 0.1
+                    )
+                ]
+        offset = self._offset.get(frame.camera)
+        if offset is None:
+            return []
+        C = STANDS_IN**2 * np.eye(3)
+        return [Sighting(self.name, frame.camera, frame.stamp, middle + offset, C, middle)]
+
+    def in_pair(self, view: PosedPair, surface: bool = False) -> list[Sighting]:
+        """In both pictures of a pair, the most believable first."""
+        if view.T_base_camera is None:
+            return []
+        return [_of_disc(seen, view.frame) for seen in self._discs.in_pair(view)]
+
+
+def _on_glove(origin: Vector3, ray: Vector3, glove: Points) -> tuple[Vector3, Vector3] | None:
+    """Where (3,) a ray meets the glove around it, and its normal there; None where it passes it."""
+    to = glove - origin
+    beside = np.linalg.norm(to - (to @ ray)[:, None] * ray, axis=1)
+    near = glove[beside < AROUND]
+    if len(near) < 12:
+        return None
+    middle, normal = plane_of(near, origin)
+    if abs(float(normal @ ray)) < 0.15:
+        return None  # seen from the edge
+    place = meet(origin, ray[None], middle, normal)[0]
+    if np.linalg.norm(place - middle) > AROUND:
+        return None
+    return np.asarray(place), normal
+
+
+def _of_disc(seen: SeenDisc, frame: StereoFrame) -> Sighting:
+    fit = seen.fit
+    return Sighting(
+        Palm.name, frame.camera, frame.stamp, fit.center, fit.covariance, seen.surface, fit.normal,
+        True, fit.tilt,
+    )  # fmt: skip

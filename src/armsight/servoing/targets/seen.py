@@ -1,0 +1,121 @@
+"""What every detector needs of a picture: depth inside a region, rays, outlines of a colour."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from armsight.arrays import Bytes, ColorImage, Floats, Points
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse, transform
+from armsight.motion.perception import PosedFrame
+from armsight.servoing.segment import (
+    LabColor,
+    Region,
+    color_mask,
+    lab_of,
+    outline,
+    regions,
+    saturation,
+)
+
+BEHIND = 0.15
+"""What lies farther behind a region's nearest points is seen past it [m]."""
+LEAST, LEAST_PAIR = 12.0, 60.0
+"""Fewer pixels are no region: in a fixed camera, in the pair."""
+PAD = 12
+"""Pixels around a region in which its outline is looked for."""
+
+
+def rays_of(lens: PinholeCamera, pixels: Floats) -> Points:
+    """(k, 3) unit rays of a lens to (k, 2) pixels."""
+    rays = np.column_stack([lens.normalise(pixels), np.ones(len(pixels))])
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def outlines_in_frame(
+    image: ColorImage, lens: PinholeCamera, color: LabColor
+) -> list[tuple[Region, Points]]:
+    """Regions of a colour in a fixed camera's picture, with the rays of their outlines."""
+    lab = lab_of(image)
+    signal = saturation(lab, color)
+    found = []
+    for region in regions(color_mask(lab, color), LEAST):
+        edge = outline(signal, region)
+        if len(edge) >= 8:
+            found.append((region, rays_of(lens, edge)))
+    return found
+
+
+def outlines_in_pair(
+    image: ColorImage, lens: PinholeCamera, color: LabColor
+) -> list[tuple[Region, Points]]:
+    """The same in one picture of a pair, which is looked through at half its size."""
+    found = []
+    for region in regions(half_size_mask(image, color), LEAST_PAIR):
+        u, v = region.corner
+        h, w = region.mask.shape
+        u0, v0 = max(u - PAD, 0), max(v - PAD, 0)
+        part = np.ascontiguousarray(image[v0 : v + h + PAD, u0 : u + w + PAD])
+        signal = saturation(lab_of(part), color)
+        inside = Region(region.mask, (u - u0, v - v0), region.center - (u0, v0), region.area)
+        edge = outline(signal, inside) + np.array([u0, v0])
+        if len(edge) >= 8:
+            found.append((region, rays_of(lens, edge)))
+    return found
+
+
+def half_size_mask(image: ColorImage, color: LabColor) -> Bytes:
+    """(h, w) where a picture has a colour, found at half its size."""
+    h, w = image.shape[:2]
+    small = cv2.resize(image, (w // 2, h // 2), interpolation=cv2.INTER_AREA)
+    mask = color_mask(lab_of(np.asarray(small, np.uint8)), color)
+    return np.asarray(cv2.resize(mask, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def points_of(view: PosedFrame, region: Region) -> Points:
+    """(k, 3) depth points in ``base`` whose colour pixel lies in a region."""
+    assert view.color_lens is not None
+    assert view.T_base_camera is not None
+    corner, (h, w) = region.corner, region.mask.shape
+    window = _depth_window(view, region)
+    if window is None:
+        return np.empty((0, 3))
+    rows, columns = window
+    depth = view.frame.depth[rows, columns]
+    good = np.isfinite(depth)
+    z, rays = depth[good].astype(float), view.info.depth.rays[rows, columns][good]
+    model = view.info.depth_model
+    if model is not None:
+        v, u = np.nonzero(good)
+        at_pixel = np.column_stack([u + columns.start, v + rows.start]).astype(float)
+        z = z - model.error(z, at_pixel, view.info.depth)
+    points = np.column_stack([rays * z[:, None], z])
+    pixels = view.color_lens.project(transform(inverse(view.info.T_depth_color), points))
+    at = np.rint(np.nan_to_num(pixels, nan=-9.0) - corner).astype(int)
+    inside = (at[:, 0] >= 0) & (at[:, 0] < w) & (at[:, 1] >= 0) & (at[:, 1] < h)
+    inside[inside] = region.mask[at[inside, 1], at[inside, 0]] > 0
+    points = points[inside]
+    if len(points):
+        # The lenses stand apart: what the target hides from the colour lens is no part of it.
+        points = points[points[:, 2] < np.percentile(points[:, 2], 10.0) + BEHIND]
+    return transform(view.T_base_camera, points)
+
+
+def _depth_window(view: PosedFrame, region: Region) -> tuple[slice, slice] | None:
+    """Rows and columns of the depth picture that may show what a colour region shows."""
+    lens, info = view.color_lens, view.info
+    assert lens is not None
+    (u, v), (h, w) = region.corner, region.mask.shape
+    box = np.array([[u, v], [u + w, v], [u, v + h], [u + w, v + h]], float)
+    rays = np.column_stack([lens.normalise(box), np.ones(4)])
+    near, far = info.range
+    corners = np.concatenate([rays * z for z in (near, 1.0, 2.0, far)])
+    pixels = info.depth.project(transform(info.T_depth_color, corners))
+    low = np.floor(np.nanmin(pixels, axis=0)).astype(int) - 2
+    high = np.ceil(np.nanmax(pixels, axis=0)).astype(int) + 3
+    low = np.maximum(low, 0)
+    high = np.minimum(high, [info.depth.width, info.depth.height])
+    if (high <= low).any():
+        return None
+    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
