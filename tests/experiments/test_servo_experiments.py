@@ -90,3 +90,23 @@ def test_v_s_errors_cost_v_s_mode_about_what_v_reports():
     ours = np.median([np.median(fixed("ours", PAPERS, 7, k)) for k in range(3)])
     assert 19.0 < paper < 76.0
     assert ours < paper
+
+
+def test_a_bullseye_is_docked_with_near_its_centre():
+    from armsight.experiments.servo_bullseye import one as dock
+
+    trial = dock(set_up(1.0, 1.0), "ours", Errors(), (901, 0))
+    assert trial["mm"] < 5.0
+    assert trial["harm"] == 0
+
+
+def test_an_item_lands_on_a_palm_and_nobody_is_pressed():
+    from dataclasses import replace
+
+    from armsight.experiments.servo_handover import CELL
+    from armsight.experiments.servo_handover import one as hand_over
+
+    trial = hand_over(set_up(1.0, 1.0, CELL), "ours", replace(Errors(), arm=0.0), (901, 1))
+    assert trial["phase"] == "done"
+    assert trial["mm"] < 30.0
+    assert not trial["harm"]

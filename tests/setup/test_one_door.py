@@ -11,6 +11,7 @@ MAY = {
     "runtime/shared_devices.py",  # hands its command through, behind a lock
     "devices/conformance.py",  # asks a driver whether it keeps the port's promises
     "experiments/touch_cell.py",  # the loop of a cell without pictures: what its guard decided
+    "experiments/servo_cell.py",  # likewise
     "experiments/own_arm_scenes.py",  # draws training pictures of a simulated arm, no cell runs
 }
 

@@ -35,6 +35,7 @@ NAMES: dict[str, str] = {
     "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",
     "servo-accuracy": "V: accuracy of the fixed cameras at a moving ball, tracking, gaps, switches",
     "servo-straw": "V: a straw to a mouth that moves, with contact, ours beside V's mode",
+    "servo-handover": "V: an item let go above a palm that moves, ours beside V's two modes",
     "servo-bullseye": "V: docking with a bulls-eye, ours beside V's two modes",
     "servo-ball": "V: touching a ball at rest and moving, ours beside V's two modes",
     "port-detection": "T3: charging ports found in one picture: speed, recall, false alarms",

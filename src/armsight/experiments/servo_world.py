@@ -50,6 +50,8 @@ class Errors:
         fixed_noise_mm, wrist_noise_mm: of one sighting; a pair's is twice that along its axis.
         drop: share of pictures in which the target is not found.
         jitter: of the stamps, uniform [s].
+        hidden_near: share of the pair's pictures in which what the tool holds hides the target,
+            nearer than 0.35 m.
     """
 
     fixed_mm: float = 3.0
@@ -62,6 +64,7 @@ class Errors:
     wrist_noise_mm: float = 0.15
     drop: float = 0.02
     jitter: float = 0.002
+    hidden_near: float = 0.0
 
 
 PAPERS = Errors(fixed_mm=14.0, fixed_deg=0.5, depth_mm=8.0, wrist_mm=5.0, wrist_deg=0.4)
@@ -194,6 +197,8 @@ class Eyes:
         if self.normal is not None:
             inside = inside and float(self.normal @ (ball - T_true[:3, 3])) < 0.0
         if not (inside and 0.12 < p[2] < 0.8) or not self._sees("wrist", now):
+            return look
+        if p[2] < 0.35 and self.rng.random() < self.errors.hidden_near:
             return look
         p = p + self.rng.normal(0, 1, 3) * noise * max(p[2] / 0.27, 1.0) ** 2
         place = T_believed[:3, :3] @ p + T_believed[:3, 3]
@@ -394,7 +399,9 @@ def make_task(
     """The servo task of a mode, without perceivers."""
     from armsight.servoing.docking import docking
     from armsight.servoing.modes import make_chase
-    from armsight.tasks.servo import ServoTask, chase_config
+    from armsight.tasks.handover import HandoverTask
+    from armsight.tasks.servo import chase_config
+    from armsight.tasks.servo_task import ServoTask
 
     chosen = docking(dock, RADIUS)
     config = chase_config(setup.workcell, setup.workcell.robot.T_world_base, chosen, standoff)
@@ -403,7 +410,8 @@ def make_task(
     wrist = "" if mode == "fixed" else "wrist"
     cameras = [*names, *([wrist] if wrist else [])]
     made = make_chase(mode, setup.robot, cameras, wrist, config)  # type: ignore[arg-type]
-    return ServoTask(chosen, mode, made, [], config, standoff)  # type: ignore[arg-type]
+    make = HandoverTask if dock == "hand" else ServoTask
+    return make(chosen, mode, made, [], config, standoff)  # type: ignore[arg-type]
 
 
 def world_to_base(setup: Setup, points: Sequence[Sequence[float]]) -> Floats:

@@ -36,6 +36,7 @@ class JointIntent:
         tolerance: reached when every joint is this close [rad].
         speed: share of the cell's allowed speed, 0..1.
         permit: what it has to touch on the way or there, see :mod:`armsight.motion.permits`.
+        width: how far the gripper shall be open [m]; None leaves it as it is.
     """
 
     name: str
@@ -43,6 +44,7 @@ class JointIntent:
     tolerance: float = 0.01
     speed: float = 1.0
     permit: PermitRequest | None = None
+    width: float | None = None
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class PoseIntent:
             than this [rad].
         speed: share of the cell's allowed speed, 0..1.
         permit: what it has to touch on the way or there.
+        width: how far the gripper shall be open [m]; None leaves it as it is.
     """
 
     name: str
@@ -66,6 +69,7 @@ class PoseIntent:
     tolerance_rad: float = 0.005
     speed: float = 1.0
     permit: PermitRequest | None = None
+    width: float | None = None
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class VelocityIntent:
         valid_until: from then on it is stale and the arm comes to rest [s]; at most 1 s
             after the exposure.
         permit: what it has to touch.
+        width: how far the gripper shall be open [m]; None leaves it as it is.
     """
 
     name: str
@@ -95,6 +100,7 @@ class VelocityIntent:
     exposure: float
     valid_until: float
     permit: PermitRequest | None = None
+    width: float | None = None
 
 
 @dataclass(frozen=True)
@@ -105,11 +111,13 @@ class Rest:
         reason: why, for the page and the log; may be empty.
         fault: something is wrong: shown as a stop, not as a pause.
         permit: what it goes on touching.
+        width: how far the gripper shall be open [m]; None leaves it as it is.
     """
 
     reason: str = ""
     fault: bool = False
     permit: PermitRequest | None = None
+    width: float | None = None
 
 
 Intent: TypeAlias = JointIntent | PoseIntent | VelocityIntent | Rest

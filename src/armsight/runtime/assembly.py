@@ -208,4 +208,12 @@ def _task(
     robot, patience = wanted.cell.robot, wanted.config.patience
     made = TaskComponent(wanted.task, channels, robot, infos, perceivers, latency, patience)
     channels.frames.readers.append(made.frames)
+    gripper = wanted.cell.gripper
+    if gripper is not None:
+
+        def move(width: float) -> None:
+            with devices.lock:
+                gripper.move(width)
+
+        made.on_width = move
     return made

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armsight.devices.data import ArmStatus, GripperState, RgbdCameraInfo, StereoFrame, Wrench
-from armsight.errors import UsageError
+from armsight.errors import DeviceError, UsageError
 from armsight.motion.face import Curve, ShownFace, Trace, face_fault
 from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Perceived, Task
@@ -47,6 +47,7 @@ class TaskComponent:
         held: the task is not asked while this is true.
         on_seconds: told how long a round computed beside the loop [s].
         on_subscriptions: told when the task wants other cameras than before.
+        on_width: moves the gripper to a width [m]; None in a cell without one.
         call_at: the simulated loop's; None under the wall clock, where a round takes its time.
 
     Args:
@@ -83,6 +84,7 @@ class TaskComponent:
         self._uses = task.subscriptions.cameras
         self.frames = NewestFrames(self._uses)
         self.on_subscriptions: Callable[[], None] = lambda: None
+        self.on_width: Callable[[float], None] | None = None
         self._channels, self._robot, self._cameras = channels, robot, cameras
         self._perceivers = [
             _of_name(name, task, perceivers) for name in sorted(set(task.subscriptions.perceivers))
@@ -91,6 +93,7 @@ class TaskComponent:
         self._thread = ForeignThread(self.name, patience)
         self._pressed: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._face_due = -math.inf
+        self._width: float | None = None
         self._past: dict[tuple[str, str], deque[tuple[float, float]]] = {}
         for use in task.subscriptions.cameras:
             if use.camera and use.camera not in cameras:
@@ -169,6 +172,7 @@ class TaskComponent:
             return
         wanted, face = outcome.value
         self._channels.word.publish(TaskWord(began, wanted), at)
+        self._grip(getattr(wanted, "width", None))
         uses = self.task.subscriptions.cameras
         if uses != self._uses:
             self._uses = uses
@@ -177,9 +181,22 @@ class TaskComponent:
         if face is not None:
             self._show(face, began, at)
 
+    def _grip(self, width: Any) -> None:
+        """Move the gripper to what an intent asks for, once."""
+        if width is None or width == self._width or self.on_width is None:
+            return
+        self._width = width
+        try:
+            self.on_width(width)
+        except (DeviceError, TypeError, ValueError) as error:
+            self.problem = f"task {self.task.name}: gripper: {error}"
+
     def _show(self, face: Any, now: float, at: float) -> None:
         fault = face_fault(face)
-        self.problem = f"task {self.task.name}: {fault}" if fault else ""
+        if fault:
+            self.problem = f"task {self.task.name}: {fault}"
+        elif not self.problem.startswith(f"task {self.task.name}: gripper"):
+            self.problem = ""
         if not fault:
             traces = tuple(self._trace(curve, now) for curve in face.curves)
             self._channels.face.publish(ShownFace(self.task.name, now, face, traces), at)

@@ -14,7 +14,7 @@ import numpy as np
 from armsight.arrays import Floats, Pose, Vector3
 from armsight.geometry.pose import make_pose
 from armsight.motion.permits import ContactKind, PermitRequest
-from armsight.motion.regions import Region
+from armsight.motion.regions import Region, RegionShape
 from armsight.servoing.eyes import Target
 from armsight.servoing.targets.ball import Ball
 from armsight.servoing.targets.bullseye import Bullseye
@@ -56,9 +56,9 @@ class Docking:
         radius: of the target's surface about its point [m]; 0 for a plane.
         gap: how far before the surface the tip ends [m]; below 0 presses.
         permit: kind of the contact permit.
-        shape, size: of the region, see :class:`~armsight.motion.regions.Region`.
-        behind: how far behind the surface its centre lies, against the normal [m]; above: and how
-            far above it.
+        shape, size: of the region, see :class:`~armsight.motion.regions.Region`; a capsule lies
+            towards the person's side, a box on the surface.
+        offset: of its centre from the target: along the normal, up, and to the person's side [m].
         reach: that much of the tool, from its tip, may touch [m].
         speed: of the touch [m/s]; force: [N]; stiffness: of the target and what holds it [N/m].
         drift: how fast its place becomes unsure while nobody sees it [m/s].
@@ -70,31 +70,35 @@ class Docking:
     radius: float = 0.0
     gap: float = 0.0
     permit: ContactKind = "thing"
-    shape: Literal["sphere", "box"] = "sphere"
+    shape: RegionShape = "sphere"
     size: tuple[float, float, float] = (0.04, 0.0, 0.0)
-    behind: float = 0.0
-    above: float = 0.0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reach: float = 0.06
     speed: float = 0.15
     force: float = 10.0
     stiffness: float = 5e3
     drift: float = 0.06
 
-    def request(self, seen: Touchable, otherwise: Vector3, up: Vector3) -> PermitRequest:
+    def request(
+        self, seen: Touchable, otherwise: Vector3, up: Vector3, front: Vector3
+    ) -> PermitRequest:
         """What is asked of the guard.
 
         Args:
             seen: the target.
             otherwise: (3,) unit, taken for its normal where nobody knows that.
             up: (3,) unit, in ``base``.
+            front: (3,) unit, towards the person's side.
         """
         normal = otherwise if seen.normal is None else seen.normal
         a, b, c = self.size
-        size = (a + seen.margin, b, c) if self.shape == "sphere" else (a, b, c + 2.0 * seen.margin)
+        size = (a, b, c + 2.0 * seen.margin) if self.shape == "box" else (a + seen.margin, b, c)
+        center = seen.position + self.offset[0] * normal + self.offset[1] * up
+        center = center + self.offset[2] * front
         region = Region(
             self.shape,
             size,
-            facing_pose(seen.position - self.behind * normal + self.above * up, normal),
+            facing_pose(center, front if self.shape == "capsule" else normal),
             seen.stamp,
             seen.velocity,
             seen.covariance,
@@ -130,17 +134,17 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
         ),
         # Its plate has 16 cm; how it is turned about its middle nobody knows.
         "bullseye": Docking(
-            "bullseye", Bullseye, "normal", shape="box", size=(0.19, 0.19, 0.02), behind=0.005,
-            drift=0.03,
+            "bullseye", Bullseye, "normal", shape="box", size=(0.19, 0.19, 0.02),
+            offset=(-0.005, 0.0, 0.0), drift=0.03,
         ),
         # The head behind and above the mouth; a straw bends before anything gives way.
         "straw": Docking(
             "straw", Mouth, "normal", gap=-0.004, permit="face", size=(0.17, 0.0, 0.0),
-            behind=0.06, above=0.045, reach=0.08, speed=0.1, force=5.0, stiffness=150.0,
+            offset=(-0.06, 0.045, 0.0), reach=0.08, speed=0.1, force=5.0, stiffness=150.0,
         ),
-        # The hand with the arm behind it; the item is let go above the palm.
+        # The hand with the forearm behind it; the item is let go above the palm.
         "hand": Docking(
-            "hand", Palm, "down", gap=0.045, permit="hand", size=(0.45, 0.0, 0.0), behind=0.05,
-            reach=0.10, speed=0.25, force=10.0, drift=0.1,
+            "hand", Palm, "down", gap=0.07, permit="hand", shape="capsule", size=(0.11, 0.20, 0.0),
+            offset=(0.0, 0.0, 0.09), reach=0.10, speed=0.25, force=25.0, drift=0.08,
         ),
     }[name]  # fmt: skip

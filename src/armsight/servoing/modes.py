@@ -81,6 +81,7 @@ class Chase(Protocol):
         place: (3,) where the target is believed to be now [m], or None.
         distance: of the tip from the target's surface, as believed [m]; inf without a target.
         source_number: which sensor leads, for a curve.
+        config: may be exchanged between steps, for another stand-off.
     """
 
     state: str
@@ -88,6 +89,7 @@ class Chase(Protocol):
     place: Vector3 | None
     distance: float
     source_number: float
+    config: ChaseConfig
 
     @property
     def estimate(self) -> TargetEstimate | None:

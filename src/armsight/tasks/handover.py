@@ -1,0 +1,105 @@
+"""V's hand-over: wait above a palm that moves, come down, let the item go, and leave."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from armsight.motion.face import Face
+from armsight.motion.intents import Intent, Rest, VelocityIntent
+from armsight.motion.task import Observation
+from armsight.robots.kinematics import tcp_pose
+from armsight.tasks.servo_task import ServoTask
+
+WAITS, LETS_GO, LEAVES = 0.07, 0.035, 0.20
+"""Height of the TCP above the palm [m]: while it waits, when it lets go (an item of 5 cm is then
+1 cm above the palm), and when it has left."""
+ABOVE, SLACK = 0.012, 0.015
+"""So far beside the palm, and so far from the height, it counts as above it [m]."""
+SETTLED = 0.15
+"""It comes down when it has been above the palm for so long [s] ..."""
+CALM = 0.25
+"""... and the palm is slower than this [m/s]."""
+OPENS = 0.5
+"""What the gripper is given to open [s]."""
+STAYS = 1.5
+"""What leaving is given [s]."""
+
+
+class HandoverTask(ServoTask):
+    """Brings what the gripper holds to a palm, lets it go there, and leaves.
+
+    Args:
+        opening: width of the open gripper [m].
+
+    Attributes:
+        phase: wait, lower, let go, leave or done; since: when it began [s].
+        released: when the gripper was told to open [s]; inf before.
+    """
+
+    opening: float = 0.085
+
+    def reset(self) -> None:
+        """Nothing has been seen; the item is held."""
+        super().reset()
+        self.phase, self.since, self.released = "wait", -math.inf, math.inf
+        self._above = math.inf
+        self._height(WAITS)
+
+    def update(self, observation: Observation) -> Intent:
+        """See :class:`~armsight.motion.task.Task`."""
+        now = observation.now
+        if self.phase == "done":
+            return Rest("the item has been handed over")
+        intent = super().update(observation)
+        self._go_on(observation, now)
+        if self.phase in ("let go", "leave") and isinstance(intent, VelocityIntent | Rest):
+            return replace(intent, width=self.opening)
+        return intent
+
+    def face(self) -> Face:
+        """What the page shows."""
+        face = super().face()
+        return face if self.phase == "wait" else replace(face, state=self.phase)
+
+    def _go_on(self, observation: Observation, now: float) -> None:
+        """The next phase, if this one is over."""
+        if self.phase == "wait":
+            if not self._over_palm(observation, WAITS):
+                self._above = math.inf
+            self._above = min(self._above, now)
+            estimate = self.chase.estimate
+            speed = 0.0 if estimate is None else float(np.linalg.norm(estimate.velocity))
+            if self._over_palm(observation, WAITS) and now > self._above + SETTLED and speed < CALM:
+                self._begin("lower", LETS_GO, now)
+        elif self.phase == "lower":
+            if self._over_palm(observation, LETS_GO):
+                self.released = now
+                self._begin("let go", LETS_GO, now)
+            elif not self._over_palm(observation, 0.5 * (WAITS + LETS_GO), 3.0):
+                self._begin("wait", WAITS, now)  # the palm has gone on
+        elif self.phase == "let go" and now > self.since + OPENS:
+            self._begin("leave", LEAVES, now)
+        elif self.phase == "leave" and now > self.since + STAYS:
+            self._begin("done", LEAVES, now)
+
+    def _begin(self, phase: str, height: float, now: float) -> None:
+        self.phase, self.since, self._above = phase, now, math.inf
+        self._height(height)
+
+    def _height(self, height: float) -> None:
+        """Stay so far above the palm from now on [m]."""
+        config = self.chase.config
+        self.chase.config = replace(config, funnel=replace(config.funnel, gap=height))
+
+    def _over_palm(self, observation: Observation, height: float, wider: float = 1.0) -> bool:
+        """Whether the TCP is above the palm, as far as is known, at about a height [m]."""
+        place, joints = self.chase.place, observation.joints
+        if place is None or joints is None:
+            return False
+        way = tcp_pose(observation.robot, joints.position)[:3, 3] - place
+        up = float(way @ self.config.vertical)
+        beside = float(np.linalg.norm(way - up * self.config.vertical))
+        return beside < wider * ABOVE and abs(up - height) < wider * SLACK

@@ -1,0 +1,177 @@
+"""The task of visual servoing: follow a target, ask to touch it, show what is known of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from armsight.devices.data import JointState
+from armsight.motion.face import (
+    ArrowMark,
+    Curve,
+    EllipsoidMark,
+    Face,
+    Figure,
+    Mark,
+    Picture,
+    PointsMark,
+)
+from armsight.motion.intents import Intent, Rest, VelocityIntent
+from armsight.motion.permits import PermitRequest, PermitState
+from armsight.motion.task import Observation, Subscriptions
+from armsight.robots.kinematics import tcp_pose
+from armsight.robots.robot import Robot
+from armsight.servoing.docking import Docking
+from armsight.servoing.eyes import Eye, WristEye
+from armsight.servoing.modes import Chase, ChaseConfig, tool_direction
+from armsight.servoing.sighting import Look, Looks
+
+Mode = Literal["ours", "paper", "fixed"]
+TOUCH = 0.005
+"""The tip touches when it is this near the surface (V's criterion) [m]."""
+ASK_WITHIN = 2.0
+"""A permit is asked for from here on [m]: other links of the arm come near the target, too."""
+
+
+class ServoTask:
+    """Follows a target and touches it.
+
+    Args:
+        dock: what it is and how it is touched; mode: how it is come to.
+        chase: turns looks into joint velocities.
+        eyes: the perceivers.
+        config: of the chase.
+        standoff: how far before it the tip stays [m].
+
+    Attributes:
+        touches: when the tip came to touch the target, as far as is known [s].
+    """
+
+    name = "servo"
+    period = 0.008
+    latency = 0.002
+
+    def __init__(
+        self,
+        dock: Docking,
+        mode: Mode,
+        chase: Chase,
+        eyes: list[Eye | WristEye],
+        config: ChaseConfig,
+        standoff: float = 0.0,
+    ) -> None:
+        self.dock, self.mode, self.chase = dock, mode, chase
+        self.config, self.standoff = config, standoff
+        self.perceivers = tuple(eyes)
+        self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing has been seen."""
+        self.chase.reset()
+        self._looks: dict[str, Look] = {}
+        self.touches: list[float] = []
+        self._touching = False
+        self._face = Face("wait")
+        self._latency = math.nan
+        self._pausing = False
+
+    def update(self, observation: Observation) -> Intent:
+        """See :class:`~armsight.motion.task.Task`."""
+        now, joints = observation.now, observation.joints
+        self._take(observation)
+        if joints is None:
+            return Rest("no joint reading yet")
+        wish = self.chase.step(now, joints, observation.guard)
+        error = self.chase.distance
+        touching = error < TOUCH
+        if touching and not self._touching:
+            self.touches.append(now)
+        self._touching = touching
+        self._face = self._show(observation.robot, joints, now, touching)
+        if wish is None:
+            return Rest(self.chase.reason)
+        permit = None if self.standoff > 0.0 else self._permit(observation)
+        return VelocityIntent(
+            self.dock.name,
+            wish.velocity,
+            "joint",
+            wish.exposure,
+            wish.exposure + wish.lasts,
+            permit,
+        )
+
+    def _permit(self, observation: Observation) -> PermitRequest | None:
+        """Asks to touch the target, as far as anybody knows where it is.
+
+        One that was withdrawn is asked for again after a round without it.
+        """
+        seen = self.chase.touchable()
+        guard = observation.guard
+        if seen is None or self.chase.distance > ASK_WITHIN:
+            return None
+        answer = None if guard is None else guard.permit
+        lost = answer is not None and answer.state == PermitState.WITHDRAWN
+        if lost and not self._pausing:
+            self._pausing = True
+            return None
+        self._pausing = False
+        axis, _ = tool_direction(self.config, seen.position, seen.normal)
+        return self.dock.request(seen, -axis, self.config.vertical, self.config.front)
+
+    def face(self) -> Face:
+        """What the page shows."""
+        return self._face
+
+    def _take(self, observation: Observation) -> None:
+        """Everything that has been seen since the last round, in the order of exposure."""
+        fresh = []
+        for perceived in observation.perceived:
+            if isinstance(perceived.evidence, Looks):
+                for look in perceived.evidence.looks:
+                    last = self._looks.get(look.camera)
+                    if last is None or look.stamp > last.stamp:
+                        self._looks[look.camera] = look
+                        fresh.append(look)
+        for look in sorted(fresh, key=lambda look: look.stamp):
+            self.chase.see(look)
+            self._latency = observation.now - look.stamp
+
+    def _show(self, robot: Robot, joints: JointState, now: float, touching: bool) -> Face:
+        chase = self.chase
+        tip = tcp_pose(robot, joints.position)[:3, 3]
+        place = chase.place
+        marks: list[Mark] = []
+        if place is not None:
+            marks.append(ArrowMark("goal", tip, place, (40, 180, 60)))
+            marks.append(PointsMark("target", place[None], 0.012, (230, 40, 40)))
+        estimate = chase.estimate
+        if estimate is not None:
+            marks.append(
+                EllipsoidMark.of("estimate", estimate.position, estimate.covariance[:3, :3], 3.0)
+            )
+            ahead, _ = estimate.at(now + 0.1)
+            marks.append(PointsMark("prediction", ahead[None], 0.008, (240, 190, 30)))
+        pictures = tuple(
+            Picture(name, look.picture)
+            for name, look in sorted(self._looks.items())
+            if look.picture is not None
+        )
+        distance = 1e3 * chase.distance
+        return Face(
+            state="touch" if touching else chase.state,
+            reason=chase.reason,
+            figures=(
+                Figure("touches", float(len(self.touches))),
+                Figure("switches", float(chase.switches)),
+                Figure("iterations", float(chase.iterations)),
+                Figure("latency", 1e3 * self._latency, "ms"),
+                Figure("first touch", self.touches[0] if self.touches else math.nan, "s"),
+            ),
+            curves=(
+                Curve("distance", distance if math.isfinite(distance) else math.nan, "mm"),
+                Curve("source", float(chase.source_number)),
+            ),
+            pictures=pictures,
+            marks=tuple(marks),
+        )

@@ -1,0 +1,96 @@
+"""What is asked of the guard for each of V's targets, and the phases of a hand-over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armsight.devices.data import JointState
+from armsight.motion.intents import VelocityIntent
+from armsight.motion.permits import LIMITS, request_fault
+from armsight.motion.task import Observation
+from armsight.robots import load_robot, load_tool
+from armsight.robots.kinematics import tcp_pose
+from armsight.servoing.approach import Funnel
+from armsight.servoing.docking import DOCK_NAMES, Touchable, docking
+from armsight.servoing.modes import ChaseConfig, make_chase
+from armsight.tasks.handover import LETS_GO, WAITS, HandoverTask
+
+from .test_laws import FRONT, HOME, UP, look
+
+UR10 = load_robot("ur10").with_tool(load_tool("gripper"))
+
+
+@pytest.mark.parametrize("name", DOCK_NAMES)
+def test_every_docking_asks_for_what_may_be_granted(name):
+    dock = docking(name)
+    normal = -FRONT if name != "hand" else UP
+    seen = Touchable(1.0, np.array([0.8, 0.1, 0.7]), np.zeros(3), 1e-6 * np.eye(3), normal=normal)
+    request = dock.request(seen, normal, UP, FRONT)
+    limits = LIMITS[dock.permit]
+    assert request_fault(request, UR10, 1.1) == ""
+    assert request.region.extent <= limits.extent
+    assert request.force <= limits.force
+    assert request.speed <= limits.speed
+    # The target's own point is in its region, or on its border.
+    assert request.region.distance(seen.position[None], 1.0)[0] < 0.01
+
+
+def test_the_region_of_a_face_holds_the_box_behind_the_mouth():
+    """24 x 24 x 12 cm, the mouth 45 mm below its middle; corners to the map's own margin."""
+    dock, mouth = docking("straw"), np.array([0.8, 0.0, 0.7])
+    seen = Touchable(1.0, mouth, np.zeros(3), np.zeros((3, 3)), normal=-FRONT)
+    region = dock.request(seen, -FRONT, UP, FRONT).region
+    side = np.cross(UP, FRONT)
+    for a in (-0.12, 0.12):
+        for b in (-0.12, 0.12):
+            for c in (0.0, 0.12):
+                corner = mouth + a * side + (0.045 + b) * UP + c * FRONT
+                assert region.distance(corner[None], 1.0)[0] < 0.017
+
+
+class Arm:
+    """Stands where it is put; sees a palm where it is."""
+
+    def __init__(self):
+        config = ChaseConfig(UP, FRONT, 0.0, direction="down", funnel=Funnel(0.07))
+        chase = make_chase("ours", UR10, ("a",), "", config)
+        self.task = HandoverTask(docking("hand"), "ours", chase, [], config)
+        self.now = 0.0
+        self.tip = tcp_pose(UR10, HOME)[:3, 3]
+
+    def stay(self, palm, seconds):
+        """The last intent after some time with the palm at a place."""
+        intent = None
+        for _ in range(round(seconds / 0.02)):
+            self.now += 0.02
+            self.task.chase.see(look("a", (1.7, 1.4, -0.1), palm, self.now))
+            joints = JointState(self.now, HOME.copy(), np.zeros(6))
+            intent = self.task.update(Observation(self.now, UR10, joints))
+        return intent
+
+
+def test_the_item_is_let_go_only_above_the_palm():
+    arm = Arm()
+    beside = arm.tip - WAITS * UP + 0.05 * FRONT
+    arm.stay(beside, 2.0)
+    assert arm.task.phase == "wait"
+    arm.task.chase.reset()
+    arm.stay(arm.tip - WAITS * UP, 1.0)
+    assert arm.task.phase == "lower"
+    assert arm.task.chase.config.funnel.gap == LETS_GO
+    intent = arm.stay(arm.tip - LETS_GO * UP, 0.6)
+    assert arm.task.phase in ("let go", "leave")
+    assert arm.task.released < arm.now
+    assert isinstance(intent, VelocityIntent)
+    assert intent.width == HandoverTask.opening
+
+
+def test_a_palm_that_goes_on_is_waited_for_again():
+    arm = Arm()
+    arm.stay(arm.tip - WAITS * UP, 1.0)
+    assert arm.task.phase == "lower"
+    arm.task.chase.reset()
+    arm.stay(arm.tip - WAITS * UP + 0.2 * FRONT, 0.1)
+    assert arm.task.phase == "wait"
+    assert arm.task.released == np.inf
