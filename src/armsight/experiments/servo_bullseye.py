@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,8 +13,9 @@ from armsight.arrays import JointVector, Vector3
 from armsight.devices.data import JointState
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.rows import Row, bootstrap
+from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
+from armsight.experiments.servo_rows import harm_row, median_row
 from armsight.experiments.servo_world import (
     MOVING,
     PAPERS,
@@ -138,61 +138,33 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         ("paper_", "paper_", "V's errors", 15.0, 6.4),
         ("fixed_", "fixed_", "V's errors", 25.0, 5.8),
     )
-    rng = np.random.default_rng(0)
     for prefix, key, where, mm, seconds in shown:
-        found, ours = results[key], prefix == ""
+        found, is_ours = results[key], prefix == ""
         off = [r["mm"] for r in found]
         times = [r["seconds"] for r in found if r["mark"] is not None]
-        rows.append(
-            _row(f"{prefix}bullseye_mm", "median distance of the mark from the centre", where,
-                 float(np.median(off)), "mm", off, rng, mm, (5.0, 2.0) if ours else None)
-        )  # fmt: skip
-        rows.append(
-            Row(f"{prefix}bullseye_p95_mm", "95 % of it", where, float(np.percentile(off, 95)),
-                "mm", len(off), must=10.0 if ours else None, aim=4.0 if ours else None)
-        )  # fmt: skip
-        rows.append(
-            _row(f"{prefix}bullseye_time_s", "median time to the mark, of those that made one",
-                 where, float(np.median(times)) if times else math.nan, "s", times, rng, seconds,
-                 (3.0, 2.5) if ours else None)
-        )  # fmt: skip
+        rows += [
+            median_row(f"{prefix}bullseye_mm", "distance of the mark from the centre", where, off,
+                       "mm", mm, (5.0, 2.0) if is_ours else None),
+            Row(f"{prefix}bullseye_p95_mm", "95 % of the distance", where,
+                float(np.percentile(off, 95)), "mm", len(off), must=10.0 if is_ours else None,
+                aim=4.0 if is_ours else None),
+            median_row(f"{prefix}bullseye_time_s", "time to the mark, of those that made one",
+                       where, times, "s", seconds, (3.0, 2.5) if is_ours else None),
+        ]  # fmt: skip
     gap = abs(float(np.mean([r["mark"] is not None for r in results["paper_"]])) - 1.0)
     rows.append(
         Row("paper_mode_gap", "share of V's mode that made a mark, less V's figure (all did)",
-            "V's errors", gap, n=len(results["paper_"]), paper=None, must=0.10, aim=0.05)
+            "V's errors", gap, n=len(results["paper_"]), must=0.10, aim=0.05)
     )  # fmt: skip
     for key, figure in (("paper_", 6.0), ("fixed_", 8.0)):
         steps = [float(r["iterations"]) for r in results[key] if r["mark"] is not None]
         rows.append(
-            Row(f"{key}bullseye_iterations", "median number of segments", "V's errors",
-                float(np.median(steps)) if steps else math.nan, n=len(steps), paper=figure,
-                why="no trial got there")
-        )  # fmt: skip
+            median_row(f"{key}bullseye_iterations", "segments", "V's errors", steps, "", figure)
+        )
     ours = [*results[""], *results["t2"]]
-    rows.append(
-        Row("harm", "ticks with the tip in the plate, faster than 0.05 m/s, without a permit",
-            "all of ours", float(sum(r["harm"] for r in ours)), n=len(ours), must=0.0, aim=0.0)
-    )  # fmt: skip
+    say = "ticks with the tip in the plate, faster than 0.05 m/s, without a permit"
+    rows.append(harm_row(say, "all of ours", sum(r["harm"] for r in ours), len(ours)))
     return rows
-
-
-def _row(
-    key: str,
-    say: str,
-    where: str,
-    value: float,
-    unit: str,
-    samples: Sequence[float],
-    rng: np.random.Generator,
-    paper: float,
-    budget: tuple[float, float] | None,
-) -> Row:
-    low, high = bootstrap(samples, rng, "median") if len(samples) else (math.nan, math.nan)
-    must, aim = budget or (None, None)
-    return Row(
-        key, f"{say}; 95 % by bootstrap", where, value, unit, len(samples), low, high, paper, must,
-        aim, why="no trial got there",
-    )  # fmt: skip
 
 
 def _notes(results: dict[str, list[dict[str, Any]]]) -> tuple[str, ...]:
