@@ -64,7 +64,7 @@ def test_looking_sends_no_command(tmp_path, monkeypatch, words):
     from plugged_doubles import LOG
 
     class NoMap:
-        def update(self, frames, joints, now):
+        def update(self, frames, joints, now, tracked=None):
             return None
 
     few = parts.Parts(NoMap(), FakePlanner(), FakeGuard())  # the map is not what is looked at

@@ -120,7 +120,7 @@ class FakeMap:
     def __init__(self):
         self.calls = []
 
-    def update(self, frames, joints, now):
+    def update(self, frames, joints, now, tracked=None):
         self.calls.append((now, [f.sequence for f in frames], joints.latest))
         return SimpleNamespace(sequence=len(self.calls), stamp=now, cameras=())
 

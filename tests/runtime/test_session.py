@@ -93,7 +93,7 @@ def test_snapshots_and_plans_become_visible_after_their_latency():
 
 def test_measured_compute_time_is_charged():
     class SlowMap(FakeMap):
-        def update(self, frames, joints, now):
+        def update(self, frames, joints, now, tracked=None):
             time.sleep(0.02)
             return super().update(frames, joints, now)
 

@@ -20,6 +20,7 @@ from armsight.mapping.kernels.flood import (
     add_voxels,
     clear_rim,
     copy_shell,
+    count_voxels,
     fill_rim,
     frontier,
     grow,
@@ -27,11 +28,13 @@ from armsight.mapping.kernels.flood import (
     open_by_cube,
     pack,
     pack_room,
+    remove_voxels,
     replace_outside,
     spread,
     unpack,
 )
 from armsight.mapping.snapshot import ENCLOSED, UNKNOWN, VoxelGrid
+from armsight.mapping.tracked import TOUCHES, TrackedThing
 
 
 class UnseenSets(NamedTuple):
@@ -46,6 +49,18 @@ class UnseenSets(NamedTuple):
     possible: Words
     room: Words
     rim: int
+
+
+class Tracked(NamedTuple):
+    """What a task tracks in one update.
+
+    Attributes:
+        thing: where.
+        occupied: flat uint8, 1 where something undeclared is seen, things told from people as well.
+    """
+
+    thing: TrackedThing
+    occupied: Bytes
 
 
 class UnseenPeople:
@@ -107,7 +122,12 @@ class UnseenPeople:
         return (index + self._rim).astype(np.int32), cells.astype(np.int32)
 
     def update(
-        self, state: Bytes, dynamic: Ints32, body: Bytes | None, elapsed: float
+        self,
+        state: Bytes,
+        dynamic: Ints32,
+        body: Bytes | None,
+        elapsed: float,
+        tracked: Tracked | None = None,
     ) -> tuple[Ints32, Bytes]:
         """The outermost voxels that could hide someone, and which of their faces are open.
 
@@ -116,6 +136,7 @@ class UnseenPeople:
             dynamic: flat indices of voxels occupied by something undeclared.
             body: (nx, ny, nz) uint8, 1 where the arm itself is; None if it does not matter.
             elapsed: time since the last update [s].
+            tracked: what a task tracks, no source of people while nobody is around it; or None.
 
         Returns:
             (m,) flat indices and (m,) uint8 faces (bits -x +x -y +y -z +z); valid until the next
@@ -131,16 +152,42 @@ class UnseenPeople:
             clear_rim(self._rim, self._depth, self._room)
             self._look_outside(self._around)
             self._room |= self._outside
-        self._add_sources(self._possible, dynamic)
+        others = dynamic
+        if not self._begun:
+            tracked = None  # what could be behind it has to be known first
+        if tracked is not None:
+            nobody = tracked.thing.nobody(tracked.occupied, self._room, self._rim)
+            remove_voxels(nobody, len(nobody), ny, nz, self._rim, self._possible)
+            others = dynamic[~tracked.thing.holds(dynamic)]
+        self._add_sources(self._possible, others)
         for _ in range(self._steps(elapsed)):
             if not grow(self._possible, self._room, self._a, self._b):
                 break
+        if tracked is not None:  # what hangs together with it stays possible, if it was
+            add_voxels(dynamic, len(dynamic), ny, nz, self._rim, self._possible)
         self._a.fill(0)
         self._add_sources(self._a, dynamic)
         spread(self._a, self._possible)
         self._possible, self._a = self._a, self._possible
+        if tracked is not None:
+            self._tell_apart(tracked.thing, dynamic, others)
         count = frontier(self._possible, self._solid, self._rim, ny, nz, self._indices, self._faces)
         return self._indices[:count], self._faces[:count]
+
+    def _tell_apart(self, thing: TrackedThing, dynamic: Ints32, others: Ints32) -> None:
+        """What is tracked is in the set only if somebody could be around it.
+
+        Nobody unseen is missed by taking it out first: who is in it was in the set before, since
+        they were elsewhere then, and the set has grown from there.
+        """
+        _, ny, nz = self._grid.shape
+        rim, bits = self._rim, self._possible
+        own = dynamic[thing.holds(dynamic)]
+        remove_voxels(own, len(own), ny, nz, rim, bits)
+        seen = int(np.isin(others, thing.around).sum())
+        unseen = count_voxels(thing.around, len(thing.around), ny, nz, rim, bits)
+        if seen >= TOUCHES or unseen >= TOUCHES:
+            add_voxels(own, len(own), ny, nz, rim, bits)
 
     def _look_outside(self, around: UnseenPeople) -> None:
         """Note from which places people come: what the coarser set says of the rim."""

@@ -32,6 +32,7 @@ from armsight.mapping.kernels.pieces import (
     touched_unseen,
 )
 from armsight.mapping.snapshot import ENCLOSED, VoxelGrid
+from armsight.mapping.tracked import SMALLEST_PERSON
 
 MOST_THINGS = 4096
 GRACE = 0.3
@@ -44,11 +45,6 @@ STILL = 1.0
 """What was left behind must have been at rest for so long [s]; so must an empty cell."""
 PATIENCE = 5.0
 """The word that the cell is empty is refused when something goes on moving for so long [s]."""
-SMALLEST_PERSON = 0.04
-"""No person fits wholly into less space than this [m^3], not seen free by any camera.
-
-An adult of 45 kg has 0.045 m^3, and unseen voxels along the outline come on top.
-"""
 TOUCH = 2
 """Voxels within which something that may be a person touches a thing."""
 NEWCOMERS = 5

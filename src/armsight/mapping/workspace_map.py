@@ -17,7 +17,7 @@ from armsight.geometry.shapes import Solid
 from armsight.mapping.camera_stage import CameraStage, Evidence
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.distance_field import DistanceField
-from armsight.mapping.hazards import UnseenPeople
+from armsight.mapping.hazards import Tracked, UnseenPeople
 from armsight.mapping.health import CameraHealth
 from armsight.mapping.kernels.flood import face_points
 from armsight.mapping.layers import far_grid, fine_grid
@@ -33,6 +33,7 @@ from armsight.mapping.snapshot import (
 )
 from armsight.mapping.static_geometry import StaticGeometry, rasterise
 from armsight.mapping.things import PATIENCE, TOUCHES, Things
+from armsight.mapping.tracked import TrackedRegion, TrackedThing
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 
@@ -129,13 +130,20 @@ class WorkspaceMap:
         self._emptiness = Emptiness()
         self._waiting_until = np.inf
         self._solid_things: Floats32 = np.empty((0, 3), np.float32)
+        self._tracked = TrackedThing(self.grid)
         threads = max(config.threads, 1)
         self._pool = ThreadPoolExecutor(threads, "mapping") if threads > 1 else None
 
     def update(
-        self, frames: Sequence[RgbdFrame], joints: JointHistory, now: float
+        self,
+        frames: Sequence[RgbdFrame],
+        joints: JointHistory,
+        now: float,
+        tracked: TrackedRegion | None = None,
     ) -> WorkspaceSnapshot:
         """Take in new frames and publish what is known at ``now`` [s].
+
+        ``tracked`` is where a task has the thing that it asks to touch (:mod:`.tracked`).
 
         Call it with no frames too, often enough that a dead camera's space becomes unknown.
         Frames that cannot be used are counted and named in ``snapshot.cameras``, never raised.
@@ -163,7 +171,7 @@ class WorkspaceMap:
         self._alive = alive
         state = self._state(self._fine, alive)
         lap("occupancy")
-        hazards, unknown = self._hazards(state, alive, now)
+        hazards, unknown = self._hazards(state, alive, now, tracked)
         # Before the field: space that hides nobody, such as the arm's own, is not solid.
         self._fine.unseen.mark_enclosed(state)
         self._fine.things.keep(state)
@@ -385,7 +393,9 @@ class WorkspaceMap:
         distance = self._field.update(state) if field is None else field.result()
         return distance, last, cloud
 
-    def _hazards(self, state: Bytes, alive: Bytes, now: float) -> tuple[Floats32, Mask]:
+    def _hazards(
+        self, state: Bytes, alive: Bytes, now: float, region: TrackedRegion | None
+    ) -> tuple[Floats32, Mask]:
         """Where people are or could be: centres of fine voxels, and which are unseen."""
         elapsed = now - self._now if np.isfinite(self._now) else 0.0
         fine, far = self._fine, self._far
@@ -396,7 +406,11 @@ class WorkspaceMap:
             parts = self._far_hazards(self._state(far, alive), elapsed, now)
         seen = self._people(fine, state, fine.occupancy.clusters(self.config.cluster), now)
         self._solid_things = self._centers(fine.things.solid(fine.occupancy.dynamic))
-        unseen, _ = fine.unseen.update(state, seen, self._body_near, elapsed)
+        stamp = max((h.stamp for h in self._health), default=-np.inf)
+        tracked = None
+        if self._tracked.follow(region, stamp, now):
+            tracked = Tracked(self._tracked, fine.occupancy.occupied)
+        unseen, _ = fine.unseen.update(state, seen, self._body_near, elapsed, tracked)
         unseen = unseen[fine.occupancy.occupied[unseen] == 0]
         parts.append((self._centers(seen), False))
         parts.append((self._centers(unseen), True))

@@ -13,6 +13,7 @@ from armsight.arrays import JointVector, Mask, Points
 from armsight.devices.data import Wrench
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.mapping.tracked import SURE
 from armsight.motion.contact_limits import contact_speed, effective_mass
 from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
 from armsight.motion.executed import Executed
@@ -28,7 +29,6 @@ from armsight.motion.permits import (
     request_fault,
 )
 from armsight.motion.permitted import (
-    SURE,
     Grant,
     PermittedSnapshot,
     outside_the_map,
@@ -194,9 +194,12 @@ class PermitOffice:
         permit = self.permit
         if permit is None or (permit.name, permit.kind) != (name, kind):
             permit = self.permit = Permit(name, kind, PermitState.REFUSED)
+        reason = request_fault(request, self._robot, now)
+        if not permit.holds:  # the map follows what is asked for, granted or not
+            tracked = None if reason else _followed(request, now)
+            permit = self.permit = replace(permit, region=tracked)
         if permit.state == PermitState.WITHDRAWN:
             return
-        reason = request_fault(request, self._robot, now)
         if not reason and permit.holds:
             reason = self._against(now, permit, request, snapshot)
         elif not reason:
@@ -312,6 +315,12 @@ class PermitOffice:
             away = np.linalg.norm(spheres.center - T_last_tcp[:3, 3], axis=1)
             out &= (np.asarray(spheres.link) == robot.n) & (away <= request.reach)
         return out
+
+
+def _followed(request: PermitRequest, now: float) -> Region | None:
+    """The region of a well-formed request, if it may be touched at all."""
+    refused = region_refusal(request.region, request.kind, now)
+    return None if refused else request.region
 
 
 def _seen_against(snapshot: WorkspaceSnapshot, region: Region, kind: str) -> str:

@@ -67,7 +67,8 @@ class Permit:
     Attributes:
         name, kind: of the request.
         state: what became of it; reason: in words, empty when it was granted as asked.
-        region: the newest that is believed; None when there never was one.
+        region: the newest that is believed, of one that is not granted the newest that could be;
+            None without one.
         speed, force, torque: what is granted [m/s], [N], [N m].
         until: when it ends [s].
         pressed: force [N] of the arm on what it touches, by the last reading; NaN if nobody says.

@@ -13,18 +13,8 @@ from numpy.typing import NDArray
 
 from armsight.arrays import Floats, Floats32, Mask, Points, Vector3
 from armsight.mapping.snapshot import OCCUPIED, UNKNOWN, WorkspaceSnapshot
+from armsight.mapping.tracked import SHELL, TOUCHES, growth
 from armsight.motion.regions import Region
-
-SEEN_WITHIN = 0.01
-"""Depth noise and calibration put a surface this far from where it is [m], beyond the voxel."""
-LINGERS = 0.1
-"""What has moved on stays in the map for so long [s]."""
-SURE = 2.0
-"""Standard deviations of the region's place that count as possible."""
-SHELL = 2
-"""Voxels around the region in which nobody may be: a person hangs together, and is larger."""
-TOUCHES = 3
-"""As many voxels there are somebody; fewer are noise (as for things)."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +50,14 @@ class PermittedSnapshot(WorkspaceSnapshot):
     touchable: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))
 
 
-def growth(snapshot: WorkspaceSnapshot, region: Region) -> float:
+def grown_by(snapshot: WorkspaceSnapshot, region: Region) -> float:
     """How far from a region [m] the map may have what is in it, at the centre of a voxel."""
-    unsure = SURE * region.deviation(snapshot.stamp)
-    return snapshot.hazard_radius + SEEN_WITHIN + unsure + LINGERS * region.speed
+    return growth(region, snapshot.stamp, snapshot.hazard_radius)
 
 
 def permitted(snapshot: WorkspaceSnapshot, grant: Grant) -> PermittedSnapshot:
     """What the arm may count with under a grant."""
-    keep = _distance(snapshot, snapshot.hazards, grant.region) > growth(snapshot, grant.region)
+    keep = _distance(snapshot, snapshot.hazards, grant.region) > grown_by(snapshot, grant.region)
     if grant.ceiling is not None:
         up, height = grant.ceiling
         keep |= snapshot.hazards @ np.asarray(up, np.float32) > height
@@ -84,7 +73,7 @@ def somebody_beside(snapshot: WorkspaceSnapshot, region: Region) -> str:
 
     Whoever is in the region without being around it would have to be smaller than it.
     """
-    grown = growth(snapshot, region)
+    grown = grown_by(snapshot, region)
     distance = _distance(snapshot, snapshot.hazards, region)
     shell = np.flatnonzero((distance > grown) & (distance <= grown + SHELL * snapshot.grid.voxel))
     if len(shell) < TOUCHES:
@@ -99,7 +88,7 @@ def outside_the_map(snapshot: WorkspaceSnapshot, region: Region) -> bool:
     """Whether nobody is looked for around a region: it leaves the mapped box."""
     grid = snapshot.grid
     center = region.center(snapshot.stamp)
-    reach = 0.5 * region.extent + growth(snapshot, region) + SHELL * grid.voxel
+    reach = 0.5 * region.extent + grown_by(snapshot, region) + SHELL * grid.voxel
     low = np.asarray(grid.origin)
     high = low + np.asarray(grid.shape) * grid.voxel
     return bool((center - reach < low).any() or (center + reach > high).any())
@@ -107,7 +96,7 @@ def outside_the_map(snapshot: WorkspaceSnapshot, region: Region) -> bool:
 
 def voxels_within(snapshot: WorkspaceSnapshot, region: Region) -> tuple[NDArray[np.int64], ...]:
     """Indices (i, j, k) of the voxels not seen free in which what is in a region may be."""
-    grid, grown = snapshot.grid, growth(snapshot, region)
+    grid, grown = snapshot.grid, grown_by(snapshot, region)
     center = region.center(snapshot.stamp)
     reach = 0.5 * region.extent + grown
     low = np.maximum(grid.index((center - reach)[None])[0], 0)
@@ -125,7 +114,7 @@ def _distance(snapshot: WorkspaceSnapshot, points: Points, region: Region) -> Fl
     """(n,) distance [m] from a region; inf for what is far from it."""
     points = np.asarray(points)
     out = np.full(len(points), np.inf)
-    reach = 0.5 * region.extent + growth(snapshot, region) + SHELL * snapshot.grid.voxel
+    reach = 0.5 * region.extent + grown_by(snapshot, region) + SHELL * snapshot.grid.voxel
     center = region.center(snapshot.stamp).astype(points.dtype)
     near = np.flatnonzero((np.abs(points - center) <= reach).all(axis=1))
     out[near] = region.distance(points[near].astype(float), snapshot.stamp)

@@ -18,6 +18,7 @@ from armsight.devices.history import JointHistory
 from armsight.devices.protocols import Arm
 from armsight.errors import DeviceError
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.mapping.tracked import TrackedRegion
 from armsight.motion.intents import Intent
 from armsight.runtime.channels import Channels
 from armsight.runtime.latency import Latency
@@ -33,9 +34,13 @@ class Maps(Protocol):
     """What :class:`MappingComponent` needs of a map."""
 
     def update(
-        self, frames: Sequence[RgbdFrame], joints: JointHistory, now: float
+        self,
+        frames: Sequence[RgbdFrame],
+        joints: JointHistory,
+        now: float,
+        tracked: TrackedRegion | None = None,
     ) -> WorkspaceSnapshot:
-        """Take in frames and say what the workspace looks like."""
+        """Take in frames and say what the workspace looks like; ``tracked`` is to be touched."""
         ...
 
     def declare_empty(self) -> None:
@@ -148,8 +153,10 @@ class MappingComponent:
             return
         self._updated = now
         history: JointHistory = self._channels.history
+        tracked = self._tracked(now)
         if not frames:  # it only ages the cameras' health: next to nothing to compute
-            self._channels.snapshot.publish(self._workspace.update(frames, history, now), now)
+            snapshot = self._workspace.update(frames, history, now, tracked)
+            self._channels.snapshot.publish(snapshot, now)
             return
         if self.beside is not None:  # the loop goes on reading joints meanwhile
             history = history.copy()
@@ -157,9 +164,15 @@ class MappingComponent:
             self,
             now,
             self._latency,
-            lambda: self._workspace.update(frames, history, now),
+            lambda: self._workspace.update(frames, history, now, tracked),
             self._publish,
         )
+
+    def _tracked(self, now: float) -> TrackedRegion | None:
+        """Where the thing is that a task asks to touch."""
+        status = self._channels.status.read(now)
+        permit = None if status is None else status.permit
+        return None if permit is None or permit.kind != "thing" else permit.region
 
     def _publish(self, snapshot: WorkspaceSnapshot, visible_at: float) -> None:
         excluded = [c for c in snapshot.cameras if c.excluded]

@@ -119,6 +119,27 @@ def add_voxels(indices: Ints32, count: int, ny: int, nz: int, rim: int, bits: Wo
 
 
 @njit(cache=True, nogil=True)
+def remove_voxels(indices: Ints32, count: int, ny: int, nz: int, rim: int, bits: Words) -> None:
+    """Take voxels out by their flat index in the (nx, ny, nz) grid."""
+    for a in range(count):
+        v = indices[a]
+        p = v % nz + rim
+        bits[v // (nz * ny) + rim, (v // nz) % ny + rim, p >> 6] &= ~(ONE << np.uint64(p & 63))
+
+
+@njit(cache=True, nogil=True)
+def count_voxels(indices: Ints32, count: int, ny: int, nz: int, rim: int, bits: Words) -> int:
+    """How many voxels, by their flat index in the (nx, ny, nz) grid, are in the set."""
+    found = 0
+    for a in range(count):
+        v = indices[a]
+        p = v % nz + rim
+        word = bits[v // (nz * ny) + rim, (v // nz) % ny + rim, p >> 6]
+        found += (word >> np.uint64(p & 63)) & ONE != 0
+    return found
+
+
+@njit(cache=True, nogil=True)
 def fill_rim(rim: int, depth: int, bits: Words) -> None:
     """Put the whole rim into the set."""
     X, Y = bits.shape[:2]
