@@ -30,7 +30,7 @@ def within(box: Box) -> np.ndarray:
 
 
 class Scene:
-    """Perfect sight of a ball with a shadow of its own behind it, of people, and of nothing else."""
+    """Perfect sight of a ball with a shadow of its own behind it, and of people."""
 
     def __init__(self, tracks: bool = True) -> None:
         table = np.zeros(GRID.shape, np.uint8)

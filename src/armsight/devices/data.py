@@ -8,6 +8,7 @@ from typing import Literal
 from armsight.arrays import Bytes, ColorImage, DepthImage, Floats, JointVector, Pose
 from armsight.devices.depth_model import DepthModel
 from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.shapes import Solid
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,20 @@ class EmptyCell:
     """Somebody's word, given at ``stamp`` [s], that nobody is in the cell."""
 
     stamp: float
+
+
+@dataclass(frozen=True)
+class DeclaredSolids:
+    """Somebody's word, given at ``stamp`` [s], that solids stand in the cell from now on.
+
+    Attributes:
+        stamp: [s]; name: by which they may be withdrawn.
+        solids: in ``base``; none: what was declared by this name stands there no more.
+    """
+
+    stamp: float
+    name: str
+    solids: tuple[Solid, ...] = ()
 
 
 @dataclass(frozen=True)

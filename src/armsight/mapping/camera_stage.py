@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from armsight.devices.depth_model import TABLE_STEP, DepthCorrection
 from armsight.mapping.backdrop import Backdrop
 from armsight.mapping.carving import Carver
 from armsight.mapping.config import MappingConfig
+from armsight.mapping.declared import Looker
 from armsight.mapping.kernels.depth import correct_depth
 from armsight.mapping.kernels.image import VALID, collect_hits, grade_hits, label_valid
 from armsight.mapping.lens import DepthLens
@@ -20,6 +22,7 @@ from armsight.mapping.mounting import Mounting
 from armsight.mapping.occupancy import Sight
 from armsight.mapping.plausibility import Plausibility
 from armsight.mapping.self_filter import BodyPose, SelfFilter
+from armsight.mapping.snapshot import Declared
 from armsight.mapping.static_geometry import StaticGeometry
 
 
@@ -46,6 +49,7 @@ class Evidence:
         sight: the image, until the camera's next one; None when it was refused.
         problem: why it was refused, where the picture itself says so.
         warning: what is odd about it although it is believed.
+        through: which of the solids that were declared while the cell runs it sees through.
     """
 
     hits: tuple[Hits, ...]
@@ -54,6 +58,7 @@ class Evidence:
     sight: Sight | None = None
     problem: str = ""
     warning: str = ""
+    through: tuple[str, ...] = ()
 
 
 class _Layer:
@@ -62,13 +67,16 @@ class _Layer:
     def __init__(self, static: StaticGeometry, pixels: int) -> None:
         grid = static.grid
         size = int(np.prod(grid.shape))
-        self.static = static
         self.origin = np.asarray(grid.origin, float)
         self.voxel = float(grid.voxel)
         self.shape = np.asarray(grid.shape, np.int64)
         self.count: Shorts = np.zeros(size, np.uint16)
         self.hits: Ints32 = np.zeros(min(size, pixels), np.int32)
         self.strong: Bytes = np.zeros(len(self.hits), np.uint8)
+        self.declare(static)
+
+    def declare(self, static: StaticGeometry) -> None:
+        """These solids explain hits from now on."""
         self.table = (
             self.origin.astype(np.float32),
             self.voxel,
@@ -100,14 +108,26 @@ class CameraStage:
             Carver(self.lens, layer.grid, info.range[0], self.noise) for layer in static
         )
         solids = static[0]
-        self._solids = (solids.kinds, solids.sizes, solids.T_solid_base)
-        outermost = static[1] if config.has_far_layer else static[0]
-        self.backdrop = Backdrop(self.lens, info.range, self.noise, outermost)
+        self.redeclare(static)
+        self._looker = Looker(self.lens.rays, info.range, self.noise)
         self.mounting = Mounting(info, self.lens, filter_, solids, config)
         self._plausibility = Plausibility(info, solids, filter_.fields, self.noise)
         self._scaled: Floats32 = np.zeros(self.label.shape, np.float32)
         model = info.depth_model
         self._correction = None if model is None else DepthCorrection(model, info.depth)
+
+    def redeclare(self, static: tuple[StaticGeometry, StaticGeometry]) -> None:
+        """These solids, fine and coarse, explain returns from now on.
+
+        Where the camera sits and whether it lies is still judged by those of the cell's file:
+        others are declared less exactly, and may drive away.
+        """
+        solids = static[0]
+        self._solids = (solids.kinds, solids.sizes, solids.T_solid_base)
+        outermost = static[1] if self._config.has_far_layer else static[0]
+        self.backdrop = Backdrop(self.lens, self.info.range, self.noise, outermost)
+        for layer, declared in zip(self._layers, static):
+            layer.declare(declared)
 
     def process(
         self,
@@ -117,6 +137,7 @@ class CameraStage:
         free: tuple[Bytes, ...],
         stamp: float,
         beside: Executor | None = None,
+        watched: Sequence[Declared] = (),
     ) -> Evidence:
         """Judge one depth image.
 
@@ -128,6 +149,7 @@ class CameraStage:
                 the whole voxel.
             stamp: the exposure [s].
             beside: takes a part of the work, if there is nothing else for it to do.
+            watched: solids that were declared while the cell runs.
         """
         config = self._config
         depth = self._corrected(np.ascontiguousarray(depth))
@@ -158,6 +180,7 @@ class CameraStage:
             self.noise,
             config.sigmas,
         )
+        through = self._looker.through(depth, self.label, T, watched)
         self.lens.tabulate(depth, self.label)
         fine, far_layer = self._carvers
         carved = None if beside is None else beside.submit(fine.carve, T, free[0])
@@ -168,7 +191,7 @@ class CameraStage:
         else:
             carved.result()
         sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
-        return Evidence(hits, returns, found, sight, warning=warning)
+        return Evidence(hits, returns, found, sight, warning=warning, through=through)
 
     def _known(self, depth: Floats32) -> Floats32:
         """The usable returns, NaN elsewhere."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armsight.arrays import Bytes, Ints32, Words
+from armsight.arrays import Bytes, Ints32, Mask, Words
 from armsight.mapping.kernels.flood import (
     add_voxels,
     clear_rim,
@@ -218,6 +218,19 @@ class UnseenPeople:
     def nobody(self) -> None:
         """Somebody said that nobody is here: people come from the outside only."""
         self._possible.fill(0)
+
+    def redeclare(self, static: Bytes, left: Mask) -> None:
+        """Other solids are declared: who was in one that is gone could be there.
+
+        Args:
+            static: (nx, ny, nz) uint8 voxels filled by declared solids.
+            left: (nx, ny, nz) bool, those that were filled before and are no longer.
+        """
+        self._static = np.ascontiguousarray(static).reshape(self._grid.shape)
+        pack(self._static, self._rim, self._solid)
+        flat = np.flatnonzero(left).astype(np.int32)
+        _, ny, nz = self._grid.shape
+        add_voxels(flat, len(flat), ny, nz, self._rim, self._possible)
 
     def mark_enclosed(self, state: Bytes) -> None:
         """Turn UNKNOWN to ENCLOSED, in place, where nobody can be."""

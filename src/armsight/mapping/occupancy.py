@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, Floats32, Ints32, Pose, Shorts
+from armsight.arrays import Bytes, Floats, Floats32, Ints32, Mask, Pose, Shorts
 from armsight.mapping.kernels.evidence import (
     add_hits,
     add_looks,
@@ -132,6 +132,23 @@ class Occupancy:
             self._listed,
             self._count,
         )
+
+    def redeclare(self, static: Bytes, filled: Mask) -> None:
+        """Other solids are declared: what was seen where one is now was that solid.
+
+        Args:
+            static: (nx, ny, nz) uint8 voxels filled by declared solids.
+            filled: (nx, ny, nz) bool, those that were not before.
+        """
+        self._static = np.ascontiguousarray(static).reshape(-1)
+        listed = self.dynamic.copy()
+        gone = filled.reshape(-1)[listed]
+        lost, kept = listed[gone], listed[~gone]
+        for array in (self.occupied, self._seen_by, self._looks):
+            array[lost] = 0
+        self._weak[filled.reshape(-1)] = -np.inf
+        self._listed[: len(kept)] = kept
+        self._count = len(kept)
 
     def turn_back(self, seconds: float) -> None:
         """The clock was turned back by a time [s]: ages stay, and weak sightings are forgotten."""

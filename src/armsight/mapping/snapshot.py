@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armsight.arrays import Bytes, Floats32, Ints, Points, Pose, Vector3
+from armsight.geometry.shapes import Solid
 
 UNKNOWN, FREE, OCCUPIED, ENCLOSED = 0, 1, 2, 3
 """States of a voxel. ENCLOSED: unseen, but so surrounded by what is seen that nobody is there."""
@@ -91,6 +92,29 @@ class Emptiness:
 
 
 @dataclass(frozen=True)
+class Declared:
+    """What became of solids that were declared while the cell runs.
+
+    Attributes:
+        name: by which they were declared; solids: in ``base``.
+        taken: they count as standing there.
+        waiting: cameras are looking whether they do.
+        reason: why they do not, or not yet; empty when they are taken.
+    """
+
+    name: str
+    solids: tuple[Solid, ...]
+    taken: bool = False
+    waiting: bool = False
+    reason: str = ""
+
+    @property
+    def held(self) -> bool:
+        """Whether they count, or may soon."""
+        return self.taken or self.waiting
+
+
+@dataclass(frozen=True)
 class WorkspaceSnapshot:
     """The workspace as known at one time. Arrays are read-only and never change after publishing.
 
@@ -115,6 +139,7 @@ class WorkspaceSnapshot:
         things: (t, 3) float32 centres in ``base`` [m] of occupied voxels that are known to be no
             person: solid, but no hazards.
         emptiness: what became of the word that nobody is in the cell.
+        declared: what became of solids that were declared while the cell runs.
         corrections: of the cameras' poses and depths, one entry a camera.
         cloud: (k, 3) float32 newest merged, cleaned cloud in ``base``, for the page.
         cameras: health, one entry a camera.
@@ -141,3 +166,4 @@ class WorkspaceSnapshot:
     things: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))
     emptiness: Emptiness = Emptiness()
     corrections: tuple[CameraCorrection, ...] = ()
+    declared: tuple[Declared, ...] = ()

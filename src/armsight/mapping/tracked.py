@@ -146,7 +146,8 @@ class TrackedThing:
 
         Args:
             occupied: flat uint8, 1 where something undeclared is seen.
-            room: the places in which a hand fits and that are not seen free, as bits; rim: of it.
+            room: the places in which a hand fits and that are not seen free, as bits.
+            rim: of that set.
         """
         if self._round > 2**30:
             self._mark.fill(0)

@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armsight.arrays import Bytes, Floats32, Ints, Ints32, Mask, Pose
+from armsight.devices.data import DeclaredSolids as Word
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid
 from armsight.mapping.camera_stage import CameraStage, Evidence
 from armsight.mapping.config import MappingConfig
+from armsight.mapping.declared import Change, DeclaredSolids
 from armsight.mapping.distance_field import DistanceField
 from armsight.mapping.hazards import Tracked, UnseenPeople
 from armsight.mapping.health import CameraHealth
@@ -31,16 +33,13 @@ from armsight.mapping.snapshot import (
     Emptiness,
     WorkspaceSnapshot,
 )
-from armsight.mapping.static_geometry import StaticGeometry, rasterise
+from armsight.mapping.static_geometry import StaticGeometry
 from armsight.mapping.things import PATIENCE, TOUCHES, Things
 from armsight.mapping.tracked import TrackedRegion, TrackedThing
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 
 MAX_CAMERAS = 8
-NEAR_SOLID = 0.1
-"""How far from a declared solid a hit may still be explained by it [m]."""
-
 QUIET = 0.05
 """Without frames the map is worked out anew this often only [s]."""
 
@@ -104,8 +103,8 @@ class WorkspaceMap:
         if len(names) > MAX_CAMERAS:
             raise UsageError(f"{len(names)} depth cameras; the map can tell {MAX_CAMERAS} apart")
         self.grid = fine_grid(config)
-        solids = rasterise(static, self.grid, NEAR_SOLID)
-        far_solids = rasterise(static, far_grid(config, self.grid), NEAR_SOLID)
+        self._declared = DeclaredSolids(static, (self.grid, far_grid(config, self.grid)))
+        solids, far_solids = self._declared.layers
         self._far = _Layer(far_solids, len(names), config, None)
         around = self._far if config.has_far_layer else None
         self._fine = _Layer(solids, len(names), config, around)
@@ -159,15 +158,20 @@ class WorkspaceMap:
 
         if now < self._now - self.config.future:
             self._turn_back(self._now - now)
+        self._redeclare(self._declared.begin(now, self._body_near))
         jobs = self._admit(frames, joints, now)
         alive = self._living(now)
-        if not jobs and self._nothing_new(alive, now):
+        if not jobs and not self._declared.watched and self._nothing_new(alive, now):
             return self._again(now)
         evidence = self._judge(jobs)
         lap("images")
         for job, seen in sorted(zip(jobs, evidence), key=lambda pair: pair[0].frame.stamp):
             self._take(job, seen)
         alive = self._living(now)
+        if self._declared.watched:
+            looked = [(j, e) for j, e in zip(jobs, evidence) if e.hits]
+            seen_by = [(j.camera, j.frame.camera, e.through) for j, e in looked]
+            self._redeclare(self._declared.judge(now, seen_by, np.flatnonzero(alive).tolist()))
         self._alive = alive
         state = self._state(self._fine, alive)
         lap("occupancy")
@@ -202,6 +206,7 @@ class WorkspaceMap:
             distance_counts_unknown=self.config.unknown_is_solid,
             things=things,
             emptiness=self._emptiness,
+            declared=self._declared.told,
             corrections=tuple(
                 CameraCorrection(info.name, stage.mounting.T_old_new, stage.mounting.gain)
                 for info, stage in zip(self._infos, self._stages)
@@ -218,6 +223,46 @@ class WorkspaceMap:
             ],
             np.uint8,
         )
+
+    def declare(self, name: str, solids: Sequence[Solid]) -> None:
+        """Somebody says that solids (in ``base``) stand in the cell from now on.
+
+        ``snapshot.declared`` says what became of it. Safe from any thread.
+
+        Raises:
+            UsageError: the name is taken, a solid cannot be, or none of them is in the map.
+        """
+        self._declared.declare(name, solids)
+
+    def withdraw(self, name: str) -> None:
+        """Somebody says that they do not stand there any more. Safe from any thread.
+
+        Raises:
+            UsageError: nothing was declared by this name.
+        """
+        self._declared.withdraw(name)
+
+    def told(self, word: Word) -> None:
+        """Somebody's word of solids, as :meth:`declare` and :meth:`withdraw`.
+
+        Raises:
+            UsageError: see there.
+        """
+        if word.solids:
+            self.declare(word.name, word.solids)
+        else:
+            self.withdraw(word.name)
+
+    def _redeclare(self, change: Change | None) -> None:
+        """Take over other solids."""
+        if change is None:
+            return
+        rows = zip((self._fine, self._far), change.layers, change.filled, change.left)
+        for layer, static, filled, left in rows:
+            layer.occupancy.redeclare(static.filled, filled)
+            layer.unseen.redeclare(static.filled, left)
+        for stage in self._stages:
+            stage.redeclare(change.layers)
 
     def declare_empty(self) -> None:
         """Somebody says that nobody is in the cell: what stands there now is no person.
@@ -339,6 +384,7 @@ class WorkspaceMap:
 
     def _judge(self, jobs: list[_Job]) -> list[Evidence]:
         """What the frames say, and the arm's newest place."""
+        watched = self._declared.watched
 
         def work(job: _Job, beside: Executor | None = None) -> Evidence:
             free = (
@@ -346,7 +392,13 @@ class WorkspaceMap:
                 self._far.occupancy.free[job.camera],
             )
             return self._stages[job.camera].process(
-                job.frame.depth, job.T_base_camera, job.body, free, job.frame.stamp, beside
+                job.frame.depth,
+                job.T_base_camera,
+                job.body,
+                free,
+                job.frame.stamp,
+                beside,
+                watched,
             )
 
         if self._pool is None or len(jobs) < 2:

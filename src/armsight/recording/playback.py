@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from armsight.arrays import Pose, Vector3
-from armsight.devices.data import ArmStatus, EmptyCell, JointState, RgbdFrame
+from armsight.devices.data import ArmStatus, DeclaredSolids, EmptyCell, JointState, RgbdFrame
 from armsight.devices.recorded import (
     RecordedArm,
     RecordedCamera,
@@ -81,6 +81,7 @@ class Playback:
         note: what the user should know, such as where the recording was cut short.
         last: time of the newest delivery [s].
         on_empty: called where somebody had said that nobody is in the cell.
+        on_declared: called where somebody had declared solids, or withdrawn them.
     """
 
     def __init__(
@@ -99,6 +100,7 @@ class Playback:
         self.face: ShownFace | None = None
         self.note = source.note
         self.on_empty: Callable[[], None] = lambda: None
+        self.on_declared: Callable[[DeclaredSolids], None] = lambda word: None
         self.last = source.span[0]
         self._sensors = dict(sensors or {})
         self._cameras: Mapping[str, RecordedCamera] = {c.info.name: c for c in cameras}
@@ -171,6 +173,8 @@ class Playback:
             self.arm.deliver_status(item)
         elif isinstance(item, EmptyCell):
             self.on_empty()
+        elif isinstance(item, DeclaredSolids):
+            self.on_declared(item)
         elif isinstance(item, GuardStatus):
             self.guard = item
         elif isinstance(item, ShownFace):

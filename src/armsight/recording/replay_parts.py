@@ -127,6 +127,7 @@ def replay_parts(cell: Cell, config: SessionConfig) -> Parts:
     mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
     workspace = WorkspaceMap(cell.robot, infos, cell.static, mapping)
     playback.on_empty = workspace.declare_empty
+    playback.on_declared = workspace.told
     return Parts(workspace, NoPlanner(), RecordedGuard(playback, cell.robot.n))
 
 

@@ -5,13 +5,23 @@ A new kind of reading is one row here; sensing, recorder and replay know no kind
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 
-from armsight.devices.data import ArmMode, ArmStatus, EmptyCell, GripperState, JointState, Wrench
+from armsight.devices.data import (
+    ArmMode,
+    ArmStatus,
+    DeclaredSolids,
+    EmptyCell,
+    GripperState,
+    JointState,
+    Wrench,
+)
+from armsight.geometry.shapes import Solid
 from armsight.recording import messages
 from armsight.recording.codec import Decoding, Known, Message, Stream
 from armsight.recording.messages import encode, header, make, stamp_of, vector_message
@@ -22,6 +32,7 @@ ARM_TOPIC = "/arm/status"
 WRENCH_TOPIC = "/wrench"
 GRIPPER_TOPIC = "/gripper/status"
 EMPTY_TOPIC = "/cell/empty"
+SOLIDS_TOPIC = "/cell/solids"
 
 
 def _one(
@@ -121,6 +132,32 @@ def _word_from_message(message: Any) -> EmptyCell | None:
     return EmptyCell(stamp_of(message)) if said else None
 
 
+def _solids_to_bytes(word: DeclaredSolids) -> bytes:
+    rows = {
+        str(i): json.dumps(
+            [s.name, s.kind, list(s.size), np.asarray(s.T_frame_solid).tolist(), *_look(s)]
+        )
+        for i, s in enumerate(word.solids)
+    }
+    return messages.encode_diagnostics([(0, "solids", word.name, rows)], word.stamp)
+
+
+def _look(solid: Solid) -> tuple[list[float], str]:
+    return list(solid.color), solid.material
+
+
+def _solids_from_message(message: Any) -> DeclaredSolids | None:
+    _, name, rows = messages.decode_diagnostics(message).get("solids", (0, "", {}))
+    try:
+        solids = tuple(
+            Solid(label, kind, (size[0], size[1], size[2]), np.array(T, float), tuple(color), look)
+            for label, kind, size, T, color, look in (json.loads(rows[key]) for key in rows)
+        )
+    except (ValueError, TypeError, IndexError):
+        return None
+    return DeclaredSolids(stamp_of(message), name, solids) if name else None
+
+
 STREAMS: tuple[Stream, ...] = (
     Stream(
         JointState,
@@ -140,6 +177,13 @@ STREAMS: tuple[Stream, ...] = (
         _gripper_from_message,
     ),
     _one(EmptyCell, EMPTY_TOPIC, messages.DIAGNOSTICS, _word_to_bytes, _word_from_message),
+    _one(
+        DeclaredSolids,
+        SOLIDS_TOPIC,
+        messages.DIAGNOSTICS,
+        _solids_to_bytes,
+        _solids_from_message,
+    ),
 )
 """Every row."""
 

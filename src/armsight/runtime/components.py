@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from armsight.devices.data import JointState, RgbdFrame, Wrench
+from armsight.devices.data import DeclaredSolids, JointState, RgbdFrame, Wrench
 from armsight.devices.history import JointHistory
 from armsight.devices.protocols import Arm
 from armsight.errors import DeviceError
@@ -49,6 +49,10 @@ class Maps(Protocol):
 
     def exclude(self, camera: str, reason: str) -> None:
         """Somebody knows that a camera was moved: nothing counts any more that it says."""
+        ...
+
+    def told(self, word: DeclaredSolids) -> None:
+        """Somebody declares or withdraws solids; raises UsageError for what cannot be."""
         ...
 
 

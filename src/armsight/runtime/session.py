@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armsight.arrays import Vector3
-from armsight.devices.data import EmptyCell
+from armsight.devices.data import DeclaredSolids, EmptyCell
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import DeviceError, LoopError, UsageError
+from armsight.geometry.pose import inverse
+from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 from armsight.motion.perception import Perceiver
@@ -211,6 +213,27 @@ class Session:
         """Somebody says that nobody is in the cell; ``snapshot().emptiness`` has the answer."""
         self.post(self._declare_empty)
 
+    def declare_solids(self, name: str, solids: Sequence[Solid]) -> None:
+        """Somebody says that solids (in world) stand in the cell from now on: a parked car.
+
+        The cameras look first; ``snapshot().declared`` has the answer. In a real cell call it from
+        a thread that may wait a moment, not from one of the loop's.
+
+        Raises:
+            UsageError: the name is taken, or a solid cannot be.
+        """
+        T_base_world = inverse(self.cell.T_world_base)
+        placed = tuple(replace(s, T_frame_solid=T_base_world @ s.T_frame_solid) for s in solids)
+        self._tell_solids(DeclaredSolids(self.now(), name, placed))
+
+    def withdraw_solids(self, name: str) -> None:
+        """They do not stand there any more: whatever does may be a person.
+
+        Raises:
+            UsageError: nothing was declared by this name.
+        """
+        self._tell_solids(DeclaredSolids(self.now(), name))
+
     @property
     def task_failure(self) -> str:
         """Why the task has ended for good, in words; empty while it lives or there is none."""
@@ -333,6 +356,10 @@ class Session:
     def _declare_empty(self) -> None:
         self._parts.workspace.declare_empty()
         self._sensing.tell(EmptyCell(self.now()), self.now())
+
+    def _tell_solids(self, word: DeclaredSolids) -> None:
+        self._parts.workspace.told(word)
+        self.post(lambda: self._sensing.tell(word, word.stamp))
 
     def _hold(self, held: bool) -> None:
         """Real time: the arm holds still and the task is not asked."""
