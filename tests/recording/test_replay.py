@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from recorded_cells import FakeSession, camera_info, empty_view, make_cell, make_frame, make_joints
 
-from armsight.devices.data import EmptyCell, RgbdFrame
+from armsight.devices.data import DeclaredSolids, EmptyCell, RgbdFrame
 from armsight.errors import RecordingError, UsageError
 from armsight.geometry.pose import inverse, look_at, make_pose
+from armsight.geometry.shapes import Solid
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.snapshot import OCCUPIED
 from armsight.motion.data import GuardMode
@@ -151,6 +152,40 @@ def test_the_word_that_the_cell_is_empty_is_replayed(tmp_path: Path) -> None:
             session = Session(cell, None, make=replay_parts, config=SMALL)
             session.run(0.4 + sum(later))
             assert session.snapshot().emptiness == emptiness
+
+
+def test_solids_that_came_and_went_are_replayed(tmp_path: Path) -> None:
+    walls(tmp_path / "a.mcap")
+    where = make_pose(None, np.array([0.4, 0.1, 0.3]))
+    box = Solid("box", "box", (0.2, 0.3, 0.4), where, (0.1, 0.2, 0.3), "black_plastic")
+    with open_recording(tmp_path / "a.mcap") as cell:
+        T = cell.T_world_base
+        recorder = Recorder(tmp_path / "b.mcap", cell)
+        session = Session(cell, None, make=replay_parts, observers=[recorder], config=SMALL)
+        session.run(0.2)
+        session.declare_solids("fixture", [box])
+        session.run(0.2)
+        told = session.snapshot().declared
+        session.withdraw_solids("fixture")
+        with pytest.raises(UsageError, match="declared are none"):
+            session.withdraw_solids("fixture")
+        session.run(0.2)
+        assert session.snapshot().declared == ()
+        recorder.close()
+    assert [d.name for d in told] == ["fixture"]
+    with open_recording(tmp_path / "b.mcap") as cell:
+        deliveries = [d.item for d in cell.world.source.deliveries()]
+        words = [d for d in deliveries if isinstance(d, DeclaredSolids)]
+        assert [len(w.solids) for w in words] == [1, 0]
+        again = words[0].solids[0]
+        assert (again.name, again.kind, again.size) == (box.name, box.kind, box.size)
+        assert (again.color, again.material) == (box.color, box.material)
+        np.testing.assert_allclose(T @ again.T_frame_solid, where, atol=1e-12)
+        session = Session(cell, None, make=replay_parts, config=SMALL)
+        session.run(0.4)
+        assert [(d.name, d.taken) for d in session.snapshot().declared] == [
+            (d.name, d.taken) for d in told
+        ]
 
 
 def test_simulated_and_replayed_maps_agree(tmp_path: Path, gl: str) -> None:

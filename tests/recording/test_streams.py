@@ -8,6 +8,7 @@ from recorded_cells import FakeSession, make_cell
 
 from armsight.devices.data import (
     ArmStatus,
+    DeclaredSolids,
     EmptyCell,
     GripperState,
     JointState,
@@ -134,6 +135,7 @@ def test_the_table_knows_every_reading_once():
         Wrench,
         GripperState,
         EmptyCell,
+        DeclaredSolids,
     }
     assert len(STREAMS) == len(BY_READING)
 

@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, Floats32, Pose
+from armsight.arrays import Bytes, Floats, Floats32, Mask, Pose
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
@@ -53,8 +53,8 @@ class Change:
     """
 
     layers: Layers
-    filled: tuple[Bytes, Bytes]
-    left: tuple[Bytes, Bytes]
+    filled: tuple[Mask, Mask]
+    left: tuple[Mask, Mask]
 
 
 @dataclass(frozen=True)

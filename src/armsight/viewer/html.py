@@ -176,7 +176,7 @@ def timings(stages: Sequence[tuple[str, float]]) -> str:
 
 
 def emptiness(snapshot: WorkspaceSnapshot | None) -> str:
-    """What became of the word that nobody is in the cell."""
+    """What became of what somebody has said: that the cell is empty, that solids stand there."""
     if snapshot is None:
         return ""
     word = snapshot.emptiness
@@ -187,7 +187,10 @@ def emptiness(snapshot: WorkspaceSnapshot | None) -> str:
         )
     else:
         text = word.reason
-    return f"<div style='{FONT};margin:.2em .3em;font-size:.8em;{DIM}'>{escape(text)}</div>"
+    said = [f"{d.name} is declared" for d in snapshot.declared if d.taken]
+    said += [f"{d.name}: {d.reason}" for d in snapshot.declared if not d.taken]
+    lines = "<br>".join(escape(words) for words in (text, *said))
+    return f"<div style='{FONT};margin:.2em .3em;font-size:.8em;{DIM}'>{lines}</div>"
 
 
 def legend() -> str:
