@@ -14,7 +14,7 @@ from armsight.motion.contact_speed import ContactSpeed
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import VelocityIntent
 from armsight.motion.nearest import Hazards
-from armsight.motion.permits import PermitRequest, PermitState, request_fault
+from armsight.motion.permits import PermitRequest, PermitState, granted, request_fault
 from armsight.motion.permitted import Grant, permitted, somebody_beside
 from armsight.motion.regions import Region, region_fault
 from armsight.motion.separation_monitor import SeparationMonitor
@@ -362,6 +362,20 @@ def test_too_much_is_granted_less_and_ends_in_time():
     assert "speed 0.02 instead of 3" in less.reason
     assert "no force sensor" in less.reason
     assert "time is over" in cell.log[-1].permit.reason
+
+
+@pytest.mark.parametrize(("kind", "allowed"), [("thing", 10.0), ("hand", 30.0)])
+def test_no_more_force_is_granted_than_the_cell_allows(kind, allowed):
+    asked = replace(request(sphere([0.4, 0.0, 0.3]), force=100.0), kind=kind)
+    less = granted(asked, 0.0, hardest=allowed)
+    assert less.state == PermitState.LESS
+    assert less.force == allowed
+    assert "force" in less.reason
+    assert granted(asked, 0.0, hardest=120.0).force == 100.0
+    config = GuardConfig(thing_force=5.0)
+    cell = QuickCell([Ball(standing, RADIUS)], config=config)
+    go(cell, 1.0, Reacher(cell, standing, force=40.0))
+    assert cell.log[-1].permit.force == 5.0
 
 
 def test_with_no_request_the_guard_does_what_it_did_before():

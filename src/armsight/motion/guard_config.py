@@ -48,6 +48,8 @@ class GuardConfig:
         up: unit vector against gravity, in ``base``.
         base_height: of the origin of ``base`` above the floor [m].
         head_height: permits for hands end at this height above the floor [m]: heads are above.
+        thing_force, hand_force: greatest force that a permit for a thing or a hand may grant [N]:
+            more only where the cell's file says that what is touched stands it.
         soft: stiffness of what the tool's tip is covered with [N/m]; 0 when it is not soft.
     """
 
@@ -81,6 +83,8 @@ class GuardConfig:
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     base_height: float = 0.0
     head_height: float = 1.2
+    thing_force: float = 10.0
+    hand_force: float = 30.0
     soft: float = 0.0
 
     @property
@@ -111,6 +115,8 @@ class GuardConfig:
             ("stale_after", 0.02, 2.0),
             ("joints_stale", 0.005, 1.0),
             ("retrace_share", 0.0, 1.0),
+            ("thing_force", 0.1, 150.0),
+            ("hand_force", 0.1, 140.0),
         ):
             value = getattr(self, name)
             if not low <= value <= high:

@@ -207,7 +207,9 @@ class PermitOffice:
         if not reason:
             self._request = request
             if not permit.holds:
-                self.permit = granted(request, now, self._force.fault(now))
+                hardest = {"thing": self._config.thing_force, "hand": self._config.hand_force}
+                most = hardest.get(request.kind, math.inf)
+                self.permit = granted(request, now, self._force.fault(now), most)
         elif permit.holds:
             self.withdraw(reason, now)
         else:

@@ -122,8 +122,9 @@ LIMITS: dict[str, PermitLimits] = {
     "hand": PermitLimits(1.2, 1.0, 0.05, 0.5, 0.25, 140.0, 5.0, 30.0),
     "face": PermitLimits(0.35, 0.3, 0.02, 0.5, 0.1, 5.0, 0.5, 20.0),
 }
-"""A thing may be pressed as hard as a plug is pushed home (85 to 125 N); a hand as hard as ISO/TS
-15066 lets a hand be held; a face hardly."""
+"""A thing may be pressed as hard as a plug is pushed home (85 to 125 N), a hand as hard as ISO/TS
+15066 lets a hand be held, where the cell's file says so (``GuardConfig.thing_force``, ``hand_force``);
+a face hardly."""
 UNFELT = 0.02
 """Speed at which a thing is touched [m/s] where no force sensor feels it."""
 
@@ -170,15 +171,19 @@ def region_refusal(region: Region, kind: str, now: float) -> str:
     return ""
 
 
-def granted(request: PermitRequest, now: float, unfelt: str = "") -> Permit:
+def granted(
+    request: PermitRequest, now: float, unfelt: str = "", hardest: float = math.inf
+) -> Permit:
     """The answer to a request that nothing speaks against: as asked, or less.
 
     Args:
         request: well-formed.
         now: time [s].
         unfelt: why nobody feels how hard the arm presses; empty when a sensor does.
+        hardest: greatest force that the cell allows [N].
     """
     limits = LIMITS[request.kind]
+    limits = replace(limits, force=min(limits.force, hardest))
     if unfelt:
         limits = replace(limits, speed=min(limits.speed, UNFELT))
     less = [

@@ -51,6 +51,8 @@ def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> Gua
         up=_triple(robot.T_world_base[2, :3]),
         base_height=float(robot.T_world_base[2, 3]),
         head_height=section.head_height,
+        thing_force=section.thing_force_n,
+        hand_force=section.hand_force_n,
         soft=1e3 * section.soft_tip_n_per_mm,
     )
 

@@ -511,6 +511,18 @@ class GuardSection(Section):
     head_height: Positive = key(
         1.2, "Hands may be touched by permit below this height; heads are above.", "m", le=2.0
     )
+    thing_force_n: Positive = key(
+        10.0,
+        "No permit to touch a thing grants more force: more (a plug takes 125) for what stands it.",
+        "N",
+        le=150.0,
+    )
+    hand_force_n: Positive = key(
+        30.0,
+        "No permit to touch a hand grants more force; ISO/TS 15066 lets 140 pinch one.",
+        "N",
+        le=140.0,
+    )
     soft_tip_n_per_mm: NotNegative = key(
         0.0,
         "Stiffness of what the tool's tip is covered with; 0: it is not soft.",
