@@ -130,6 +130,24 @@ def test_only_what_is_in_the_region_is_no_hazard_any_more():
     assert all(pairs[tuple(p)] == u for p, u in zip(seen.hazards, seen.hazard_unknown))
 
 
+def test_a_stray_voxel_beside_a_thing_is_the_things_own_and_three_are_somebody():
+    """Noise puts a voxel beside the ball now and then: it must not stop the arm that touches it."""
+    center = np.array([0.5, 0.1, 0.4])
+    region = sphere(center, make_snapshot([]).stamp)
+    nobody = np.zeros(3, bool)
+    shell = center + (RADIUS + 0.055) * np.eye(3)
+    for count, person, kept in ((1, False, 0), (2, False, 0), (3, False, 3), (1, True, 1)):
+        snapshot = replace(
+            make_snapshot([]),
+            hazards=shell[:count].astype(np.float32),
+            hazard_unknown=np.zeros(count, bool),
+        )
+        assert len(permitted(snapshot, Grant(region, nobody, person)).hazards) == kept
+        assert bool(somebody_beside(snapshot, region)) == (count == 3)
+    far = replace(snapshot, hazards=(center + [[RADIUS + 0.12, 0, 0]]).astype(np.float32))
+    assert len(permitted(far, Grant(region, nobody)).hazards) == 1
+
+
 def test_the_region_is_solid_for_all_but_the_parts_that_may_touch():
     """Random poses about a ball: each sphere is judged as brute force over the cubes judges it."""
     robot = load_robot("ur5").with_tool(load_tool("pen"))

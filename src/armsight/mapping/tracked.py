@@ -29,8 +29,9 @@ SMALLEST_PERSON = 0.04
 
 An adult of 45 kg has 0.045 m^3, and unseen voxels along the outline come on top.
 """
-SEEN_WITHIN = 0.01
-"""Depth noise and calibration put a surface this far from where it is [m], beyond the voxel."""
+SEEN_WITHIN = 0.02
+"""Depth noise and calibration put a surface this far from where it is [m], beyond the voxel: three
+sigma of a Kinect v2 at 2 m, and what alignment leaves."""
 LINGERS = 0.1
 """What has moved on stays in the map for so long [s]."""
 SURE = 2.0

@@ -56,8 +56,17 @@ def grown_by(snapshot: WorkspaceSnapshot, region: Region) -> float:
 
 
 def permitted(snapshot: WorkspaceSnapshot, grant: Grant) -> PermittedSnapshot:
-    """What the arm may count with under a grant."""
-    keep = _distance(snapshot, snapshot.hazards, grant.region) > grown_by(snapshot, grant.region)
+    """What the arm may count with under a grant.
+
+    Single voxels close around a thing are its own, as they are for :func:`somebody_beside`.
+    """
+    distance = _distance(snapshot, snapshot.hazards, grant.region)
+    grown = grown_by(snapshot, grant.region)
+    keep = distance > grown
+    if not grant.person:
+        shell = keep & (distance <= grown + SHELL * snapshot.grid.voxel)
+        if np.count_nonzero(shell) < TOUCHES:
+            keep &= ~shell
     if grant.ceiling is not None:
         up, height = grant.ceiling
         keep |= snapshot.hazards @ np.asarray(up, np.float32) > height
