@@ -144,7 +144,7 @@ def test_a_stray_voxel_beside_a_thing_is_the_things_own_and_three_are_somebody()
         )
         assert len(permitted(snapshot, Grant(region, nobody, person)).hazards) == kept
         assert bool(somebody_beside(snapshot, region)) == (count == 3)
-    far = replace(snapshot, hazards=(center + [[RADIUS + 0.12, 0, 0]]).astype(np.float32))
+    far = replace(snapshot, hazards=(center + np.array([[RADIUS + 0.12, 0, 0]])).astype(np.float32))
     assert len(permitted(far, Grant(region, nobody)).hazards) == 1
 
 

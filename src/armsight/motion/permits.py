@@ -123,8 +123,8 @@ LIMITS: dict[str, PermitLimits] = {
     "face": PermitLimits(0.35, 0.3, 0.02, 0.5, 0.1, 5.0, 0.5, 20.0),
 }
 """A thing may be pressed as hard as a plug is pushed home (85 to 125 N), a hand as hard as ISO/TS
-15066 lets a hand be held, where the cell's file says so (``GuardConfig.thing_force``, ``hand_force``);
-a face hardly."""
+15066 lets a hand be held, where the cell's file says so (``GuardConfig.thing_force``,
+``hand_force``); a face hardly."""
 UNFELT = 0.02
 """Speed at which a thing is touched [m/s] where no force sensor feels it."""
 
