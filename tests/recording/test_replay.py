@@ -156,10 +156,10 @@ def test_the_word_that_the_cell_is_empty_is_replayed(tmp_path: Path) -> None:
 
 def test_solids_that_came_and_went_are_replayed(tmp_path: Path) -> None:
     walls(tmp_path / "a.mcap")
-    where = make_pose(None, np.array([0.4, 0.1, 0.3]))
-    box = Solid("box", "box", (0.2, 0.3, 0.4), where, (0.1, 0.2, 0.3), "black_plastic")
     with open_recording(tmp_path / "a.mcap") as cell:
         T = cell.T_world_base
+        where = T @ make_pose(None, np.array([0.4, 0.1, 0.3]))
+        box = Solid("box", "box", (0.2, 0.3, 0.4), where, (0.1, 0.2, 0.3), "black_plastic")
         recorder = Recorder(tmp_path / "b.mcap", cell)
         session = Session(cell, None, make=replay_parts, observers=[recorder], config=SMALL)
         session.run(0.2)
@@ -182,7 +182,7 @@ def test_solids_that_came_and_went_are_replayed(tmp_path: Path) -> None:
         assert (again.color, again.material) == (box.color, box.material)
         np.testing.assert_allclose(T @ again.T_frame_solid, where, atol=1e-12)
         session = Session(cell, None, make=replay_parts, config=SMALL)
-        session.run(0.4)
+        session.run(0.38)
         assert [(d.name, d.taken) for d in session.snapshot().declared] == [
             (d.name, d.taken) for d in told
         ]

@@ -97,7 +97,7 @@ class DeclaredSolids:
         """
         with self._lock:
             count = len(self._static) + sum(len(d.solids) for d in self.told if d.held)
-            if name in self._standing():
+            if name in self._standing(self.watched):
                 raise UsageError(f"'{name}' is declared already; withdraw it first")
         for solid in solids:
             _check(name, solid)
@@ -121,7 +121,7 @@ class DeclaredSolids:
             UsageError: nothing was declared by this name.
         """
         with self._lock:
-            known = self._standing()
+            known = self._standing(self.told)
             if name not in known:
                 raise UsageError(
                     f"'{name}' was not declared; declared are {', '.join(known) or 'none'}"
@@ -191,9 +191,9 @@ class DeclaredSolids:
             self.told = tuple(told)
         return self._change() if changed else None
 
-    def _standing(self) -> list[str]:
-        """Names of what is declared once all wishes are taken."""
-        names = [d.name for d in self.told if d.held]
+    def _standing(self, told: Sequence[Declared]) -> list[str]:
+        """Names of what was declared once all wishes are taken."""
+        names = [d.name for d in told]
         for wish in self._wishes:
             names = [n for n in names if n != wish.name]
             if wish.own is not None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from armsight.devices.data import JointState
+from armsight.devices.data import DeclaredSolids, JointState
 from armsight.errors import UsageError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.workspace_map import WorkspaceMap
@@ -127,8 +129,14 @@ def replay_parts(cell: Cell, config: SessionConfig) -> Parts:
     mapping = config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach)
     workspace = WorkspaceMap(cell.robot, infos, cell.static, mapping)
     playback.on_empty = workspace.declare_empty
-    playback.on_declared = workspace.told
+    playback.on_declared = partial(_told, workspace)
     return Parts(workspace, NoPlanner(), RecordedGuard(playback, cell.robot.n))
+
+
+def _told(workspace: WorkspaceMap, word: DeclaredSolids) -> None:
+    """What somebody had declared; in a piece of a recording the beginning may be missing."""
+    with contextlib.suppress(UsageError):
+        workspace.told(word)
 
 
 class Holds(Protocol):
