@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from armsight.arrays import Floats, Ints, Pose, Poses
@@ -213,21 +213,22 @@ def posterior(measured: Measured, sizes: Sizes) -> Posterior:
     for k in range(n):
         sigma[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] += measured.spread[k]
     scale = 1 / np.sqrt(np.diagonal(sigma))
-    factor = cho_factor(sigma * scale[:, None] * scale + 1e-10 * np.eye(6 * n), lower=True)
+    root = cholesky(sigma * scale[:, None] * scale + 1e-10 * np.eye(6 * n), lower=True)
     both = scale[:, None] * np.column_stack([measured.design, measured.error])
-    turned = scale[:, None] * cho_solve(factor, both)
-    M, y = measured.design, measured.error
-    S = measured.information + M.T @ turned[:, :-1]
-    b = measured.right + M.T @ turned[:, -1]
+    half = solve_triangular(root, both, lower=True)
+    M, y = half[:, :-1], half[:, -1]
+    S = measured.information + M.T @ M
+    b = measured.right + M.T @ y
     size = 1 / np.sqrt(np.maximum(np.diagonal(S), 1e-12))
     values, vectors = np.linalg.eigh(0.5 * (S + S.T) * size[:, None] * size)
     values = np.maximum(values, 1e-12)
     covariance = (vectors / values) @ vectors.T * size[:, None] * size
     step = covariance @ b
-    volume = 2 * float(np.log(np.diagonal(factor[0])).sum()) - 2 * float(np.log(scale).sum())
+    volume = 2 * float(np.log(np.diagonal(root)).sum()) - 2 * float(np.log(scale).sum())
     volume += float(np.log(values).sum()) - 2 * float(np.log(size).sum())
-    likelihood = volume + float(y @ turned[:, -1] - b @ step)
-    return Posterior(step, covariance, likelihood, turned[:, -1] - turned[:, :-1] @ step)
+    likelihood = volume + float(y @ y - b @ step)
+    weights = scale * solve_triangular(root, y - M @ step, lower=True, trans="T")
+    return Posterior(step, covariance, likelihood, weights)
 
 
 def tell_sizes(measured: Measured, white: tuple[float, float]) -> Sizes:

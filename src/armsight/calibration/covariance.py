@@ -13,8 +13,9 @@ import numpy as np
 from scipy.special import chdtri, fdtri
 
 from armsight.arrays import Floats, Ints
-from armsight.calibration.model import Model, project
+from armsight.calibration.model import Model
 from armsight.calibration.problem import lens_from_vector
+from armsight.calibration.projection import project
 from armsight.calibration.solver import Solution, normal_equations
 from armsight.geometry.pose import skews
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, Mask, Poses
 from armsight.calibration import se3
-from armsight.calibration.problem import Freedom, Priors, Problem, lens_vector
-from armsight.geometry.pose import skews
+from armsight.calibration.problem import Freedom, Priors, Problem, labels_of, lens_vector
+from armsight.calibration.projection import Chain, by_pose, moved, project, turned
 
 SHAPE = 3  # print scale, bending along x, bending along y
 
@@ -142,21 +142,7 @@ class Model:
         ]
         self.columns: Ints = np.concatenate(parts, axis=1).astype(np.int64)
 
-        pose = ("x [m]", "y [m]", "z [m]", "turn x [rad]", "turn y [rad]", "turn z [rad]")
-        names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-        self.labels: tuple[str, ...] = (
-            *(f"{lens.name} {n}" for lens in problem.lenses for n in names),
-            *(f"{lens.name} in its camera, {n}" for lens in problem.lenses for n in pose),
-            *(f"camera {rig.name}, {n}" for rig in problem.rigs for n in pose),
-            *(f"clock of {rig.name} [s]" for rig in problem.rigs),
-            *(f"board {b.name}, {n}" for b in problem.boards for n in pose),
-            *(
-                f"board {b.name}, {n}"
-                for b in problem.boards
-                for n in ("print scale", "bending x [m]", "bending y [m]")
-            ),
-            *(problem.robot.names if problem.robot is not None else ()),
-        )
+        self.labels: tuple[str, ...] = labels_of(problem)
 
         views = problem.views
         arm_frame = np.array([not v.free for v in views], bool)[self.view_of]
@@ -323,159 +309,75 @@ class Model:
 
     # ------------------------------------------------------------------ prediction
 
-    def linearise(self, state: State, derivatives: bool = True) -> Linearised:
-        """Whitened residuals and their derivatives at a state."""
-        F, K = self.seen.shape
+    def _chain(self, state: State) -> Chain:
+        """Every corner from its board to its lens."""
         arm, B_theta = self.arm_poses(state)
-        arm = np.where(self._held[:, None, None], np.eye(4), arm)
-        v, c, r, b = self.view_of, self.lens_of, self.rig_of, self.board_of
-        forward, held = self._forward, self._free_frame
-        twist = self._twist[v] * state.time[r][:, None]
-        late = se3.exps(twist)
-        E_v, arm_v = state.E[v], arm[v] @ late
-
-        T_board = np.where(held[:, None, None], np.eye(4), state.T_mount_board[b])
-        middle = np.where(
-            held[:, None, None],
-            E_v,
-            np.where(
-                (forward == 1)[:, None, None],
-                arm_v,
-                np.where((forward == -1)[:, None, None], se3.inverses(arm_v), np.eye(4)),
-            ),
-        )
-        # A lens frame belongs to its rig's mount frame as well, so that two cameras share it.
-        T_rig_mount = se3.inverses(state.T_mount_rig)[r]
-        T_lens_rig = se3.inverses(state.T_rig_lens)[c]
-
-        X = self.points + np.einsum("fkij,fj->fki", self._basis, state.shape[b])
-        at_board_mount = _apply(T_board, X)
-        at_mount = _apply(middle, at_board_mount)
-        at_rig = _apply(T_rig_mount, at_mount)
-        at_lens = _apply(T_lens_rig, at_rig)
-
-        lens = state.lens[c]
-        pixel, d_point, d_lens = project(at_lens, lens, derivatives)
-        weight = self.seen / self.sigma[:, None]
-        residual = np.where(self.seen[..., None], pixel - self.pixel, 0.0) * weight[..., None]
-        if not derivatives:
-            return Linearised(residual, np.empty((F, K, 2, 0)))
-
-        R_lm = (T_lens_rig @ T_rig_mount)[:, :3, :3]
-        R_lm_mid = R_lm @ middle[:, :3, :3]
-        R_all = R_lm_mid @ T_board[:, :3, :3]
-        D_offset = _moves_inverse(at_lens)
-        D_rig = np.einsum("fij,fkjl->fkil", T_lens_rig[:, :3, :3], _moves_inverse(at_rig))
-        ahead = np.einsum("fij,fkjl->fkil", R_lm_mid, _moves(at_board_mount))
-        back = np.einsum("fij,fkjl->fkil", R_lm, _moves_inverse(at_mount))
-        sign = np.where(held, 1, forward)[:, None, None, None]
-        D_arm = np.where(sign == 1, ahead, np.where(sign == -1, back, 0.0))
-        # D_arm is for a step at the flange after the time shift; E and theta act before it.
-        before = se3.adjoints(se3.inverses(late))
-        D_view = np.where(
-            held[:, None, None, None], D_arm, np.einsum("fkil,flm->fkim", D_arm, before)
-        )
-        D_arm_only = np.where(held[:, None, None, None], 0.0, D_view)
-        D_time = np.einsum(
-            "fkil,fl->fki", np.where(held[:, None, None, None], 0.0, D_arm), self._twist[v]
-        )[..., None]
-        D_board = np.where(
-            held[:, None, None, None], 0.0, np.einsum("fij,fkjl->fkil", R_all, _moves(X))
-        )
-        D_shape = np.einsum("fij,fkjl->fkil", R_all, self._basis)
-        D_theta = np.einsum("fkil,flt->fkit", D_arm_only, B_theta[v])
-        D = np.concatenate([D_offset, D_rig, D_time, D_board, D_shape, D_theta, D_view], axis=3)
-        J = np.concatenate([d_lens, d_point @ D], axis=3) * weight[..., None, None]
-        J = np.where(self.seen[..., None, None], J, 0.0)
-        return Linearised(residual, J)
-
-    def lens_points(self, state: State) -> Floats:
-        """(F, K, 3) corners in the frame of the lens that saw them [m]."""
-        arm, _ = self.arm_poses(state)
         v, c, r, b = self.view_of, self.lens_of, self.rig_of, self.board_of
         late = se3.exps(self._twist[v] * state.time[r][:, None])
         arm_v = arm[v] @ late
         held = self._free_frame[:, None, None]
         forward = self._forward[:, None, None]
         T_board = np.where(held, np.eye(4), state.T_mount_board[b])
-        middle = np.where(
-            held,
-            state.E[v],
-            np.where(forward == 1, arm_v, np.where(forward == -1, se3.inverses(arm_v), np.eye(4))),
-        )
-        T = se3.inverses(state.T_rig_lens)[c] @ se3.inverses(state.T_mount_rig)[r]
+        arm_v = np.where(forward == -1, se3.inverses(arm_v), arm_v)
+        T_arm = np.where(held, state.E[v], np.where(forward == 0, np.eye(4), arm_v))
+        # A lens frame belongs to its rig's mount frame as well, so that two cameras share it.
+        T_rig_mount = se3.inverses(state.T_mount_rig)[r]
+        T_lens_rig = se3.inverses(state.T_rig_lens)[c]
         X = self.points + np.einsum("fkij,fj->fki", self._basis, state.shape[b])
-        return _apply(T @ middle @ T_board, X)
+        at_arm = moved(T_board, X)
+        at_mount = moved(T_arm, at_arm)
+        at_rig = moved(T_rig_mount, at_mount)
+        at_lens = moved(T_lens_rig, at_rig)
+        return Chain(
+            T_board, T_arm, T_rig_mount, T_lens_rig, late, B_theta,
+            X, at_arm, at_mount, at_rig, at_lens,
+        )  # fmt: skip
+
+    def linearise(self, state: State, derivatives: bool = True) -> Linearised:
+        """Whitened residuals and their derivatives at a state."""
+        F, K = self.seen.shape
+        chain = self._chain(state)
+        lens = state.lens[self.lens_of]
+        pixel, d_point, d_lens = project(chain.at_lens, lens, derivatives)
+        weight = self.seen / self.sigma[:, None]
+        residual = np.where(self.seen[..., None], pixel - self.pixel, 0.0) * weight[..., None]
+        if not derivatives:
+            return Linearised(residual, np.empty((F, K, 2, 0)))
+
+        # What a motion of each frame does to the pixels: rows of d_point, turned into that frame.
+        by_lens = d_point * weight[..., None, None]
+        by_rig = turned(by_lens, chain.T_lens_rig[:, :3, :3])
+        by_mount = turned(by_rig, chain.T_rig_mount[:, :3, :3])
+        by_arm = turned(by_mount, chain.T_arm[:, :3, :3])
+        by_board = turned(by_arm, chain.T_board[:, :3, :3])
+        held, tied = self._free_frame, ~self._free_frame
+        ahead, back = held | (self._forward == 1), tied & (self._forward == -1)
+        step = np.zeros((F, K, 2, 6))  # at the flange, after the time shift
+        step[ahead] = by_pose(by_arm[ahead], chain.at_arm[ahead])
+        step[back] = -by_pose(by_mount[back], chain.at_mount[back])
+
+        J = np.zeros((F, K, 2, self.columns.shape[1] + 6))
+        J[..., :9] = d_lens * weight[..., None, None]
+        J[..., 9:15] = -by_pose(by_lens, chain.at_lens)
+        J[..., 15:21] = -by_pose(by_rig, chain.at_rig)
+        J[tied, ..., 22:28] = by_pose(by_board[tied], chain.X[tied])
+        J[..., 28:31] = by_board @ self._basis
+        speed = self._twist[self.view_of]
+        if speed.any():
+            J[tied, ..., 21] = np.einsum("fkil,fl->fki", step[tied], speed[tied])
+            # E and theta act before the time shift.
+            step[tied] = turned(step[tied], se3.adjoints(se3.inverses(chain.late[tied])))
+        if self._thetas:
+            J[tied, ..., 31:-6] = turned(step[tied], chain.B_theta[self.view_of[tied]])
+        J[..., -6:] = step
+        return Linearised(residual, J)
+
+    def lens_points(self, state: State) -> Floats:
+        """(F, K, 3) corners in the frame of the lens that saw them [m]."""
+        return self._chain(state).at_lens
 
     def with_exact_views(self, state: State) -> State:
         """The state with every arm pose's own error set to nothing: what a new view would see."""
         E = state.E.copy()
         E[~self._held] = np.eye(4)
         return replace(state, E=E)
-
-
-def project(
-    points: Floats, lens: Floats, derivatives: bool = True
-) -> tuple[Floats, Floats, Floats]:
-    """Brown-Conrady projection with its derivatives.
-
-    Args:
-        points: (f, k, 3) in the lens's frame [m].
-        lens: (f, 9) numbers of each lens.
-        derivatives: whether to compute them.
-
-    Returns:
-        (f, k, 2) pixels, (f, k, 2, 3) by the point, (f, k, 2, 9) by the lens. A point behind the
-        lens is treated as if 1 mm in front of it, so that a solver sees a huge, finite error.
-    """
-    z = np.maximum(points[..., 2], 1e-3)
-    x, y = points[..., 0] / z, points[..., 1] / z
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = (lens[:, None, i] for i in range(9))
-    xx, yy, xy = x * x, y * y, x * y
-    r2 = np.minimum(xx + yy, 4.0)
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    xd = x * radial + 2 * p1 * xy + p2 * (r2 + 2 * xx)
-    yd = y * radial + p1 * (r2 + 2 * yy) + 2 * p2 * xy
-    pixel = np.stack([fx * xd + cx, fy * yd + cy], axis=-1)
-    if not derivatives:
-        empty = np.empty((0,))
-        return pixel, empty, empty
-    slope = k1 + r2 * (2 * k2 + 3 * k3 * r2)  # of radial by r2
-    d = np.empty((*x.shape, 2, 2))  # distorted by undistorted
-    d[..., 0, 0] = radial + 2 * xx * slope + 2 * p1 * y + 6 * p2 * x
-    d[..., 0, 1] = 2 * xy * slope + 2 * p1 * x + 2 * p2 * y
-    d[..., 1, 0] = 2 * xy * slope + 2 * p1 * x + 2 * p2 * y
-    d[..., 1, 1] = radial + 2 * yy * slope + 6 * p1 * y + 2 * p2 * x
-    f = np.stack([np.broadcast_to(fx, x.shape), np.broadcast_to(fy, x.shape)], axis=-1)
-    d = d * f[..., None]
-    inv_z = 1 / z
-    d_point = np.empty((*x.shape, 2, 3))
-    d_point[..., :2] = d * inv_z[..., None, None]
-    d_point[..., 2] = -(d[..., 0] * x[..., None] + d[..., 1] * y[..., None]) * inv_z[..., None]
-    d_lens = np.zeros((*x.shape, 2, 9))
-    d_lens[..., 0, 0], d_lens[..., 1, 1] = xd, yd
-    d_lens[..., 0, 2] = d_lens[..., 1, 3] = 1.0
-    for column, power in ((4, r2), (5, r2**2), (8, r2**3)):
-        d_lens[..., 0, column] = f[..., 0] * x * power
-        d_lens[..., 1, column] = f[..., 1] * y * power
-    d_lens[..., 0, 6], d_lens[..., 1, 6] = f[..., 0] * 2 * xy, f[..., 1] * (r2 + 2 * yy)
-    d_lens[..., 0, 7], d_lens[..., 1, 7] = f[..., 0] * (r2 + 2 * xx), f[..., 1] * 2 * xy
-    return pixel, d_point, d_lens
-
-
-def _apply(T: Poses, points: Floats) -> Floats:
-    """(f, k, 3) points through (f, 4, 4) poses."""
-    return np.asarray(points @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3])
-
-
-def _moves(points: Floats) -> Floats:
-    """(f, k, 3, 6) motion of points under ``exp(d)``: v + w x p."""
-    out = np.zeros((*points.shape, 6))
-    out[..., :, :3] = np.eye(3)
-    out[..., :, 3:] = -skews(points)
-    return out
-
-
-def _moves_inverse(points: Floats) -> Floats:
-    """(f, k, 3, 6) motion of points under ``exp(-d)``."""
-    return -_moves(points)

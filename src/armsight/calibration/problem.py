@@ -188,3 +188,22 @@ class Freedom:
     robot: bool = False
     white: tuple[float, float] | None = (0.0001, np.deg2rad(0.01))
     time: bool = False
+
+
+def labels_of(problem: Problem) -> tuple[str, ...]:
+    """Names of all global unknowns in their order (see ``Model``), for reports."""
+    pose = ("x [m]", "y [m]", "z [m]", "turn x [rad]", "turn y [rad]", "turn z [rad]")
+    names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+    return (
+        *(f"{lens.name} {n}" for lens in problem.lenses for n in names),
+        *(f"{lens.name} in its camera, {n}" for lens in problem.lenses for n in pose),
+        *(f"camera {rig.name}, {n}" for rig in problem.rigs for n in pose),
+        *(f"clock of {rig.name} [s]" for rig in problem.rigs),
+        *(f"board {b.name}, {n}" for b in problem.boards for n in pose),
+        *(
+            f"board {b.name}, {n}"
+            for b in problem.boards
+            for n in ("print scale", "bending x [m]", "bending y [m]")
+        ),
+        *(problem.robot.names if problem.robot is not None else ()),
+    )

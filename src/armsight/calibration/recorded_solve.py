@@ -22,6 +22,7 @@ from armsight.calibration.problem import ArmView, BoardPlacement, Lens, Problem,
 from armsight.calibration.recorded_set import RecordedCamera, RecordedSet
 from armsight.calibration.robot_errors import RobotErrors
 from armsight.calibration.rough_lens import rough_lens
+from armsight.calibration.solver import SolverOptions
 from armsight.errors import CalibrationError
 from armsight.robots.robot import Robot
 
@@ -206,6 +207,7 @@ def solve_set(
         # A lens that was given is solved as well, with what was given as its prior.
         solve_lenses=True,
         select=True,
+        solver=SolverOptions(tolerance=1e-8),
     )
     try:
         answer = calibrate(problem, np.random.default_rng(seed), options, progress)

@@ -14,7 +14,7 @@ from armsight.arrays import Floats, JointPath, Points, Pose, Poses
 from armsight.calibration import arm, se3
 from armsight.calibration.calibrate import target_points
 from armsight.calibration.lens_prior import sheet_prior
-from armsight.calibration.model import SHAPE, State, project
+from armsight.calibration.model import SHAPE, State
 from armsight.calibration.problem import (
     ArmView,
     BoardPlacement,
@@ -25,6 +25,7 @@ from armsight.calibration.problem import (
     lens_from_vector,
     lens_vector,
 )
+from armsight.calibration.projection import project
 from armsight.calibration.robot_errors import RobotErrors
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, inverse, look_at, make_pose

@@ -18,7 +18,7 @@ from armsight.arrays import Floats, Ints, JointPath, JointVector, Mask, Pose, Po
 from armsight.calibration import arm, se3
 from armsight.calibration.calibrate import target_points
 from armsight.calibration.covariance import invert, point_derivatives
-from armsight.calibration.model import Model, State, project
+from armsight.calibration.model import Model, State
 from armsight.calibration.problem import (
     ArmView,
     Freedom,
@@ -27,6 +27,7 @@ from armsight.calibration.problem import (
     Sighting,
     lens_from_vector,
 )
+from armsight.calibration.projection import project
 from armsight.calibration.solver import NormalEquations, Solution, normal_equations
 from armsight.robots.robot import Robot
 

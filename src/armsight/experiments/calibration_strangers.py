@@ -47,7 +47,7 @@ SHIPPED = {
 SHARES = {"clean": 500, "mistakes": 40, "coverage": 100}
 """Sets of each kind at the full number of runs."""
 FULL = 500
-STATE = 2
+STATE = 3
 """Of the calibration's code: runs that an older one has kept do not count."""
 
 
