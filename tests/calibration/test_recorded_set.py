@@ -7,7 +7,7 @@ import pytest
 from arms import ur5
 from PIL import Image
 
-from armsight.calibration import recorded_set
+from armsight.calibration import set_pictures
 from armsight.calibration.boards import Checkerboard, Detection
 from armsight.calibration.diagnosis.pictures import picture_findings
 from armsight.calibration.layouts.folder import list_folder
@@ -46,8 +46,8 @@ def test_two_cameras_and_one_arm_are_one_solve(tmp_path, monkeypatch):
         size = (LENS.width, LENS.height)
         return Seen(names, found, ("",) * 14, size, np.ones(14), names)
 
-    monkeypatch.setattr(recorded_set, "look", seen)
-    monkeypatch.setattr(recorded_set, "settle_board", lambda board, files: (board, []))
+    monkeypatch.setattr(set_pictures, "look", seen)
+    monkeypatch.setattr(set_pictures, "settle_board", lambda board, files, more: (board, []))
     recorded = load(tmp_path, BOARD)
     assert [(c.name, c.mount) for c in recorded.cameras] == [("left", "base"), ("right", "base")]
     answer = solve_set(recorded).calibration

@@ -35,6 +35,8 @@ HIDDEN = {"base": (4.0, 3.0), "flange": (2.0, 1.6)}
 """Errors (translation, rotation) that are constant in a mount over those that vary [1]. Of 60
 simulated arms whose zeros, lengths and sag are wrong, in the base: translation 2.2 times in the
 middle, 1.2 to 4.4 from the tenth to the ninetieth percentile; rotation 1.6, 0.8 to 3.2."""
+CLEAR = 8.0
+"""Twice the logarithm by which errors must be likelier alike than not to move the answer."""
 TOLD_BY = 60
 """Views that are enough to tell the sizes."""
 LOOSE = 1e3
@@ -117,12 +119,14 @@ class ArmField:
 
     Attributes:
         sizes: of the errors.
+        gain: twice the logarithm by which they are likelier so than independent.
         measured: about the solution before; posterior: of it.
         views: (n,) indices of the problem's views.
         before: the solution with independent errors; solution: the answer.
     """
 
     sizes: Sizes
+    gain: float
     measured: Measured
     posterior: Posterior
     views: Ints
@@ -167,6 +171,10 @@ def fit_field(solution: Solution) -> ArmField | None:
         some = measured.only(np.unique(np.linspace(0, n - 1, TOLD_BY).astype(int)))
     sizes = tell_sizes(some, freedom.white)
     found = posterior(measured, sizes)
+    apart = replace(sizes, smooth=(1e-7, 1e-7), white=freedom.white)
+    gain = posterior(some, apart).likelihood - posterior(some, sizes).likelihood
+    if gain < CLEAR:  # errors that may as well be independent move nothing, but may be alike
+        return ArmField(sizes, gain, measured, found, views, solution, solution)
     state = solution.state
     whole = sizes.covariance(measured.x, measured.x) + np.diag(sizes.scatter(n))
     errors = (whole @ found.weights).reshape(n, 6)
@@ -177,7 +185,7 @@ def fit_field(solution: Solution) -> ArmField | None:
     new = replace(new, E=E)
     normal, residual = normal_equations(model, new, 3.0, CUT)
     answer = replace(solution, state=new, normal=normal, residual=residual)
-    return ArmField(sizes, measured, found, views, solution, answer)
+    return ArmField(sizes, gain, measured, found, views, solution, answer)
 
 
 def measure(solution: Solution) -> tuple[Measured, Ints]:
@@ -289,21 +297,25 @@ def _unseen(field: ArmField) -> Floats:
     middle = np.eye(4)
     middle[:3, 3] = x[:, :3].mean(0)
     out = np.zeros((model.size, model.size))
-    mounts = [
-        (model.rig_slice(k), r.mount, state.T_mount_rig[k])
-        for k, r in enumerate(model.problem.rigs)
-    ]
-    mounts += [(model.board_slice(k), b.mount, state.T_mount_board[k])
-               for k, b in enumerate(model.problem.boards)]  # fmt: skip
-    for at, mount, T in mounts:
-        times = HIDDEN[mount]
+    parts = [(model.rig_slice(k), r.mount, state.T_mount_rig[k])
+             for k, r in enumerate(model.problem.rigs)]  # fmt: skip
+    parts += [(model.board_slice(k), b.mount, state.T_mount_board[k])
+              for k, b in enumerate(model.problem.boards)]  # fmt: skip
+    for mount, times in HIDDEN.items():
+        mine = [(at, T) for at, m, T in parts if m == mount]
+        if not mine:
+            continue
         variance = [
             max(c * c * (s * s * (1 - alike) + 0.25 * w * w) - s * s * alike, 0.0)
             for s, w, c in zip(sizes.smooth, sizes.white, times)
         ]
         from_middle = middle if mount == "base" else np.eye(4)
-        A = se3.adjoints((se3.inverses(T[None])[0] @ from_middle)[None])[0]
-        out[at, at] += A @ np.diag([variance[0]] * 3 + [variance[1]] * 3) @ A.T
+        # Everything in one mount is displaced alike: cameras of a pair stay where they are.
+        at = np.concatenate([np.arange(a.start, a.stop) for a, _ in mine])
+        A = np.concatenate(
+            [se3.adjoints((se3.inverses(T[None])[0] @ from_middle)[None])[0] for _, T in mine]
+        )
+        out[np.ix_(at, at)] += A @ np.diag([variance[0]] * 3 + [variance[1]] * 3) @ A.T
     return out
 
 

@@ -55,11 +55,13 @@ def left_out_errors(
     """
     views = [v for v in problem.used_views if not problem.views[v].free]
     groups = pose_groups(problem, views, folds)
+    near = with_cut(options)
+    near = replace(near, tolerance=max(near.tolerance, 1e-6))  # far below what views differ by
     px, mm = [], []
     for group in groups:
         rest = [v for v in problem.used_views if v not in group]
         model = Model(problem.only_views(rest), freedom, priors)
-        solution = solve(model, whole.state, with_cut(options))
+        solution = solve(model, whole.state, near)
         a, b = prediction_errors(problem.only_views(group), solution)
         px.append(a)
         mm.append(b)

@@ -27,6 +27,8 @@ USUAL = 5.348
 """Median of chi squared with six degrees of freedom."""
 UNKNOWN = 0.3
 """Sigma of a prediction that judges nothing any more [m], [rad]."""
+WORST = 150.0
+"""No arm errs by so many times ``WHITE``, backlash and a short robust solve included [1]."""
 
 
 @dataclass(frozen=True)
@@ -320,16 +322,18 @@ def _contradicted(
     judged: Judged, model: Model, kept: Mask, rule: OutlierRule
 ) -> tuple[Floats, Mask]:
     """(F,) chi squared of each sighting, and whether the rest contradict it."""
-    score = judged.chi2(_usual(judged, model, kept))
+    score = judged.chi2(_usual(judged, model))
     return score, (score > rule.limit) & (judged.px > rule.corners * model.sigma)
 
 
-def _usual(judged: Judged, model: Model, kept: Mask) -> float:
-    """The arm's scatter as the sightings tell it that are kept."""
-    on = kept & judged.shift.any(axis=1)
-    scatter = Judged(judged.shift[on], judged.covariance[on], judged.px[on]).arm_scatter()
+def _usual(judged: Judged, model: Model) -> float:
+    """The arm's scatter as most of all sightings tell it.
+
+    Those that were left out count as well: by what is kept alone, an arm that errs by millimetres
+    looks better with each view that goes, until half of a good set has gone.
+    """
     # An arm whose errors are in the solve has nothing but its repeatability left.
-    return min(scatter, 3.0 if model.freedom.robot else 30.0)
+    return min(judged.arm_scatter(), 3.0 if model.freedom.robot else WORST)
 
 
 def _own_pose(model: Model, state: State) -> tuple[Floats, Floats]:

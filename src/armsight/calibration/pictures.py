@@ -16,6 +16,8 @@ from armsight.calibration.boards import Board, Detection
 
 LARGEST = 120_000_000
 """Pixels of a picture, at most."""
+FIRST = 24
+"""Pictures in none of which there is a board are enough to give up [1]."""
 MOST = 400
 """Pictures of a camera that are looked at; more add nothing but time."""
 
@@ -73,12 +75,17 @@ def look(
     sizes = [_size(f) for f in files]
     known = [s for s in sizes if s is not None]
     usual = max(set(known), key=known.count) if known else None
-    detections: list[Detection | None] = []
-    misses: list[str] = []
-    sharp: list[float] = []
-    digest: list[str] = []
-    for number, (file, size) in enumerate(zip(files, sizes)):
-        say(f"{file.name} ({number + 1} of {len(files)})")
+    n = len(files)
+    detections: list[Detection | None] = [None] * n
+    misses = [f"not looked at: no board in {FIRST} others"] * n
+    sharp = np.full(n, np.nan)
+    digest = [""] * n
+    spread = dict.fromkeys(int(k) for k in np.linspace(0, n - 1, min(n, FIRST)))
+    for turn, number in enumerate([*spread, *(k for k in range(n) if k not in spread)]):
+        if turn == FIRST and all(d is None for d in detections):
+            break
+        file, size = files[number], sizes[number]
+        say(f"{file.name} ({turn + 1} of {n})")
         found: Detection | None = None
         why, sharpness, mark = "", float("nan"), ""
         gray = read_gray(file) if size is not None else "picture cannot be read"
@@ -93,12 +100,10 @@ def look(
                 found, sharpness = seen, edge_sharpness(gray, seen.pixel)
             else:
                 why = seen.reason
-        detections.append(found)
-        misses.append(why)
-        sharp.append(sharpness)
-        digest.append(mark)
+        detections[number], misses[number] = found, why
+        sharp[number], digest[number] = sharpness, mark
     names = tuple(f.name for f in files)
-    return Seen(names, tuple(detections), tuple(misses), usual, np.array(sharp), tuple(digest))
+    return Seen(names, tuple(detections), tuple(misses), usual, sharp, tuple(digest))
 
 
 def _size(file: Path) -> tuple[int, int] | None:

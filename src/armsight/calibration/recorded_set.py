@@ -15,12 +15,10 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, Poses
 from armsight.calibration.boards import Board
-from armsight.calibration.boards.settle import settle_board
 from armsight.calibration.findings import Finding
 from armsight.calibration.layouts.bags import bag_in, unpack
 from armsight.calibration.layouts.board_files import board_of
 from armsight.calibration.layouts.choice import Choice
-from armsight.calibration.layouts.corner_files import CornerFile, find_corners, numbers_of
 from armsight.calibration.layouts.folder import Folder, list_folder, pose_tables
 from armsight.calibration.layouts.joint_angles import joint_tables
 from armsight.calibration.layouts.kinds import Unread
@@ -28,9 +26,10 @@ from armsight.calibration.layouts.lens_choice import GivenLens, given_lens
 from armsight.calibration.layouts.lens_files import LensFile
 from armsight.calibration.layouts.series import Series
 from armsight.calibration.layouts.table import PoseTable
-from armsight.calibration.pictures import MOST, Seen, look, some_grays
+from armsight.calibration.pictures import Seen
 from armsight.calibration.pose_reading import read_poses
 from armsight.calibration.problem import Mount
+from armsight.calibration.set_pictures import shown_in
 from armsight.errors import CalibrationError
 from armsight.robots.robot import Robot
 
@@ -127,20 +126,9 @@ def load(
             f"{folder}: which board? give --board, such as checkerboard:7x5:30 or charuco:5x7:36:27"
         )
     findings: list[Finding] = []
-    series, seen, corners, used = _pictures(listed, board, progress)
-    if corners is None:
-        board, counted = settle_board(board, some_grays(series[0].files))
-        findings += counted
-        findings += _too_many(series)
-        series = tuple(_thinned(s) for s in series)
-        seen = tuple(look(board, s.files, progress) for s in series)
-    if all(s.size is None for s in seen):
-        raise CalibrationError(
-            f"{folder}: none of {sum(len(s.names) for s in seen)} pictures can be read, such as "
-            f"{series[0].files[0].name}"
-        )
-    series, seen, unused = _that_see_it(series, seen)
-    findings += unused
+    shown = shown_in(listed, board, progress)
+    board, series, seen = shown.board, shown.series, shown.seen
+    findings += shown.findings
     rows = [_board_row(board, findings)]
     lenses = tuple(
         given_lens(listed.others, lens_file, s.name, v.size or (0, 0), len(series))
@@ -149,7 +137,7 @@ def load(
     for s, found in zip(series, lenses):
         findings += found.findings
         rows.append(ReadAs(f"lens of {s.name}", found.words))
-    skip = used | {f for found in lenses for f in found.files}
+    skip = shown.files | {f for found in lenses for f in found.files}
     tables, unread = pose_tables(listed, len(series[0].files), lambda f: f in skip)
     if robot is not None:
         tables = [*tables, *joint_tables(tables, robot)]
@@ -157,95 +145,6 @@ def load(
         return _lens_frames(folder, board, series, seen, lenses, mount, unread, rows, findings)
     return _with_poses(
         folder, board, series, seen, lenses, mount, tables, unread, listed, rows, findings
-    )
-
-
-LEAST = 3
-"""Boards in the pictures of a camera that is worth solving."""
-
-
-def _that_see_it(
-    series: tuple[Series, ...], seen: tuple[Seen, ...]
-) -> tuple[tuple[Series, ...], tuple[Seen, ...], list[Finding]]:
-    """Cameras that see the board often enough, where some do and others do not."""
-    often = [sum(d is not None for d in v.detections) >= LEAST for v in seen]
-    if all(often) or not any(often):
-        return series, seen, []
-    keep = [k for k, enough in enumerate(often) if enough]
-    unused = [
-        Finding(
-            "unused_camera",
-            "warning",
-            f"{s.name}: the board is found in {sum(d is not None for d in v.detections)} of "
-            f"{len(v.names)} pictures ({', '.join(sorted({m for m in v.misses if m})[:2])}): "
-            "not used",
-            "leave the folder out if it shows something else",
-        )
-        for s, v, enough in zip(series, seen, often)
-        if not enough
-    ]
-    return tuple(series[k] for k in keep), tuple(seen[k] for k in keep), unused
-
-
-def _pictures(
-    listed: Folder, board: Board, progress: Callable[[str], None] | None
-) -> tuple[tuple[Series, ...], tuple[Seen, ...], CornerFile | None, set[Path]]:
-    """Series of pictures; or corners that are given instead."""
-    if listed.series:
-        return listed.series, (), None, set()
-    corners, used = find_corners(listed.others, board)
-    if corners is None:
-        raise CalibrationError(
-            f"{listed.path}: no pictures in it or in the folders below, and no file of corners"
-        )
-    n = len(corners.names)
-    series = Series(
-        "camera", tuple(Path(name) for name in corners.names), numbers_of(corners.names)
-    )
-    size = corners.size or _size_from_lens(listed) or _size_from_corners(corners)
-    misses = tuple("" if d is not None else "no corners given" for d in corners.detections)
-    seen = Seen(corners.names, corners.detections, misses, size, np.full(n, np.nan), ("",) * n)
-    return (series,), (seen,), corners, used
-
-
-def _size_from_lens(listed: Folder) -> tuple[int, int] | None:
-    found = given_lens(listed.others, None, "camera", (0, 0), 1)
-    lens = found.lens
-    if lens is None or not lens.sized:
-        return None
-    return lens.camera.width, lens.camera.height
-
-
-def _size_from_corners(corners: CornerFile) -> tuple[int, int]:
-    most = np.max([d.pixel.max(0) for d in corners.detections if d is not None], axis=0)
-    for w, h in ((640, 480), (1280, 720), (1280, 960), (1280, 1024), (1600, 1200), (1920, 1080),
-                 (1936, 1216), (2048, 1536), (2448, 2048), (3840, 2160), (4096, 3072)):  # fmt: skip
-        if most[0] < w and most[1] < h:
-            return w, h
-    return int(most[0] * 1.05), int(most[1] * 1.05)
-
-
-def _too_many(series: Sequence[Series]) -> list[Finding]:
-    return [
-        Finding(
-            "many_pictures",
-            "note",
-            f"{s.name}: {len(s.files)} pictures, {MOST} of them evenly spread are looked at",
-            "more would cost time and tell nothing new",
-        )
-        for s in series
-        if len(s.files) > MOST
-    ]
-
-
-def _thinned(series: Series) -> Series:
-    if len(series.files) <= MOST:
-        return series
-    pick = np.linspace(0, len(series.files) - 1, MOST).astype(int)
-    return Series(
-        series.name,
-        tuple(series.files[int(k)] for k in pick),
-        tuple(series.numbers[int(k)] for k in pick),
     )
 
 

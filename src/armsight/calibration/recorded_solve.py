@@ -207,7 +207,7 @@ def solve_set(
         # A lens that was given is solved as well, with what was given as its prior.
         solve_lenses=True,
         select=True,
-        solver=SolverOptions(tolerance=1e-8),
+        solver=SolverOptions(tolerance=1e-7),
     )
     try:
         answer = calibrate(problem, np.random.default_rng(seed), options, progress)

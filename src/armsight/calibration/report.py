@@ -14,6 +14,7 @@ from armsight.calibration.calibrate import Calibration
 from armsight.calibration.covariance import weakest_direction
 from armsight.calibration.export import worst_target
 from armsight.calibration.findings import Finding
+from armsight.calibration.pairs import pairs
 from armsight.devices.depth_model import DepthModel
 
 if TYPE_CHECKING:
@@ -88,6 +89,8 @@ def lines(
                 )
                 + f"frames to {1e3 * model.rms:.1f} mm"
             )
+    for pair in pairs(calibration):
+        out.append(pair.words((problem.rigs[pair.first].name, problem.rigs[pair.second].name)))
     for k, board in enumerate(problem.boards):
         T = calibration.board_pose(k)
         scale = 100 * calibration.solution.state.shape[k, 0]

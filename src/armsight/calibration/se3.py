@@ -40,7 +40,7 @@ def exps(twists: Floats) -> Poses:
 
 def logs(T: Poses) -> Floats:
     """(n, 6) twists of (n, 4, 4) poses, rotations below pi."""
-    phi = Rotation.from_matrix(T[:, :3, :3]).as_rotvec()
+    phi = rotation_vectors(T[:, :3, :3])
     angle = np.linalg.norm(phi, axis=1)[:, None, None]
     small = angle < 1e-4
     half = np.where(small, 0.5, 0.5 * angle)
@@ -48,6 +48,25 @@ def logs(T: Poses) -> Floats:
     K = skews(phi)
     V_inv = np.eye(3) - 0.5 * K + C * (K @ K)
     return np.concatenate([np.einsum("nij,nj->ni", V_inv, T[:, :3, 3]), phi], axis=1)
+
+
+def rotation_vectors(R: Floats) -> Floats:
+    """(n, 3) rotation vectors of (n, 3, 3) rotations [rad].
+
+    By their skew part, which is fast and exact but near half a turn: those go to scipy.
+    """
+    v = 0.5 * np.stack(
+        [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1
+    )
+    sine = np.sqrt(np.einsum("ni,ni->n", v, v))
+    cosine = 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0)
+    small = sine < 1e-7
+    angle = np.arctan2(sine, cosine)
+    out = v * np.where(small, 1.0, angle / np.where(small, 1.0, sine))[:, None]
+    far = cosine < -0.9
+    if far.any():
+        out[far] = Rotation.from_matrix(R[far]).as_rotvec()
+    return np.asarray(out, np.float64)
 
 
 def adjoints(T: Poses) -> Floats:

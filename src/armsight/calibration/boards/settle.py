@@ -7,7 +7,8 @@ is said.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -19,6 +20,7 @@ from armsight.calibration.boards.charuco import CharucoBoard
 from armsight.calibration.boards.checkerboard import Checkerboard
 from armsight.calibration.boards.markers import dictionary
 from armsight.calibration.boards.tag_grid import TagGrid
+from armsight.calibration.corners import resized
 from armsight.calibration.findings import Finding
 from armsight.errors import UsageError
 
@@ -30,17 +32,20 @@ DICTIONARIES = (
 """One of each family: the smaller ones of a family are the beginning of the largest."""
 
 
-def settle_board(board: Board, grays: Sequence[Bytes]) -> tuple[Board, list[Finding]]:
+def settle_board(
+    board: Board, grays: Sequence[Bytes], more: Callable[[], list[Bytes]] = list
+) -> tuple[Board, list[Finding]]:
     """The board that some pictures show, and how it differs from the one that was named.
 
     Args:
         board: as it was named.
         grays: a few pictures.
+        more: gives more of them, for a board that is in none of the few.
     """
     if not grays:
         return board, []
     if isinstance(board, Checkerboard):
-        return _checkerboard(board, grays)
+        return _checkerboard(board, grays, more)
     if isinstance(board, CharucoBoard | TagGrid):
         return _marked(board, grays)
     return board, []
@@ -50,7 +55,9 @@ def _times(board: Board, grays: Sequence[Bytes]) -> int:
     return sum(isinstance(board.detect(g), Detection) for g in grays)
 
 
-def _checkerboard(board: Checkerboard, grays: Sequence[Bytes]) -> tuple[Board, list[Finding]]:
+def _checkerboard(
+    board: Checkerboard, grays: Sequence[Bytes], more: Callable[[], list[Bytes]]
+) -> tuple[Board, list[Finding]]:
     """The count that is found more often wins, the larger board of those found alike."""
     plain = replace(board, hollow=False)
     inner = replace(plain, columns=board.columns + 1, rows=board.rows + 1)
@@ -62,7 +69,9 @@ def _checkerboard(board: Checkerboard, grays: Sequence[Bytes]) -> tuple[Board, l
         count.setdefault(other, 0)
         count[other] = count[other] or _times(other, grays)
     best = max(count, key=lambda b: (count[b], b.columns, b is board))
-    if best == board or count[best] == 0:
+    if count[best] == 0:
+        return _another_count(board, more())
+    if best == board:
         return board, []
     if best == plain and count[plain] <= count[board] + (0.5 * len(grays)):
         return board, []  # a hollow square that is unclear now and then is one all the same
@@ -76,6 +85,41 @@ def _checkerboard(board: Checkerboard, grays: Sequence[Bytes]) -> tuple[Board, l
         words = f"no corner square of the board is hollow: read as a plain one of {a}x{b} corners"
     say = f"checkerboard:{best.columns}x{best.rows}:{1e3 * best.square:g}:plain"
     return best, [Finding("board_count", "note", words, f"write --board {say}")]
+
+
+ANY = (3, 3)
+"""Inner corners of the smallest board that is looked for where the named one is nowhere."""
+SEARCHED = 1300.0
+"""Longer side of a picture that is searched for any board [px]."""
+
+
+def _another_count(
+    board: Checkerboard, grays: Sequence[Bytes]
+) -> tuple[Checkerboard, list[Finding]]:
+    """The checkerboard of another count that most pictures show in which there is any."""
+    shapes: Counter[tuple[int, int]] = Counter()
+    for gray in grays:
+        factor = min(SEARCHED / max(gray.shape), 1.0)
+        small = gray if factor == 1.0 else resized(gray, factor)
+        flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
+        ok, _, meta = cv2.findChessboardCornersSBWithMeta(small, ANY, flags)
+        if ok and meta is not None:
+            a, b = sorted(int(n) for n in np.shape(meta)[:2])
+            shapes[a, b] += 1
+    if not shapes:
+        return board, []
+    (short, long), times = shapes.most_common(1)[0]
+    named = sorted(board.inner)
+    if times < 2 or times < 0.5 * shapes.total() or [short, long] == named:
+        return board, []
+    a, b = (short, long) if board.columns <= board.rows else (long, short)
+    best = replace(board, columns=a + 1, rows=b + 1, hollow=False)
+    words = (
+        f"no picture shows {board.inner[0]}x{board.inner[1]} inner corners, {times} of "
+        f"{len(grays)} show {a}x{b}: read so"
+    )
+    say = f"checkerboard:{a}x{b}:{1e3 * board.square:g}:inner"
+    return best, [Finding("board_count", "warning", words, f"count again, and write --board {say}")]
 
 
 def _marked(board: CharucoBoard | TagGrid, grays: Sequence[Bytes]) -> tuple[Board, list[Finding]]:

@@ -83,7 +83,7 @@ def choose(
         meanings = readings(table)
         if not meanings:
             continue
-        for pairing in proper_pairings(series, table):
+        for pairing in proper_pairings(series, table, seen):
             ways.append((table, pairing, meanings))
             found += _candidates(pairing, meanings, seen, boards)
     boards_own = [c for c in found if c.of_the_board]

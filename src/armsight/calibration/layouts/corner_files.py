@@ -1,6 +1,7 @@
 """Corners that somebody else's detector has found, given instead of pictures.
 
-Layouts: one table with columns such as ``image,corner,u,v``; a file a picture with one corner a
+Layouts: one table with columns such as ``image,corner,u,v`` (``camera``, too), also mrcal's
+``corners.vnl``; a file a picture with one corner a
 line (``u v``, in the board's order); JSON or YAML with a list of corners a picture.
 """
 
@@ -23,6 +24,7 @@ from armsight.errors import CalibrationError
 NAMED = re.compile(r"corner|detect|keypoint|points2d|pixels|imagepoints", re.IGNORECASE)
 _IMAGE = ("image", "picture", "file", "filename", "frame", "view", "img", "name")
 _CORNER = ("corner", "id", "point", "index", "corner_id", "point_id")
+_CAMERA = ("camera", "cam", "sensor", "camera_id", "cam_id")
 _U = ("u", "x", "px", "col", "u_px", "x_px", "pixel_x")
 _V = ("v", "y", "py", "row", "v_px", "y_px", "pixel_y")
 
@@ -51,7 +53,7 @@ def find_corners(files: tuple[Path, ...], board: Board) -> tuple[CornerFile | No
         CalibrationError: a file of corners is not what it should be.
     """
     mine = [f for f in files if NAMED.search(f.stem) or NAMED.search(f.parent.name)]
-    tables = [f for f in mine if f.suffix.lower() in (".csv", ".tsv", ".txt")]
+    tables = [f for f in mine if f.suffix.lower() in (".csv", ".tsv", ".txt", ".vnl")]
     for file in tables:
         found = _table(file, board)
         if found is not None:
@@ -93,14 +95,19 @@ def _table(file: Path, board: Board) -> CornerFile | None:
         for n, line in enumerate(text.splitlines(), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
+    split = re.compile(r"[,;\t ]+")
+    marked = re.search(r"^# *(filename\b.*)$", text, re.MULTILINE)  # mrcal's .vnl
+    if marked is not None:
+        lines = [(0, marked.group(1)), *lines]
     if len(lines) < 5:
         return None
-    split = re.compile(r"[,;\t ]+")
     header = [c.strip().lower() for c in split.split(lines[0][1].strip())]
     place = {
         what: next((header.index(n) for n in names if n in header), None)
-        for what, names in (("image", _IMAGE), ("corner", _CORNER), ("u", _U), ("v", _V))
-    }
+        for what, names in (
+            ("image", _IMAGE), ("corner", _CORNER), ("u", _U), ("v", _V), ("camera", _CAMERA)
+        )
+    }  # fmt: skip
     if place["image"] is None or place["u"] is None or place["v"] is None:
         return None
     rows: dict[str, list[tuple[int, float, float]]] = {}
@@ -108,7 +115,11 @@ def _table(file: Path, board: Board) -> CornerFile | None:
         cells = split.split(line.strip())
         try:
             name = cells[place["image"]]
+            if place["camera"] is not None:
+                name = f"{_camera(cells[place['camera']])}/{name}"
             mine = rows.setdefault(name, [])
+            if "-" in (cells[place["u"]], cells[place["v"]]):
+                continue  # no board in this picture
             k = int(cells[place["corner"]]) if place["corner"] is not None else len(mine)
             mine.append((k, float(cells[place["u"]]), float(cells[place["v"]])))
         except (IndexError, ValueError):
@@ -120,12 +131,17 @@ def _table(file: Path, board: Board) -> CornerFile | None:
         _detection(
             board,
             np.array([r[0] for r in rows[n]], np.int64),
-            np.array([r[1:] for r in rows[n]], float),
+            np.array([r[1:] for r in rows[n]], float).reshape(-1, 2),
             f"{file}, picture {n}",
         )
         for n in names
     )
     return CornerFile(file.name, tuple(names), found, _size_in(text))
+
+
+def _camera(word: str) -> str:
+    """A camera's name: a bare number is none."""
+    return f"camera{word}" if word.isdigit() else word
 
 
 def _one_each(files: list[Path], board: Board) -> CornerFile | None:

@@ -30,8 +30,14 @@ class Pairing:
     firm: bool = False
 
 
-def proper_pairings(series: Series, table: PoseTable) -> list[Pairing]:
-    """The ways to tie pictures and rows that names, numbers and order allow, best first."""
+def proper_pairings(series: Series, table: PoseTable, seen: Ints) -> list[Pairing]:
+    """The ways to tie pictures and rows that names, numbers and order allow, best first.
+
+    Args:
+        series: the pictures.
+        table: of the poses.
+        seen: (s,) which pictures show the board: some tools keep the poses of those alone.
+    """
     out: list[Pairing] = []
     named = _by_name(series, table.keys)
     if len(named.picture) >= max(3, 0.6 * min(len(series.files), len(table.keys))):
@@ -48,6 +54,9 @@ def proper_pairings(series: Series, table: PoseTable) -> list[Pairing]:
         order = np.arange(n)
         out.append(Pairing(order, order, "in order"))
     else:
+        if m == len(seen):
+            words = "in order, of the pictures that show the board"
+            out.append(Pairing(seen, np.arange(m), words))
         out += _of_row_numbers(series, m)
         k = np.arange(min(n, m))
         out.append(Pairing(k, k, "in order, from the first"))

@@ -51,7 +51,7 @@ def series_of(root: Path, pictures: list[Path]) -> tuple[tuple[Series, ...], tup
     if not views:  # a set that happens to be called so
         views, aside = pictures, []
     groups: dict[tuple[Path, str], list[Path]] = {}
-    for folder, mine in _patterns(views).items():
+    for folder, mine in patterns(views).items():
         large = {w: files for w, files in mine.items() if len(files) >= 3}
         most = max((len(v) for v in large.values()), default=0)
         cameras = {w: v for w, v in large.items() if len(v) >= 0.6 * most}
@@ -75,8 +75,8 @@ def series_of(root: Path, pictures: list[Path]) -> tuple[tuple[Series, ...], tup
     return tuple(out), tuple(sorted(aside, key=natural))
 
 
-def _patterns(views: Sequence[Path]) -> dict[Path, dict[str, list[Path]]]:
-    """Pictures by folder and by their names without numbers.
+def patterns(views: Sequence[Path]) -> dict[Path, dict[str, list[Path]]]:
+    """Pictures by folder and by their names without numbers, a number that tells cameras kept.
 
     Pictures of the same name and several kinds (``1.jpg``, ``1.png``) are of several cameras.
     """
@@ -86,11 +86,55 @@ def _patterns(views: Sequence[Path]) -> dict[Path, dict[str, list[Path]]]:
         out.setdefault(p.parent, {}).setdefault(word, []).append(p)
     for mine in out.values():
         for word, files in list(mine.items()):
+            numbered = _camera_numbers(files)
+            if numbered is not None:
+                del mine[word]
+                mine.update(numbered)
+        for word, files in list(mine.items()):
             if len({p.stem.lower() for p in files}) == len(files):
                 continue
             del mine[word]
             for p in files:
                 mine.setdefault(f"{word}{p.suffix.lower()}", []).append(p)
+    return out
+
+
+MOST_CAMERAS = 8
+"""Cameras that one number in the pictures' names may tell apart."""
+
+
+def _camera_numbers(files: Sequence[Path]) -> dict[str, list[Path]] | None:
+    """Pictures of one pattern by the number that is a camera's (``cam0_12``, ``12_cam1``).
+
+    It takes few values, and the other numbers take the same for each; None where there is none.
+    """
+    runs = [re.findall(r"(\D*)(\d+)", p.stem.lower()) for p in files]
+    if len(runs[0]) < 2:
+        return None
+    best: tuple[int, int] | None = None
+    for j in range(len(runs[0])):
+        others: dict[str, set[tuple[str, ...]]] = {}
+        for run in runs:
+            rest = tuple(n for k, (_, n) in enumerate(run) if k != j)
+            others.setdefault(run[j][1], set()).add(rest)
+        if not 2 <= len(others) <= MOST_CAMERAS:
+            continue
+        most = max(len(v) for v in others.values())
+        if len(set.intersection(*others.values())) < max(3, 0.6 * most):
+            continue
+        named = re.search(r"(cam|camera|sensor|kinect|rs|lens|eye)[\W_]*$", runs[0][j][0])
+        if named is None and most < 3 * len(others):
+            continue  # as well the number of the view
+        rank = (0 if named else 1, len(others))
+        if best is None or rank < (best[0], len(others)):
+            best = (rank[0], j)
+    if best is None:
+        return None
+    out: dict[str, list[Path]] = {}
+    for file, run in zip(files, runs):
+        before, number = run[best[1]]
+        word = re.sub(r"[\W_]+", " ", before).strip() or "camera"
+        out.setdefault(f"{word}{number}", []).append(file)
     return out
 
 
