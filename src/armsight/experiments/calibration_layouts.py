@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Ints, Poses
 from armsight.experiments.calibration_layouts_more import MORE_LAYOUTS
+from armsight.experiments.calibration_layouts_odd import ODD_LAYOUTS
 from armsight.geometry.camera import PinholeCamera
 
 
@@ -304,7 +305,7 @@ LAYOUTS: dict[str, Writer] = {
     ),
 }
 """Every layout: its words, and how it is written."""
-LAYOUTS |= MORE_LAYOUTS
+LAYOUTS |= MORE_LAYOUTS | ODD_LAYOUTS
 
 
 def write_layout(folder: Path, name: str, one: PlainSet) -> None:

@@ -82,6 +82,20 @@ def array_tables(file: Path) -> list[PoseTable]:
     return out or _joined(arrays, file.name)
 
 
+def stacked_tables(document: Any, source: str) -> list[PoseTable]:
+    """Rotations and positions that a document keeps in two stacks (OpenCV's ``R_gripper2base``)."""
+    if not isinstance(document, dict):
+        return []
+    arrays: dict[str, np.ndarray] = {}
+    for key, value in document.items():
+        if isinstance(value, list) and len(value) > 2:
+            try:
+                arrays[str(key)] = np.array(value, float)
+            except (TypeError, ValueError):
+                continue
+    return _joined(arrays, source) if len(arrays) > 1 else []
+
+
 def as_document(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     """Small arrays of numbers as lists, for readers of mappings."""
     return {

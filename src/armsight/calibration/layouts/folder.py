@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from armsight.calibration.layouts.array_files import ARRAYS, array_tables
-from armsight.calibration.layouts.kinds import BAGS, STRUCTURED, Unread, is_text
+from armsight.calibration.layouts.array_files import ARRAYS, array_tables, stacked_tables
+from armsight.calibration.layouts.kinds import BAGS, NOT_READ, STRUCTURED, Unread, is_text
+from armsight.calibration.layouts.loose_text import loose_tables, program_tables
 from armsight.calibration.layouts.pose_files import alike, one_each
 from armsight.calibration.layouts.series import PICTURES, Series, series_of
 from armsight.calibration.layouts.structured import read_document, structured_tables
@@ -100,6 +101,8 @@ def pose_tables(
             tables += found_here
         elif is_text(file) or file.suffix.lower() in (*STRUCTURED, *ARRAYS):
             unread.append(Unread(file, "no poses in it"))
+    if not tables:
+        tables = program_tables(folder.others)
     return tables, unread
 
 
@@ -113,7 +116,10 @@ def _tables_of(file: Path, pictures: int) -> list[PoseTable]:
     if suffix in ARRAYS:
         return array_tables(file)
     if suffix in STRUCTURED:
-        return structured_tables(read_document(file), file.name)
+        document = read_document(file)
+        return structured_tables(document, file.name) or stacked_tables(document, file.name)
+    if suffix in NOT_READ:
+        raise CalibrationError(f"{file}: {NOT_READ[suffix]}")
     if is_text(file):
-        return text_tables(file, pictures)
+        return text_tables(file, pictures) or loose_tables(file)
     return []

@@ -16,12 +16,15 @@ _UNITS = {
     "deg": ("angle", np.pi / 180),
     "degree": ("angle", np.pi / 180),
     "degrees": ("angle", np.pi / 180),
+    "°": ("angle", np.pi / 180),
+    "grad": ("angle", np.pi / 180),
     "rad": ("angle", 1.0),
     "radians": ("angle", 1.0),
 }
 _KEYS = {
     *("image", "file", "filename", "file_name", "name", "picture", "img", "frame", "view"),
     *("index", "idx", "id", "no", "nr", "number", "i", "n", "image_file", "image_name", "photo"),
+    *("bild", "bildname", "datei", "imagen", "foto", "image_path", "img_path"),
 }
 _STAMPS = {
     "#timestamp",
@@ -51,7 +54,7 @@ def canonical(cell: str) -> tuple[str, str | None, float]:
     """
     text = cell.strip().strip("\"'").lower()
     unit: tuple[str | None, float] = (None, 1.0)
-    found = re.search(r"[\s_(\[/]+([a-z]+)[\])]*$", text)
+    found = re.search(r"[\s_(\[/]+([a-z°]+)[\])]*$", text)
     if found and found.group(1) in _UNITS and found.start() > 0:
         unit = _UNITS[found.group(1)]
         text = text[: found.start()].strip(" _([/")

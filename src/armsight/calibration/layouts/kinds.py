@@ -28,6 +28,15 @@ OTHER = (
 )
 """Endings of files that hold no poses: programs, papers, archives, meshes, films."""
 BAGS = (".bag", ".mcap", ".db3")
+_SHEET = "a spreadsheet is not read: save it as CSV"
+_PICKLE = "is not opened: a pickle can run programs; save the poses as CSV or .npy"
+_HDF = "HDF5 is not read: save the poses as CSV or .npz"
+NOT_READ = {
+    **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods"), _SHEET),
+    **dict.fromkeys((".pkl", ".pickle"), _PICKLE),
+    **dict.fromkeys((".h5", ".hdf5"), _HDF),
+}
+"""Endings of files that may hold poses and are not read, and what to do about it."""
 
 
 def is_text(file: Path) -> bool:

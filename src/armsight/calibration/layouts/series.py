@@ -47,7 +47,8 @@ def series_of(root: Path, pictures: list[Path]) -> tuple[tuple[Series, ...], tup
     which a detector has drawn are set aside.
     """
     views = [p for p in pictures if not ASIDE.search(str(p.relative_to(root)))]
-    aside = [p for p in pictures if p not in set(views)]
+    shown = set(views)
+    aside = [p for p in pictures if p not in shown]
     if not views:  # a set that happens to be called so
         views, aside = pictures, []
     groups: dict[tuple[Path, str], list[Path]] = {}

@@ -39,7 +39,9 @@ def read_yaml(file: Path) -> Any:
     if text.startswith("%YAML:"):  # OpenCV's header is not YAML's
         text = text.split("\n", 1)[1] if "\n" in text else ""
     try:
-        return yaml.load(text, Loader=_OpenCvLoader)  # noqa: S506  (a SafeLoader)
+        # ROS prints one document after the other.
+        found = [d for d in yaml.load_all(text, Loader=_OpenCvLoader) if d is not None]
+        return found if len(found) > 1 else found[0] if found else None
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
@@ -187,25 +189,27 @@ def pose_of(value: Any) -> Pose | None:
     scalars = {k: float(v) for k, v in lower.items() if _is_number(v)}
     for inner in _pieces(lower):
         scalars.update(inner)
+    place = next((n for k in _POSITIONS if (n := _numbers(lower.get(k))) and len(n) == 3), None)
+    if place is not None and not {"x", "y", "z"} & set(scalars):
+        scalars.update(zip("xyz", place))  # a list beside a rotation with names
     columns = Columns(list(scalars))
     if columns.pose:
         return name, list(scalars.values()), tuple(scalars), joints
-    position = next((n for k in _POSITIONS if (n := _numbers(lower.get(k))) and len(n) == 3), None)
     rotation = next(
         ((k, n) for k in _ROTATIONS if (n := _numbers(lower.get(k))) and len(n) in (3, 4, 9)),
         None,
     )
-    if position is not None and rotation is not None:
+    if place is not None and rotation is not None:
         key, turn = rotation
         said = {"rvec": "rvec", "rotvec": "rvec", "rpy": "rpy"}.get(key)
         if said == "rpy":
-            return name, position + turn, ("x", "y", "z", "roll", "pitch", "yaw"), joints
+            return name, place + turn, ("x", "y", "z", "roll", "pitch", "yaw"), joints
         if said == "rvec" and len(turn) == 3:
-            return name, position + turn, ("x", "y", "z", "rvx", "rvy", "rvz"), joints
+            return name, place + turn, ("x", "y", "z", "rvx", "rvy", "rvz"), joints
         if len(turn) == 9:
-            rows = [[*turn[3 * i : 3 * i + 3], position[i]] for i in range(3)]
+            rows = [[*turn[3 * i : 3 * i + 3], place[i]] for i in range(3)]
             return name, [v for row in rows for v in row], None, joints
-        return name, position + turn, None, joints
+        return name, place + turn, None, joints
     for key, inner in lower.items():
         if key in ("header", "stamp", "covariance") or "camera" in key or "object" in key:
             continue

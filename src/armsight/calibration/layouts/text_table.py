@@ -33,11 +33,12 @@ _COMMENT = re.compile(r"^\s*(#|%|//|!|'|\*)")
 
 @dataclass(frozen=True)
 class Row:
-    """A line of data: its number in the file, what stood before the numbers, the numbers."""
+    """A line of data: its number in the file, its word, the numbers; all as it stands there."""
 
     line: int
     label: str
     cells: tuple[str, ...]
+    whole: tuple[str, ...] = ()
 
 
 def text_tables(file: Path, pictures: int) -> list[PoseTable]:
@@ -148,16 +149,20 @@ def _row(number: int, line: str) -> Row | None:
         cells = [c for c in _SPLIT.split(line[named.end() :].strip()) if c]
     elif cells and not _IS_NUMBER.match(cells[0]):
         label, cells = cells[0].rstrip(":"), cells[1:]
+    whole = ([label] if label else []) + cells
+    words = [k for k, c in enumerate(cells) if not _IS_NUMBER.match(c)]
+    if len(words) == 1 and not label and len(cells) > 6:  # "17.5;im_3.png;0.1;0.2 ..."
+        label = cells.pop(words[0])
     if not cells or not all(_IS_NUMBER.match(c) for c in cells):
         return None
-    return Row(number, label, tuple(cells))
+    return Row(number, label, tuple(cells), tuple(whole))
 
 
 def _with_header(rows: list[Row], header: list[str], source: str) -> PoseTable | None:
     columns = Columns(header)
     if not columns.pose and len(columns.joints) < 5:
         return None
-    cells = [([r.label] if r.label else []) + list(r.cells) for r in rows]
+    cells = [r.whole for r in rows]
     width = len(header)
     kept = [c for c in cells if len(c) == width]
     if not kept:
