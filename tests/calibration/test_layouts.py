@@ -109,3 +109,43 @@ def test_lenses_of_others(tmp_path):
     fish.write_text(kalibr.read_text().replace("radtan", "equidistant"))
     with pytest.raises(CalibrationError, match="equidistant"):
         read_lenses(fish, 1, 1)
+
+
+def test_poses_of_the_pictures_with_the_board_alone(recorded, tmp_path):
+    truth, plain = recorded
+    lost = {2, 7, 8}
+    empty = (np.zeros(0, int), np.zeros((0, 2)))
+    corners = tuple(empty if k in lost else c for k, c in enumerate(plain.corners))
+    write_corners(tmp_path, PlainSet(plain.poses, corners, plain.size))
+    # Pictures without a board have a line, too, so that they are known.
+    text = (tmp_path / "corners.csv").read_text()
+    text += "".join(f"im_{k + 1}.png,0,nan,nan\n" for k in sorted(lost))
+    (tmp_path / "corners.csv").write_text(text)
+    kept = [k for k in range(14) if k not in lost]
+    rows = "\n".join(" ".join(f"{v:.8f}" for v in T.ravel()) for T in truth.told[kept])
+    (tmp_path / "poses.txt").write_text(rows + "\n")
+    found = load(tmp_path, BOARD)
+    view = found.cameras[0].view
+    assert [k for k in range(14) if view[k] < 0] == sorted(lost)
+    assert found.poses is not None
+    np.testing.assert_allclose(found.poses[view[kept]], truth.told[kept], atol=1e-6)
+
+
+def test_counts_that_no_name_ties_are_said(recorded, tmp_path):
+    truth, plain = recorded
+    write_corners(tmp_path, plain)
+    rng = np.random.default_rng(3)
+    some = truth.told[np.sort(rng.choice(14, 9, replace=False))[::-1]]
+    rows = "\n".join(" ".join(f"{v:.8f}" for v in T.ravel()) for T in some)
+    (tmp_path / "poses.txt").write_text(rows + "\n")
+    (said,) = [f for f in load(tmp_path, BOARD).findings if f.code == "poses_do_not_match"]
+    assert "14 pictures and 9 poses, and no name that ties them" in said.message
+
+
+@pytest.mark.parametrize("name", ["poses.xlsx", "poses.pkl", "demo.h5"])
+def test_files_of_other_programs_are_named(recorded, name, tmp_path):
+    _, plain = recorded
+    write_corners(tmp_path, plain)
+    (tmp_path / name).write_bytes(b"PK\x03\x04" + bytes(50))
+    _, unread = pose_tables(list_folder(tmp_path), 14)
+    assert [u.file.name for u in unread if "save" in u.reason] == [name]

@@ -112,6 +112,7 @@ def without_what_follows(findings: list[Finding], start: list[Finding]) -> list[
         findings = [f for f in findings if f.code not in ("poses_do_not_match", "board_size")]
     if codes & {"alike", "one_axis", "few_views"}:
         findings = [f for f in findings if f.code not in READINGS]
+        start = [f for f in start if f.code != "lens_resolution"]  # such views tell no lens
     return findings + start
 
 

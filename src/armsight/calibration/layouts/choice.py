@@ -109,7 +109,11 @@ def choose(
     others = [c for c in found if c.meaning != best.meaning and c.pairing.code == ""]
     second = min(others, key=lambda c: c.fit.median_px, default=None)
     trusted = best.fit.median_px < limit
-    findings = reading_findings(best, said, stated, square) if trusted else [nothing_fits(best)]
+    findings = (
+        reading_findings(best, said, stated, square)
+        if trusted
+        else [nothing_fits(best, len(series.files))]
+    )
     middling = best.fit.median_px
     if middling > SUSPECT * boards.focal or np.mean(best.fit.px > limit) > 0.15:
         near = limit if trusted and middling < 0.5 * limit else min(limit, 0.8 * middling)

@@ -106,8 +106,13 @@ def _scale(best: Candidate, length: float, square: float) -> list[Finding]:
     ]
 
 
-def nothing_fits(best: Candidate) -> Finding:
-    """No reading of the poses agrees with the pictures; says how the best one fails."""
+def nothing_fits(best: Candidate, pictures: int) -> Finding:
+    """No reading of the poses agrees with the pictures; says how the best one fails.
+
+    Args:
+        best: of all readings.
+        pictures: how many there are.
+    """
     turn = float(np.median(best.fit.turn))
     words = (
         f"arm and board turn by different angles between the views (by {np.rad2deg(turn):.1f} deg)"
@@ -118,6 +123,10 @@ def nothing_fits(best: Candidate) -> Finding:
         "check that each picture was taken at its pose, with the arm at rest, and that all poses "
         "are of this recording"
     )
+    rows = len(best.reading.table.values)
+    if rows != pictures and best.pairing.words.startswith("in order"):
+        words += f"; {pictures} pictures and {rows} poses, and no name that ties them"
+        cure = "write each picture's name into its line of poses"
     if may_be_joints(best.reading.table):
         cure += "; if the numbers are joint angles, say which arm it is: --robot ur5"
     return Finding(
