@@ -10,7 +10,7 @@ import pytest
 from arms import ur5
 
 from armsight.calibration import se3
-from armsight.calibration.arm_field import Sizes, fit_field, measure, posterior
+from armsight.calibration.arm_field import CLEAR, Sizes, fit_field, measure, posterior
 from armsight.calibration.calibrate import Calibration
 from armsight.calibration.noise import WHITE, exact_arm, solve_with_noise
 from armsight.calibration.peers import compare
@@ -86,6 +86,24 @@ def bending(tmp_path_factory: pytest.TempPathFactory) -> tuple[SyntheticSet, Cal
     answer = solve_set(load(_folder(tmp_path_factory.mktemp("set"), one), BOARD)).calibration
     assert answer is not None
     return one, answer
+
+
+def test_errors_that_may_as_well_be_independent_move_nothing(tmp_path: Path) -> None:
+    problem = _problem(tmp_path, "base", ArmErrors(1e-3, 0.0), 14)
+    solution, _ = solve_with_noise(problem, Freedom(lens=True, shape=False, white=WHITE))
+    field = fit_field(solution)
+    assert field is not None
+    assert field.gain < CLEAR
+    assert field.solution is solution
+
+
+def test_errors_that_are_clearly_alike_move_the_answer(
+    bending: tuple[SyntheticSet, Calibration],
+) -> None:
+    _, answer = bending
+    assert answer.field is not None
+    assert answer.field.gain > CLEAR
+    assert answer.field.solution is not answer.field.before
 
 
 def test_views_are_foreseen_from_their_neighbours(

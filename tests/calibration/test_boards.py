@@ -130,7 +130,7 @@ def test_a_blurred_board_is_missed_or_right():
             assert np.median(np.linalg.norm(found.pixel - truth, axis=1)) < 0.3
 
 
-@pytest.mark.parametrize("board", BOARDS, ids=NAMES)
+@pytest.mark.parametrize("board", [*BOARDS, TagGrid(1, 1, 0.048, 0.0)], ids=[*NAMES, "tag"])
 def test_pdf_is_true_to_scale(board):
     pdf = board_pdf(board, "A4")
     assert pdf.startswith(b"%PDF-1.4")

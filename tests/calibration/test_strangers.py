@@ -177,6 +177,23 @@ def test_boards_named_a_little_wrongly_are_found() -> None:
     assert settle_board(true, [gray]) == (true, [])
 
 
+def test_a_count_that_is_wrong_altogether_is_read_and_said() -> None:
+    true = parse_board("checkerboard:8x6:30")
+    rng = np.random.default_rng(6)
+    views = [((0.16, 0.08, -0.5), (0.09, 0.06, 0.0)), ((0.0, 0.12, -0.6), (0.08, 0.05, 0.0))]
+    grays = [
+        board_picture(true, LENS, np.linalg.inv(look_at(a, b, (0, -1, 0))), rng, samples=2)
+        for a, b in views
+    ]
+    found, (said,) = settle_board(parse_board("checkerboard:10x7:30"), grays, lambda: grays)
+    assert found.describe() == true.describe()
+    assert said.severity == "warning"
+    assert "no picture shows 9x6 inner corners, 2 of 2 show 7x5" in said.message
+    # Where no picture shows any board, the named one stays.
+    empty = [np.full((480, 640), 128, np.uint8)] * 3
+    assert settle_board(true, empty, lambda: empty) == (true, [])
+
+
 def test_no_board_at_all_says_what_was_looked_for(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     for k in range(3):

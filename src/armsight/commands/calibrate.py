@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from armsight.calibration.live.watcher import Progress
     from armsight.calibration.recorded_set import RecordedSet
     from armsight.calibration.recorded_solve import RecordedAnswer
+    from armsight.robots.robot import Robot
     from armsight.runtime.session import Session
     from armsight.tasks.calibrate import CalibrateTask
 
@@ -48,6 +49,8 @@ class Calibrate:
             camera is beside the arm. Without either the pictures tell.
         compare: show OpenCV's solvers beside ours on a recorded set: the same corners, the errors
             in views left out.
+        second_arm: the folder of a second arm, before the same fixed camera or with a camera before
+            the same fixed board: its base in the first's is told, too.
         robot: model of the arm of a recorded set that has joint angles, such as ur5.
         goal_mm: stop when points 1.0-1.5 m away are this sure.
         views: at most.
@@ -73,6 +76,7 @@ class Calibrate:
     hand: bool = False
     compare: bool = False
     beside: bool = False
+    second_arm: Path | None = None
     robot: str | None = None
     goal_mm: float = 1.2
     views: int = 60
@@ -114,7 +118,6 @@ class Calibrate:
         from armsight.calibration import report
         from armsight.calibration.export import write_results
         from armsight.calibration.recorded_set import load
-        from armsight.calibration.recorded_solve import solve_set
         from armsight.errors import UsageError
         from armsight.robots import load_robot
         from armsight.writing import write_text
@@ -127,11 +130,7 @@ class Calibrate:
             mount = "flange" if self.hand else "base"
         robot = load_robot(self.robot) if self.robot is not None else None
         recorded = load(self.from_, self._board(), self.lens, _say, mount, robot)
-        _say("")
-        for line in report.read_lines(recorded):
-            print(line)
-        answer = solve_set(recorded, robot, self.seed, _say, self.keep_lenses)
-        _say("")
+        answer = self._solved(recorded, robot)
         if answer.lenses:
             return self._lenses(recorded, answer)
         if answer.calibration is None:
@@ -156,6 +155,49 @@ class Calibrate:
         if self.workcell is not None and self.write and not wrong:
             self._keep(answer.calibration)
         print(f"written to {self.out}; open {self.out / 'report.html'}")
+        if self.second_arm is not None:
+            return self._second(answer.calibration, mount, robot)
+        return 0
+
+    def _solved(self, recorded: RecordedSet, robot: Robot | None) -> RecordedAnswer:
+        from armsight.calibration import report
+        from armsight.calibration.recorded_solve import solve_set
+
+        _say("")
+        for line in report.read_lines(recorded):
+            print(line)
+        answer = solve_set(recorded, robot, self.seed, _say, self.keep_lenses)
+        _say("")
+        return answer
+
+    def _second(
+        self, first: Calibration, mount: Literal["base", "flange"] | None, robot: Robot | None
+    ) -> int:
+        """Solve the second arm's set, and say where it stands in the first's base."""
+        import yaml
+
+        from armsight.calibration.export import transform_entry, write_results
+        from armsight.calibration.recorded_set import load
+        from armsight.calibration.two_arms import two_arms
+        from armsight.writing import write_text
+
+        assert self.second_arm is not None
+        print(f"second arm, {self.second_arm}:")
+        recorded = load(self.second_arm, self._board(), self.lens, _say, mount, robot)
+        answer = self._solved(recorded, robot)
+        for finding in answer.findings:
+            print(finding)
+        wrong = any(f.severity == "error" for f in answer.findings)
+        if answer.calibration is None or (wrong and not self.force):
+            print("nothing was written of the second arm", file=sys.stderr)
+            return 1
+        found = two_arms(first, answer.calibration)
+        print(found.words())
+        folder = self.out / "second_arm"
+        write_results(folder, answer.calibration, (), answer.findings, self.force)
+        entry = transform_entry("base", "second_base", found.T_first_second)
+        write_text(folder / "bases.yaml", yaml.safe_dump({"transforms": [entry]}, sort_keys=False))
+        print(f"written to {folder}")
         return 0
 
     def _keep(self, answer: Calibration) -> None:
