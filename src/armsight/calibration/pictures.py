@@ -16,7 +16,7 @@ from armsight.calibration.boards import Board, Detection
 
 LARGEST = 120_000_000
 """Pixels of a picture, at most."""
-FIRST = 24
+FIRST = 40
 """Pictures in none of which there is a board are enough to give up [1]."""
 MOST = 400
 """Pictures of a camera that are looked at; more add nothing but time."""

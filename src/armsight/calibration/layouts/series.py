@@ -102,6 +102,7 @@ def patterns(views: Sequence[Path]) -> dict[Path, dict[str, list[Path]]]:
 
 MOST_CAMERAS = 8
 """Cameras that one number in the pictures' names may tell apart."""
+_CAMERA_WORD = re.compile(r"(cam|camera|sensor|kinect|realsense|rs|lens|eye)[\W_]*$")
 
 
 def _camera_numbers(files: Sequence[Path]) -> dict[str, list[Path]] | None:
@@ -114,6 +115,8 @@ def _camera_numbers(files: Sequence[Path]) -> dict[str, list[Path]] | None:
         return None
     best: tuple[int, int] | None = None
     for j in range(len(runs[0])):
+        if _CAMERA_WORD.search(runs[0][j][0]) is None:
+            continue  # as well the number of a session, or of the view
         others: dict[str, set[tuple[str, ...]]] = {}
         for run in runs:
             rest = tuple(n for k, (_, n) in enumerate(run) if k != j)
@@ -123,12 +126,8 @@ def _camera_numbers(files: Sequence[Path]) -> dict[str, list[Path]] | None:
         most = max(len(v) for v in others.values())
         if len(set.intersection(*others.values())) < max(3, 0.6 * most):
             continue
-        named = re.search(r"(cam|camera|sensor|kinect|rs|lens|eye)[\W_]*$", runs[0][j][0])
-        if named is None and most < 3 * len(others):
-            continue  # as well the number of the view
-        rank = (0 if named else 1, len(others))
-        if best is None or rank < (best[0], len(others)):
-            best = (rank[0], j)
+        if best is None or len(others) < best[0]:
+            best = (len(others), j)
     if best is None:
         return None
     out: dict[str, list[Path]] = {}
