@@ -40,6 +40,16 @@ class Seen:
     sharpness: Floats
     digest: tuple[str, ...]
 
+    def repeated(self) -> dict[int, int]:
+        """Pictures that are an earlier one again, to the last digit, and which."""
+        first: dict[str, int] = {}
+        out: dict[int, int] = {}
+        for k, (mark, d) in enumerate(zip(self.digest, self.detections)):
+            key = mark or ("" if d is None else np.round(d.pixel, 6).tobytes().hex())
+            if key and first.setdefault(key, k) != k:
+                out[k] = first[key]
+        return out
+
 
 def read_gray(file: Path) -> Bytes | str:
     """A picture in shades of grey, as the sensor saw it; or the reason why it cannot be read."""

@@ -59,7 +59,8 @@ def _choice(
     tables: Sequence[PoseTable],
     mount: Mount | None,
 ) -> Choice | None:
-    found = [(k, d) for k, d in enumerate(seen.detections) if d is not None]
+    again = seen.repeated()  # the pose of a picture that hung is not its own
+    found = [(k, d) for k, d in enumerate(seen.detections) if d is not None and k not in again]
     if len(found) < 3 or seen.size is None:
         return None
     camera = (

@@ -86,8 +86,14 @@ def problem_of(
         place = boards.index(board)
         if camera.choice is not None and np.array_equal(board.T_mount_board, np.eye(4)):
             boards[place] = replace(board, T_mount_board=camera.choice.best.fit.Z)
-        for view, d in zip(camera.view, camera.seen.detections):
-            if d is not None and view >= 0 and len(d.corner) >= min(5, len(points)):
+        again = camera.seen.repeated()  # the same picture twice tells nothing twice
+        for k, (view, d) in enumerate(zip(camera.view, camera.seen.detections)):
+            if (
+                d is not None
+                and k not in again
+                and view >= 0
+                and len(d.corner) >= min(5, len(points))
+            ):
                 sightings.append(Sighting(int(view), index, place, d.corner, d.pixel, sigma))
     if not sightings:
         raise CalibrationError(

@@ -36,7 +36,7 @@ SHIPPED = {
     "visp_eye_to_hand": "tag:48:10",
 }
 """Sets as their authors ship them, and all that is said about them."""
-FULL = 500
+FULL = 800
 SHARES = {"mistakes": 40, "corners": 40}
 """Sets with each mistake, and pictures of each scene, for so many clean sets."""
 STATE = 4
@@ -314,6 +314,6 @@ EXPERIMENT = Experiment(
         "often the stated ellipsoid of the camera's pose (six numbers) holds the truth; mistakes "
         "put into clean sets; corners of rendered boards beside OpenCV's detectors. Thresholds are "
         "the same for all. `--runs` is the number of clean sets; of each mistake, and of each "
-        "scene of corners, there are 40 for 500."
+        "scene of corners, there are 40 for 800."
     ),
 )

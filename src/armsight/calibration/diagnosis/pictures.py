@@ -68,15 +68,7 @@ def _blurred(camera: RecordedCamera) -> list[Finding]:
 
 def _repeated(camera: RecordedCamera, recorded: RecordedSet) -> list[Finding]:
     """The same picture, or the same corners to the last digit, more than once."""
-    first: dict[str, int] = {}
-    pairs: list[tuple[int, int]] = []
-    for k, (mark, d) in enumerate(zip(camera.seen.digest, camera.seen.detections)):
-        key = mark or ("" if d is None else np.round(d.pixel, 6).tobytes().hex())
-        if not key:
-            continue
-        if key in first:
-            pairs.append((first[key], k))
-        first.setdefault(key, k)
+    pairs = [(first, again) for again, first in camera.seen.repeated().items()]
     if not pairs:
         return []
     names = [f"{camera.seen.names[b]} as {camera.seen.names[a]}" for a, b in pairs]
