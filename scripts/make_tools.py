@@ -27,6 +27,8 @@ from robot_sources.parts import Color, Part, extract, find, read_collada
 from robot_sources.writing import decimate, obj_text
 from trimesh.creation import box, capsule, cylinder, icosphere
 
+from armsight.charging.ports.meshes import surfaces
+from armsight.charging.ports.table import PORTS
 from armsight.geometry.pose import from_rpy, make_pose, transform
 from armsight.robots.fit_quality import measure, report
 from armsight.robots.fitting import fit_body
@@ -42,6 +44,7 @@ ALUMINIUM, DARK, BLACK, WHITE = (
 )
 GREEN = (0.25, 0.65, 0.35)
 STEEL = (0.55, 0.56, 0.58)
+LOOKS = {"face": BLACK, "wall": (0.05, 0.05, 0.055), "floor": (0.05, 0.05, 0.055), "metal": STEEL}
 
 
 @dataclass
@@ -58,6 +61,7 @@ class Draft:
     sphere_price: float = 1e-9
     capsule_price: float = 5e-10
     meshes: list[tuple[Color, trimesh.Trimesh]] = field(default_factory=list)
+    drawn_instead: dict[int, list[Part]] = field(default_factory=dict)
 
     def add(self, color: Color, mesh: trimesh.Trimesh, T: np.ndarray | None = None) -> None:
         """One more body, placed in the flange's frame."""
@@ -157,30 +161,25 @@ def tile(square: float, rim: float) -> list[tuple[float, float, float, float]]:
 
 
 def type2_plug() -> Draft:
-    """A Type 2 vehicle plug (IEC 62196-2: face 56 mm wide, flat on top) in a clamp, cable sideways.
+    """A Type 2 vehicle plug by the table of measures, hollow, in a holder of 20 cm.
 
-    The top, where the face is flat, is +y. The cable leaves towards -y and is cut after 12 cm; its
-    weight is counted to there.
+    The tip is the frame of ``charging/ports``: the middle of the mouth, z out of it, y to the flat.
     """
-    tool = Draft("Type 2 plug in its holder, with cable", at(z=0.190), 2.2, (0.0, -0.015, 0.075))
+    tool = Draft("Type 2 plug in its holder", at(z=0.200), 1.6, (0.0, 0.0, 0.140))
     tool.add(ALUMINIUM, rod(0.040, 0.012))
-    tool.add(ALUMINIUM, box((0.076, 0.076, 0.040)), at(z=0.032))
-    tool.add(DARK, rod(0.034, 0.090), at(z=0.040))
-    tool.add(BLACK, nose(0.0285, 0.0205, 0.060), at(z=0.130))
-    cable = capsule(height=0.120, radius=0.0125, count=(24, 24))
-    cable.apply_translation([0, 0, 0])
-    tool.add(BLACK, cable, from_rpy([math.pi / 2, 0, 0], [0, -0.030, 0.065]))
+    tool.add(ALUMINIUM, rod(0.026, 0.052), at(z=0.012))
+    tool.add(DARK, rod(0.034, 0.084), at(z=0.062))
+    sleeve = rod(0.035, 0.056)
+    tool.add(BLACK, sleeve, at(z=0.144))
+    cable = capsule(height=0.060, radius=0.0125, count=(24, 24))
+    tool.add(BLACK, cable, from_rpy([math.pi / 2, 0, 0], [0, -0.020, 0.085]))
+    tool.drawn_instead = {
+        id(sleeve): [
+            Part(LOOKS[s.look], transform(at(z=0.200), s.vertices), s.faces)
+            for s in surfaces(PORTS["type2_plug"])
+        ]
+    }
     return tool
-
-
-def nose(radius: float, flat: float, length: float) -> trimesh.Trimesh:
-    """The plug's face: a round of a radius, cut flat at a height, drawn out along z [m]."""
-    start = math.asin(flat / radius)
-    angle = np.linspace(math.pi - start, 2 * math.pi + start, 49)
-    rim = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    return trimesh.convex.convex_hull(
-        np.concatenate([np.column_stack([rim, np.full(len(rim), z)]) for z in (0.0, length)])
-    )
 
 
 def panda_hand(example: Path) -> Draft:
@@ -210,11 +209,12 @@ def main() -> None:
     """Make the tools named, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*")
-    parser.add_argument("--example-robot-data", type=Path, required=True, help="wheel")
+    parser.add_argument("--example-robot-data", type=Path, help="wheel, for the Panda's hand")
     parser.add_argument("--out", type=Path, default=TOOLS)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        extract(args.example_robot_data, Path(folder), ("/panda_description/",))
+        if args.example_robot_data is not None:
+            extract(args.example_robot_data, Path(folder), ("/panda_description/",))
         makers: dict[str, Callable[[], Draft]] = {
             "gripper": gripper,
             "panda_hand": lambda: panda_hand(Path(folder)),
@@ -233,17 +233,32 @@ def write(tool: Draft, folder: Path) -> None:
     for old in folder.glob("*.obj"):
         old.unlink()
     by_color: dict[Color, list[Part]] = {}
+    solids: list[tuple[np.ndarray, np.ndarray]] = []
+    plain: dict[Color, list[Part]] = {}
     for color, mesh in tool.meshes:
-        part = Part(color, np.asarray(mesh.vertices), np.asarray(mesh.faces))
-        by_color.setdefault(color, []).append(part)
-    files, full = [], []
+        solid = Part(color, np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        solids.append((solid.vertices, solid.faces))
+        drawn = tool.drawn_instead.get(id(mesh))
+        for part in [solid] if drawn is None else drawn:
+            by_color.setdefault(part.color, []).append(part)
+            coarse = plain.setdefault(part.color, [])
+            if not any(known is solid for known in coarse):
+                coarse.append(solid)
+    files, full = [], solids if tool.drawn_instead else []
     for i, (color, parts) in enumerate(by_color.items()):
         joined = Part(color, *join_triangles([(p.vertices, p.faces) for p in parts]))
-        small = decimate(joined, 0.0001)
         name = f"{folder.name}_{i}.obj"
-        (folder / name).write_text(obj_text(small, folder.name, "see tool.json"))
         files.append({"file": name, "color": [round(float(c), 3) for c in color]})
-        full += [(joined.vertices, joined.faces), (small.vertices, small.faces)]
+        if tool.drawn_instead:  # depth cameras do not see the difference, their renderer does
+            (folder / "coarse").mkdir(exist_ok=True)
+            rough = [(p.vertices, p.faces) for p in plain[color]]
+            small = Part(color, *join_triangles(rough))
+            (folder / "coarse" / name).write_text(obj_text(small, folder.name, "see tool.json"))
+            (folder / name).write_text(obj_text(joined, folder.name, "see tool.json"))
+        else:
+            small = decimate(joined, 0.0001)
+            (folder / name).write_text(obj_text(small, folder.name, "see tool.json"))
+            full += [(joined.vertices, joined.faces), (small.vertices, small.faces)]
     options = FitOptions(
         restarts=2,
         voxel=0.0015,

@@ -17,6 +17,7 @@ from armsight import __version__
 from armsight.commands.board import BoardCommand
 from armsight.commands.calibrate import Calibrate
 from armsight.commands.calibration import CalibrationCommand
+from armsight.commands.charge import Charge
 from armsight.commands.check import Check
 from armsight.commands.dataset import Dataset
 from armsight.commands.demo import Demo
@@ -43,6 +44,7 @@ COMMANDS = (
     Patrol,
     RunCommand,
     Servo,
+    Charge,
     Calibrate,
     CalibrationCommand,
     BoardCommand,
@@ -67,6 +69,7 @@ DESCRIPTION = """armsight: a robot arm that knows its surroundings.
   armsight patrol my_cell.toml --seconds 120 --headless --json result.json
   armsight run my_cell.toml --task my_module:MyTask   a task of your own, guarded
   armsight servo ur10_servoing --task ball       the arm comes after a ball that you drag
+  armsight charge ur10_charging                  a parked car is found, plugged in and charged
   armsight calibrate ur5_calibration             find cameras and lenses by the board on the arm
   armsight recognise photo.jpg                   type, mask, base and joints of a robot in it
   armsight detect-port photo.jpg                 type and pose of a charging port in it

@@ -18,6 +18,7 @@ ARGUMENTS = {
     "07_calibrate": ["12"],
     "11_task": ["2"],
     "12_servo": ["1.2"],
+    "13_charge": ["1.6"],
 }
 EXPECTED = {
     "01_watch": r"camera behind: \d+ frames, alive: True",
@@ -31,10 +32,11 @@ EXPECTED = {
     "09_urdf": r"flange with all joints at 0.5 rad: \[0\.168 0\.092 0\.751\] m",
     "10_labelled_pictures": r"5: \w+, \d+ x \d+ px, \d+\.\d% robot",
     "12_servo": r"ball is \d+ mm away, \d+ before;(.|\n)*the pair sees it(.|\n)*granted",
+    "13_charge": r"type2 \(\d+ %\) at \[0\.9\d* 0\.0\d+ 0\.4\d*\] m(.|\n)*now: second look",
     "11_task": r"a box of \[ *0?\.?\d* *0\.(0[4-9]|1\d?)",
 }
 RENDERED = {"01_watch", "02_patrol", "03_replay", "06_plan", "08_recognise", "11_task", "12_servo"}
-RENDERED |= {"10_labelled_pictures"}
+RENDERED |= {"10_labelled_pictures", "13_charge"}
 FILES = sorted(EXAMPLES.glob("[0-9]*.py"))
 
 

@@ -12,6 +12,7 @@ MAY = {
     "devices/conformance.py",  # asks a driver whether it keeps the port's promises
     "experiments/touch_cell.py",  # the loop of a cell without pictures: what its guard decided
     "experiments/servo_cell.py",  # likewise
+    "experiments/station_bench.py",  # contact physics without a guard
     "experiments/own_arm_scenes.py",  # draws training pictures of a simulated arm, no cell runs
 }
 

@@ -18,6 +18,9 @@ from armsight.arrays import Floats, Pose
 from armsight.charging.admittance import Admittance
 from armsight.geometry.pose import log
 
+TO_AXIS = 1.5
+"""Gain with which the plug keeps to the believed axis until it touches [1/s]."""
+
 
 class Phase(StrEnum):
     """What is being done."""
@@ -54,7 +57,8 @@ class InsertOptions:
         stuck: without progress for so long it is jammed [s].
         tries: before giving up.
         depth_tolerance: of the seat [m]; seat_force: [N]; seat_moment: [N m]; seat_tilt: [rad],
-            on top of what the port's believed attitude may be off by, ``port_tilt`` [rad].
+            on top of what the port's believed place and attitude may be off by, ``port_depth`` [m]
+            and ``port_tilt`` [rad].
         hold: all of that for so long [s].
         seconds: for one attempt at most [s].
     """
@@ -83,6 +87,7 @@ class InsertOptions:
     seat_force: float = 45.0
     seat_moment: float = 2.0
     seat_tilt: float = float(np.deg2rad(2.0))
+    port_depth: float = 0.0
     port_tilt: float = float(np.deg2rad(6.0))
     hold: float = 0.3
     seconds: float = 40.0
@@ -216,7 +221,7 @@ class Insertion:
         self._force = min(self._force + o.ramp * dt, o.push)
         if depth > self._deepest + 0.0003:
             self._deepest, self._progress = depth, felt.now
-        there = depth > o.depth - o.depth_tolerance
+        there = depth > o.depth - o.depth_tolerance - o.port_depth
         moment = float(np.linalg.norm(felt.wrench[3:5]))
         firm = felt.wrench[2] < -o.seat_force
         tilt = self._tilt(felt)
@@ -291,6 +296,7 @@ class Insertion:
             twist = o.admittance.answer(felt.wrench, push)
             twist[2] = o.touch_speed
             twist[3:] *= min(1.0, abs(felt.wrench[2]) / o.touch_force)
+            twist[:2] += self._to_axis(felt)
             return twist
         if self.phase is Phase.BACK:
             push[2] = -40.0
@@ -340,6 +346,13 @@ class Insertion:
         size = float(np.linalg.norm(force))
         force = force * min(1.0, 25.0 / max(size, 1e-9))
         return np.asarray(felt.T_seat_plug[:2, :2].T @ force)
+
+    def _to_axis(self, felt: Felt) -> Floats:
+        """(2,) velocity back to the believed axis: who commands may have let it slide aside."""
+        away = -TO_AXIS * felt.T_seat_plug[:2, 3]
+        size = float(np.linalg.norm(away))
+        away = away * min(1.0, self.options.touch_speed / max(size, 1e-9))
+        return np.asarray(felt.T_seat_plug[:2, :2].T @ away)
 
     def _along(self, felt: Felt) -> Floats:
         """(2,) velocity of the spiral's point, in the plug's axes."""

@@ -18,6 +18,7 @@ from armsight.commands.serving import Page
 from armsight.errors import TaskError
 
 if TYPE_CHECKING:
+    from armsight.commands.charge import Charge
     from armsight.commands.patrol import Patrol
     from armsight.commands.run import RunCommand
     from armsight.commands.servo import Servo
@@ -109,7 +110,8 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
 
 @contextmanager
 def ran(
-    asked: Patrol | RunCommand | Servo, make: Callable[[Cell], tuple[Task, Sequence[Component]]]
+    asked: Charge | Patrol | RunCommand | Servo,
+    make: Callable[[Cell], tuple[Task, Sequence[Component]]],
 ) -> Iterator[Session]:
     """Open the cell, run the task in it to the end; the cell is open while figures are taken.
 

@@ -232,6 +232,8 @@ def _microsoft_tof(name: str, title: str, color_fov_deg: tuple[float, float]) ->
 
 _PAIR_LENS = PinholeCamera(1280, 960, 1200.0, 1200.0, 642.0, 478.0, (-0.06, 0.04, 0.0, 0.0, 0.0))
 
+_NEAR_LENS = PinholeCamera(800, 600, 760.0, 760.0, 402.0, 298.0, (-0.05, 0.03, 0.0, 0.0, 0.0))
+
 
 CAMERA_MODELS: dict[str, CameraModel] = {
     model.name: model
@@ -333,6 +335,20 @@ CAMERA_MODELS: dict[str, CameraModel] = {
             range=(0.25, 3.0),
             noise=DepthNoise(0.0, 0.0, 0.9e-3),  # Z^2 sqrt(2) 0.15 px / (f b)
             baseline=0.20,
+        ),
+        CameraModel(
+            name="flange_pair",
+            title="small stereo pair beside a plug (assumption: 800x600, 60 mm apart)",
+            principle="stereo",
+            depth=_NEAR_LENS,
+            color=replace(_NEAR_LENS, cx=_NEAR_LENS.cx + 4.0, cy=_NEAR_LENS.cy - 3.0),
+            T_depth_color=make_pose(None, (0.060, 0.0, 0.0)),
+            rate=10.0,
+            max_rate=15.0,
+            latency=0.05,
+            range=(0.15, 0.8),
+            noise=DepthNoise(0.0, 0.0, 5.0e-3),
+            baseline=0.060,
         ),
     )
 }

@@ -15,8 +15,9 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats32, Pose
 from armsight.charging.ports.meshes import Surface, surfaces
+from armsight.charging.ports.pocket import flank
 from armsight.charging.ports.table import MM, PORTS, Port, drawn
-from armsight.experiments.port_surroundings import DECOYS, decoy, flank
+from armsight.experiments.port_surroundings import DECOYS, decoy
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, inverse, look_at, make_pose
 from armsight.geometry.stereo import StereoPair

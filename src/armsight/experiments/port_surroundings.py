@@ -1,4 +1,4 @@
-"""What stands about a port: the painted flank with its pocket; round dark things of other kinds."""
+"""What stands about a port that is none: round dark things."""
 
 from __future__ import annotations
 
@@ -6,22 +6,9 @@ import numpy as np
 
 from armsight.charging.ports.meshes import Surface, band, flat
 from armsight.charging.ports.outline import Outline
-from armsight.charging.ports.table import MM, Port
 
 DECOYS = ("cup", "ring", "wheel", "vent", "knob", "socket")
 """Round dark things: a cup, a washer, a hub with its nuts, a vent, a knob, a wall socket."""
-
-
-def flank(port: Port) -> tuple[tuple[Surface, str], ...]:
-    """A car's painted side with the pocket in which the inlet sits, and the looks of both."""
-    pocket = port.plate.grown(14 * MM)
-    front, floor = 14 * MM, -9 * MM
-    side = Outline(0.0, 0.0, 0.45, 0.35)
-    return (
-        (flat("face", [side], [pocket], front), "paint"),
-        (band("wall", [pocket], [pocket], floor, front, outward=False), "pocket"),
-        (flat("floor", [pocket], [port.plate], floor), "pocket"),
-    )
 
 
 def decoy(kind: str) -> tuple[Surface, ...]:

@@ -33,7 +33,8 @@ class PictureOrders:
     ) -> None:
         self._task = task
         self._always: list[CameraUse] = [u for p in perceivers for u in p.cameras]
-        self._looked_at = [name for p in perceivers for name in getattr(p, "stereo", ())]
+        always = [p for p in perceivers if not getattr(p, "on_demand", False)]
+        self._looked_at = [name for p in always for name in getattr(p, "stereo", ())]
         self._cameras = cameras
         self._pairs = {pair.info.name: pair for pair in stereo}
         self._lock = lock
@@ -52,9 +53,9 @@ class PictureOrders:
         if self._task is not None:
             wanted += self._known_pairs(self._task)
             uses += self._task.subscriptions.cameras
-        for name in wanted:
+        for name, pair in self._pairs.items():
             with self._lock:
-                self._pairs[name].want_pictures(True)
+                pair.want_pictures(name in wanted)
         for camera in self._cameras:
             mine = [u for u in uses if u.camera in ("", camera.info.name)]
             those = [u for u in mine if u.color_rate > 0]

@@ -82,6 +82,7 @@ class TaskComponent:
         self.call_at: Callable[[float, Callable[[], None]], None] | None = None
         self.task = task
         self._uses = task.subscriptions.cameras
+        self._pairs = task.subscriptions.stereo
         self.frames = NewestFrames(self._uses)
         self.on_subscriptions: Callable[[], None] = lambda: None
         self.on_width: Callable[[float], None] | None = None
@@ -173,10 +174,12 @@ class TaskComponent:
         wanted, face = outcome.value
         self._channels.word.publish(TaskWord(began, wanted), at)
         self._grip(getattr(wanted, "width", None))
-        uses = self.task.subscriptions.cameras
+        wanted_now = self.task.subscriptions
+        uses, pairs = wanted_now.cameras, wanted_now.stereo
         if uses != self._uses:
-            self._uses = uses
             self.frames.use(uses)
+        if (uses, pairs) != (self._uses, self._pairs):
+            self._uses, self._pairs = uses, pairs
             self.on_subscriptions()
         if face is not None:
             self._show(face, began, at)

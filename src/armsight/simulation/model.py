@@ -18,6 +18,7 @@ from armsight.simulation.model_fingers import add_finger_servos, finger_places
 from armsight.simulation.model_movers import LedBodies, Movers
 from armsight.simulation.model_parts import MATERIALS, Builder, Part
 from armsight.simulation.people import PersonBody
+from armsight.simulation.plugs import add_socket
 from armsight.simulation.spec import WorldSpec
 
 SERVO_BANDWIDTH = 120.0
@@ -90,10 +91,13 @@ def build_model(
         spec.arm.robot,
         spec.arm.T_world_base,
         T_link_joint_true,
-        spec.wrench is not None or fingers,
+        spec.wrench is not None or fingers or spec.plug is not None,
         board,
         spec.gripper if fingers else None,
+        spec.plug,
     )
+    if spec.socket is not None:
+        add_socket(builder, spec.socket)
     movers = Movers(builder, spec.pushes)
     people_first = tuple(movers.add_person(person) for person in people)
     for item in spec.objects:

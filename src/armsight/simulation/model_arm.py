@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats, Pose, Poses
-from armsight.geometry.pose import to_wxyz
-from armsight.robots.robot import Capsules, LinkMesh, Robot
+from armsight.geometry.pose import inverse, to_wxyz, transform
+from armsight.robots.robot import Capsules, LinkMesh, Robot, Tool
 from armsight.simulation import looks
 from armsight.simulation.board import BoardUnit
 from armsight.simulation.gl import mujoco
@@ -26,7 +26,8 @@ from armsight.simulation.model_parts import (
     Part,
     set_inertia,
 )
-from armsight.simulation.spec import GripperSpec
+from armsight.simulation.plugs import add_plug, add_sleeve
+from armsight.simulation.spec import GripperSpec, PlugSpec
 
 TOOL_GYRATION = 0.03
 """Radius of gyration that is assumed of a tool [m]."""
@@ -40,6 +41,7 @@ def add_arm(
     sensing: bool,
     board: BoardUnit | None = None,
     gripper: GripperSpec | None = None,
+    plug: PlugSpec | None = None,
 ) -> tuple[str, ...]:
     """The links; with a force sensor the tool is a body of its own, else part of the last.
 
@@ -51,6 +53,7 @@ def add_arm(
         sensing: the tool is a body of its own.
         board: that hangs on it or stands somewhere, or None.
         gripper: whose fingers move, or None; needs ``sensing``.
+        plug: the tool hangs in a mount that gives way, or None; needs ``sensing``, too.
     """
     carried = board if board is not None and board.mounted_on == "flange" else None
     if board is not None and carried is None:
@@ -80,7 +83,7 @@ def add_arm(
             meshes += [(m, robot.T_last_flange @ m.T_link_mesh) for m in tool.meshes]
         _link(builder, body, robot, link, meshes)
     if sensing:
-        _flange(builder, body, robot, carried, gripper)
+        _flange(builder, body, robot, carried, gripper, plug)
     return tuple(names)
 
 
@@ -108,17 +111,22 @@ def _flange(
     robot: Robot,
     board: BoardUnit | None,
     gripper: GripperSpec | None,
+    plug: PlugSpec | None,
 ) -> None:
     """What hangs on the force sensor."""
     T, tool = robot.T_last_flange, robot.tool
     body = last.add_body(name="arm/flange", pos=T[:3, 3], quat=to_wxyz(T), gravcomp=1.0)
     mass = 1e-3 if tool is None else max(tool.mass, 1e-3)
     center = np.zeros(3) if tool is None else tool.center_of_mass
-    set_inertia(body, mass, center, np.eye(3) * mass * TOOL_GYRATION**2)
+    if plug is not None and tool is not None:
+        set_inertia(body, 1e-2, np.zeros(3), np.eye(3) * 1e-6)
+        _plug(builder, body, robot, tool, plug, mass)
+    else:
+        set_inertia(body, mass, center, np.eye(3) * mass * TOOL_GYRATION**2)
     if board is not None:
         part = Part("arm", robot.name, robot.link_names[robot.n], robot.n)
         _board(builder, body, part, board, np.eye(4))
-    elif tool is not None:
+    elif tool is not None and plug is None:
         fingertips = add_fingers(builder, body, robot, gripper) if gripper is not None else ()
         meshes = [(m, m.T_link_mesh) for m in tool.meshes if m.path.stem not in fingertips]
         if meshes:
@@ -131,6 +139,18 @@ def _flange(
         builder.mj.add_sensor(
             name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site.name
         )
+
+
+def _plug(
+    builder: Builder, flange: Any, robot: Robot, tool: Tool, plug: PlugSpec, mass: float
+) -> None:
+    """The tool in its mount, whose centre of turning is the tip."""
+    T_tcp_flange = inverse(tool.T_flange_tcp)
+    center = transform(T_tcp_flange, tool.center_of_mass[None])[0]
+    body = add_plug(flange, plug, tool.T_flange_tcp, mass, center)
+    meshes = [(m, np.asarray(T_tcp_flange @ m.T_link_mesh)) for m in tool.meshes]
+    _link(builder, body, robot, robot.n, meshes, "arm/tool")
+    add_sleeve(builder, body, plug, Part("arm", robot.name, robot.link_names[robot.n], robot.n))
 
 
 def _link(

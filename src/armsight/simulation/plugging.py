@@ -13,22 +13,18 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
-from armsight.geometry.pose import inverse, to_wxyz
 from armsight.robots.robot import Capsules, Robot
 from armsight.simulation.gl import mujoco
 from armsight.simulation.model import add_servos, set_servo_gains
 from armsight.simulation.model_arm import add_arm
-from armsight.simulation.model_parts import Builder
+from armsight.simulation.model_parts import Builder, Part
+from armsight.simulation.plugs import Plugged, add_plug, add_sleeve, add_socket
+from armsight.simulation.spec import PlugSpec, SocketSpec
 
 STEP = 0.001
-"""[s] At 2 ms the plug sinks into the wall by 0.1 mm, a quarter of the clearance."""
-SOFT: dict[str, Any] = {
-    "solref": [0.002, 1.0],
-    "solimp": [0.95, 0.99, 0.0005, 0.5, 2.0],
-    "condim": 4,
-    "margin": 0.0,
-}
-SOCKET, PLUG = 4, 8  # contact bits
+"""[s]"""
+CENTER = (0.0, 0.0, -0.06)
+"""Centre of mass in the plug's frame [m]."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +58,20 @@ class PlugSetup:
     noise: tuple[float, float] = (0.5, 0.02)
     bias: tuple[float, ...] = (0.0,) * 6
 
+    @property
+    def plug(self) -> PlugSpec:
+        """The plug as the model has it."""
+        return PlugSpec(
+            self.capsules, self.radius, self.stiffness, self.cable, friction=self.friction
+        )
+
+    @property
+    def socket(self) -> SocketSpec:
+        """The socket likewise."""
+        return SocketSpec(
+            "socket", self.T_world_port, self.boxes, self.half, (), self.friction, self.contacts
+        )
+
 
 class PlugBench:
     """Steps the physics; what a controller may know is joints and wrench, the rest is scoring."""
@@ -77,7 +87,7 @@ class PlugBench:
         self._waiting: deque[JointVector] = deque([q.copy()] * max(1, round(setup.delay / STEP)))
         self._reference = q.copy()
         self._rate = np.zeros(self.n)
-        self._plug = self._model.body("plug").id
+        self._plugged = Plugged(self._model, self._data, setup.plug, setup.socket)
         self._force = int(self._model.sensor("flange/force").adr[0])
         self._low_pass = 1.0 - np.exp(-2.0 * np.pi * 100.0 * STEP)
         mujoco.mj_forward(self._model, self._data)
@@ -106,7 +116,7 @@ class PlugBench:
         new = self._waiting.popleft()
         self._data.ctrl[: self.n] = new
         self._data.ctrl[self.n : 2 * self.n] = (new - old) / STEP
-        self._hang()
+        self._plugged.push()
         mujoco.mj_step(self._model, self._data)
         self._filtered = self._filtered + self._low_pass * (self._sensed() - self._filtered)
         self.time += STEP
@@ -126,22 +136,10 @@ class PlugBench:
 
     def truth(self) -> tuple[Pose, Floats]:
         """``T_port_plug`` and the (6,) force and torque of the socket on the plug, port's axes."""
-        T = np.eye(4)
-        T[:3, :3] = self._data.xmat[self._plug].reshape(3, 3)
-        T[:3, 3] = self._data.xpos[self._plug]
-        inside = inverse(self.setup.T_world_port) @ T
-        total = np.zeros(6)
-        one = np.zeros(6)
-        for i in range(self._data.ncon):
-            contact = self._data.contact[i]
-            mujoco.mj_contactForce(self._model, self._data, i, one)
-            R = contact.frame.reshape(3, 3).T
-            sign = 1.0 if self._model.geom_bodyid[contact.geom2] == self._plug else -1.0
-            force = sign * R @ one[:3]
-            total[:3] += force
-            total[3:] += np.cross(contact.pos - T[:3, 3], force)
-        R_port = self.setup.T_world_port[:3, :3]
-        return inside, np.concatenate([R_port.T @ total[:3], R_port.T @ total[3:]])
+        R = self.setup.T_world_port[:3, :3]
+        total = self._plugged.wrench()
+        wrench = np.concatenate([R.T @ total[:3], R.T @ total[3:]])
+        return self._plugged.T_socket_plug, wrench
 
     def penetration(self) -> float:
         """Deepest overlap of plug and socket [m]."""
@@ -150,23 +148,6 @@ class PlugBench:
     def _sensed(self) -> Floats:
         at = self._force
         return np.asarray(-self._data.sensordata[at : at + 6])  # MuJoCo tells the reaction
-
-    def _hang(self) -> None:
-        """The cable's weight at the plug's rear, and the friction of contacts that are mated."""
-        data, body = self._data, self._plug
-        R = data.xmat[body].reshape(3, 3)
-        weight = np.array([0.0, 0.0, -self.setup.cable])
-        rear = R @ np.array([0.0, -0.02, -0.12])
-        force, torque = weight.copy(), np.cross(rear, weight)
-        inside = inverse(self.setup.T_world_port)
-        tip = inside[:3, :3] @ data.xpos[body] + inside[:3, 3]
-        if -tip[2] > 0.012:
-            velocity = np.zeros(6)
-            mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_BODY, body, velocity, 0)
-            axis = self.setup.T_world_port[:3, 2]
-            force -= axis * self.setup.contacts * np.tanh(float(axis @ velocity[3:]) / 0.002)
-        data.xfrc_applied[body, :3] = force
-        data.xfrc_applied[body, 3:] = torque
 
 
 def _build(robot: Robot, setup: PlugSetup) -> Any:
@@ -179,55 +160,14 @@ def _build(robot: Robot, setup: PlugSetup) -> Any:
     mj.option.impratio = 10.0
     none = Capsules(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     bare = replace(robot, meshes=(), capsules=none, tool=None)
-    add_arm(Builder(mj), bare, np.eye(4), robot.T_link_joint, sensing=True)
+    builder = Builder(mj)
+    add_arm(builder, bare, np.eye(4), robot.T_link_joint, sensing=True)
     add_servos(mj, robot)
-    _add_plug(mj.body("arm/flange"), setup)
-    T = setup.T_world_port
-    socket = mj.worldbody.add_body(name="socket", pos=T[:3, 3], quat=to_wxyz(T))
-    for pose, half in zip(setup.boxes, setup.half):
-        socket.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=half,
-            pos=pose[:3, 3],
-            quat=to_wxyz(pose),
-            contype=SOCKET,
-            conaffinity=PLUG,
-            friction=[setup.friction, 0.002, 0.0001],
-            **SOFT,
-        )
+    plug = add_plug(
+        mj.body("arm/flange"), setup.plug, setup.T_flange_plug, setup.mass, np.array(CENTER)
+    )
+    add_sleeve(builder, plug, setup.plug, Part("arm", "plug"))
+    add_socket(builder, setup.socket)
     model = mj.compile()
     set_servo_gains(model, robot)
     return model
-
-
-def _add_plug(flange: Any, setup: PlugSetup) -> None:
-    """The plug on six springs: the mount is compliant, or nothing would ever seat."""
-    T = setup.T_flange_plug
-    plug = flange.add_body(name="plug", pos=T[:3, 3], quat=to_wxyz(T))
-    along, about = setup.stiffness
-    inertia = np.array([0.006, 0.006, 0.002]) * setup.mass / 1.6
-    for kind, k, m in (
-        (mujoco.mjtJoint.mjJNT_SLIDE, along, np.repeat(setup.mass, 3)),
-        (mujoco.mjtJoint.mjJNT_HINGE, about, inertia + 0.01),
-    ):
-        for i in range(3):
-            axis = np.eye(3)[i]
-            joint = plug.add_joint(name=f"mount/{kind}/{i}", type=kind, axis=axis, limited=False)
-            # MuJoCo's springs and dampers are polynomials
-            joint.stiffness = [k, 0.0, 0.0]
-            joint.damping = [2.0 * 0.4 * float(np.sqrt(k * m[i])), 0.0, 0.0]
-    plug.mass = setup.mass
-    plug.ipos = [0.0, 0.0, -0.06]
-    plug.inertia = inertia
-    plug.explicitinertial = True
-    for ends in setup.capsules:
-        plug.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            size=[setup.radius, 0, 0],
-            fromto=ends,
-            contype=PLUG,
-            conaffinity=SOCKET,
-            friction=[setup.friction, 0.002, 0.0001],
-            density=0.0,
-            **SOFT,
-        )

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from armsight.arrays import Bytes, JointVector, Pose, Vector3
+from armsight.arrays import Bytes, Floats, Ints, JointVector, Points, Pose, Vector3
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Robot
@@ -229,6 +229,66 @@ class BoardSpec:
     glare: float = 0.8
 
 
+@dataclass(frozen=True, eq=False)
+class PlugSpec:
+    """The tool as a plug that hangs in a mount which gives way; its frame is the TCP's.
+
+    Attributes:
+        capsules: (m, 6) ends of what enters a socket; radius: of each [m].
+        stiffness: of the mount along and about the plug's axes [N/m], [N m/rad].
+        cable: weight of the cable that hangs on it [N]; rear: (3,) where [m].
+        friction: of its sleeve.
+    """
+
+    capsules: Floats
+    radius: float
+    stiffness: tuple[float, float] = (5000.0, 30.0)
+    cable: float = 15.0
+    rear: tuple[float, float, float] = (0.0, -0.02, -0.12)
+    friction: float = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Triangles with normals, for drawing only.
+
+    Attributes:
+        vertices, normals: (n, 3) [m]; faces: (k, 3).
+        color: RGB, 0..1; gloss: 0..1.
+        material: what infrared sees of it, as of a solid; empty: infrared does not see it at all.
+    """
+
+    vertices: Points
+    normals: Points
+    faces: Ints
+    color: tuple[float, float, float]
+    gloss: float = 0.1
+    material: str = "black_plastic"
+
+
+@dataclass(frozen=True, eq=False)
+class SocketSpec:
+    """A cavity that a plug enters.
+
+    Attributes:
+        name: unique in the cell.
+        T_world_socket: its mouth at z = 0, z towards who looks.
+        boxes: (n, 4, 4) poses and half: (n, 3) half edges of its walls, in its frame [m].
+        looks: what it looks like, in its frame.
+        friction: of its walls.
+        mated: friction of the contacts once they are mated [N]; mates: from which depth on [m].
+    """
+
+    name: str
+    T_world_socket: Pose
+    boxes: Floats
+    half: Floats
+    looks: tuple[Look, ...] = ()
+    friction: float = 0.25
+    mated: float = 25.0
+    mates: float = 0.012
+
+
 @dataclass(frozen=True)
 class WorldSpec:
     """The whole simulated cell.
@@ -245,6 +305,7 @@ class WorldSpec:
         wrench: the force sensor at the flange, or None; gripper: likewise.
         board: a calibration board, or None.
         pushes: contact pushes: people's hands and faces and what moves give way, and push back.
+        plug: the tool as a plug, or None; needs a force sensor. socket: for it, or None.
     """
 
     arm: ArmSpec
@@ -260,3 +321,5 @@ class WorldSpec:
     gripper: GripperSpec | None = None
     board: BoardSpec | None = None
     pushes: bool = False
+    plug: PlugSpec | None = None
+    socket: SocketSpec | None = None

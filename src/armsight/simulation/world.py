@@ -34,6 +34,7 @@ from armsight.simulation.movers import (
     make_person,
 )
 from armsight.simulation.photographer import Photographer
+from armsight.simulation.plugs import Plugged
 from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import Kind, Renderer, Shot
 from armsight.simulation.scoring import camera_error
@@ -59,6 +60,7 @@ class SimulatedWorld:
         board: the truth about the calibration board, or None.
         truth: what really happened, for experiments only.
         renderer: pictures from any pose (see also :meth:`picture`).
+        plugged: the truth about a plug and its socket, or None.
     """
 
     def __init__(self, spec: WorldSpec, seed: int = 0) -> None:
@@ -83,6 +85,11 @@ class SimulatedWorld:
         self._data: Any = mujoco.MjData(self._cell.model)
         self._followers = Followers(self._cell.model, self._cell.movers.givers)
         self._loose = LooseThings(self._cell, [o for o in spec.objects if o.path == "loose"])
+        self.plugged = (
+            None
+            if spec.plug is None
+            else Plugged(self._cell.model, self._data, spec.plug, spec.socket)
+        )
         self.arm = SimulatedArm(
             spec.arm,
             self.clock,
@@ -173,6 +180,8 @@ class SimulatedWorld:
             self.arm.before_step(now, q, control)
             if self.spec.pushes:
                 self._push(now)
+            if self.plugged is not None:
+                self.plugged.push()
             before = None if self.wrench is None else data.qvel.copy()
             mujoco.mj_step(model, data)
             if data.ncon:

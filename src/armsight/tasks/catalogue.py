@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 GROUP = "armsight.tasks"
 OURS = {
+    "charge": "armsight.tasks.charge:ChargeOptions",
     "patrol": "armsight.tasks.patrol:PatrolOptions",
     "servo": "armsight.tasks.servo:ServoOptions",
 }

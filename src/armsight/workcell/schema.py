@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import PrivateAttr, model_validator
 
 from armsight.arrays import JointVector, Pose
-from armsight.geometry.pose import from_quaternion, from_rpy, look_at
+from armsight.geometry.pose import from_quaternion, from_rpy, look_at, make_pose
 from armsight.geometry.shapes import Solid
 from armsight.workcell.fields import (
     Color,
@@ -201,6 +201,39 @@ class GripperSection(Section):
     speed: Positive = key(0.1, "Of the fingertips against each other.", "m/s", le=2.0)
     force_n: Positive = key(40.0, "With which a real gripper closes.", "N", le=1000.0)
     connection: Connection = key({}, "What a real driver needs; the driver's page says what.")
+
+
+class PlugSection(Section):
+    """The charging plug that the flange carries, and the mount that lets it give way."""
+
+    kind: Name = key("type2_plug", "A plug of the table: `type1_plug`, `type2_plug`, `ccs2_plug`.")
+    mount_n_per_mm: Positive = key(5.0, "Stiffness of the mount.", "N/mm", le=1000.0)
+    mount_nm_per_rad: Positive = key(30.0, "Likewise in turning.", "N m/rad", le=10_000.0)
+    cable_n: NotNegative = key(15.0, "Weight of the cable that hangs on it.", "N", le=200.0)
+
+
+class CarSection(Section):
+    """A simulated car's charging port. The car's flank is made of declared solids."""
+
+    port: Name = key("type2", "An inlet of the table: `type1`, `type2`, `ccs1`, `ccs2`.")
+    position: Triple = key(..., "Middle of its AC contacts, on the face that carries them.", "m")
+    yaw_deg: Number = key(180.0, "Where it looks: 0 is along world x, 90 along y.", "deg")
+    lean_deg: Number = key(0.0, "How much it looks up.", "deg", ge=-60.0, le=60.0)
+    make: int = key(0, "Number of its make: measures within their tolerances; 0: nominal.", ge=0)
+    clearance_mm: Positive = key(0.4, "Between the plug's sleeve and the wall.", "mm", le=5.0)
+    chamfer_mm: Positive = key(1.75, "Of the mouth.", "mm", le=5.0)
+    friction: NotNegative = key(0.25, "Of plug and wall.", le=2.0)
+    mated_n: NotNegative = key(25.0, "Friction of the mated contacts.", "N", le=200.0)
+
+    @property
+    def pose(self) -> Pose:
+        """The port's frame in world: x right and y up for who looks at it, z towards who looks."""
+        yaw, lean = math.radians(self.yaw_deg), math.radians(self.lean_deg)
+        z = np.array(
+            [math.cos(yaw) * math.cos(lean), math.sin(yaw) * math.cos(lean), math.sin(lean)]
+        )
+        x = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+        return make_pose(np.column_stack([x, np.cross(z, x), z]), self.position)
 
 
 class SolidSection(Section):
@@ -454,6 +487,7 @@ class SimulationSection(Section):
     person: tuple[PersonSection, ...] = key((), "People.")
     object: tuple[ObjectSection, ...] = key((), "Things that move or can be dragged.")
     target: tuple[TargetSection, ...] = key((), "Targets of visual servoing.")
+    car: CarSection | None = key(None, "A car's charging port, if one is parked here.")
 
 
 class MappingSection(Section):
@@ -549,6 +583,7 @@ class Workcell(Section):
     stereo: tuple[StereoSection, ...] = key((), "Stereo pairs.")
     wrench: WrenchSection | None = key(None, "The force sensor at the flange, if there is one.")
     gripper: GripperSection | None = key(None, "The gripper, if there is one.")
+    plug: PlugSection | None = key(None, "The charging plug, if the flange carries one.")
     solid: tuple[SolidSection, ...] = key((), "What stands still and is known: table, walls.")
     mapping: MappingSection = key(MappingSection(), "The workspace map.")
     guard: GuardSection = key(GuardSection(), "The guard.")

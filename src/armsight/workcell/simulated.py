@@ -21,6 +21,7 @@ from armsight.workcell.calibration_file.reading import (
     mount_pose,
 )
 from armsight.workcell.calibration_file.schema import CellCalibration
+from armsight.workcell.car import plug_spec, socket_spec
 from armsight.workcell.drivers import SIMULATED
 from armsight.workcell.schema import (
     CameraSection,
@@ -76,6 +77,8 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
         gripper=_gripper(workcell),
         board=board_spec(workcell),
         pushes=settings.contact_pushes,
+        plug=plug_spec(workcell),
+        socket=socket_spec(workcell),
     )
 
 

@@ -1,0 +1,91 @@
+"""The plug in the arm's hand: where it is, how deep, and the velocities that move it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from armsight.arrays import Floats, Pose
+from armsight.charging.feeling import Feeling
+from armsight.charging.insert import Answer, Felt, Insertion
+from armsight.charging.insert_paper import PaperInsertion
+from armsight.charging.moves import straight
+from armsight.charging.permission import Permission
+from armsight.charging.ports.table import PORTS
+from armsight.charging.visit import Seen, StationOptions, Wish
+from armsight.geometry.pose import inverse, make_pose
+from armsight.motion.intents import Rest, VelocityIntent
+from armsight.robots.kinematics import flange_pose
+from armsight.robots.robot import Robot
+
+IN = 0.002
+"""A plug that is deeper than this may be held by the socket [m]."""
+LASTS = 0.15
+"""A velocity is good for so long [s]."""
+ASIDE = 0.05
+"""A plug farther from the port's axis is not in it [m]."""
+
+
+class PlugHand:
+    """Moves the plug by velocities, in free air and by force.
+
+    Args:
+        robot: with the plug as its tool.
+        options: of the station.
+        permission: to touch.
+
+    Attributes:
+        feeling: what it feels, and how it hangs.
+        law: of plugging in or out that is at work; answer: its newest.
+    """
+
+    def __init__(self, robot: Robot, options: StationOptions, permission: Permission) -> None:
+        assert robot.tool is not None
+        self._robot, self._options, self._permission = robot, options, permission
+        self._depth = PORTS[options.plug].depth
+        self.feeling = Feeling(robot.tool.T_flange_tcp, options.insert.admittance)
+        self.law: Insertion | PaperInsertion | None = None
+        self.answer: Answer | None = None
+
+    def plug(self, seen: Seen) -> Pose:
+        """``T_base_plug`` by the joints and by how the plug hangs."""
+        flange = flange_pose(self._robot, seen.joints.position)
+        return np.asarray(flange @ self.feeling.T_flange_plug)
+
+    def depth(self, seen: Seen, face: Pose) -> float:
+        """Of the plug's front below the face [m], the mount's give taken in.
+
+        Args:
+            seen: newest.
+            face: ``T_base_plug`` of a plug that touches the face.
+        """
+        T = inverse(face) @ self.plug(seen)
+        if float(np.linalg.norm(T[:2, 3])) > ASIDE:
+            return -math.inf
+        return float(T[2, 3]) + self.feeling.give(seen.now)
+
+    def straight(self, seen: Seen, goal: Pose, name: str) -> Wish:
+        """In free air towards a pose of the plug."""
+        twist = straight(self.plug(seen), goal, self._options.speed)
+        return self._moving(seen, twist, name)
+
+    def by_force(self, seen: Seen, name: str, face: Pose) -> tuple[Answer | None, Wish]:
+        """One step of the law; no answer where nobody feels."""
+        assert self.law is not None
+        wrench = self.feeling.contact(seen.now)
+        if wrench is None:
+            permit = self._permission.ask(seen.now, seen.guard)
+            return None, Wish(Rest("the force sensor is silent", True, permit))
+        seat = face @ make_pose(None, (0.0, 0.0, self._depth))
+        answer = self.law.step(Felt(seen.now, inverse(seat) @ self.plug(seen), wrench))
+        self.answer = answer
+        if answer.depth > IN:
+            self._permission.felt(seen.now)
+        return answer, self._moving(seen, answer.twist, name)
+
+    def _moving(self, seen: Seen, twist: Floats, name: str) -> Wish:
+        stamp = seen.joints.stamp
+        permit = self._permission.ask(seen.now, seen.guard)
+        tip = self.feeling.tip_twist(twist)
+        return Wish(VelocityIntent(name, tip, "tcp", stamp, stamp + LASTS, permit))

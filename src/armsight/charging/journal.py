@@ -1,0 +1,144 @@
+"""What is needed to come out again, on disk before the plug goes in.
+
+A station that is killed and started again reads it: whether it may be plugged in, where the port
+is, how the plug hung and what the force sensor said without contact.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from armsight.arrays import Floats, Pose
+from armsight.errors import ArmsightError
+from armsight.writing import write_text
+
+VERSION = 1
+MOST = 100_000
+"""A longer file is none of ours [bytes]."""
+
+
+class JournalError(ArmsightError):
+    """The journal cannot be read or written."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One visit that is under way.
+
+    Attributes:
+        port: type of the inlet; plug: type of the plug.
+        T_base_port: where the port is.
+        T_flange_plug: how the plug hangs, by its own weight and cable.
+        tare: (6,) what the force sensor says without contact [N], [N m].
+        plugged: the plug was seated; else it was on its way in or out.
+    """
+
+    port: str
+    plug: str
+    T_base_port: Pose
+    T_flange_plug: Pose
+    tare: Floats
+    plugged: bool = False
+
+
+class Journal:
+    """The one file of a station. A journal without a file remembers nothing: for trials.
+
+    Args:
+        file: where it is kept, or None.
+    """
+
+    def __init__(self, file: Path | None) -> None:
+        self.file = file
+
+    def write(self, entry: Entry) -> None:
+        """Keep an entry, whole or not at all; on disk when this returns.
+
+        Raises:
+            JournalError: it cannot be written; then nobody may plug in.
+        """
+        if self.file is None:
+            return
+        data = {
+            "version": VERSION,
+            "port": entry.port,
+            "plug": entry.plug,
+            "T_base_port": entry.T_base_port.tolist(),
+            "T_flange_plug": entry.T_flange_plug.tolist(),
+            "tare": entry.tare.tolist(),
+            "plugged": entry.plugged,
+        }
+        write_text(self.file, json.dumps(data, indent=1, allow_nan=False) + "\n", JournalError)
+
+    def clear(self) -> None:
+        """The plug is out: nothing is under way.
+
+        Raises:
+            JournalError: the file cannot be removed.
+        """
+        if self.file is None:
+            return
+        try:
+            self.file.unlink(missing_ok=True)
+        except OSError as error:
+            raise JournalError(f"{self.file}: cannot be removed: {error.strerror}") from None
+
+    def read(self) -> Entry | None:
+        """What is under way; None when nothing is.
+
+        Raises:
+            JournalError: the file is there and cannot be believed; somebody has to look whether
+                the plug is in the car.
+        """
+        if self.file is None or not self.file.exists():
+            return None
+        hint = "look whether the plug is in the car, bring the arm out by hand and remove the file"
+        try:
+            text = self.file.read_bytes()[: MOST + 1]
+            if len(text) > MOST:
+                raise ValueError("is too long")
+            return _entry(json.loads(text.decode()))
+        except OSError as error:
+            raise JournalError(f"{self.file}: cannot be read: {error.strerror}; {hint}") from None
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            raise JournalError(f"{self.file}: is no journal ({error}); {hint}") from None
+
+
+def _entry(data: object) -> Entry:
+    if not isinstance(data, dict) or data.get("version") != VERSION:
+        raise ValueError(f"expected a journal of version {VERSION}")
+    tare = np.asarray(data["tare"], float)
+    if tare.shape != (6,) or not np.isfinite(tare).all():
+        raise ValueError("tare is no (6,) of numbers")
+    plugged = data["plugged"]
+    if not isinstance(plugged, bool):
+        raise ValueError("plugged is neither true nor false")
+    for name in ("port", "plug"):
+        if not isinstance(data[name], str):
+            raise ValueError(f"{name} is no text")
+    return Entry(
+        data["port"],
+        data["plug"],
+        _pose(data["T_base_port"], "T_base_port"),
+        _pose(data["T_flange_plug"], "T_flange_plug"),
+        tare,
+        plugged,
+    )
+
+
+def _pose(value: object, name: str) -> Pose:
+    T = np.asarray(value, float)
+    good = T.shape == (4, 4) and bool(np.isfinite(T).all())
+    if good:
+        R = T[:3, :3]
+        good = np.allclose(R @ R.T, np.eye(3), atol=1e-6) and math.isclose(
+            float(np.linalg.det(R)), 1.0, abs_tol=1e-6
+        )
+    if not good:
+        raise ValueError(f"{name} is no pose")
+    return T

@@ -1,0 +1,137 @@
+"""What a station is told, what it wants, and how a visit ended."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Literal
+
+from armsight.charging.eye import PortLook
+from armsight.charging.insert import InsertOptions
+from armsight.devices.data import JointState, Wrench
+from armsight.motion.data import GuardStatus
+from armsight.motion.intents import Intent
+
+
+class State(StrEnum):
+    """What the station is doing."""
+
+    STAND_BY = "stand by"
+    FIND = "find"
+    LOOK = "second look"
+    APPROACH = "approach"
+    ALIGN = "align"
+    TARE = "tare"
+    INSERT = "insert"
+    CHARGE = "charge"
+    UNPLUG = "unplug"
+    HELD = "held up"
+    LEAVE = "leave"
+    STUCK = "stuck"
+
+
+NEAR = (State.ALIGN, State.TARE, State.INSERT, State.CHARGE, State.UNPLUG, State.LEAVE)
+"""States in which the plug is before the port or in it, and asks to touch it."""
+IN_CONTACT = (State.INSERT, State.CHARGE, State.UNPLUG)
+
+
+@dataclass(frozen=True)
+class StationOptions:
+    """How a station works.
+
+    Attributes:
+        plug: its type.
+        mode: ``ours``, or ``paper``: one look, plane through the contacts, halt by force.
+        insert: law of plugging in; its depth is the plug's.
+        far, near: names of the standing pair and of the one on the flange (or empty).
+        before: the approach ends so far before the port [m]; start: force takes over so far [m].
+        look_from: distance of the second look [m]; look_aside: off the port's axis [rad].
+        speed: along the port's axis while nothing is felt [m/s].
+        aside: half the side of what may be touched about the port [m].
+        force, torque: that the permit asks for [N], [N m].
+        settle: at rest before a look and before taring [s].
+        looks: of each kind at most; tries: of the whole way from the second look on.
+        patience: for one state at most, but for charging [s].
+        far_sigma, near_sigma: of a port's place in ``base`` by each pair, beyond what the pictures
+            leave open: calibration and arm [m].
+        least: score of a port that is believed.
+        reach: a port farther from the base is out of reach [m].
+    """
+
+    plug: str = "type2_plug"
+    mode: Literal["ours", "paper"] = "ours"
+    insert: InsertOptions = field(default_factory=InsertOptions)
+    far: str = "post"
+    near: str = "flange"
+    before: float = 0.10
+    start: float = 0.015
+    look_from: float = 0.36
+    look_aside: float = math.radians(22.0)
+    speed: float = 0.06
+    aside: float = 0.08
+    force: float = 125.0
+    torque: float = 15.0
+    settle: float = 0.5
+    looks: int = 4
+    tries: int = 3
+    patience: float = 45.0
+    far_sigma: float = 0.004
+    near_sigma: float = 0.002
+    least: float = 0.6
+    reach: float = 1.35
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What the station is told in one round.
+
+    Attributes:
+        now: [s]; joints: newest; wrench: newest of the force sensor, or None.
+        guard: its newest word; looks: newest of each pair.
+    """
+
+    now: float
+    joints: JointState
+    wrench: Wrench | None = None
+    guard: GuardStatus | None = None
+    looks: tuple[PortLook, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What it wants.
+
+    Attributes:
+        intent: for the guard; pairs: whose pictures it needs now.
+    """
+
+    intent: Intent
+    pairs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a visit went.
+
+    Attributes:
+        seated: fully plugged in, as far as the station can tell; charged: and the car had enough.
+        out: the plug is out again.
+        problem: what went wrong, in words; empty when nothing did.
+        port: type that was found, or empty; score: of it.
+        began, found, approached, plugged, ended: times [s]; NaN where it did not come to that.
+        tries: of plugging in.
+    """
+
+    seated: bool = False
+    charged: bool = False
+    out: bool = True
+    problem: str = ""
+    port: str = ""
+    score: float = math.nan
+    began: float = math.nan
+    found: float = math.nan
+    approached: float = math.nan
+    plugged: float = math.nan
+    ended: float = math.nan
+    tries: int = 0

@@ -1,0 +1,152 @@
+"""``armsight charge``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from armsight.commands.serving import Page
+
+if TYPE_CHECKING:
+    from armsight.charging.visit import Outcome
+    from armsight.runtime.session import Session
+
+
+@dataclass(frozen=True)
+class Charge:
+    """Find a parked car's charging port, plug in, charge, unplug, stand by.
+
+    Example: armsight charge ur10_charging
+
+    With --headless it ends after the visits; exit code 1 if one of them went wrong. What the
+    station needs to come out again is kept in a file: killed and started again, it knows.
+
+    Attributes:
+        workcell: a workcell file, or the name of a packaged cell.
+        inlet: what the car has; `auto` looks.
+        mode: `ours`; `paper`: one look, a plane through the contacts, halted by force.
+        visits: how many; 0: by the page's button alone.
+        charging: how long a simulated car charges [s].
+        state: the station's file; CELL.station.json in the working folder if left out.
+        seconds: at most, on the cell's clock; 180 a visit if left out and nobody watches.
+        cell_is_empty: you have looked, and nobody is in the cell: what stands there is no person.
+        headless: no page, and as fast as the machine can.
+        json: write the run's figures here; `-` is standard output.
+        record: record everything into this new file (.mcap).
+        seed: of everything random.
+        speed: simulated seconds a second; 0 for as fast as the machine can.
+        page: where the live page is served.
+    """
+
+    workcell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")]
+    inlet: Literal["auto", "type1", "type2", "ccs1", "ccs2"] = "auto"
+    mode: Literal["ours", "paper"] = "ours"
+    visits: int = 1
+    charging: float = 5.0
+    state: Path | None = None
+    seconds: float | None = None
+    cell_is_empty: bool = False
+    headless: bool = False
+    json: Path | None = None
+    record: Path | None = None
+    seed: int = 0
+    speed: float | None = None
+    page: Page = field(default_factory=Page)
+
+    def run(self) -> int:
+        """Charge; prints how each visit went; 1 where one went wrong."""
+        from dataclasses import replace
+
+        from armsight.commands.running import exit_code, ran, say, write_summary
+        from armsight.errors import UsageError
+        from armsight.tasks.charge import ChargeOptions, ChargeTask
+
+        if self.visits < 0:
+            raise UsageError(f"--visits is {self.visits}; expected 0 or more")
+        if self.headless and self.visits == 0:
+            raise UsageError("--headless needs --visits: nobody would press the button")
+        asked = self
+        if self.headless and self.seconds is None:
+            asked = replace(self, seconds=180.0 * self.visits)
+        options = ChargeOptions(self.inlet, self.mode, self.visits, self.charging, self.state)
+        watch = _EndsWithVisits() if self.headless else None
+        made: list[ChargeTask] = []
+
+        def make(cell: Any) -> tuple[ChargeTask, tuple[_EndsWithVisits, ...]]:
+            task = options.make(cell)
+            made.append(task)
+            if watch is not None:
+                task.done = watch.end
+            return task, () if watch is None else (watch,)
+
+        with ran(asked, make) as session:
+            station = made[0].station
+            outcomes = [*station.outcomes]
+            if station.busy:
+                outcomes.append(station.outcome)
+            truth = getattr(session.cell.world, "truth", None)
+            contacts = None if truth is None else len(truth.moving_contacts)
+            seconds = session.now()
+        for i, outcome in enumerate(outcomes):
+            say(f"visit {i + 1}: {told(outcome)}")
+        if self.json is not None:
+            summary = {
+                "workcell": session.cell.workcell.name,
+                "mode": self.mode,
+                "seed": self.seed,
+                "seconds": round(seconds, 3),
+                "contacts": contacts,
+                "visits": [_finite(asdict(outcome)) for outcome in outcomes],
+            }
+            write_summary(self.json, summary)
+        code = exit_code(session, None if self.headless else self.seconds)
+        good = all(o.seated and o.out and not o.problem for o in outcomes)
+        return code or int(self.visits > 0 and not (good and len(outcomes) >= self.visits))
+
+
+def told(outcome: Outcome) -> str:
+    """How a visit went, in words."""
+    words = []
+    if outcome.port:
+        words.append(f"{outcome.port} found ({100 * outcome.score:.0f} %)")
+    if outcome.seated:
+        words.append(f"seated after {outcome.plugged - outcome.began:.1f} s")
+    if outcome.charged:
+        words.append("charged")
+    words.append("out" if outcome.out else "NOT out")
+    if outcome.problem:
+        words.append(outcome.problem)
+    return ", ".join(words)
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """JSON knows no NaN."""
+    return {k: None if isinstance(v, float) and v != v else v for k, v in values.items()}
+
+
+class _EndsWithVisits:
+    """Ends a run that nobody watches when its visits have ended."""
+
+    name = "visits"
+    period = 0.1
+
+    def __init__(self) -> None:
+        self._session: Session | None = None
+        self._over = False
+
+    def attach(self, session: Session) -> None:
+        """The session to end."""
+        self._session = session
+
+    def end(self) -> None:
+        """The visits have ended."""
+        self._over = True
+
+    def update(self, now: float) -> None:
+        """Stop once they have, or the task has failed."""
+        session = self._session
+        if session is not None and (self._over or session.task_failure):
+            session.stop("time" if self._over else "task failed")

@@ -1,0 +1,224 @@
+"""A station before a car in contact physics alone: no guard, no map, looks drawn from their errors.
+
+Two hundred milliseconds of processor time a simulated second, so it serves the many visits, the
+kill test and the station's own tests. Motions to a pose are followed as they are wanted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats, JointVector, Pose
+from armsight.charging.eye import PortLook, SeenPort
+from armsight.charging.station import Station
+from armsight.charging.visit import Seen, StationOptions
+from armsight.devices.data import JointState, Wrench
+from armsight.geometry.pose import exp, inverse
+from armsight.motion.data import GuardMode, GuardStatus
+from armsight.motion.ik import solve_ik
+from armsight.motion.intents import Intent, JointIntent, PoseIntent, VelocityIntent
+from armsight.motion.permits import Permit, PermitState
+from armsight.motion.steering import joints_of_twist
+from armsight.robots.kinematics import tcp_jacobian, tcp_pose
+from armsight.simulation.world import SimulatedWorld
+from armsight.workcell import robot_in, world_spec
+from armsight.workcell.packaged import load
+from armsight.workcell.schema import Workcell
+
+TICK = 0.008
+"""Between two commands [s]."""
+CRUISE, RISE = 0.6, 1.2
+"""Speed and acceleration of the joints on the way to a pose [rad/s], [rad/s^2]."""
+
+
+@dataclass(frozen=True)
+class LookErrors:
+    """Standard deviations of a look: lateral, depth [m], tilt, roll [rad]; score that it gets."""
+
+    lateral: float
+    depth: float
+    tilt: float
+    roll: float
+    score: float = 0.95
+
+
+FAR = LookErrors(0.003, 0.003, np.deg2rad(1.0), np.deg2rad(0.4), 0.9)
+NEAR = LookErrors(0.0008, 0.0008, np.deg2rad(0.6), np.deg2rad(0.3))
+"""What the pairs' calibration and pictures leave, a second look's beside a first one's."""
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Greatest true force of the socket on the plug, along and across the port's axis [N]."""
+
+    axial: float = 0.0
+    lateral: float = 0.0
+
+
+class StationBench:
+    """Runs a station; the truth is for the scoring only.
+
+    Args:
+        workcell: of the station and the car.
+        seed: of sensor and looks.
+        world: one that goes on, for a station that was killed.
+    """
+
+    def __init__(self, workcell: Workcell, seed: int = 0, world: SimulatedWorld | None = None):
+        self.workcell = workcell
+        self.robot = robot_in(workcell)
+        if world is None:
+            spec = replace(world_spec(workcell), cameras=(), stereo=())
+            world = SimulatedWorld(spec, seed)
+        self.world = world
+        self._rng = np.random.default_rng((seed, 77))
+        self._status = _status("", False, None)
+        self._wrench: Wrench | None = None
+        self._joints: JointState | None = None
+        self._goal = ""
+        self._path: JointVector | None = None
+        self._speed = np.zeros(self.robot.n)
+        self._looked: dict[str, float] = {}
+        self._looks: dict[str, PortLook] = {}
+        self.peaks = Peaks()
+
+    @property
+    def now(self) -> float:
+        """[s]."""
+        return float(self.world.clock.now())
+
+    @property
+    def T_base_port(self) -> Pose:
+        """The truth."""
+        car = self.workcell.simulation.car
+        assert car is not None
+        return np.asarray(inverse(self.workcell.robot.T_world_base) @ car.pose)
+
+    def step(self, station: Station) -> None:
+        """One tick."""
+        world = self.world
+        while (reading := world.wrench.read() if world.wrench else None) is not None:
+            self._wrench = reading
+        joints = world.arm.read() or self._joints
+        if joints is not None:
+            self._joints = joints
+            seen = Seen(self.now, joints, self._wrench, self._status, tuple(self._looks.values()))
+            wish = station.step(seen)
+            for pair in wish.pairs:
+                self._look(pair, station.options)
+            world.arm.command_velocity(self._follow(wish.intent, joints))
+        world.advance(self.now + TICK)
+        self._note()
+
+    def run(self, station: Station, seconds: float = 120.0) -> bool:
+        """Go on until no visit is under way; whether that came within some seconds [s]."""
+        end = self.now + seconds
+        while self.now < end:
+            self.step(station)
+            if not station.busy:
+                return True
+        return False
+
+    def stop(self) -> None:
+        """The arm's watchdog stops it: nobody commands any more. Nothing is asked or granted."""
+        self._goal, self._speed = "", np.zeros(self.robot.n)
+        self._status = _status("", False, None)
+        end = self.now + 0.4
+        self.world.arm.stop()
+        while self.now < end:
+            self.world.advance(self.now + TICK)
+
+    def score(self) -> tuple[float, float]:
+        """True depth of the plug's front below the face [m] and its tilt [rad]."""
+        assert self.world.plugged is not None
+        T = self.world.plugged.T_socket_plug
+        return float(-T[2, 3]), float(np.arccos(np.clip(-T[2, 2], -1.0, 1.0)))
+
+    def _note(self) -> None:
+        plugged = self.world.plugged
+        assert plugged is not None
+        force = plugged.wrench()[:3]
+        if not force.any():
+            return
+        T = self.workcell.simulation.car.pose  # type: ignore[union-attr]
+        local = T[:3, :3].T @ force
+        self.peaks = Peaks(
+            max(self.peaks.axial, abs(float(local[2]))),
+            max(self.peaks.lateral, float(np.hypot(*local[:2]))),
+        )
+
+    def _look(self, pair: str, options: StationOptions) -> None:
+        """A look every half a second, as wrong as looks are."""
+        if self.now - self._looked.get(pair, -1.0) < 0.6:
+            return
+        self._looked[pair] = self.now
+        errors = FAR if pair == options.far else NEAR
+        sigma = np.array([errors.lateral, errors.lateral, errors.depth] + [errors.tilt] * 2)
+        sigma = np.append(sigma, errors.roll)
+        T = self.T_base_port @ exp(self._rng.standard_normal(6) * sigma)
+        car = self.workcell.simulation.car
+        assert car is not None
+        port = SeenPort(car.port, errors.score, T, np.diag(sigma**2), False)
+        self._looks[pair] = PortLook(self.now, pair, (port,), np.zeros((4, 4, 3), np.uint8))
+
+    def _follow(self, intent: Intent | None, joints: JointState) -> JointVector:
+        q, robot = joints.position, self.robot
+        permit = None if intent is None else intent.permit
+        given = (
+            None
+            if permit is None
+            else Permit(permit.name, permit.kind, PermitState.GRANTED, region=permit.region)
+        )
+        wanted, name, reached = np.zeros(robot.n), "", False
+        if isinstance(intent, JointIntent | PoseIntent):
+            name = intent.name
+            if name != self._goal:
+                self._goal, self._path = name, self._solve(intent, q)
+            if self._path is not None:
+                away = self._path - q
+                wanted = np.clip(2.5 * away, -CRUISE, CRUISE)
+                reached = bool(np.abs(away).max() < 1e-3)
+        elif isinstance(intent, VelocityIntent):
+            self._goal = ""
+            velocity: Floats = intent.velocity
+            if intent.frame == "tcp":
+                R = tcp_pose(robot, q)[:3, :3]
+                velocity = np.concatenate([R @ velocity[:3], R @ velocity[3:]])
+            wanted = joints_of_twist(tcp_jacobian(robot, q), velocity)
+        step = np.clip(wanted - self._speed, -RISE * 4 * TICK, RISE * 4 * TICK)
+        self._speed = self._speed + step
+        self._status = _status(name, reached, given)
+        return self._speed
+
+    def _solve(self, intent: JointIntent | PoseIntent, q: JointVector) -> JointVector | None:
+        if isinstance(intent, JointIntent):
+            return np.asarray(intent.position, float)
+        found = solve_ik(self.robot, intent.T_base_tcp, q, np.random.default_rng(0))
+        return found[0] if found else None
+
+
+def _status(goal: str, reached: bool, permit: Permit | None) -> GuardStatus:
+    nothing: Any = None
+    return GuardStatus(
+        0.0, GuardMode.PREDICTIVE, "", goal, reached, np.zeros(6), 1.0, np.inf, 0.0, nothing,
+        nothing, nothing, nothing, 0, 0.0, permit=permit,
+    )  # fmt: skip
+
+
+def parked(
+    workcell: Workcell, position: tuple[float, float, float], yaw_deg: float, **car: Any
+) -> Workcell:
+    """A cell whose car is parked elsewhere, its flank with it."""
+    old = workcell.simulation.car
+    assert old is not None
+    new = old.model_copy(update={"position": position, "yaw_deg": yaw_deg, **car})
+    simulation = workcell.simulation.model_copy(update={"car": new})
+    return workcell.model_copy(update={"simulation": simulation})
+
+
+def charging_cell() -> Workcell:
+    """The packaged cell."""
+    return load("ur10_charging")

@@ -1,0 +1,182 @@
+"""A plug in a mount that gives way, the socket that it enters, and what rubs and hangs there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats, Pose
+from armsight.geometry.pose import inverse, make_pose, to_wxyz
+from armsight.simulation.gl import mujoco
+from armsight.simulation.model_parts import COLOR_ONLY, CONTACT, SEEN, Builder, Part, set_inertia
+from armsight.simulation.spec import PlugSpec, SocketSpec
+
+SOCKET, PLUG = 8, 16
+"""Contact bits of the two; they touch each other alone."""
+SOFT: dict[str, Any] = {
+    "solref": [0.002, 1.0],
+    "solimp": [0.95, 0.99, 0.0005, 0.5, 2.0],
+    "condim": 4,
+    "margin": 0.0,
+    "group": CONTACT,
+}
+"""For steps of 1 ms: at 2 ms the plug sinks into the wall by 0.1 mm, a quarter of the clearance."""
+INERTIA = (0.00375, 0.00375, 0.00125)
+"""Of a plug about its axes, a kilogram of it [m^2]."""
+DAMPING = 0.4
+"""Damping ratio of the mount."""
+RUBS = 0.002
+"""Mated contacts rub with all their force from this speed on [m/s]."""
+BODY = "plug"
+
+
+def add_plug(parent: Any, spec: PlugSpec, T: Pose, mass: float, center: Floats) -> Any:
+    """The plug's body on six springs: a rigid mount would never seat.
+
+    Args:
+        parent: body that the mount is bolted to.
+        spec: of the plug.
+        T: where the plug is in it when nothing presses.
+        mass: [kg].
+        center: (3,) centre of mass in the plug's frame [m].
+    """
+    plug = parent.add_body(name=BODY, pos=T[:3, 3], quat=to_wxyz(T))
+    along, about = spec.stiffness
+    inertia = np.array(INERTIA) * mass
+    for kind, k, m in (
+        (mujoco.mjtJoint.mjJNT_SLIDE, along, np.repeat(mass, 3)),
+        (mujoco.mjtJoint.mjJNT_HINGE, about, inertia + 0.01),
+    ):
+        for i in range(3):
+            joint = plug.add_joint(
+                name=f"mount/{int(kind)}/{i}",
+                type=kind,
+                axis=np.eye(3)[i],
+                limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            )
+            # MuJoCo's springs and dampers are polynomials
+            joint.stiffness = [k, 0.0, 0.0]
+            joint.damping = [2.0 * DAMPING * float(np.sqrt(k * m[i])), 0.0, 0.0]
+    set_inertia(plug, mass, center, np.diag(inertia))
+    return plug
+
+
+def add_sleeve(builder: Builder, plug: Any, spec: PlugSpec, part: Part) -> None:
+    """What of the plug enters a socket."""
+    for ends in spec.capsules:
+        builder.geom(
+            plug,
+            part,
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[spec.radius, 0, 0],
+            fromto=ends,
+            contype=PLUG,
+            conaffinity=SOCKET,
+            friction=[spec.friction, 0.002, 0.0001],
+            **SOFT,
+        )
+
+
+def add_socket(builder: Builder, spec: SocketSpec) -> None:
+    """Walls to touch and surfaces to see."""
+    T = spec.T_world_socket
+    body = builder.mj.worldbody.add_body(name="socket", pos=T[:3, 3], quat=to_wxyz(T))
+    for pose, half in zip(spec.boxes, spec.half):
+        builder.geom(
+            body,
+            Part("static", spec.name),
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=half,
+            pos=pose[:3, 3],
+            quat=to_wxyz(pose),
+            contype=SOCKET,
+            conaffinity=PLUG,
+            friction=[spec.friction, 0.002, 0.0001],
+            **SOFT,
+        )
+    for i, look in enumerate(spec.looks):
+        if not len(look.faces):
+            continue
+        name = f"{spec.name}/{i}"
+        builder.mj.add_material(
+            name=name, rgba=[*look.color, 1.0], specular=look.gloss, shininess=0.4
+        )
+        faces = look.faces.astype(np.int32).ravel()
+        builder.mj.add_mesh(
+            name=name,
+            uservert=look.vertices.astype(np.float32).ravel(),
+            usernormal=look.normals.astype(np.float32).ravel(),
+            userface=faces,
+            userfacenormal=faces,
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        )
+        part = Part("static", spec.name, material=look.material or "plain")
+        group = SEEN if look.material else COLOR_ONLY
+        builder.looks(body, part, name, np.eye(4), name, group)
+
+
+class Plugged:
+    """What acts on the plug besides contact: its cable, and the contacts that are mated.
+
+    Args:
+        model, data: MuJoCo's.
+        plug: spec of the plug; socket: of what it enters, or None.
+    """
+
+    def __init__(self, model: Any, data: Any, plug: PlugSpec, socket: SocketSpec | None) -> None:
+        self._data, self._model = data, model
+        self._plug, self._socket = plug, socket
+        self._body = int(model.body(BODY).id)
+        self._weight, self._rear = np.array([0.0, 0.0, -plug.cable]), np.asarray(plug.rear)
+        self._velocity = np.zeros(6)
+        self._contact = np.zeros(6)
+
+    def push(self) -> None:
+        """Write the forces for the next step."""
+        data, body = self._data, self._body
+        R = data.xmat[body].reshape(3, 3)
+        force, at = self._weight, R @ self._rear
+        torque = np.array([at[1] * force[2], -at[0] * force[2], 0.0])  # at x force, which is down
+        socket = self._socket
+        if socket is not None and self.depth > socket.mates:
+            axis = socket.T_world_socket[:3, 2]
+            kind = mujoco.mjtObj.mjOBJ_BODY
+            mujoco.mj_objectVelocity(self._model, data, kind, body, self._velocity, 0)
+            speed = float(axis @ self._velocity[3:])
+            force = force - axis * socket.mated * np.tanh(speed / RUBS)
+        data.xfrc_applied[body, :3] = force
+        data.xfrc_applied[body, 3:] = torque
+
+    @property
+    def T_socket_plug(self) -> Pose:
+        """Where the plug truly is in the socket's frame."""
+        assert self._socket is not None
+        T = make_pose(self._data.xmat[self._body].reshape(3, 3), self._data.xpos[self._body])
+        return np.asarray(inverse(self._socket.T_world_socket) @ T)
+
+    @property
+    def depth(self) -> float:
+        """Of the plug's front below the socket's face [m]; far away it says little."""
+        assert self._socket is not None
+        T = self._socket.T_world_socket
+        away = T[:3, :2].T @ (self._data.xpos[self._body] - T[:3, 3])
+        if float(np.hypot(*away)) > 0.05:
+            return -np.inf
+        return float(-T[:3, 2] @ (self._data.xpos[self._body] - T[:3, 3]))
+
+    def wrench(self) -> Floats:
+        """(6,) of the socket on the plug [N], [N m], about the plug's origin, in world's axes."""
+        data, total = self._data, np.zeros(6)
+        origin = data.xpos[self._body]
+        for i in range(data.ncon):
+            contact = data.contact[i]
+            bodies = [int(self._model.geom_bodyid[g]) for g in (contact.geom1, contact.geom2)]
+            if self._body not in bodies:
+                continue
+            mujoco.mj_contactForce(self._model, data, i, self._contact)
+            sign = 1.0 if bodies[1] == self._body else -1.0
+            force = sign * contact.frame.reshape(3, 3).T @ self._contact[:3]
+            total[:3] += force
+            total[3:] += np.cross(contact.pos - origin, force)
+        return total

@@ -1,0 +1,242 @@
+"""T3's task: find a parked car's charging port, plug in, charge, unplug, stand by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from armsight.charging.admittance import Admittance
+from armsight.charging.eye import PortEye, PortLook
+from armsight.charging.find import INLETS
+from armsight.charging.insert import InsertOptions
+from armsight.charging.journal import Journal
+from armsight.charging.looking import INLETS_OF
+from armsight.charging.moves import before_port
+from armsight.charging.station import Station
+from armsight.charging.vehicle import SimulatedCar, Vehicle
+from armsight.charging.visit import Seen, State, StationOptions
+from armsight.errors import UsageError
+from armsight.motion.face import (
+    Button,
+    Curve,
+    EllipsoidMark,
+    Face,
+    Figure,
+    FrameMark,
+    Mark,
+    Picture,
+    RegionMark,
+)
+from armsight.motion.intents import Intent, Rest
+from armsight.motion.task import Observation, Subscriptions
+from armsight.robots.kinematics import tcp_pose
+
+if TYPE_CHECKING:
+    from armsight.workcell import Cell
+
+Mode = Literal["ours", "paper"]
+PORT_DEPTH = 0.002
+"""How far the port's face may be from where a second look has it: two standard deviations [m]."""
+SENSOR, TICK = 0.006, 0.008
+"""From a force to its reading, and between two commands [s]."""
+
+
+@dataclass(frozen=True)
+class ChargeOptions:
+    """Plug a parked car in, charge it, unplug (T3).
+
+    Attributes:
+        inlet: what the car has; `auto` looks.
+        mode: `ours`; `paper`: one look, a plane through the contacts, halted by force.
+        visits: how many; each begins when the one before has ended. 0: by the page's button.
+        charging: how long a simulated car charges [s].
+        state: file in which the station keeps what it needs to come out again; CELL.station.json
+            in the working folder if left out.
+    """
+
+    inlet: Literal["auto", "type1", "type2", "ccs1", "ccs2"] = "auto"
+    mode: Mode = "ours"
+    visits: int = 1
+    charging: float = 5.0
+    state: Path | None = None
+
+    def make(self, cell: Cell) -> ChargeTask:
+        """The task for a cell.
+
+        Raises:
+            UsageError: the cell has no plug, no force sensor or no pair that stands still.
+            JournalError: what a killed station has left cannot be believed.
+        """
+        workcell = cell.workcell
+        section = workcell.plug
+        if section is None or cell.robot.tool is None or cell.wrench is None:
+            raise UsageError(
+                f"{workcell.name}: charging needs a [plug], a [wrench] and robot.tool in its file"
+            )
+        fixed = [p.info.name for p in cell.stereo if p.info.mounted_on == "base"]
+        carried = [p.info for p in cell.stereo if p.info.mounted_on == "flange"]
+        if not fixed:
+            raise UsageError(f"{workcell.name}: no stereo pair that stands still looks for ports")
+        if section.kind not in INLETS_OF:
+            raise UsageError(f"{workcell.name}: plug.kind: no inlet for a {section.kind} is known")
+        fits = INLETS_OF[section.kind]
+        looked_for = INLETS if self.inlet == "auto" else (self.inlet,)
+        mount = Admittance(
+            (1e3 * section.mount_n_per_mm, section.mount_nm_per_rad),
+            workcell.robot.start_delay_ms / 1e3 + SENSOR + TICK,
+        )
+        options = StationOptions(
+            section.kind,
+            self.mode,
+            InsertOptions(admittance=mount, port_depth=PORT_DEPTH),
+            fixed[0],
+            carried[0].name if carried else "",
+        )
+        car = SimulatedCar("" if self.inlet == "auto" else self.inlet, self.charging)
+        station = Station(
+            cell.robot,
+            cell.robot.home,
+            car,
+            Journal(self.state or Path.cwd() / f"{workcell.name}.station.json"),
+            options,
+            carried[0].T_mount_camera if carried else None,
+        )
+        eyes = [PortEye(fixed[0], looked_for, paper=self.mode == "paper")]
+        if carried and self.mode == "ours":
+            eyes.append(PortEye(carried[0].name, fits, (0.15, 0.8)))
+        return ChargeTask(station, eyes, self.visits)
+
+
+class ChargeTask:
+    """Runs a station in a cell.
+
+    Args:
+        station: that decides.
+        eyes: the perceivers; visits: to begin by itself.
+
+    Attributes:
+        done: told once all visits that were asked for have ended.
+    """
+
+    name = "charge"
+    period = 0.008
+    latency = 0.002
+
+    def __init__(self, station: Station, eyes: list[PortEye], visits: int = 1) -> None:
+        self.station, self.visits = station, visits
+        self.perceivers = tuple(eyes)
+        self._perceivers = tuple(eye.name for eye in eyes)
+        self.done: Callable[[], None] = lambda: None
+        self._fresh()
+
+    @property
+    def subscriptions(self) -> Subscriptions:
+        """The looks, and the pair whose pictures are wanted now."""
+        return Subscriptions(stereo=self._pairs, perceivers=self._perceivers)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The car."""
+        return self.station.vehicle
+
+    def reset(self) -> None:
+        """A simulated cell begins anew."""
+        self.station.reset()
+        self._fresh()
+
+    def _fresh(self) -> None:
+        self._pairs: tuple[str, ...] = ()
+        self._begun = 0
+        self._looks: dict[str, PortLook] = {}
+        self._face = Face("wait")
+
+    def press(self, button: str) -> None:
+        """A button of the page."""
+        if button == "charge":
+            self.station.begin()
+        elif button == "end":
+            self.station.end()
+
+    def update(self, observation: Observation) -> Intent:
+        """See :class:`~armsight.motion.task.Task`."""
+        station = self.station
+        for perceived in observation.perceived:
+            if isinstance(perceived.evidence, PortLook):
+                self._looks[perceived.evidence.pair] = perceived.evidence
+        joints = observation.joints
+        if joints is None:
+            return Rest("no joint reading yet")
+        if not station.busy and self._begun < self.visits:
+            self._begun += 1
+            station.begin()
+        seen = Seen(
+            observation.now,
+            joints,
+            observation.wrench,
+            observation.guard,
+            tuple(self._looks.values()),
+        )
+        wish = station.step(seen)
+        self._pairs = wish.pairs
+        self._face = self._show(observation)
+        if 0 < self.visits <= len(station.outcomes) and not station.busy:
+            self.done()
+        return wish.intent
+
+    def face(self) -> Face:
+        """What the page shows."""
+        return self._face
+
+    def _show(self, observation: Observation) -> Face:
+        station = self.station
+        port, answer, outcome = station.port, station.answer, station.outcome
+        marks: list[Mark] = []
+        if port is not None:
+            T = port.T_base_port
+            marks.append(FrameMark("port", T, 0.08))
+            covariance = T[:3, :3] @ port.covariance[:3, :3] @ T[:3, :3].T
+            marks.append(EllipsoidMark.of("port sigma", T[:3, 3], covariance, 3.0))
+            side = 2.0 * station.options.aside
+            marks.append(RegionMark("may be touched", T, np.full(3, side)))
+            marks.append(FrameMark("plug goal", before_port(T, 0.0), 0.05))
+        if observation.joints is not None:
+            tip = tcp_pose(observation.robot, observation.joints.position)
+            marks.append(FrameMark("plug", tip, 0.05))
+        felt = station.feeling.contact(observation.now)
+        pressed = float("nan") if felt is None else float(-felt[2])
+        aside = float("nan") if felt is None else float(np.hypot(felt[0], felt[1]))
+        in_law = station.state in (State.INSERT, State.UNPLUG)
+        depth = 1e3 * answer.depth if answer is not None and in_law else math.nan
+        sigma = 1e3 * float(np.sqrt(np.diag(port.covariance)[:3].max())) if port else math.nan
+        good = sum(o.seated and o.out and not o.problem for o in station.outcomes)
+        return Face(
+            state=station.state.value,
+            reason=station.words or outcome.problem,
+            figures=(
+                Figure("visits", float(len(station.outcomes))),
+                Figure("without a fault", float(good)),
+                Figure("port score", 100 * port.score if port else math.nan, "%"),
+                Figure("port sigma", sigma, "mm"),
+                Figure("tries", float(outcome.tries)),
+                Figure("seated after", outcome.plugged - outcome.began, "s"),
+            ),
+            curves=(
+                Curve("along", pressed, "N"),
+                Curve("across", aside, "N"),
+                Curve("depth", depth, "mm"),
+            ),
+            pictures=tuple(Picture(n, look.picture) for n, look in sorted(self._looks.items())),
+            marks=tuple(marks),
+            buttons=(
+                Button("charge", "Charge the car", not station.busy),
+                Button("end", "End and come out", station.busy),
+            ),
+        )
+
+
+__all__ = ["ChargeOptions", "ChargeTask", "Mode"]

@@ -1,0 +1,101 @@
+"""The simulated car's port and the plug: their shapes, from the table of measures.
+
+The one place of this room that knows what ports look like (``charging/ports``).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from armsight.charging.ports.collision import plug_contours, socket_contours
+from armsight.charging.ports.meshes import Surface, surfaces
+from armsight.charging.ports.pocket import flank
+from armsight.charging.ports.table import PORTS, drawn, port
+from armsight.errors import UsageError, WorkcellError
+from armsight.simulation.spec import Look, PlugSpec, SocketSpec
+from armsight.workcell.schema import CarSection, Workcell
+
+PLUG_OF = {"type1": "type1_plug", "type2": "type2_plug", "ccs2": "ccs2_plug"}
+"""Which plug enters which inlet."""
+LOOKS = {
+    "face": ((0.10, 0.10, 0.105), 0.3),
+    "wall": (
+        (0.055, 0.055, 0.06),
+        0.15,
+    ),
+    "floor": ((0.03, 0.03, 0.03), 0.0),
+    "metal": ((0.55, 0.54, 0.50), 0.7),
+    "paint": ((0.32, 0.38, 0.45), 0.4),
+    "pocket": ((0.13, 0.13, 0.135), 0.15),
+}
+"""Colour and gloss of surfaces."""
+
+
+def plug_spec(workcell: Workcell) -> PlugSpec | None:
+    """The plug as physics has it; None where the flange carries none.
+
+    Raises:
+        WorkcellError: there is no such plug, or nothing feels it.
+    """
+    section, file = workcell.plug, workcell.file or workcell.name
+    if section is None:
+        return None
+    try:
+        shape = port(section.kind)
+    except UsageError as error:
+        raise WorkcellError(f"{file}: plug.kind: {error}") from None
+    if not shape.plug:
+        known = ", ".join(name for name, entry in PORTS.items() if entry.plug)
+        raise WorkcellError(f"{file}: plug.kind: {section.kind} is an inlet; plugs are {known}")
+    if workcell.robot.tool == "none" or workcell.wrench is None:
+        raise WorkcellError(f"{file}: [plug] needs a [wrench] and robot.tool: what the plug is")
+    contours = plug_contours(shape)
+    stiffness = (1e3 * section.mount_n_per_mm, section.mount_nm_per_rad)
+    return PlugSpec(contours.capsules, contours.radius, stiffness, section.cable_n)
+
+
+def socket_spec(workcell: Workcell) -> SocketSpec | None:
+    """The parked car's port; None where there is no car.
+
+    Raises:
+        WorkcellError: there is no such inlet.
+    """
+    section, file = workcell.simulation.car, workcell.file or workcell.name
+    if section is None:
+        return None
+    if section.port not in PORTS or PORTS[section.port].plug:
+        known = ", ".join(name for name, entry in PORTS.items() if not entry.plug)
+        raise WorkcellError(
+            f"{file}: simulation.car.port: no inlet {section.port}; there are {known}"
+        )
+    plug = PORTS[PLUG_OF.get(section.port, "type1_plug")]
+    walls = socket_contours(plug, section.clearance_mm / 1e3, section.chamfer_mm / 1e3, plug.depth)
+    return SocketSpec(
+        "port",
+        section.pose,
+        walls.boxes,
+        walls.half,
+        _looks(section.port, section.make),
+        section.friction,
+        section.mated_n,
+    )
+
+
+@lru_cache(maxsize=8)
+def _looks(name: str, make: int) -> tuple[Look, ...]:
+    """What the port and the flank about it look like."""
+    nominal = PORTS[name]
+    made = nominal if make == 0 else drawn(nominal, np.random.default_rng((make, 11)))
+    looks = [_look(surface, surface.look, "black_plastic") for surface in surfaces(made)]
+    looks += [_look(s, look, "") for s, look in flank(nominal)]
+    return tuple(looks)
+
+
+def _look(surface: Surface, look: str, material: str) -> Look:
+    color, gloss = LOOKS[look]
+    return Look(surface.vertices, surface.normals, surface.faces, color, gloss, material)
+
+
+__all__ = ["PLUG_OF", "CarSection", "plug_spec", "socket_spec"]

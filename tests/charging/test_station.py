@@ -1,0 +1,234 @@
+"""The station in contact physics: whole visits, killed and started again, and what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armsight.charging.admittance import Admittance
+from armsight.charging.eye import PortLook, SeenPort
+from armsight.charging.insert import InsertOptions
+from armsight.charging.journal import Entry, Journal, JournalError
+from armsight.charging.moves import before_port
+from armsight.charging.station import Station
+from armsight.charging.vehicle import SimulatedCar
+from armsight.charging.visit import Seen, State, StationOptions
+from armsight.devices.data import JointState, Wrench
+from armsight.experiments.station_bench import StationBench, charging_cell
+from armsight.geometry.pose import inverse, make_pose
+from armsight.motion.intents import Rest, VelocityIntent
+from armsight.motion.permits import Permit, PermitState
+from armsight.robots.kinematics import flange_pose
+from armsight.workcell import robot_in
+
+OPTIONS = StationOptions(
+    insert=InsertOptions(admittance=Admittance((5000.0, 30.0), 0.074), port_depth=0.002)
+)
+PLUG_DEPTH = 0.035
+
+
+@pytest.fixture(scope="module")
+def cell():
+    return charging_cell()
+
+
+def station(cell, file=None, car=None, **options):
+    robot = robot_in(cell)
+    near = next(p.T_mount_camera for p in cell.stereo if p.mounted_on == "flange")
+    car = car or SimulatedCar(seconds=1.0)
+    return Station(robot, robot.home, car, Journal(file), replace(OPTIONS, **options), near)
+
+
+def until(bench, station, done, seconds=40.0):
+    end = bench.now + seconds
+    while not done():
+        assert bench.now < end, f"still in {station.state}: {station.words}"
+        bench.step(station)
+
+
+def test_it_plugs_in_and_comes_out_and_knows_after_a_kill_where_the_plug_is(cell, tmp_path):
+    """Forty simulated seconds of contact physics: the one test of the whole chain."""
+    file = tmp_path / "journal.json"
+    bench, car = StationBench(cell, seed=1), SimulatedCar(seconds=1.0)
+    first = station(cell, file, car)
+    first.begin()
+    until(bench, first, lambda: first.state is State.INSERT and bench.score()[0] > 0.012)
+    assert file.exists()
+    again = station(cell, file, car)  # killed half-way in
+    until(bench, again, lambda: not again.busy)
+    assert bench.score()[0] < -0.05
+    assert not file.exists()
+    assert again.outcomes[-1].out
+    assert not again.outcomes[-1].seated
+    again.begin()
+    until(bench, again, lambda: again.state is State.CHARGE)
+    depth, tilt = bench.score()
+    assert depth > PLUG_DEPTH - 1e-3
+    assert np.rad2deg(tilt) < 2.0
+    third = station(cell, file, car)  # killed while it charges
+    until(bench, third, lambda: not third.busy)
+    assert bench.score()[0] < -0.05
+    assert third.outcomes[-1].charged
+    assert third.outcomes[-1].out
+    assert bench.peaks.axial < 125.0
+
+
+class Stub:
+    """A robot that stands where it is put; the station's logic without physics."""
+
+    def __init__(self, cell, station):
+        self.robot, self.station = robot_in(cell), station
+        self.q = station._stand_by_joints.copy()
+        self.now, self.guard, self.looks = 0.0, None, ()
+
+    def step(self, seconds=0.008, wrench=True):
+        self.now += seconds
+        n = len(self.q)
+        joints = JointState(self.now, self.q, np.zeros(n))
+        felt = Wrench(self.now, np.array([0, -16.0, 0]), np.zeros(3)) if wrench else None
+        return self.station.step(Seen(self.now, joints, felt, self.guard, self.looks))
+
+    def rest(self, seconds, **kw):
+        for _ in range(round(seconds / 0.008)):
+            wish = self.step(**kw)
+        return wish
+
+
+def seen_port(cell, name="type2", score=0.9, away=0.0, doubtful=False):
+    T = np.asarray(inverse(cell.robot.T_world_base) @ cell.simulation.car.pose)
+    T = T @ make_pose(None, [0, 0, -away])
+    return SeenPort(name, score, T, np.diag([1e-6] * 3 + [1e-4] * 3), doubtful)
+
+
+@pytest.mark.parametrize(
+    ("ports", "words"),
+    [
+        (lambda cell: (), "no port"),
+        (lambda cell: (seen_port(cell, "type1"),), "the port is type1: the type2_plug does not"),
+        (lambda cell: (seen_port(cell, score=0.4),), "no port that is clear enough"),
+        (lambda cell: (seen_port(cell, away=0.8),), "out of reach"),
+    ],
+)
+def test_what_it_finds_decides_and_is_said(cell, ports, words):
+    stub = Stub(cell, station(cell))
+    stub.station.begin()
+    for _ in range(6):
+        stub.rest(0.7)
+        if not stub.station.busy:
+            break
+        stub.looks = (PortLook(stub.now, "post", ports(cell), np.zeros((4, 4, 3), np.uint8)),)
+    assert not stub.station.busy
+    assert words in stub.station.outcomes[-1].problem
+
+
+def test_a_look_from_before_the_arm_rested_is_not_taken(cell):
+    stub = Stub(cell, station(cell))
+    stub.station.begin()
+    port = (seen_port(cell),)
+    stub.looks = (PortLook(-1.0, "post", port, np.zeros((4, 4, 3), np.uint8)),)
+    stub.rest(1.0)
+    assert stub.station.state is State.FIND
+    stub.looks = (PortLook(stub.now, "post", port, np.zeros((4, 4, 3), np.uint8)),)
+    stub.rest(0.1)
+    assert stub.station.state is State.LOOK
+
+
+def before(stub, cell, distance):
+    """Puts the arm where its plug is so far before the port, and the station before plugging in."""
+    from armsight.motion.ik import solve_ik
+
+    port = seen_port(cell)
+    T = before_port(port.T_base_port, distance)
+    stub.q = solve_ik(stub.robot, T, stub.q, np.random.default_rng(0))[0]
+    stub.station.port = port
+    stub.station.permission.see(port, stub.now, 0.002)
+    permit = stub.station.permission.ask(stub.now, None)
+    granted = Permit(permit.name, "thing", PermitState.GRANTED)
+    stub.guard = type("Word", (), {"permit": granted, "reason": "", "reached": False, "goal": ""})()
+
+
+def test_nothing_goes_in_that_could_not_be_written_down(cell, tmp_path):
+    (tmp_path / "no").write_text("a file where the folder should be")
+    stub = Stub(cell, station(cell, tmp_path / "no" / "journal.json"))
+    stub.rest(0.1)
+    before(stub, cell, 0.015)
+    stub.station._go(State.TARE, stub.now)
+    stub.rest(1.0)
+    assert stub.station.state is State.LEAVE
+    assert "does not plug in" in stub.station.outcome.problem
+
+
+def test_nothing_goes_in_without_a_force_sensor_or_leave_to_touch(cell):
+    stub = Stub(cell, station(cell))
+    stub.rest(0.1, wrench=False)
+    before(stub, cell, 0.015)
+    stub.station._go(State.TARE, stub.now)
+    stub.rest(1.0, wrench=False)
+    assert "nobody would feel" in stub.station.outcome.problem
+    stub = Stub(cell, station(cell))
+    stub.rest(0.1)
+    before(stub, cell, 0.015)
+    stub.guard.permit = replace(stub.guard.permit, state=PermitState.REFUSED, reason="somebody")
+    stub.station._go(State.TARE, stub.now)
+    wish = stub.rest(2.0)
+    assert stub.station.state is State.TARE
+    assert isinstance(wish.intent, Rest)
+    assert "somebody" in stub.station.words
+
+
+def test_a_permit_that_is_lost_in_contact_lets_go_and_comes_out(cell):
+    stub = Stub(cell, station(cell))
+    stub.rest(0.1)
+    before(stub, cell, 0.015)
+    stub.station._go(State.TARE, stub.now)
+    stub.rest(1.0)
+    assert stub.station.state is State.INSERT
+    stub.guard.permit = replace(stub.guard.permit, state=PermitState.WITHDRAWN, reason="a hand")
+    wish = stub.step()
+    assert stub.station.state is State.HELD
+    assert isinstance(wish.intent, Rest)
+    assert wish.intent.permit is None
+    stub.guard.permit = None
+    wish = stub.rest(2.0)
+    assert stub.station.state is State.LEAVE
+    assert isinstance(wish.intent, VelocityIntent)
+    assert stub.station.outcome.problem == "a hand"
+
+
+def test_a_car_that_moves_is_left(cell):
+    car = SimulatedCar()
+    stub = Stub(cell, station(cell, car=car))
+    stub.rest(0.1)
+    before(stub, cell, 0.05)
+    stub.station._go(State.ALIGN, stub.now)
+    stub.step()
+    car.parked = False
+    stub.step()
+    assert stub.station.state is State.LEAVE
+    assert "moves" in stub.station.outcome.problem
+
+
+def test_a_journal_of_another_plug_or_a_broken_one_stops_the_station(cell, tmp_path):
+    file = tmp_path / "j.json"
+    T = seen_port(cell).T_base_port
+    Journal(file).write(Entry("type1", "type1_plug", T, make_pose(None, [0, 0, 0.2]), np.zeros(6)))
+    stub = Stub(cell, station(cell, file))
+    wish = stub.step()
+    assert stub.station.state is State.STUCK
+    assert wish.intent.fault
+    file.write_text("nonsense")
+    with pytest.raises(JournalError, match="look whether"):
+        station(cell, file)
+
+
+def test_a_killed_station_whose_plug_is_out_stands_by(cell, tmp_path):
+    file = tmp_path / "j.json"
+    port, robot = seen_port(cell), robot_in(cell)
+    Journal(file).write(
+        Entry("type2", "type2_plug", port.T_base_port, robot.tool.T_flange_tcp, np.zeros(6))
+    )
+    stub = Stub(cell, station(cell, file))
+    stub.step()
+    assert flange_pose(robot, stub.q)[0, 3] < 0.5  # it stands by
+    assert stub.station.state is State.STAND_BY
+    assert not file.exists()

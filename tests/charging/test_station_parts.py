@@ -1,0 +1,159 @@
+"""The station's small parts: journal, hanging plug, straight lines, simulated car, permission."""
+
+import json
+
+import numpy as np
+import pytest
+
+from armsight.charging.admittance import Admittance
+from armsight.charging.eye import PortEye, SeenPort, picture_fault
+from armsight.charging.hanging import at_plug, hung, tip_twist
+from armsight.charging.journal import Entry, Journal, JournalError
+from armsight.charging.moves import apart, before_port, looking_pose, straight
+from armsight.charging.permission import RENEW, Permission
+from armsight.charging.vehicle import SimulatedCar
+from armsight.charging.visit import StationOptions
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import exp, from_rpy, inverse, log, make_pose
+
+RNG = np.random.default_rng(3)
+PORT = from_rpy((0.3, -1.2, 0.4), (0.9, 0.1, 0.4))
+
+
+def entry(plugged=False):
+    return Entry("type2", "type2_plug", PORT, make_pose(None, [0, 0, 0.2]), np.arange(6.0), plugged)
+
+
+def test_a_journal_says_after_a_restart_what_was_written(tmp_path):
+    file = tmp_path / "cell.station.json"
+    assert Journal(file).read() is None
+    Journal(file).write(entry(plugged=True))
+    read = Journal(file).read()
+    assert (read.port, read.plug, read.plugged) == ("type2", "type2_plug", True)
+    np.testing.assert_array_equal(read.T_base_port, PORT)
+    np.testing.assert_array_equal(read.tare, np.arange(6.0))
+    Journal(file).clear()
+    assert Journal(file).read() is None
+    Journal(file).clear()  # clearing nothing is nothing
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: "{", "is no journal"),
+        (lambda d: "[" * 5000, "is no journal"),
+        (lambda d: " " * 200_000, "too long"),
+        (lambda d: json.dumps({**d, "version": 2}), "version 1"),
+        (lambda d: json.dumps({**d, "tare": [0, 1]}), "tare"),
+        (lambda d: json.dumps({**d, "plugged": "yes"}), "plugged"),
+        (lambda d: json.dumps({**d, "port": 5}), "port"),
+        (lambda d: json.dumps({**d, "T_base_port": [[1, 0], [0, 1]]}), "T_base_port is no pose"),
+        (lambda d: json.dumps({**d, "T_flange_plug": (2 * np.eye(4)).tolist()}), "no pose"),
+        (lambda d: json.dumps({k: v for k, v in d.items() if k != "tare"}), "tare"),
+    ],
+)
+def test_a_journal_that_cannot_be_believed_is_an_error_that_says_what_to_do(
+    tmp_path, change, words
+):
+    file = tmp_path / "j.json"
+    Journal(file).write(entry())
+    file.write_text(change(json.loads(file.read_text())))
+    with pytest.raises(JournalError, match=words) as error:
+        Journal(file).read()
+    assert "look whether the plug is in the car" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_journal_that_cannot_be_written_says_so(tmp_path):
+    (tmp_path / "folder").write_text("a file where the folder should be")
+    with pytest.raises(JournalError, match="cannot be written"):
+        Journal(tmp_path / "folder" / "j.json").write(entry())
+
+
+def test_a_plug_hangs_as_far_as_its_weight_over_the_springs_says():
+    mount, T_tip = Admittance((5000.0, 30.0), 0.07), make_pose(None, [0, 0, 0.2])
+    # 20 N down (-y of a level plug) at 6 cm behind the tip: the sensor feels it at the flange
+    force, at = np.array([0.0, -20.0, 0.0]), np.array([0.0, 0.0, 0.14])
+    wrench = np.concatenate([force, np.cross(at, force)])
+    off = log(inverse(T_tip) @ hung(T_tip, wrench, mount))
+    assert off[1] == pytest.approx(-20.0 / 5000.0, abs=2e-4)
+    # its rear sinks, so its mouth looks up: about x by r x f, r = -6 cm along z
+    assert off[3] == pytest.approx((-0.06 * 20.0) / 30.0 * 1.0, abs=1e-3)
+    np.testing.assert_allclose(at_plug(wrench, T_tip)[3:], [-1.2, 0, 0], atol=1e-12)
+
+
+def test_the_tips_twist_moves_the_plug_as_wished():
+    T_tip, T_plug = make_pose(None, [0, 0, 0.2]), from_rpy((0.05, -0.03, 0.1), (0.004, -0.006, 0.2))
+    wish = RNG.normal(size=6) * 0.1
+    twist = tip_twist(wish, T_tip, T_plug)
+    dt = 1e-6  # a rigid step of the flange by the tip's twist, seen at the plug
+    moved = T_tip @ exp(twist * dt) @ inverse(T_tip) @ T_plug
+    np.testing.assert_allclose(log(inverse(T_plug) @ moved) / dt, wish, atol=1e-5)
+
+
+def test_a_straight_line_comes_in_along_the_axis():
+    goal = before_port(PORT, 0.015)
+    plug = before_port(PORT, 0.1) @ exp(np.array([0.01, -0.008, 0.0, 0.05, 0.04, 0.06]))
+    for _ in range(2000):
+        before = log(inverse(goal) @ plug)
+        plug = plug @ exp(0.008 * straight(plug, goal, 0.06))
+        after = log(inverse(goal) @ plug)
+        if np.hypot(*before[:2]) > 0.007:  # it does not go in before it is on the axis
+            assert after[2] - before[2] < 1e-4
+    distance, angle = apart(plug, goal)
+    assert distance < 1e-4
+    assert angle < 1e-3
+
+
+@pytest.mark.parametrize("side", range(5))
+def test_a_second_look_has_the_port_in_its_middle_from_so_far_off_its_axis(side):
+    T = looking_pose(PORT, 0.36, np.deg2rad(22), side)
+    port = inverse(T) @ PORT
+    np.testing.assert_allclose(port[:3, 3], [0, 0, 0.36], atol=1e-12)
+    assert np.rad2deg(np.arccos(-port[2, 2])) == pytest.approx(22.0)
+
+
+def test_a_simulated_car_locks_charges_and_opens():
+    car = SimulatedCar("type2", seconds=3.0, unlock=0.5)
+    assert car.status(0.0).parked
+    assert not car.status(0.0).locked
+    car.tell("plugged", 1.0)
+    assert car.status(2.0).locked
+    assert car.status(2.0).charging
+    assert not car.status(2.0).enough
+    assert car.status(4.0).enough
+    assert not car.status(4.0).charging
+    car.tell("stop", 4.5)
+    assert car.status(4.9).locked
+    assert not car.status(5.0).locked
+    car.tell("unplugged", 6.0)
+    assert not car.status(7.0).locked
+    assert not car.status(7.0).enough
+
+
+def test_a_permit_is_asked_for_about_the_port_and_renewed_before_it_ends():
+    options = StationOptions()
+    permission = Permission(options)
+    assert permission.ask(0.0, None) is None
+    port = SeenPort("type2", 0.9, PORT, np.diag([1e-6, 1e-6, 4e-6, 1e-4, 1e-4, 1e-4]), False)
+    permission.see(port, 1.0, 0.002)
+    first = permission.ask(1.0, None)
+    assert first.kind == "thing"
+    assert first.parts == ("tool",)
+    sides = first.region.distance(PORT[:3, 3][None], 1.0)
+    assert sides[0] == pytest.approx(-options.aside)
+    sigma = np.sqrt(np.linalg.eigvalsh(first.region.covariance)[-1])
+    assert sigma == pytest.approx(np.hypot(0.002, 0.002))
+    later = permission.ask(1.0 + RENEW + 0.1, None)
+    assert later.name != first.name
+    assert first.seconds > RENEW + 10.0
+
+
+def test_pictures_that_show_nothing_are_said():
+    lens = PinholeCamera(64, 48, 60.0, 60.0, 32.0, 24.0)
+    good = RNG.integers(0, 255, (48, 64, 3)).astype(np.uint8)
+    assert picture_fault(good, good, lens, lens) == ""
+    assert "covered" in picture_fault(good, np.full_like(good, 7), lens, lens)
+    assert "right picture is 32x48" in picture_fault(good, good[:, :32], lens, lens)
+    assert PortEye("post", ("type2",)).on_demand
