@@ -62,6 +62,7 @@ class Docking:
         reach: that much of the tool, from its tip, may touch [m].
         speed: of the touch [m/s]; force: [N]; stiffness: of the target and what holds it [N/m].
         drift: how fast its place becomes unsure while nobody sees it [m/s].
+        scale: of the fixed cameras' colour pictures: a ring of 15 mm needs all of their pixels.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Docking:
     force: float = 10.0
     stiffness: float = 5e3
     drift: float = 0.06
+    scale: float = 1.0
 
     def request(
         self, seen: Touchable, otherwise: Vector3, up: Vector3, front: Vector3
@@ -130,7 +132,8 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
     """
     return {
         "ball": Docking(
-            "ball", lambda: Ball(ball_radius), radius=ball_radius, size=(ball_radius, 0.0, 0.0)
+            "ball", lambda: Ball(ball_radius), radius=ball_radius, size=(ball_radius, 0.0, 0.0),
+            scale=0.5,
         ),
         # Its plate has 16 cm; how it is turned about its middle nobody knows.
         "bullseye": Docking(

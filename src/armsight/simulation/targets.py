@@ -51,6 +51,7 @@ class TargetSpec:
         speed: greatest speed of a wandering target [m/s]; room: (3,) half extent of its box [m].
         max_speed: when it is led [m/s].
         glossy: a shiny ball, which reflects lamps and little infrared.
+        mass: [kg]; surface: stiffness of its surface [N/m], where contact pushes.
     """
 
     name: str
@@ -63,6 +64,8 @@ class TargetSpec:
     room: tuple[float, float, float] = (0.15, 0.25, 0.15)
     max_speed: float = 0.6
     glossy: bool = False
+    mass: float = 0.2
+    surface: float = 20e3
 
 
 def target_object(spec: TargetSpec) -> MovingObjectSpec:
@@ -80,6 +83,8 @@ def target_object(spec: TargetSpec) -> MovingObjectSpec:
         max_speed=spec.max_speed,
         parts=tuple(others),
         follow=follow,
+        mass=spec.mass,
+        surface=spec.surface,
     )
 
 

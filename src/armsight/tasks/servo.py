@@ -62,7 +62,7 @@ class ServoOptions:
         pair = pairs[0] if pairs and self.mode != "fixed" else ""
         dock = docking(self.target, self.ball_radius)
         target = dock.detector()
-        eyes: list[Eye | WristEye] = [Eye(name, target) for name in cameras]
+        eyes: list[Eye | WristEye] = [Eye(name, target, scale=dock.scale) for name in cameras]
         if pair:
             tool = cell.robot.tool.name if cell.robot.tool is not None else ""
             radius, at = TOOL_MARKS.get(tool, (0.0, (0.0, 0.0, 0.0)))

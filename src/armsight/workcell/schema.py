@@ -386,6 +386,13 @@ class TargetSection(Section):
     speed: Positive = key(0.2, "Greatest speed of one that wanders.", "m/s", le=2.0)
     room: Extent = key((0.15, 0.25, 0.15), "How far one wanders along x, y, z at most.", "m")
     glossy: Switch = key(False, "Shiny: it mirrors the lamps, and infrared sees little of it.")
+    mass_kg: Positive = key(0.2, "Its mass, where contact pushes.", "kg", le=100.0)
+    surface_n_per_mm: Positive = key(
+        20.0,
+        "Stiffness of its surface, in series with a soft tip that meets it.",
+        "N/mm",
+        le=1000.0,
+    )
 
     @model_validator(mode="after")
     def _center_named(self) -> TargetSection:

@@ -195,4 +195,6 @@ def _target(section: TargetSection) -> TargetSpec:
         speed=section.speed,
         room=section.room,
         glossy=section.glossy,
+        mass=section.mass_kg,
+        surface=1e3 * section.surface_n_per_mm,
     )
