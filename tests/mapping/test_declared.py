@@ -121,7 +121,7 @@ def test_withdrawn_it_may_be_a_person_again_and_so_may_what_is_inside():
     cell.world.withdraw("car")
     snapshot = cell.look(CAR)
     assert snapshot.declared == ()
-    possible = cell.world._fine.unseen.mask()
+    possible = cell.world._people.fine.unseen.mask()
     assert possible[tuple(snapshot.grid.index(CAR.T_frame_solid[:3, 3][None])[0])]
     assert close_to(cell.look(CAR, times=2), CAR) > 50
 

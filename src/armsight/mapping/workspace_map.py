@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Ints, Ints32, Mask, Pose
+from armsight.arrays import Bytes, Floats32, Pose
 from armsight.devices.data import DeclaredSolids as Word
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
@@ -19,23 +19,16 @@ from armsight.mapping.camera_stage import CameraStage, Evidence
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import Change, DeclaredSolids
 from armsight.mapping.distance_field import DistanceField
-from armsight.mapping.hazards import Tracked, UnseenPeople
 from armsight.mapping.health import CameraHealth
-from armsight.mapping.kernels.flood import face_points
 from armsight.mapping.layers import far_grid, fine_grid
-from armsight.mapping.occupancy import Occupancy
+from armsight.mapping.people import People
 from armsight.mapping.self_filter import BodyPose, SelfFilter
 from armsight.mapping.snapshot import (
-    FREE,
-    UNKNOWN,
     CameraCorrection,
     CameraStatus,
-    Emptiness,
     WorkspaceSnapshot,
 )
-from armsight.mapping.static_geometry import StaticGeometry
-from armsight.mapping.things import PATIENCE, TOUCHES, Things
-from armsight.mapping.tracked import TrackedRegion, TrackedThing
+from armsight.mapping.tracked import TrackedRegion
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 
@@ -52,26 +45,6 @@ class _Job:
     frame: RgbdFrame
     T_base_camera: Pose
     body: BodyPose
-
-
-class _Layer:
-    """One grid with its evidence and the people who may hide in it."""
-
-    def __init__(
-        self, static: StaticGeometry, cameras: int, config: MappingConfig, around: _Layer | None
-    ) -> None:
-        self.grid = static.grid
-        self.occupancy = Occupancy(
-            static.grid, cameras, static.filled, config.hold, config.weak_window
-        )
-        self.things = Things(static.grid, TOUCHES if around is not None else 1)
-        self.unseen: UnseenPeople = UnseenPeople(
-            static.grid,
-            static.filled,
-            config.person_speed,
-            config.hand,
-            None if around is None else around.unseen,
-        )
 
 
 class WorkspaceMap:
@@ -104,32 +77,26 @@ class WorkspaceMap:
             raise UsageError(f"{len(names)} depth cameras; the map can tell {MAX_CAMERAS} apart")
         self.grid = fine_grid(config)
         self._declared = DeclaredSolids(static, (self.grid, far_grid(config, self.grid)))
-        solids, far_solids = self._declared.layers
-        self._far = _Layer(far_solids, len(names), config, None)
-        around = self._far if config.has_far_layer else None
-        self._fine = _Layer(solids, len(names), config, around)
+        self._people = People(self._declared.layers, len(names), config)
         self._filter = SelfFilter(robot)
         self._index = {name: i for i, name in enumerate(names)}
         self._infos = tuple(cameras)
-        self._stages = [CameraStage(c, (solids, far_solids), self._filter, config) for c in cameras]
+        self._stages = [
+            CameraStage(c, self._declared.layers, self._filter, config) for c in cameras
+        ]
         self._health = [CameraHealth(c, config) for c in cameras]
         self._field = DistanceField(
             self.grid.shape, self.grid.voxel, config.distance_cap, config.unknown_is_solid
         )
         self._body_near = np.zeros(self.grid.shape, np.uint8)
         self._body_deep = np.zeros(self.grid.shape, np.uint8)
-        self._no_body = np.zeros(int(np.prod(self._far.grid.shape)), np.uint8)
-        self._points: Floats32 = np.zeros((int(np.prod(self._far.grid.shape)), 3), np.float32)
+        self._no_body = np.zeros(int(np.prod(self._people.far.grid.shape)), np.uint8)
         self._body_voxels = np.zeros(self._body_near.size, np.int32)
         self._body_count = 0
         self._now = -np.inf
         self._alive = np.zeros(len(names), np.uint8)
         self._snapshot: WorkspaceSnapshot | None = None
         self._sequence = -1
-        self._emptiness = Emptiness()
-        self._waiting_until = np.inf
-        self._solid_things: Floats32 = np.empty((0, 3), np.float32)
-        self._tracked = TrackedThing(self.grid)
         threads = max(config.threads, 1)
         self._pool = ThreadPoolExecutor(threads, "mapping") if threads > 1 else None
 
@@ -161,7 +128,7 @@ class WorkspaceMap:
         self._redeclare(self._declared.begin(now, self._body_near))
         jobs = self._admit(frames, joints, now)
         alive = self._living(now)
-        if not jobs and not self._declared.watched and self._nothing_new(alive, now):
+        if not jobs and self._nothing_new(alive, now):
             return self._again(now)
         evidence = self._judge(jobs)
         lap("images")
@@ -173,21 +140,21 @@ class WorkspaceMap:
             seen_by = [(j.camera, j.frame.camera, e.through) for j, e in looked]
             self._redeclare(self._declared.judge(now, seen_by, np.flatnonzero(alive).tolist()))
         self._alive = alive
-        state = self._state(self._fine, alive)
+        people = self._people
+        state = people.state(people.fine, alive)
         lap("occupancy")
-        hazards, unknown = self._hazards(state, alive, now, tracked)
-        # Before the field: space that hides nobody, such as the arm's own, is not solid.
-        self._fine.unseen.mark_enclosed(state)
-        self._fine.things.keep(state)
+        stamps = [h.stamp for h in self._health]
+        elapsed = now - self._now if np.isfinite(self._now) else 0.0
+        times = (now, elapsed, max(stamps, default=-np.inf))
+        hazards, unknown = people.update(state, self._body_near, alive, times, tracked)
         lap("hazards")
         distance, last, cloud = self._field_and_cloud(state)
         lap("field and cloud")
-        things = self._solid_things
+        things = people.things
         for array in (state, hazards, unknown, last, cloud, things):
             array.flags.writeable = False
         self._now = now
         self._sequence += 1
-        stamps = [h.stamp for h in self._health]
         self._snapshot = WorkspaceSnapshot(
             sequence=self._sequence,
             stamp=max(stamps, default=-np.inf),
@@ -205,7 +172,7 @@ class WorkspaceMap:
             timings=tuple(timings),
             distance_counts_unknown=self.config.unknown_is_solid,
             things=things,
-            emptiness=self._emptiness,
+            emptiness=people.emptiness,
             declared=self._declared.told,
             corrections=tuple(
                 CameraCorrection(info.name, stage.mounting.T_old_new, stage.mounting.gain)
@@ -257,10 +224,7 @@ class WorkspaceMap:
         """Take over other solids."""
         if change is None:
             return
-        rows = zip((self._fine, self._far), change.layers, change.filled, change.left)
-        for layer, static, filled, left in rows:
-            layer.occupancy.redeclare(static.filled, filled)
-            layer.unseen.redeclare(static.filled, left)
+        self._people.redeclare(change)
         for stage in self._stages:
             stage.redeclare(change.layers)
 
@@ -270,37 +234,7 @@ class WorkspaceMap:
         Taken by an update in which all cameras are alive and nothing has moved for a second;
         ``snapshot.emptiness`` says what became of it. Safe from any thread.
         """
-        self._emptiness = Emptiness(waiting=True, reason="looking whether the cell is at rest")
-        self._waiting_until = np.inf
-
-    def _take_word(self, alive: Bytes, now: float) -> None:
-        """Whether the word that the cell is empty can be believed."""
-        if np.isinf(self._waiting_until):
-            self._waiting_until = now + PATIENCE
-        why = "" if alive.all() else "not all cameras give pictures"
-        for layer in (self._fine, self._far):
-            seen = layer.occupancy
-            at = -1 if why else layer.things.moving(seen.clusters(2), seen.occupied, now)
-            if at >= 0:
-                place = layer.grid.center(np.array([np.unravel_index(at, layer.grid.shape)]))[0]
-                x, y, z = place
-                why = f"something moves near ({x:.2f}, {y:.2f}, {z:.2f}) m"
-        if why:
-            over = now > self._waiting_until
-            words = f"the cell is not taken for empty: {why}" if over else why
-            self._emptiness = Emptiness(waiting=not over, reason=words)
-            return
-        for layer in (self._fine, self._far):
-            layer.things.begin(layer.occupancy.dynamic, layer.occupancy.occupied, now)
-            layer.unseen.nobody()
-        self._emptiness = Emptiness(said=True)
-
-    def _state(self, layer: _Layer, alive: Bytes) -> Bytes:
-        """What is free, occupied and unknown by the word of the living cameras."""
-        state = layer.occupancy.state(alive)
-        if self.config.unseen_is_empty:
-            state[state == UNKNOWN] = FREE
-        return state
+        self._people.declare_empty()
 
     def _turn_back(self, seconds: float) -> None:
         """The clock was turned back: begin anew, but keep what was seen occupied until seen gone.
@@ -311,11 +245,7 @@ class WorkspaceMap:
             health.restart(f"the clock was turned back by {seconds:.2f} s")
         for stage in self._stages:
             stage.mounting.restart()
-        for layer in (self._fine, self._far):
-            layer.occupancy.turn_back(seconds)
-            layer.things.end()
-        if self._emptiness.said:
-            self._emptiness = Emptiness(reason="the clock was turned back; say it again")
+        self._people.turn_back(seconds)
 
     def _nothing_new(self, alive: Bytes, now: float) -> bool:
         """Whether a round without frames would find what the last one found.
@@ -388,8 +318,8 @@ class WorkspaceMap:
 
         def work(job: _Job, beside: Executor | None = None) -> Evidence:
             free = (
-                self._fine.occupancy.free[job.camera],
-                self._far.occupancy.free[job.camera],
+                self._people.fine.occupancy.free[job.camera],
+                self._people.far.occupancy.free[job.camera],
             )
             return self._stages[job.camera].process(
                 job.frame.depth,
@@ -417,7 +347,9 @@ class WorkspaceMap:
             return
         health.accept(job.frame, seen.warning)
         for layer, hits, body in zip(
-            (self._fine, self._far), seen.hits, (self._body_deep.reshape(-1), self._no_body)
+            (self._people.fine, self._people.far),
+            seen.hits,
+            (self._body_deep.reshape(-1), self._no_body),
         ):
             layer.occupancy.take(
                 job.camera, job.frame.stamp, hits.index, hits.strong, body, seen.sight
@@ -439,83 +371,11 @@ class WorkspaceMap:
     def _field_and_cloud(self, state: Bytes) -> tuple[Floats32, Floats32, Floats32]:
         """The distance field, the ages, and the cloud: three that do not need each other."""
         field = None if self._pool is None else self._pool.submit(self._field.update, state)
-        last = self._fine.occupancy.last_occupied()
-        cloud = self._centers(self._fine.occupancy.dynamic)
+        last = self._people.fine.occupancy.last_occupied()
+        cloud = self._people.centers(self._people.fine.occupancy.dynamic)
         cloud = cloud[np.linalg.norm(cloud, axis=1) <= self.config.crop]
         distance = self._field.update(state) if field is None else field.result()
         return distance, last, cloud
-
-    def _hazards(
-        self, state: Bytes, alive: Bytes, now: float, region: TrackedRegion | None
-    ) -> tuple[Floats32, Mask]:
-        """Where people are or could be: centres of fine voxels, and which are unseen."""
-        elapsed = now - self._now if np.isfinite(self._now) else 0.0
-        fine, far = self._fine, self._far
-        if self._emptiness.waiting:
-            self._take_word(alive, now)
-        parts: list[tuple[Floats32, bool]] = []
-        if self.config.has_far_layer:
-            parts = self._far_hazards(self._state(far, alive), elapsed, now)
-        seen = self._people(fine, state, fine.occupancy.clusters(self.config.cluster), now)
-        self._solid_things = self._centers(fine.things.solid(fine.occupancy.dynamic))
-        stamp = max((h.stamp for h in self._health), default=-np.inf)
-        tracked = None
-        if self._tracked.follow(region, stamp, now):
-            tracked = Tracked(self._tracked, fine.occupancy.occupied)
-        unseen, _ = fine.unseen.update(state, seen, self._body_near, elapsed, tracked)
-        unseen = unseen[fine.occupancy.occupied[unseen] == 0]
-        parts.append((self._centers(seen), False))
-        parts.append((self._centers(unseen), True))
-        points = np.concatenate([p for p, _ in parts])
-        unknown = np.concatenate([np.full(len(p), u) for p, u in parts])
-        return points, unknown
-
-    def _people(self, layer: _Layer, state: Bytes, clusters: Ints32, now: float) -> Ints32:
-        """Those clusters that are not known to be things."""
-        seen = layer.occupancy
-        may = layer.things.update(
-            state, seen.dynamic, clusters, seen.occupied, layer.unseen.sets, now
-        )
-        return clusters[may]
-
-    def _far_hazards(self, state: Bytes, elapsed: float, now: float) -> list[tuple[Floats32, bool]]:
-        """The same of the coarse layer, outside the fine one, as faces of fine voxels."""
-        far = self._far
-        shape = np.asarray(far.grid.shape)
-        parts = self.config.far_parts
-        dynamic = self._people(far, state, far.occupancy.clusters(self.config.far_cluster), now)
-        index, faces = far.unseen.update(state, dynamic, None, elapsed)
-        far.unseen.mark_enclosed(state)
-        far.things.keep(state)
-        seen = far.occupancy.occupied[index] != 0
-        whole = np.full(len(dynamic), 63, np.uint8)
-        lower = np.asarray(self.grid.origin, float)
-        upper = lower + np.asarray(self.grid.shape) * self.grid.voxel
-        out = []
-        for cells, open_faces, unseen in (
-            (dynamic, whole, False),
-            (index[~seen], faces[~seen], True),
-        ):
-            count = face_points(
-                cells,
-                open_faces,
-                len(cells),
-                np.asarray(far.grid.origin, float),
-                far.grid.voxel,
-                shape,
-                parts,
-                lower,
-                upper,
-                self._points,
-            )
-            out.append((self._points[:count].copy(), unseen))
-        return out
-
-    def _centers(self, flat: Ints32) -> Floats32:
-        return self.grid.center(self._triples(flat)).astype(np.float32)
-
-    def _triples(self, flat: Ints32) -> Ints:
-        return np.stack(np.unravel_index(flat, self.grid.shape), axis=1)
 
     def close(self) -> None:
         """End the worker threads."""
