@@ -24,6 +24,7 @@ from armsight.commands.demo import Demo
 from armsight.commands.detect_port import DetectPort
 from armsight.commands.doctor import Doctor
 from armsight.commands.experiment import ExperimentCommand
+from armsight.commands.extend import Extend
 from armsight.commands.new import New
 from armsight.commands.patrol import Patrol
 from armsight.commands.recognise import Recognise
@@ -57,6 +58,7 @@ COMMANDS = (
     DetectPort,
     Train,
     Transfer,
+    Extend,
     ExperimentCommand,
 )
 

@@ -37,6 +37,7 @@ class Recognise:
         intrinsics: instead of a file: fx,fy,cx,cy in pixels.
         every: of a video, one frame in so many.
         threads: of the CPU; 0 for all.
+        extension: files of robots that the network learned later (armsight extend).
     """
 
     what: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="IMAGE|FOLDER|VIDEO")]
@@ -46,6 +47,7 @@ class Recognise:
     intrinsics: str | None = None
     every: int = 1
     threads: int = 0
+    extension: tuple[Path, ...] = ()
 
     def run(self) -> int:
         """Recognise; 1 if any picture could not be read."""
@@ -59,7 +61,7 @@ class Recognise:
         if self.every < 1:
             raise UsageError(f"--every is {self.every}, expected at least 1")
         paths = pictures_in(self.what)
-        looks = open_recogniser(network_file(self.network), self.threads)
+        looks = open_recogniser(network_file(self.network), self.threads, self.extension)
         if self.what.suffix.lower() in VIDEOS:
             return self._video(looks)
         lines: list[str] = []

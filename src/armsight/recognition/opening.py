@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -9,8 +10,10 @@ from typing import Protocol
 import numpy as np
 
 from armsight.arrays import Bytes, ColorImage
+from armsight.errors import RecognitionError
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.any_arm import model as crops
+from armsight.recognition.any_arm.extension import Extension, read_extension
 from armsight.recognition.inference.model import Model, read_network
 from armsight.recognition.inference.pictures import Picture
 
@@ -31,21 +34,31 @@ class Looks(Protocol):
         """What is seen in a picture through a camera; None where nobody says which."""
 
 
-def open_recogniser(file: Path, threads: int = 0) -> Looks:
+def open_recogniser(file: Path, threads: int = 0, extensions: Sequence[Path] = ()) -> Looks:
     """Whatever can look with the network in a file.
 
+    Args:
+        file: of the network.
+        threads: of the CPU; 0 for onnxruntime's own choice.
+        extensions: files of robots that it learned later.
+
     Raises:
-        RecognitionError: it is missing, damaged, or no network of armsight's.
+        RecognitionError: it is missing, damaged, or no network of armsight's; an extension is
+            damaged or belongs to another one.
     """
     _, words = read_network(file)
-    return _ours(file, threads) if words.get("format") == crops.FORMAT else _papers(file, threads)
+    if words.get("format") == crops.FORMAT:
+        return _ours(file, threads, [read_extension(e) for e in extensions])
+    if extensions:
+        raise RecognitionError(f"{file}: is no crop network of armsight's; only these are extended")
+    return _papers(file, threads)
 
 
-def _ours(file: Path, threads: int) -> Looks:
+def _ours(file: Path, threads: int, extensions: Sequence[Extension]) -> Looks:
     from armsight.recognition.any_arm.drawing import draw, mask_of
     from armsight.recognition.any_arm.recogniser import ArmRecogniser
 
-    recogniser = ArmRecogniser(crops.CropModel(file, threads))
+    recogniser = ArmRecogniser(crops.CropModel(file, threads, extensions))
 
     def look(picture: Picture, camera: PinholeCamera | None) -> Shown:
         found = recogniser.recognise(picture, camera)

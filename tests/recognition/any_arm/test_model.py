@@ -16,7 +16,9 @@ from armsight.recognition.training.onnx_file import FLOAT, OnnxGraph
 from armsight.robots.catalogue import load_robot
 
 
-def _network(card: dict[str, Any], words: dict[str, str] | None = None) -> bytes:
+def bright_network(
+    card: dict[str, Any], words: dict[str, str] | None = None, kind: np.ndarray | None = None
+) -> bytes:
     """A graph of the shapes of a crop network's, whose arm is where the picture is bright."""
     graph = OnnxGraph("bright")
     image = graph.input("image", np.uint8, (1, "height", "width", 3))
@@ -35,28 +37,32 @@ def _network(card: dict[str, Any], words: dict[str, str] | None = None) -> bytes
     cells = ("rows", "columns")
     for name, count, first in (("links", 10, -0.02), ("coordinates", 3, 0.0), ("spread", 1, 0.0)):
         graph.output(made(name, count, first), name, (1, count, *cells))
+    pooled = graph.node("AveragePool", x, kernel_shape=(2, 2), strides=(2, 2))
+    graph.output(pooled, "features", (1, 3, "eighths", "of_columns"))
+    graph.output(graph.node("ReduceMean", x, axes=(2, 3), keepdims=0), "hidden", (1, 3))
     graph.output(made("heat", SLOTS), "heat_ur5", (1, SLOTS, *cells))
     graph.output(graph.constant(np.zeros((1, SLOTS), np.float32)), "outside_ur5", (1, SLOTS))
-    graph.output(graph.constant(np.array([[3.0, 0.0, 0.0]], np.float32)), "type", (1, 3))
+    kind = np.array([[3.0, 0.0, 0.0]], np.float32) if kind is None else kind
+    graph.output(graph.constant(kind), "type", kind.shape)
     return graph.encode({"format": FORMAT, "card": json.dumps(card)} if words is None else words)
 
 
-def _card() -> dict[str, Any]:
+def bright_card() -> dict[str, Any]:
     return {"landmarks": {"ur5": find_landmarks(load_robot("ur5")).to_json()}}
 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "crops.onnx"
-    path.write_bytes(_network(_card()))
+    path.write_bytes(bright_network(bright_card()))
     return path
 
 
 def test_a_look_has_the_sizes_of_the_picture(file: Path) -> None:
     look = CropModel(file, 1).look(np.zeros((96, 160, 3), np.uint8))
-    assert look.links.shape == (10, 24, 40)
-    assert look.coordinates.shape == (24, 40, 3)
-    np.testing.assert_allclose(look.links.sum(axis=0), 1.0, rtol=1e-5)
+    assert look.surface.links.shape == (10, 24, 40)
+    assert look.surface.coordinates.shape == (24, 40, 3)
+    np.testing.assert_allclose(look.surface.links.sum(axis=0), 1.0, rtol=1e-5)
     assert sum(look.types.values()) == pytest.approx(1.0)
     assert list(look.types) == ["ur5", "none", "unknown"]
     assert len(look.places["ur5"].mean) == 15
@@ -83,7 +89,7 @@ def test_nothing_bright_is_no_arm_and_two_bright_things_are_two(file: Path) -> N
 
 @pytest.mark.parametrize("damage", ["landmarks", "link", "trust", "infinite"])
 def test_a_damaged_card_is_refused(tmp_path: Path, damage: str) -> None:
-    card = _card()
+    card = bright_card()
     if damage == "landmarks":
         del card["landmarks"]
     elif damage == "link":
@@ -93,13 +99,13 @@ def test_a_damaged_card_is_refused(tmp_path: Path, damage: str) -> None:
     else:
         card["trust"] = {"weights": [1.0], "threshold": 0.5, "widen": 1.0}
     path = tmp_path / "bad.onnx"
-    path.write_bytes(_network(card))
+    path.write_bytes(bright_network(card))
     with pytest.raises(RecognitionError, match="damaged"):
         ArmRecogniser(CropModel(path, 1))
 
 
 def test_another_network_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.onnx"
-    path.write_bytes(_network(_card(), {"format": "something", "card": "{}"}))
+    path.write_bytes(bright_network(bright_card(), {"format": "something", "card": "{}"}))
     with pytest.raises(RecognitionError, match="no crop network"):
         CropModel(path, 1)

@@ -8,6 +8,7 @@ as much there. A link's box scales the coordinates that the network gives of its
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -79,3 +80,28 @@ def find_landmarks(robot: Robot) -> Landmarks:
     return Landmarks(
         np.array(slot, np.int64), np.array(link, np.int64), np.array(point), middle, half
     )
+
+
+def read_landmarks(entry: dict[str, Any]) -> Landmarks:
+    """Landmarks of a network's card.
+
+    Raises:
+        ValueError, KeyError, TypeError: they are damaged.
+    """
+    slot, link = (np.array(entry[k], np.int64) for k in ("slot", "link"))
+    point, middle, half = (np.array(entry[k], np.float64) for k in ("point", "middle", "half"))
+    good = (
+        link.ndim == 1
+        and 0 < len(link) <= SLOTS
+        and slot.shape == link.shape
+        and bool(((slot >= 0) & (slot < SLOTS)).all())
+        and point.shape == (len(link), 3)
+        and middle.ndim == 2
+        and middle.shape == half.shape
+        and middle.shape[1] == 3
+        and bool(((link >= 0) & (link < len(middle))).all())
+        and all(bool(np.isfinite(v).all()) for v in (point, middle, half))
+    )
+    if not good:
+        raise ValueError
+    return Landmarks(slot, link, point, middle, half)

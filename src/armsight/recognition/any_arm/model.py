@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import numpy as np
 
 from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.errors import RecognitionError
+from armsight.recognition.any_arm.extension import Extension, apply, mark_of
 from armsight.recognition.any_arm.heat import Places, read_heat
-from armsight.recognition.any_arm.landmarks import SLOTS, Landmarks
+from armsight.recognition.any_arm.landmarks import SLOTS, Landmarks, read_landmarks
 from armsight.recognition.inference.model import open_session, read_network
 
 FORMAT = "armsight-crop-1"
@@ -20,30 +22,62 @@ STRIDE = 4
 """Pixels a cell of the outputs."""
 GRAIN = 32
 """Sides of a picture that the network takes are multiples of this."""
+BENEATH = ("features", "hidden")
+"""Outputs that extensions read from."""
 _MOST_ROBOTS = 64
 
 
 @dataclass(frozen=True)
-class Look:
-    """What the network says of a picture of its own making; cells are of 4 pixels.
+class Surface:
+    """What of an arm is where; cells are of 4 pixels.
 
     Attributes:
         links: (10, h, w) probability of background, link 0, link 1 ...
         coordinates: (h, w, 3) place in its link's box, -1..1; spread: (h, w) of these.
-        types: probability of each type by its name.
-        places: landmarks of each robot [cells].
     """
 
     links: Floats32
     coordinates: Floats32
     spread: Floats32
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the network says of a picture of its own making.
+
+    Attributes:
+        surface: of the robots that it was trained on; own: of those that were added to it.
+        types: probability of each type by its name.
+        places: landmarks of each robot [cells].
+    """
+
+    surface: Surface
+    own: dict[str, Surface]
     types: dict[str, float]
     places: dict[str, Places]
+
+    def surface_of(self, robot: str) -> Surface:
+        """What it says if the arm is of a robot."""
+        return self.own.get(robot, self.surface)
 
     @property
     def arm(self) -> Floats32:
         """(h, w) probability of any arm."""
-        return np.asarray(1.0 - self.links[0])
+        return np.asarray(1.0 - self.surface.links[0])
+
+
+@dataclass(frozen=True)
+class Beneath:
+    """What extensions read from.
+
+    Attributes:
+        features: (c, h / 8, w / 8); hidden: (d,).
+        margin: log of the sum of the exponentials of the network's own types.
+    """
+
+    features: Floats32
+    hidden: Floats32
+    margin: float
 
 
 class CropModel:
@@ -52,30 +86,45 @@ class CropModel:
     Attributes:
         name: of the file, without its ending.
         card: what it was trained on and how good it is.
-        robots: names of the robots that it knows.
+        robots: names of the robots that it knows, those that were added behind the others.
         landmarks: of each.
     """
 
-    def __init__(self, file: Path, threads: int = 0) -> None:
+    def __init__(self, file: Path, threads: int = 0, extensions: Sequence[Extension] = ()) -> None:
         """Open a file.
 
         Args:
             file: ONNX, as ``armsight train --config ours`` writes it.
             threads: of the CPU; 0 for onnxruntime's own choice.
+            extensions: robots that it learned later.
 
         Raises:
-            RecognitionError: it is missing, damaged, or no crop network of armsight's.
+            RecognitionError: it is missing, damaged, or no crop network of armsight's; or an
+                extension belongs to another one.
         """
         data, words = read_network(file)
         if words.get("format") != FORMAT:
             raise RecognitionError(f"{file}: is no crop network of armsight's")
         self.name = file.stem
         self.card, self.landmarks = _card(file, words)
+        self._trained = tuple(self.landmarks)
+        self._extensions = tuple(extensions)
+        for extension in extensions:
+            if extension.network != mark_of(data):
+                raise RecognitionError(
+                    f"the extension for {extension.robot} belongs to another network than {file}; "
+                    "name the network that it was made for, or run 'armsight extend' again"
+                )
+            if extension.robot in self.landmarks:
+                raise RecognitionError(f"{file} knows {extension.robot} already")
+            self.landmarks[extension.robot] = extension.landmarks
         self.robots = tuple(self.landmarks)
         self._session = open_session(file, data, threads)
         self._names = [o.name for o in self._session.get_outputs()]
+        self._read = [n for n in self._names if self._extensions or n not in BENEATH]
         wanted = {"links", "coordinates", "spread", "type"}
-        wanted |= {f"{k}_{name}" for name in self.robots for k in ("heat", "outside")}
+        wanted |= {f"{k}_{name}" for name in self._trained for k in ("heat", "outside")}
+        wanted |= {"features", "hidden"}
         inputs = [(i.name, i.type) for i in self._session.get_inputs()]
         if set(self._names) != wanted or inputs != [("image", "tensor(uint8)")]:
             raise RecognitionError(f"{file}: does not fit its own card; take the original")
@@ -87,15 +136,16 @@ class CropModel:
             RecognitionError: the network answers with something that is no number, or not of the
                 size that it should.
         """
-        found = dict(zip(self._names, self._session.run(None, {"image": image[None]}), strict=True))
+        answers = self._session.run(self._read, {"image": image[None]})
+        found = dict(zip(self._read, answers, strict=True))
         h, w = image.shape[0] // STRIDE, image.shape[1] // STRIDE
         shapes: dict[str, tuple[int, ...]] = {
             "links": (1, 10, h, w),
             "coordinates": (1, 3, h, w),
             "spread": (1, 1, h, w),
         }
-        shapes["type"] = (1, len(self.robots) + 2)
-        for name in self.robots:
+        shapes["type"] = (1, len(self._trained) + 2)
+        for name in self._trained:
             p = SLOTS
             shapes |= {f"heat_{name}": (1, p, h, w), f"outside_{name}": (1, p)}
         if any(found[k].shape != s for k, s in shapes.items()):
@@ -103,19 +153,54 @@ class CropModel:
         if not all(np.isfinite(v).all() for v in found.values()):
             raise RecognitionError(f"{self.name}: answers with something that is no number")
         places = {}
-        for name in self.robots:
+        for name in self._trained:
             slot = self.landmarks[name].slot
             places[name] = read_heat(
                 found[f"heat_{name}"][0, slot], found[f"outside_{name}"][0, slot]
             )
-        types = _softmax(found["type"][0].astype(np.float64), 0)
-        return Look(
-            _softmax(found["links"][0], 0).astype(np.float32),
-            np.ascontiguousarray(found["coordinates"][0].transpose(1, 2, 0)),
-            np.exp(np.clip(found["spread"][0, 0], -4.0, 1.5)),
-            dict(zip((*self.robots, "none", "unknown"), map(float, types), strict=True)),
-            places,
-        )
+        logits = found["type"][0].astype(np.float64)
+        names = (*self._trained, "none", "unknown")
+        types = dict(zip(names, map(float, _softmax(logits, 0)), strict=True))
+        surface = _surface(found["links"][0], found["coordinates"][0], found["spread"][0, 0])
+        look = Look(surface, {}, types, places)
+        return self._extended(look, found, logits) if self._extensions else look
+
+    def beneath(self, image: ColorImage) -> Beneath:
+        """What all that is said of an (h, w, 3) picture is read off."""
+        names = [*BENEATH, "type"]
+        features, hidden, kind = self._session.run(names, {"image": image[None]})
+        return Beneath(features[0], hidden[0], _log_sum(kind[0].astype(np.float64)))
+
+    def _extended(self, look: Look, found: dict[str, Floats32], logits: Floats) -> Look:
+        """With what the extensions say. Where none of them wins, the types stay as they were."""
+        own, places, types = dict(look.own), dict(look.places), dict(look.types)
+        strength: dict[str, float] = {}
+        for extension in self._extensions:
+            seen = apply(extension.rows, found["features"][0], found["hidden"][0])
+            name, slot = extension.robot, extension.landmarks.slot
+            own[name] = _surface(seen.surface[:10], seen.surface[10:13], seen.surface[13])
+            places[name] = read_heat(seen.heat[slot], seen.outside[slot])
+            strength[name] = seen.type - _log_sum(logits)
+        first = max(strength, key=lambda name: strength[name])
+        share = 1.0 / (1.0 + np.exp(-np.clip(strength[first], -30, 30)))
+        wins = share > 0.5
+        if wins:
+            types = {name: float((1.0 - share) * p) for name, p in types.items()}
+        types |= {name: float(share) if wins and name == first else 0.0 for name in strength}
+        return Look(look.surface, own, types, places)
+
+
+def _surface(links: Floats32, coordinates: Floats32, spread: Floats32) -> Surface:
+    return Surface(
+        _softmax(links.astype(np.float64), 0).astype(np.float32),
+        np.ascontiguousarray(coordinates.transpose(1, 2, 0)),
+        np.exp(np.clip(spread, -4.0, 1.5)),
+    )
+
+
+def _log_sum(logits: Floats) -> float:
+    top = float(logits.max())
+    return top + float(np.log(np.exp(logits - top).sum()))
 
 
 def _softmax(x: Floats, axis: int) -> Floats:
@@ -129,26 +214,6 @@ def _card(file: Path, words: dict[str, str]) -> tuple[dict[str, Any], dict[str, 
         given = card["landmarks"]
         if not 0 < len(given) <= _MOST_ROBOTS:
             raise ValueError
-        return card, {str(name): _landmarks(entry) for name, entry in given.items()}
+        return card, {str(name): read_landmarks(entry) for name, entry in given.items()}
     except (KeyError, ValueError, TypeError, AttributeError, RecursionError):
         raise RecognitionError(f"{file}: its card is damaged; take the original") from None
-
-
-def _landmarks(entry: dict[str, Any]) -> Landmarks:
-    slot, link = (np.array(entry[k], np.int64) for k in ("slot", "link"))
-    point, middle, half = (np.array(entry[k], np.float64) for k in ("point", "middle", "half"))
-    good = (
-        link.ndim == 1
-        and 0 < len(link) <= SLOTS
-        and slot.shape == link.shape
-        and bool(((slot >= 0) & (slot < SLOTS)).all())
-        and point.shape == (len(link), 3)
-        and middle.ndim == 2
-        and middle.shape == half.shape
-        and middle.shape[1] == 3
-        and bool(((link >= 0) & (link < len(middle))).all())
-        and all(bool(np.isfinite(v).all()) for v in (point, middle, half))
-    )
-    if not good:
-        raise ValueError
-    return Landmarks(slot, link, point, middle, half)

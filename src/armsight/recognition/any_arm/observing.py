@@ -7,7 +7,7 @@ import numpy as np
 from armsight.arrays import Floats
 from armsight.recognition.any_arm.heat import Places
 from armsight.recognition.any_arm.landmarks import Landmarks
-from armsight.recognition.any_arm.model import STRIDE, Look
+from armsight.recognition.any_arm.model import STRIDE, Look, Surface
 from armsight.recognition.any_arm.solver import Observations
 from armsight.recognition.any_arm.views import Crop
 
@@ -42,7 +42,7 @@ def observe(
     covariance = covariance / np.clip(far, 1e-4, 1.0)[:, None, None]
     link, point = marks.link, marks.point
     if dense:
-        extra = _surface(look, crop, marks)
+        extra = _surface(look, look.surface_of(robot), crop, marks)
         link = np.concatenate([link, extra.link])
         point = np.concatenate([point, extra.point])
         at = np.concatenate([at, extra.at])
@@ -63,9 +63,9 @@ def _in_rays(places: Places, crop: Crop) -> tuple[Floats, Floats]:
     return crop.rays(pixels), covariance / crop.f**2
 
 
-def _surface(look: Look, crop: Crop, marks: Landmarks) -> Observations:
-    best = look.links[1:].argmax(axis=0)
-    sure = (look.arm > 0.7) & (np.take_along_axis(look.links[1:], best[None], 0)[0] > 0.6)
+def _surface(look: Look, seen: Surface, crop: Crop, marks: Landmarks) -> Observations:
+    best = seen.links[1:].argmax(axis=0)
+    sure = (look.arm > 0.7) & (np.take_along_axis(seen.links[1:], best[None], 0)[0] > 0.6)
     rng = np.random.default_rng(0)
     link: list[int] = []
     point: list[Floats] = []
@@ -79,9 +79,9 @@ def _surface(look: Look, crop: Crop, marks: Landmarks) -> Observations:
         for i in order:
             r, c = rows[i], columns[i]
             # The spread is of each coordinate in halves of the box; Laplace's deviation is sqrt 2.
-            error = np.sqrt(2.0) * look.spread[r, c] * marks.half[k].max()
+            error = np.sqrt(2.0) * seen.spread[r, c] * marks.half[k].max()
             link.append(k)
-            point.append(marks.middle[k] + look.coordinates[r, c] * marks.half[k])
+            point.append(marks.middle[k] + seen.coordinates[r, c] * marks.half[k])
             pixels.append(np.array([c, r]) * STRIDE + 0.5 * (STRIDE - 1))
             sigma.append(float(np.hypot(2.0 / crop.f, error / DISTANCE)))
     if not link:

@@ -20,6 +20,7 @@ from armsight.recognition.any_arm.views import SIDE, Crop, mask_in_picture, take
 from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.own_arm.surface import arm_surface, render
 from armsight.robots.catalogue import load_robot
+from armsight.robots.robot import Robot
 
 FAINT = 0.15
 """Share of the strongest lump below which another is none."""
@@ -179,9 +180,23 @@ class ArmRecogniser:
         )  # fmt: skip
         return arm, found.features
 
+    def _robot(self, name: str) -> Robot:
+        """The robot of a type; what the card says of it is believed only as far as it fits.
+
+        Raises:
+            RecognitionError, RobotError: there is none, or it has other links than the card says.
+        """
+        robot = load_robot(name)
+        if len(self.model.landmarks[name].middle) != robot.n + 1:
+            raise RecognitionError(
+                f"{self.model.name}: its card describes another {name} than the one here; take "
+                "the original"
+            )
+        return robot
+
     def _candidate(self, look: Look, crop: Crop, name: str, kind: float) -> _Candidate | None:
         """The best fit of a type: landmarks, and of the best ones the outlines."""
-        robot, marks = load_robot(name), self.model.landmarks[name]
+        robot, marks = self._robot(name), self.model.landmarks[name]
         seen = observe(look, crop, name, marks)
         best: _Candidate | None = None
         for fit in solve(robot, marks, seen)[:COMPARED]:

@@ -20,6 +20,7 @@ from armsight.recognition.data.crops import draw_crops
 from armsight.recognition.data.order import Order
 from armsight.recognition.data.painter import Painter
 from armsight.recognition.data.rows import Drawn
+from armsight.recognition.data.sample import KNOWN_ROBOTS
 from armsight.recognition.data.sampling import draw_sample
 
 Batch = Sequence[int]
@@ -39,15 +40,14 @@ class Crew(Protocol):
 
 def draw_batch(order: Order, batch: Batch) -> list[Drawn]:
     """Draw samples; the process keeps its OpenGL context for the next batch."""
-    if not _painters:
-        _painters.append(Painter())
     manifest = order.manifest
+    painter = _painter(tuple(manifest.meshes))
     size = (manifest.width, manifest.height)
     if order.recipe.views > 1:
-        return _draw_scenes(order, batch, _painters[0], size)
+        return _draw_scenes(order, batch, painter, size)
     return [
         draw_sample(
-            _painters[0],
+            painter,
             order.recipe,
             order.robot(i),
             size,
@@ -58,6 +58,16 @@ def draw_batch(order: Order, batch: Batch) -> list[Drawn]:
         )
         for i in batch
     ]
+
+
+def _painter(robots: tuple[str, ...]) -> Painter:
+    """The process's painter, with the meshes of the known robots and of others that are wanted."""
+    wanted = tuple(dict.fromkeys((*KNOWN_ROBOTS, *robots)))
+    if _painters and not set(wanted) <= set(_painters[0].robots):
+        _painters.pop().close()
+    if not _painters:
+        _painters.append(Painter(wanted))
+    return _painters[0]
 
 
 def _draw_scenes(

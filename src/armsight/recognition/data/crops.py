@@ -14,7 +14,7 @@ from armsight.recognition.data.painter import Painter
 from armsight.recognition.data.recipe import Recipe
 from armsight.recognition.data.recording import Place
 from armsight.recognition.data.rows import Drawn
-from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES
+from armsight.recognition.data.sample import NO_ROBOT, robot_number
 from armsight.recognition.data.sampling import finish, is_poor, look
 from armsight.recognition.data.staging import Setting, draw_setting, stage
 from armsight.recognition.data.streams import Streams
@@ -42,7 +42,7 @@ def draw_crops(
         DatasetError: no scene could be set up, which the recipes of armsight do not cause.
     """
     first = scene * recipe.views
-    number = ROBOT_TYPES.index(robot)
+    number = robot_number(robot)
     for attempt in range(SCENES):
         streams = Streams(seed, number, 0, first, attempt, shared=False)
         setting = draw_setting(recipe, robot, size, streams, Place(0))

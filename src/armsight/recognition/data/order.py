@@ -14,10 +14,19 @@ from armsight.recognition.data.emphasis import NO_EMPHASIS, Emphasis, parse_emph
 from armsight.recognition.data.manifest import Manifest
 from armsight.recognition.data.recipe import PAPER_COUNTS, Recipe, find_recipe
 from armsight.recognition.data.recording import Place, frames_of
-from armsight.recognition.data.sample import KNOWN_ROBOTS, NO_ROBOT, ROBOT_TYPES, UNKNOWN_ROBOT
+from armsight.recognition.data.sample import (
+    KNOWN_ROBOTS,
+    NO_ROBOT,
+    ROBOT_TYPES,
+    UNKNOWN_ROBOT,
+    is_robot_type,
+)
+from armsight.robots.catalogue import ROBOT_NAMES
 from armsight.simulation.gl import mujoco
 
 SHARD_SIZE = 1000
+NO_MESHES = (NO_ROBOT, UNKNOWN_ROBOT)
+"""Types that no files belong to."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +106,12 @@ def make_order(
             absurd size.
     """
     recipe = find_recipe(kind)
-    unknown = [name for name in counts if name not in ROBOT_TYPES]
+    unknown = [name for name in counts if not is_robot_type(name)]
     if unknown:
-        raise UsageError(f'unknown robot "{unknown[0]}"; choose from {", ".join(ROBOT_TYPES)}')
+        names = ", ".join(dict.fromkeys((*ROBOT_TYPES, *ROBOT_NAMES)))
+        raise UsageError(
+            f'unknown robot "{unknown[0]}"; choose from {names}, or give the path of a URDF'
+        )
     if not counts or any(count < 1 for count in counts.values()):
         raise UsageError("a set needs at least one robot and one sample of each")
     odd = [c for c in counts.values() if c % recipe.views]
@@ -125,7 +137,7 @@ def make_order(
         counts=dict(counts),
         scenes=recipe.scenes,
         shard_size=shard_size,
-        meshes={name: mesh_hash(name) for name in counts if name in KNOWN_ROBOTS},
+        meshes={name: mesh_hash(name) for name in counts if name not in NO_MESHES},
         settings={"emphasis": emphasis.text()} if emphasis.bins else {},
     )
     return Order(manifest)

@@ -32,13 +32,17 @@ SHADOW_MAP = 1024
 
 
 class Painter:
-    """An OpenGL context with every mesh of the catalogue in it. One a process; not thread safe.
+    """An OpenGL context with every mesh of some robots in it. One a process; not thread safe.
+
+    Attributes:
+        robots: names, or paths of a user's own.
 
     Raises:
         ArmsightError: there is no OpenGL; says what to install.
     """
 
     def __init__(self, robots: Sequence[str] = KNOWN_ROBOTS) -> None:
+        self.robots = tuple(robots)
         self._model, self._mesh_of, offsets = _store(robots)
         self._offset = {name: offsets[k] for name, k in self._mesh_of.items()}
         self._gl = OpenGLContext()

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Mask, Points, Pose
-from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES
+from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES, is_robot_type
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def _number(value: Any) -> float:
 
 def _check(row: Row) -> None:
     """Shapes agree with one another, and what must be finite is."""
-    if row.robot not in ROBOT_TYPES:
+    if not is_robot_type(row.robot):
         raise ValueError(f'robot "{row.robot}" is unknown; known: {", ".join(ROBOT_TYPES)}')
     for name in (row.image, row.links):
         # Names come from a file: nothing outside the shard's folder may be opened through them.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
+from pathlib import PurePath
 
 import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats, JointVector, Mask, Points, Pose, Vector3
+from armsight.robots.catalogue import ROBOT_NAMES, is_path
 
 KNOWN_ROBOTS: tuple[str, ...] = ("ur3", "ur5", "ur10", "iiwa", "panda")
 """The arms that are told apart, in the order of the networks' outputs: a list of its own, which
@@ -16,7 +19,23 @@ NO_ROBOT = "none"
 UNKNOWN_ROBOT = "unknown"
 """``Sample.robot`` of a picture of an arm that is none of the known."""
 ROBOT_TYPES: tuple[str, ...] = (*KNOWN_ROBOTS, NO_ROBOT, UNKNOWN_ROBOT)
-"""What ``Sample.robot`` can be."""
+"""What ``Sample.robot`` is in the sets that come with armsight's own robots; see also
+:func:`is_robot_type`."""
+
+
+def is_robot_type(name: str) -> bool:
+    """Whether a sample's robot may be called so.
+
+    One of :data:`ROBOT_TYPES`, another arm of the catalogue, or the path of a user's own.
+    """
+    return name in ROBOT_TYPES or name in ROBOT_NAMES or is_path(name)
+
+
+def robot_number(name: str) -> int:
+    """A number of each type for random streams; of other arms it follows from the name alone."""
+    if name in ROBOT_TYPES:
+        return ROBOT_TYPES.index(name)
+    return len(ROBOT_TYPES) + zlib.crc32(PurePath(name).name.encode())
 
 
 @dataclass(frozen=True)
@@ -31,7 +50,7 @@ class Sample:
         index: place in its set, from 0.
         seed: of the set.
         scene: number of the room that it was taken in, unique within the set.
-        robot: one of :data:`ROBOT_TYPES`.
+        robot: one of :data:`ROBOT_TYPES`, or of a set with a user's own arm the path of that.
         image: (h, w, 3) RGB.
         mask: (h, w) where the robot is seen. A tool, a cable and a stand are no robot.
         link_ids: (h, w) 0 where no robot is seen, i + 1 where link i is (link 0 is the base).

@@ -14,7 +14,7 @@ from armsight.recognition.data.painter import Painter
 from armsight.recognition.data.recipe import Recipe
 from armsight.recognition.data.recording import Place
 from armsight.recognition.data.rows import Drawn
-from armsight.recognition.data.sample import NO_ROBOT, ROBOT_TYPES
+from armsight.recognition.data.sample import NO_ROBOT, robot_number
 from armsight.recognition.data.sensor import (
     OVERSAMPLING,
     brightness,
@@ -61,7 +61,7 @@ def draw_sample(
     Raises:
         DatasetError: no scene could be set up, which the recipes of armsight do not cause.
     """
-    number = ROBOT_TYPES.index(robot)
+    number = robot_number(robot)
     for attempt in range(ATTEMPTS):
         streams = Streams(seed, number, place.scene, index, attempt, recipe.scenes > 0)
         stage = set_up(recipe, robot, size, streams, place)

@@ -14,8 +14,11 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats, Floats32, Ints
 from armsight.recognition.any_arm.learning.examples import HALF, SCALE, UNSEEN, Examples
+from armsight.recognition.any_arm.views import GREY
 
 STRIDE = 4
+EMPTY = "none"
+"""Name of the pictures without an arm."""
 _LINKS = 10
 
 
@@ -31,7 +34,8 @@ class Changes:
         turn_deg: about the optical axis, either way.
         shift: of the arm from the middle, share of the room that is left, either way.
         gain: of the whole, log, standard deviation; tint: of each channel.
-        grey, blur, noise, jpeg, cover: probabilities.
+        grey, blur, noise, jpeg, cover: probabilities; surrounded: of another room, and not the
+            grey of :func:`armsight.recognition.any_arm.views.take_crop`, beyond its edges.
     """
 
     size: int = 128
@@ -48,6 +52,7 @@ class Changes:
     noise: float = 0.35
     jpeg: float = 0.3
     cover: float = 0.3
+    surrounded: float = 0.5
 
 
 STEADY_EXTENT = 0.77
@@ -100,8 +105,10 @@ def _changed(
     image, links, points = data.images[i], data.links[i], data.points[i]
     size = (how.size, how.size)
     A = _motion(links, rng, how)
-    fill = [127, 127, 127] if rng is None else rng.integers(0, 256, 3).tolist()
-    image = _bytes(cv2.warpAffine(image, A[:2], size, flags=cv2.INTER_LINEAR, borderValue=fill))
+    grey = (GREY, GREY, GREY)
+    image = _bytes(cv2.warpAffine(image, A[:2], size, flags=cv2.INTER_LINEAR, borderValue=grey))
+    if rng is not None:
+        image = _surrounded(image, A, data, rng, how)
     links = _bytes(cv2.warpAffine(links, A[:2], size, flags=cv2.INTER_NEAREST))
     if rng is not None:
         image, links = _covered(image, links, data, rng, how)
@@ -118,10 +125,10 @@ def _motion(links: Bytes, rng: np.random.Generator | None, how: Changes) -> Floa
     """(3, 3) from the old pixels to the new ones: the arm, turned, at a size and place drawn."""
     row, column = np.nonzero(links)
     side = max(links.shape)
-    low, high = np.zeros(2), np.array(links.shape[::-1], float)
-    if len(row):
-        low = np.array([column.min(), row.min()], float)
-        high = np.array([column.max() + 1, row.max() + 1], float)
+    if not len(row):
+        return _anywhere(side, rng, how)
+    low = np.array([column.min(), row.min()], float)
+    high = np.array([column.max() + 1, row.max() + 1], float)
     span = float(np.clip((high - low).max(), 8, side))
     extent, turn, aside = STEADY_EXTENT, 0.0, np.zeros(2)
     if rng is not None:
@@ -137,6 +144,38 @@ def _motion(links: Bytes, rng: np.random.Generator | None, how: Changes) -> Floa
     middle = 0.5 * (low + high) - 0.5
     A[:2, 2] = 0.5 * (how.size - 1) + aside * room - A[:2, :2] @ middle
     return A
+
+
+def _anywhere(side: int, rng: np.random.Generator | None, how: Changes) -> Floats:
+    """The same of a picture without an arm: any part of it, since that is what is asked about."""
+    zoom, aside = how.size / side, np.zeros(2)
+    if rng is not None:
+        zoom *= float(np.exp(rng.uniform(0.0, np.log(how.zoom[1]))))
+        aside = rng.uniform(-1, 1, 2)
+    room = 0.5 * (zoom * side - how.size)
+    A = np.diag([zoom, zoom, 1.0])
+    A[:2, 2] = 0.5 * (how.size - 1) - zoom * 0.5 * (side - 1) + aside * room
+    return A
+
+
+def _surrounded(
+    image: Bytes, A: Floats, data: Examples, rng: np.random.Generator, how: Changes
+) -> Bytes:
+    """Beyond the edges of the picture another one that has no arm.
+
+    Grey, which stays otherwise, is what the end of a picture looks like in use: the arm goes on.
+    """
+    if rng.random() >= how.surrounded:
+        return image
+    empty = np.flatnonzero(np.array(data.names)[data.robot] == EMPTY)
+    h, w = data.images.shape[1:3]
+    inside = cv2.warpAffine(np.ones((h, w), np.uint8), A[:2], (how.size, how.size))
+    if inside.all() or not len(empty):
+        return image
+    other = data.images[int(rng.choice(empty))]
+    B = _anywhere(max(h, w), rng, how)
+    beyond = _bytes(cv2.warpAffine(other, B[:2], (how.size, how.size)))
+    return np.where(inside[..., None] > 0, image, beyond)
 
 
 def _shares(links: Bytes) -> Floats32:

@@ -19,7 +19,8 @@ from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.landmarks import SLOTS, Landmarks, find_landmarks
 from armsight.recognition.data.labelled_set import LabelledSet, read_shard
 from armsight.recognition.data.manifest import shard_folder
-from armsight.recognition.data.sample import KNOWN_ROBOTS, Sample
+from armsight.recognition.data.order import NO_MESHES
+from armsight.recognition.data.sample import Sample
 from armsight.recognition.own_arm.surface import ArmSurface, arm_surface, render
 from armsight.recognition.training.tensors_file import read_tensors, write_tensors
 from armsight.robots.catalogue import load_robot
@@ -31,7 +32,7 @@ UNSEEN = -128
 SCALE = 127.0
 HALF = 2
 """Pixels of the picture a pixel of the coordinates."""
-FORMAT = "armsight-arms-2"
+FORMAT = "armsight-arms-3"
 _KEYS = ("images", "links", "coordinates", "points", "robot", "scene")
 
 
@@ -141,7 +142,7 @@ def pack_shards(
     """
     held = LabelledSet.open(folder, partial=True)
     manifest = held.manifest
-    models = {n: model_of(load_robot(n)) for n in KNOWN_ROBOTS if n in manifest.counts}
+    models = {n: model_of(load_robot(n)) for n in manifest.counts if n not in NO_MESHES}
     count = 0
     for shard in range(manifest.shards):
         file = place / f"arms-{shard:05d}.safetensors"
@@ -178,7 +179,7 @@ def write_pack(file: Path, samples: Sequence[Sample], models: dict[str, Model]) 
         "scene": np.array([s.scene for s in samples], np.int64),
     }
     file.parent.mkdir(parents=True, exist_ok=True)
-    write_tensors(file, tensors, {"format": FORMAT, "names": " ".join(names)})
+    write_tensors(file, tensors, {"format": FORMAT, "names": "\n".join(names)})
 
 
 def read_examples(place: Path, names: Sequence[str], most: int | None = None) -> Examples:
@@ -195,7 +196,7 @@ def read_examples(place: Path, names: Sequence[str], most: int | None = None) ->
         arrays, words = read_tensors(file)
         if words.get("format") != FORMAT or set(arrays) != set(_KEYS):
             raise RecognitionError(f"{file}: is no piece of packed crops; delete it, pack again")
-        own = words["names"].split()
+        own = words["names"].split("\n")
         number = np.array([names.index(n) if n in names else -1 for n in own], np.int64)
         robot = number[arrays["robot"]]
         arrays["robot"] = robot

@@ -3,7 +3,8 @@
 Input ``image``: (1, h, w, 3) uint8 RGB, sides multiples of 32. Outputs, logits unless told
 otherwise, at a quarter of the side: ``links`` (1, 10, h / 4, w / 4), ``coordinates`` (1, 3, ...)
 and ``spread`` (1, 1, ...), see :class:`Seen`; ``heat_ROBOT`` (1, p, ...) and ``outside_ROBOT``
-(1, p) of each robot; ``type`` (1, r + 2). The card travels inside.
+(1, p) of each robot; ``type`` (1, r + 2); and what all of these are read off, ``features``
+(1, c, h / 8, w / 8) and ``hidden`` (1, d), for extensions. The card travels inside.
 """
 
 from __future__ import annotations
@@ -62,6 +63,7 @@ class _Builder:
             y = self._plain(refine.filter, x)
             x = graph.node("Add", x, self._plain(refine.mix, graph.node("Relu", y)))
         x = graph.node("Relu", x)
+        graph.output(x, "features", (1, net.surface.in_channels, "eighths", "of_columns"))
         surface = self._shuffled(self._plain(net.surface, x))
         links = self._channels(surface, 0, 1 + LINKS)
         cells = ("rows", "columns")
@@ -72,6 +74,7 @@ class _Builder:
         arm = graph.node("Sub", self.number(1.0), background)
         parts = [self._weighted(x, arm, 2), self._weighted(c32, arm, 8), self._mean(c32)]
         hidden = graph.node("Relu", self._dense(net.hidden, graph.node("Concat", *parts, axis=1)))
+        graph.output(hidden, "hidden", (1, net.hidden.out_features))
         p = net.shape.points
         for name in net.shape.robots:
             heat = self._shuffled(self._both(net.common_heat, net.heat[name], x))

@@ -59,7 +59,9 @@ def loss_terms(seen: Seen, truth: Truth, robots: int) -> dict[str, Tensor]:
 def _heat(seen: Seen, truth: Truth, known: Tensor) -> Tensor:
     """Cross-entropy of one softmax over all cells and "outside"."""
     n, _, _, h, w = seen.heat.shape
-    robot = torch.where(known, truth.type, 0)
+    robot = whose(truth.type, known)
+    if seen.heat.shape[1] == 1:
+        robot = torch.zeros_like(robot)
     rows = torch.arange(n, device=robot.device)
     heat = seen.heat[rows, robot].float().flatten(2)
     outside = seen.outside[rows, robot].float()
@@ -75,6 +77,11 @@ def _heat(seen: Seen, truth: Truth, known: Tensor) -> Tensor:
     on = -(target * log_all[..., :-1]).sum(2)
     each = torch.where(inside, on, -log_all[..., -1])
     return (each * given).sum() / given.sum().clamp_min(1)
+
+
+def whose(kind: Tensor, known: Tensor) -> Tensor:
+    """(n,) the robot whose landmarks are looked at: the right one, or any where there is none."""
+    return torch.where(known, kind, 0)
 
 
 def _coordinates(seen: Seen, truth: Truth) -> Tensor:

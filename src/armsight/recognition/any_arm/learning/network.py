@@ -53,7 +53,8 @@ class Seen:
         links: (n, 1 + LINKS, h, w) logits: background, then the links from the base.
         coordinates: (n, 3, h, w) the surface point in its link's box, -1..1.
         spread: (n, h, w) log of the Laplace scale of these.
-        heat: (n, r, p, h, w) logits of where each landmark is.
+        heat: (n, r, p, h, w) logits of where each landmark is; r is 1 where one robot was asked
+            for.
         outside: (n, r, p) logit of its not being in the crop.
         type: (n, r + 2) logits.
     """
@@ -109,8 +110,13 @@ class CropNet(nn.Module):
         self.names = nn.ModuleDict({name: nn.Linear(_HIDDEN, 1) for name in shape.types})
         _start(self)
 
-    def forward(self, images: Tensor) -> Seen:
-        """Of (n, 4 h, 4 w, 3) uint8 RGB; sides are multiples of 32."""
+    def forward(self, images: Tensor, robot: Tensor | None = None) -> Seen:
+        """Of (n, 4 h, 4 w, 3) uint8 RGB; sides are multiples of 32.
+
+        Args:
+            images: pictures.
+            robot: (n,) whose landmarks are wanted of each; None for those of all.
+        """
         c8, c16, c32 = self.trunk(normalised(images))
         x = self.from16(c16) + _grown(self.from32(c32), 2)
         x = functional.relu(self.from8(c8) + _grown(x, 2))
@@ -119,20 +125,15 @@ class CropNet(nn.Module):
         x = functional.relu(x)
         surface = functional.pixel_shuffle(self.surface(x), 2)
         links = surface[:, : 1 + LINKS]
-        common = self.common_heat(x)
-        heat = torch.stack(
-            [
-                functional.pixel_shuffle(common + self.heat[name](x), 2)
-                for name in self.shape.robots
-            ],
-            1,
-        )
+        heat = self._heat(x, robot)
         # The type is read off where the arm is, and off the whole; it shall not shape the mask.
         arm = 1.0 - torch.softmax(links.detach(), 1)[:, :1]
         hidden = torch.cat([_weighted(x, arm), _weighted(c32, arm), c32.mean((2, 3))], 1)
         hidden = functional.relu(self.hidden(hidden))
         common = self.common_outside(hidden)
         outside = torch.stack([common + self.outside[n](hidden) for n in self.shape.robots], 1)
+        if robot is not None:
+            outside = outside[torch.arange(len(outside), device=robot.device), robot][:, None]
         types = torch.cat([self.names[name](hidden) for name in self.shape.types], 1)
         return Seen(
             links,
@@ -142,6 +143,17 @@ class CropNet(nn.Module):
             outside,
             types,
         )
+
+    def _heat(self, x: Tensor, robot: Tensor | None) -> Tensor:
+        common = self.common_heat(x)
+        if robot is None:
+            own = [self.heat[name](x) for name in self.shape.robots]
+            return torch.stack([functional.pixel_shuffle(common + o, 2) for o in own], 1)
+        layers = [self.heat[name] for name in self.shape.robots]
+        weight = torch.stack([layer.weight.flatten(1) for layer in layers])[robot]
+        bias = torch.stack([layer.bias for layer in layers])[robot]
+        mine = torch.baddbmm(bias[:, :, None], weight, x.flatten(2)).unflatten(2, x.shape[2:])
+        return functional.pixel_shuffle(common + mine, 2)[:, None]
 
 
 def _grown(x: Tensor, times: int) -> Tensor:

@@ -20,7 +20,7 @@ from torch import nn
 
 from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples
-from armsight.recognition.any_arm.learning.losses import loss_terms, total
+from armsight.recognition.any_arm.learning.losses import loss_terms, total, whose
 from armsight.recognition.any_arm.learning.measure import measure, truth_of
 from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
 from armsight.recognition.any_arm.learning.plan import Plan
@@ -166,9 +166,11 @@ class CropTrainer:
             if self.precision == "bfloat16"
             else nullcontext()
         )
+        truth = truth_of(batch, self.device)
+        robot = whose(truth.type, truth.type < len(plan.robots))
         with context:
-            seen = self.network(torch.from_numpy(batch.images).to(self.device))
-        terms = loss_terms(seen, truth_of(batch, self.device), len(plan.robots))
+            seen = self.network(torch.from_numpy(batch.images).to(self.device), robot)
+        terms = loss_terms(seen, truth, len(plan.robots))
         loss = total(terms)
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
@@ -215,7 +217,7 @@ class CropTrainer:
         of_trunk = {id(p) for p in self.network.trunk.parameters()}
         rest = [p for p in self._moving() if id(p) not in of_trunk]
         groups = [{"params": trunk}, {"params": rest}]
-        return torch.optim.AdamW(groups, lr=1e-4, weight_decay=self.plan.decay)
+        return torch.optim.AdamW(groups, lr=1e-4, weight_decay=self.plan.decay, fused=True)
 
     def _save(self) -> None:
         save_checkpoint(self._file, self._both, self._optimiser, self.progress, self._mark())

@@ -1,0 +1,212 @@
+"""Robots that a network learns later: fitted rows, their file, and that nothing else changes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+
+from armsight.errors import RecognitionError, UsageError
+from armsight.recognition.any_arm.extension import (
+    Extension,
+    Rows,
+    apply,
+    mark_of,
+    read_extension,
+    shuffled,
+    write_extension,
+)
+from armsight.recognition.any_arm.heat import read_heat
+from armsight.recognition.any_arm.landmarks import SLOTS, find_landmarks
+from armsight.recognition.any_arm.learning import rows as fitting
+from armsight.recognition.any_arm.learning.extend import Wish, extend
+from armsight.recognition.any_arm.learning.rows import Shots, fit_rows
+from armsight.recognition.any_arm.model import CropModel
+from armsight.robots.catalogue import load_robot
+
+from .test_model import bright_card, bright_network
+
+SIDE = 8
+"""Places of the features, each way."""
+
+
+def _shots(count: int) -> tuple[Shots, np.ndarray]:
+    """Features that show where landmark 0 and 1 are, and a hidden number that shows the robot."""
+    rng = np.random.default_rng(0)
+    points = np.full((count, SLOTS, 2), np.nan, np.float32)
+    points[:, :2] = rng.uniform(1.0, 2 * SIDE - 2.0, (count, 2, 2))
+    points[: count // 4, 1] = -5.0  # beyond the edge
+    at = np.arange(SIDE) * 2 + 0.5
+    y, x = np.meshgrid(at, at, indexing="ij")
+    features = np.zeros((count, 8, SIDE, SIDE), np.float32)
+    for k in range(2):
+        dx, dy = x - points[:, k, 0, None, None], y - points[:, k, 1, None, None]
+        features[:, 4 * k] = np.exp(-0.25 * (dx**2 + dy**2))
+        features[:, 4 * k + 1] = features[:, 4 * k] * dx
+        features[:, 4 * k + 2] = features[:, 4 * k] * dy
+    hidden = rng.normal(0.0, 0.3, (count, 5)).astype(np.float32)
+    hidden[:, 0] += 2.0
+    hidden[:, 1] = points[:, 1, 0] < 0
+    cells = (count, 2 * SIDE, 2 * SIDE)
+    links = np.zeros((count, 10, *cells[1:]), np.float32)
+    links[:, 0, :, :6], links[:, 3, :, 6:] = 1.0, 1.0
+    features[:, 7] = np.arange(SIDE) >= 3
+    coordinates = np.broadcast_to(0.5 * features[:, 7].repeat(2, 1).repeat(2, 2)[:, None],
+                                  (count, 3, *cells[1:])).astype(np.float32)  # fmt: skip
+    shots = Shots(
+        features.astype(np.float16), hidden, links, coordinates, np.ones(cells, np.float32), points
+    )
+    others = rng.normal(0.0, 0.3, (40, 5)).astype(np.float32)
+    return shots, others
+
+
+def test_rows_find_what_the_features_show() -> None:
+    shots, others = _shots(96)
+    held = slice(80, 96)
+    learned = Shots(**{k: v[:80] for k, v in vars(shots).items()})
+    fitted = fit_rows(learned, others[:30], np.full(110, 1.5, np.float32), 200, 0)
+    away = []
+    for features, hidden, points in zip(
+        shots.features[held], shots.hidden[held], shots.points[held], strict=True
+    ):
+        seen = apply(fitted, features.astype(np.float32), hidden)
+        places = read_heat(seen.heat, seen.outside)
+        away.append(np.linalg.norm(places.mean[:2] - points[:2], axis=1))
+        assert seen.type > 1.5
+        np.testing.assert_array_equal(seen.surface[:10].argmax(0)[:, 8:], 3)
+        np.testing.assert_allclose(seen.surface[10:13, :, 8:], 0.5, atol=0.1)
+    # Of 16 cells; by chance it would be 8.
+    assert np.median(away) < 1.0
+    gone = apply(fitted, shots.features[0].astype(np.float32), shots.hidden[0])
+    assert read_heat(gone.heat, gone.outside).mass[1] < 0.3
+    for hidden in others[30:]:
+        assert apply(fitted, shots.features[0].astype(np.float32), hidden).type < 1.5
+
+
+def test_gradients_are_those_of_the_terms() -> None:
+    rng = np.random.default_rng(1)
+    points = np.array([[[1.2, 2.4], [np.nan, np.nan], [-3.0, 1.0]]], np.float32)
+    heat, outside = rng.normal(size=(1, 3, 4, 4)), rng.normal(size=(1, 3))
+
+    def cross_entropy(flat: np.ndarray) -> float:
+        h, o = flat[:48].reshape(3, 16), flat[48:]
+        every = np.concatenate([h, o[:, None]], 1)
+        logp = every - np.log(np.exp(every).sum(1, keepdims=True))
+        y, x = np.divmod(np.arange(16), 4)
+        t = np.exp(-0.5 * ((x - 1.2) ** 2 + (y - 2.4) ** 2) / fitting.SPOT**2)
+        return float(-(t / t.sum() * logp[0, :16]).sum() - logp[2, 16]) / 2
+
+    by_heat, by_outside = fitting._heat(heat, outside, points)
+    numeric = approx_fprime(np.r_[heat.ravel(), outside.ravel()], cross_entropy, 1e-6)
+    np.testing.assert_allclose(np.r_[by_heat.ravel(), by_outside.ravel()], numeric, atol=2e-5)
+
+    shots, _ = _shots(4)
+    seen = rng.normal(0.0, 0.5, (1, 14, 16, 16))
+    truth, place = shots.links[:1], shots.coordinates[:1]
+
+    def surface(flat: np.ndarray) -> float:
+        s = flat.reshape(14, 16, 16)
+        logp = s[:10] - np.log(np.exp(s[:10]).sum(0))
+        far = np.abs(s[10:13] - place[0]).sum(0)
+        return float(-(truth[0] * logp).sum(0).mean() + (far * np.exp(-s[13]) + 3 * s[13]).mean())
+
+    gradient = fitting._surface(seen, shots, np.array([0]))
+    some = rng.choice(seen.size, 60, replace=False)
+    for i in some:
+        step = np.zeros(seen.size)
+        step[i] = 1e-5
+        slope = (surface(seen.ravel() + step) - surface(seen.ravel() - step)) / 2e-5
+        assert gradient.ravel()[i] == pytest.approx(slope, abs=2e-6)
+
+
+def test_four_rows_are_the_four_cells_of_a_place() -> None:
+    maps = np.arange(8 * 3 * 2, dtype=np.float32).reshape(8, 3, 2)
+    found = shuffled(maps)
+    for k, r, c in np.ndindex(2, 6, 4):
+        assert found[k, r, c] == maps[4 * k + 2 * (r % 2) + c % 2, r // 2, c // 2]
+    flat = np.concatenate([maps.reshape(8, -1), maps.reshape(8, -1) + 100], 1)
+    both = fitting._cells(flat, (2, 3, 2))
+    np.testing.assert_array_equal(both[0], found)
+    np.testing.assert_array_equal(fitting._places(both), flat)
+
+
+@pytest.fixture
+def network(tmp_path: Path) -> Path:
+    file = tmp_path / "crops.onnx"
+    file.write_bytes(bright_network(bright_card()))
+    return file
+
+
+def _extension(network: Path, kind: float) -> Extension:
+    """A robot that is claimed where the picture is bright."""
+    rng = np.random.default_rng(2)
+    rows = Rows(
+        rng.normal(size=(4 * SLOTS, 4)).astype(np.float32),
+        rng.normal(size=(56, 4)).astype(np.float32),
+        rng.normal(size=(SLOTS, 4)).astype(np.float32),
+        np.array([kind, 0.0, 0.0, 0.0], np.float32),
+    )
+    marks = find_landmarks(load_robot("iiwa"))
+    return Extension("iiwa", mark_of(network.read_bytes()), marks, rows, {"samples": 1})
+
+
+def test_old_answers_stay_bit_for_bit(network: Path, tmp_path: Path) -> None:
+    write_extension(tmp_path / "e.safetensors", _extension(network, 0.1))
+    extension = read_extension(tmp_path / "e.safetensors")
+    plain, more = CropModel(network, 1), CropModel(network, 1, [extension])
+    assert more.robots == ("ur5", "iiwa")
+    rng = np.random.default_rng(3)
+    for top, claimed in ((20, False), (256, True)):
+        picture = rng.integers(0, top, (64, 96, 3), dtype=np.uint8)
+        old, new = plain.look(picture), more.look(picture)
+        for name in ("links", "coordinates", "spread"):
+            np.testing.assert_array_equal(
+                getattr(old.surface, name), getattr(new.surface_of("ur5"), name)
+            )
+        for name in ("mean", "covariance", "mass"):
+            np.testing.assert_array_equal(
+                getattr(old.places["ur5"], name), getattr(new.places["ur5"], name)
+            )
+        assert new.surface_of("iiwa").links.shape == old.surface.links.shape
+        assert sum(new.types.values()) == pytest.approx(1.0)
+        if claimed:
+            assert new.types["iiwa"] > 0.9
+        else:
+            assert new.types == old.types | {"iiwa": 0.0}
+
+
+@pytest.mark.parametrize(
+    "damage", ["other network", "twice", "cut", "foreign", "shape", "infinite"]
+)
+def test_an_extension_that_does_not_fit_is_refused(
+    network: Path, tmp_path: Path, damage: str
+) -> None:
+    extension, file = _extension(network, 0.1), tmp_path / "e.safetensors"
+    if damage == "other network":
+        extension = replace(extension, network="0" * 64)
+    elif damage == "twice":
+        extension = replace(extension, robot="ur5")
+    elif damage == "shape":
+        extension = replace(extension, rows=replace(extension.rows, type=np.zeros(9, np.float32)))
+    elif damage == "infinite":
+        bad = np.full((SLOTS, 4), np.inf, np.float32)
+        extension = replace(extension, rows=replace(extension.rows, outside=bad))
+    write_extension(file, extension)
+    if damage == "cut":
+        file.write_bytes(file.read_bytes()[:-9])
+    elif damage == "foreign":
+        file.write_bytes(network.read_bytes())
+    with pytest.raises(RecognitionError) as caught:
+        CropModel(network, 1, [read_extension(file)])
+    assert "\n" not in str(caught.value)
+
+
+def test_what_cannot_be_added_is_said_before_anything_is_drawn(
+    network: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match="--samples 3"):
+        extend(Wish("iiwa", network, tmp_path / "out", 3), None, print)
+    with pytest.raises(RecognitionError, match="knows ur5 already"):
+        extend(Wish("ur5", network, tmp_path / "out"), None, print)
+    assert not (tmp_path / "out").exists()
