@@ -1,5 +1,7 @@
 """The fit of an arm to its landmarks, on arms whose pose and joints are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,6 +41,19 @@ def test_an_arm_is_found_without_a_start(name: str) -> None:
         assert (fit.q < robot.limits.upper + 0.1).all()
     assert np.median(errors) < 0.005
     assert (np.array(errors) < 0.05).sum() >= 7
+
+
+def test_an_arm_that_is_called_as_another_is_searched_for_in_its_own_shapes() -> None:
+    """What was remembered of a robot went by its name."""
+    robot, marks, seen, T, q = _scene("ur3", 1, 0.0)
+    solve(*_scene("ur10", 1, 0.0)[:3])
+    alias = replace(robot, name="ur10")
+    fit = solve(alias, marks, seen)[0]
+    true = (T @ link_poses(robot, q))[1:, :3, 3]
+    assert float(np.linalg.norm(fit.joints() - true, axis=1).mean()) < 0.02
+    other = far_starts(robot, marks, seen)
+    for a, b in zip(far_starts(alias, marks, seen), other, strict=True):
+        np.testing.assert_array_equal(a[2], b[2])
 
 
 def test_the_covariance_is_of_the_size_of_the_error() -> None:

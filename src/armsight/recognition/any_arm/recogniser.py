@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,9 @@ from armsight.geometry.pose import make_pose
 from armsight.recognition.any_arm.frames import find_lumps
 from armsight.recognition.any_arm.model import STRIDE, CropModel, Look
 from armsight.recognition.any_arm.observing import observe
+from armsight.recognition.any_arm.outline import follow_outline
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
-from armsight.recognition.any_arm.solver import Fit, solve
+from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
 from armsight.recognition.any_arm.trust import features, read_trust
 from armsight.recognition.any_arm.views import SIDE, Crop, mask_in_picture, take_crop
 from armsight.recognition.inference.pictures import Picture
@@ -198,17 +200,40 @@ class ArmRecogniser:
         """The best fit of a type: landmarks, and of the best ones the outlines."""
         robot, marks = self._robot(name), self.model.landmarks[name]
         seen = observe(look, crop, name, marks)
-        best: _Candidate | None = None
-        for fit in solve(robot, marks, seen)[:COMPARED]:
-            overlap = outline_overlap(fit, look, crop)
-            score = fit.cost + OUTLINE * (1.0 - overlap) - 4.0 * float(np.log(kind + 1e-3))
-            if best is None or score < best.score:
-                C = fit.joint_covariances()
-                sigma = float(np.sqrt(np.trace(C, axis1=1, axis2=2)).mean())
-                mass = float(look.places[name].mass.mean())
-                f = features(fit.cost, len(seen.link), overlap, kind, mass, sigma)
-                best = _Candidate(fit, overlap, score, self.trust.of(f), f)
-        return best
+        found = best_outlined(solve(robot, marks, seen)[:COMPARED], seen, look, crop)
+        if found is None:
+            return None
+        fit, overlap = found
+        cost = cost_of(fit, seen)
+        C = fit.joint_covariances()
+        sigma = float(np.sqrt(np.trace(C, axis1=1, axis2=2)).mean())
+        mass = float(look.places[name].mass.mean())
+        f = features(cost, len(seen.link), overlap, kind, mass, sigma)
+        score = cost + OUTLINE * (1.0 - overlap) - 4.0 * float(np.log(kind + 1e-3))
+        return _Candidate(fit, overlap, score, self.trust.of(f), f)
+
+
+def best_outlined(
+    fits: Sequence[Fit], seen: Observations, look: Look, crop: Crop, known: bool = False
+) -> tuple[Fit, float] | None:
+    """Of fits to landmarks the one that ends up best on the mask, with its overlap.
+
+    Args:
+        fits: best first.
+        seen: the observations that they explain.
+        look: the network's, at the crop.
+        crop: itself.
+        known: keep the joints.
+    """
+    best: tuple[Fit, float] | None = None
+    least = np.inf
+    for fit in fits:
+        drawn = follow_outline(fit, seen, look, crop, known)
+        overlap = outline_overlap(drawn, look, crop)
+        score = cost_of(drawn, seen) + OUTLINE * (1.0 - overlap)
+        if score < least:
+            best, least = (drawn, overlap), score
+    return best
 
 
 def outline_overlap(fit: Fit, look: Look, crop: Crop) -> float:

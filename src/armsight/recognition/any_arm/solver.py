@@ -16,7 +16,6 @@ from armsight.arrays import Floats, Floats32, Ints, JointVector, Points, Pose
 from armsight.geometry.pose import make_pose
 from armsight.recognition.any_arm.kernels import equations, refine, upright_cost, weak_perspective
 from armsight.recognition.any_arm.landmarks import Landmarks
-from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import link_poses
 from armsight.robots.robot import Robot
 
@@ -25,7 +24,7 @@ VIEWS = 120
 STARTS = 14
 FOLLOWED = 5
 """Starts that are followed to the end."""
-_COARSE, _FINE = 8, 25
+_COARSE, _FINE, _NEAR = 8, 25, 6
 _SURE = 1e10
 """The same of joints that are known."""
 _HOLD = (1e-3, 0.05)
@@ -122,6 +121,20 @@ def solve(
     return sorted((_ended(problem, *end[1:]) for end in ends[:FOLLOWED]), key=lambda f: f.cost)
 
 
+def again(fit: Fit, seen: Observations, known: bool = False) -> Fit:
+    """A fit followed on from where it is, on other observations; known: its joints are kept."""
+    T, q = fit.T_camera_base, fit.q
+    problem = _problem(fit.robot, seen, known)
+    return _ended(problem, T[:3, :3].copy(), T[:3, 3].copy(), q.copy(), _NEAR)
+
+
+def cost_of(fit: Fit, seen: Observations) -> float:
+    """What a fit costs on other observations than it was made from."""
+    T, q = fit.T_camera_base, fit.q
+    problem = _problem(fit.robot, seen, known=False)
+    return _follow(problem, T[:3, :3].copy(), T[:3, 3].copy(), q.copy(), 0)
+
+
 @dataclass(frozen=True)
 class _Problem:
     """Observations as the compiled loops take them."""
@@ -150,9 +163,9 @@ def _follow(problem: _Problem, R: Floats, t: Floats, q: JointVector, steps: int)
     return float(cost) + _unusual(R)
 
 
-def _ended(problem: _Problem, R: Floats, t: Floats, q: JointVector) -> Fit:
+def _ended(problem: _Problem, R: Floats, t: Floats, q: JointVector, steps: int = _FINE) -> Fit:
     robot, seen = problem.robot, problem.seen
-    cost = _follow(problem, R, t, q, _FINE)
+    cost = _follow(problem, R, t, q, steps)
     H, g = np.zeros((6 + robot.n, 6 + robot.n)), np.zeros(6 + robot.n)
     equations(
         R, t, q, robot.T_link_joint, robot.axis, seen.link, seen.point, seen.at, problem.whiten,
@@ -212,29 +225,35 @@ def _shapes(
         views = _views()
         shape = marks.placed(link_poses(robot, known)).astype(np.float32)
         return np.tile(known, (len(views), 1)), np.tile(shape, (len(views), 1, 1)), views
-    configurations, shapes, frames = _library(robot.name, len(marks.link))
-    if shapes is None:
-        configurations, shapes, frames = _make_library(robot, marks)
-    return configurations, shapes, frames
+    return _library(_Asked(robot, marks))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A robot and its landmarks, which can be looked up: arrays cannot.
+
+    By themselves, not by a name: a user's own arm may be called as one of the catalogue is.
+    """
+
+    robot: Robot
+    marks: Landmarks
+
+    def __hash__(self) -> int:
+        return hash((id(self.robot), self.marks.point.tobytes()))
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, _Asked)
+            and other.robot is self.robot
+            and np.array_equal(other.marks.point, self.marks.point)
+            and np.array_equal(other.marks.link, self.marks.link)
+        )
 
 
 @lru_cache(maxsize=16)
-def _library(name: str, points: int) -> tuple[Floats, Floats32 | None, Floats32]:
-    """Configurations of a robot of the catalogue, its landmarks in them, and views."""
-    from armsight.errors import ArmsightError
-    from armsight.recognition.any_arm.landmarks import find_landmarks
-
-    try:
-        robot = load_robot(name)
-    except ArmsightError:
-        return np.empty((0, 0)), None, np.empty((0, 3, 3), np.float32)
-    marks = find_landmarks(robot)
-    if len(marks.link) != points:
-        return np.empty((0, 0)), None, np.empty((0, 3, 3), np.float32)
-    return _make_library(robot, marks)
-
-
-def _make_library(robot: Robot, marks: Landmarks) -> tuple[Floats, Floats32, Floats32]:
+def _library(asked: _Asked) -> tuple[Floats, Floats32, Floats32]:
+    """Configurations of a robot, its landmarks in them, and views."""
+    robot, marks = asked.robot, asked.marks
     rng = np.random.default_rng(20)
     lower, upper = (np.clip(v, -np.pi, np.pi) for v in (robot.limits.lower, robot.limits.upper))
     q = rng.uniform(lower, upper, (SHAPES, robot.n))

@@ -192,4 +192,7 @@ def _normals(vertices: Points, triangles: Ints) -> Points:
 
 
 def _moved(T: Poses, link: Ints, points: Points) -> Points:
-    return np.asarray((T[link, :3, :3] @ points[:, :, None])[..., 0] + T[link, :3, 3])
+    """Points of links, which come link by link, in the frame that the (n, 4, 4) links are in."""
+    ends = np.searchsorted(link, np.arange(len(T) + 1))
+    parts = [points[a:b] @ M[:3, :3].T + M[:3, 3] for M, a, b in zip(T, ends, ends[1:])]
+    return np.concatenate(parts)

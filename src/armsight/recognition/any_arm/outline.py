@@ -1,0 +1,112 @@
+"""Moves a fitted arm until its outline lies on that of the mask.
+
+Landmarks are places that a network guesses inside of things; an outline is where things end, and is
+seen to a fraction of a cell. Points of the fitted arm's outline are drawn to the nearest edge of
+the mask, across it only (Drummond and Cipolla, PAMI 2002, with an edge map's distance instead of a
+search), together with the landmarks, and again from there.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from armsight.arrays import Floats
+from armsight.geometry.pose import transform
+from armsight.recognition.any_arm.model import Look
+from armsight.recognition.any_arm.solver import Fit, Observations, again
+from armsight.recognition.any_arm.views import SIDE, Crop
+from armsight.recognition.own_arm.surface import arm_surface, render
+from armsight.robots.kinematics import link_poses
+
+GRID = 2
+"""Pixels of the crop a pixel of what is drawn and compared."""
+REACH = (0.10, 0.07, 0.05, 0.04)
+"""Share of the crop from within which an edge draws, by rounds."""
+SHARP = 1.3
+"""Standard deviation of an edge of the mask [px of the crop]."""
+ALIKE = 3.0
+"""Neighbours on an outline err alike: so many count as one."""
+ALONG = 30.0
+"""Standard deviation along an edge, which tells nothing there [px of the crop]."""
+ARM = 0.5
+FEWEST = 12
+
+
+def follow_outline(
+    fit: Fit, seen: Observations, look: Look, crop: Crop, known: bool = False
+) -> Fit:
+    """The fit with its outline on the mask's; the fit itself where there is no edge to hold to.
+
+    Args:
+        fit: that explains the landmarks.
+        seen: these.
+        look: the network's, at the crop.
+        crop: itself.
+        known: keep the joints.
+    """
+    distance = edge_distance(look)
+    slope = np.stack(np.gradient(distance), -1)
+    best = fit
+    for reach in REACH:
+        pulls = _pulls(best, distance, slope, crop, reach * SIDE)
+        if pulls is None:
+            break
+        best = again(best, _joined(seen, pulls), known)
+    return best
+
+
+def edge_distance(look: Look) -> Floats:
+    """(n, n) signed distance to the mask's edge, above 0 outside [pixels of the grid]."""
+    side = SIDE // GRID
+    arm = cv2.resize(look.arm, (side, side), interpolation=cv2.INTER_LINEAR)
+    inside = (arm > ARM).astype(np.uint8)
+    far = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    deep = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(np.where(inside > 0, 0.5 - deep, far - 0.5), np.float64)
+
+
+def _pulls(
+    fit: Fit, distance: Floats, slope: Floats, crop: Crop, reach: float
+) -> Observations | None:
+    """Points of the outline and where on the mask's edge they should be."""
+    surface, side = arm_surface(fit.robot), SIDE // GRID
+    f, middle = crop.f / GRID, 0.5 * (side - 1)
+    lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
+    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side))
+    mask = drawn.mask
+    rim = mask & ~cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
+    # An outline at the crop's own edge is none.
+    rim[[0, -1]], rim[:, [0, -1]] = False, False
+    row, column = drawn.at[:, 0], drawn.at[:, 1]
+    # A drawn pixel at the rim has its middle half a pixel within the edge.
+    off = distance[row, column] + 0.5
+    taken = rim[row, column] & (np.abs(off) * GRID < reach)
+    normal = slope[row, column]
+    length = np.linalg.norm(normal, axis=1)
+    taken &= length > 0.3
+    if taken.sum() < FEWEST:
+        return None
+    off, normal = off[taken], normal[taken] / length[taken, None]
+    link, base = drawn.owner[taken], drawn.points[taken]
+    T = link_poses(fit.robot, fit.q)[link]
+    point = (np.swapaxes(T[:, :3, :3], 1, 2) @ (base - T[:, :3, 3])[:, :, None])[..., 0]
+    now = transform(fit.T_camera_base, base)
+    across = normal[:, ::-1]
+    at = now[:, :2] / now[:, 2:] - off[:, None] * across / f
+    along = np.stack([-across[:, 1], across[:, 0]], 1)
+    wide, narrow = (ALONG / crop.f) ** 2, ALIKE * (SHARP / crop.f) ** 2
+    covariance = narrow * across[:, :, None] * across[:, None] + wide * (
+        along[:, :, None] * along[:, None]
+    )
+    return Observations(
+        link.astype(np.int64),
+        np.ascontiguousarray(point),
+        np.ascontiguousarray(at),
+        covariance,
+        np.full(len(link), -1.0),
+    )
+
+
+def _joined(a: Observations, b: Observations) -> Observations:
+    return Observations(*(np.concatenate([getattr(a, k), getattr(b, k)]) for k in vars(a)))
