@@ -11,7 +11,7 @@ import numpy as np
 from armsight.arrays import Floats
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.any_arm.observing import observe
-from armsight.recognition.any_arm.recogniser import COMPARED, MARGIN, ArmRecogniser, best_outlined
+from armsight.recognition.any_arm.recogniser import MARGIN, ArmRecogniser, best_outlined
 from armsight.recognition.any_arm.sighting import Sighting
 from armsight.recognition.any_arm.solver import solve
 from armsight.recognition.any_arm.views import SIDE, take_crop
@@ -151,8 +151,7 @@ def _given_box(
             pixels = float(np.linalg.norm(at - crop.pixels(true[k : k + 1])[0]))
             errors.append(pixels * CROP / SIDE)
     seen = observe(look, crop, sample.robot, marks)
-    fits = solve(robot, marks, seen, known=sample.q)[:COMPARED]
-    found = best_outlined(fits, seen, look, crop, known=True)
+    found = best_outlined(solve(robot, marks, seen, known=sample.q), seen, look, crop, known=True)
     if found is None:
         return np.array(errors), NOTHING
     away = found[0].joints() @ crop.R.T - sample.joints_camera

@@ -10,8 +10,8 @@ import numpy as np
 from armsight.arrays import ColorImage, Floats, Floats32, Points, Rotation3
 from armsight.geometry.camera import PinholeCamera
 
-SIDE = 128
-"""Of a crop [px]: arms in it are as long as in the crops that are learned from."""
+SIDE = 160
+"""Of a crop [px]: arms in it are as long as the longest in the crops that are learned from."""
 WHOLE = 256
 """Longer side of a whole picture that the network looks at [px]."""
 GREY = 127
