@@ -79,7 +79,7 @@ def test_rows_find_what_the_features_show() -> None:
     # Of 16 cells; by chance it would be 8.
     assert np.median(away) < 1.0
     gone = apply(fitted, shots.features[0].astype(np.float32), shots.hidden[0])
-    assert read_heat(gone.heat, gone.outside).mass[1] < 0.3
+    assert read_heat(gone.heat, gone.outside).mass[1] < 0.5
     for hidden in others[30:]:
         assert apply(fitted, shots.features[0].astype(np.float32), hidden).type < 1.5
 

@@ -32,7 +32,7 @@ from armsight.robots.catalogue import load_robot
 Say = Callable[[str], None]
 SHOWN = 6
 """Times that each crop is shown, changed each time."""
-UPDATES = 1500
+UPDATES = 600
 FEWEST = 50
 _CROP = 160
 """Side of the crops that are rendered [px]."""
