@@ -46,7 +46,8 @@ def follow_outline(
         known: keep the joints.
     """
     distance = edge_distance(look)
-    slope = np.stack(np.gradient(distance), -1)
+    down, right = np.gradient(distance)
+    slope = np.stack([down, right], -1)
     best = fit
     for reach in REACH:
         pulls = _pulls(best, distance, slope, crop, reach * SIDE)
