@@ -1,0 +1,108 @@
+"""The packaged charging cell: plug and port as physics has them, what its file may not say."""
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from armsight.charging.admittance import Admittance
+from armsight.charging.hanging import hung
+from armsight.errors import UsageError, WorkcellError
+from armsight.experiments.station_bench import StationBench, charging_cell
+from armsight.geometry.pose import inverse, log
+from armsight.motion.task import Subscriptions
+from armsight.robots.kinematics import flange_pose
+from armsight.runtime.picture_orders import PictureOrders
+from armsight.tasks.charge import ChargeOptions
+from armsight.workcell import parse_workcell, world_spec
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return StationBench(charging_cell(), seed=4)
+
+
+def test_the_plug_hangs_where_force_sensor_and_springs_say(bench):
+    world = bench.world
+    world.advance(0.6)
+    readings = []
+    while (reading := world.wrench.read()) is not None:
+        readings.append(np.concatenate([reading.force, reading.torque]))
+    wrench = np.mean(readings[-100:], axis=0)
+    T_tip = bench.robot.tool.T_flange_tcp
+    believed = flange_pose(bench.robot, world.arm.read().position) @ hung(
+        T_tip, wrench, Admittance((5000.0, 30.0), 0.07)
+    )
+    true = bench.T_base_port @ world.plugged.T_socket_plug
+    off = log(inverse(believed) @ true)
+    nominal = flange_pose(bench.robot, bench.robot.home) @ T_tip
+    sag = log(inverse(nominal) @ true)
+    assert np.linalg.norm(sag[:3]) > 0.004
+    assert np.linalg.norm(sag[3:]) > np.deg2rad(2.0)
+    assert np.linalg.norm(off[:3]) < 0.003  # half of an arm's absolute error is in it
+    assert np.linalg.norm(off[3:]) < np.deg2rad(0.6)
+
+
+def test_the_ports_frame_is_upright_and_looks_out_of_the_car(bench):
+    car = bench.workcell.simulation.car
+    np.testing.assert_allclose(car.pose[:3, 2], [-1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(car.pose[:3, 1], [0, 0, 1], atol=1e-12)
+    # x is to the right of who looks at it: along world -x, up is z
+    np.testing.assert_allclose(car.pose[:3, 0], np.cross([-1, 0, 0], [0, 0, 1]) * -1, atol=1e-12)
+    leaning = car.model_copy(update={"yaw_deg": 90.0, "lean_deg": 30.0}).pose
+    np.testing.assert_allclose(leaning[:3, 2], [0, np.cos(np.pi / 6), 0.5], atol=1e-12)
+    assert np.linalg.det(leaning[:3, :3]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('kind = "type2_plug"', 'kind = "type3_plug"', "no port or plug 'type3_plug'"),
+        ('kind = "type2_plug"', 'kind = "type2"', "type2 is an inlet; plugs are type1_plug"),
+        ('port = "type2"', 'port = "type2_plug"', "no inlet type2_plug; there are type1"),
+        ('tool = "type2_plug"', 'tool = "none"', "needs a \\[wrench\\] and robot.tool"),
+    ],
+)
+def test_a_plug_or_port_that_cannot_be_is_said(old, new, words):
+    text = charging_cell().text
+    assert old in text
+    with pytest.raises(WorkcellError, match=words):
+        world_spec(parse_workcell(text.replace(old, new)))
+
+
+def test_a_cell_without_a_plug_cannot_charge():
+    cell = SimpleNamespace(
+        workcell=SimpleNamespace(name="bare", plug=None),
+        robot=SimpleNamespace(tool=None),
+        wrench=None,
+        stereo=(),
+    )
+    with pytest.raises(UsageError, match="bare: charging needs a"):
+        ChargeOptions().make(cell)
+
+
+class Pair:
+    """A pair that notes what it is asked for."""
+
+    def __init__(self, name):
+        self.info, self.wanted = SimpleNamespace(name=name), []
+
+    def want_pictures(self, wanted):
+        self.wanted.append(wanted)
+
+
+def test_a_pair_that_is_looked_at_on_demand_is_spared_until_the_task_wants_it():
+    always = SimpleNamespace(cameras=(), stereo=("a",))
+    sometimes = SimpleNamespace(cameras=(), stereo=("b",), on_demand=True)
+    task = SimpleNamespace(name="t", subscriptions=Subscriptions())
+    pairs = [Pair("a"), Pair("b")]
+    orders = PictureOrders(task, [always, sometimes], [], pairs, nullcontext())
+    orders.place()
+    assert [p.wanted[-1] for p in pairs] == [True, False]
+    task.subscriptions = Subscriptions(stereo=("b",))
+    orders.place()
+    assert [p.wanted[-1] for p in pairs] == [True, True]
+    task.subscriptions = Subscriptions()
+    orders.place()
+    assert [p.wanted[-1] for p in pairs] == [True, False]
