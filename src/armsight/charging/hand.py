@@ -10,10 +10,11 @@ from armsight.arrays import Floats, Pose
 from armsight.charging.feeling import Feeling
 from armsight.charging.insert import Answer, Felt, Insertion
 from armsight.charging.insert_paper import PaperInsertion
-from armsight.charging.moves import straight
+from armsight.charging.journal import Entry
+from armsight.charging.moves import before_port, straight
 from armsight.charging.permission import Permission
 from armsight.charging.ports.table import PORTS
-from armsight.charging.visit import Seen, StationOptions, Wish
+from armsight.charging.visit import Seen, State, StationOptions, Wish
 from armsight.geometry.pose import inverse, make_pose
 from armsight.motion.intents import Rest, VelocityIntent
 from armsight.robots.kinematics import flange_pose
@@ -89,3 +90,20 @@ class PlugHand:
         permit = self._permission.ask(seen.now, seen.guard)
         tip = self.feeling.tip_twist(twist)
         return Wish(VelocityIntent(name, tip, "tcp", stamp, stamp + LASTS, permit))
+
+
+def after_kill(entry: Entry, T_base_plug: Pose) -> tuple[State, str]:
+    """Where a station goes on that was killed during a visit, and why, in words.
+
+    Args:
+        entry: what it wrote before.
+        T_base_plug: where its plug is now.
+    """
+    T = inverse(before_port(entry.T_base_port, 0.0)) @ T_base_plug
+    aside = float(np.linalg.norm(T[:2, 3]))
+    if aside < ASIDE and T[2, 3] > IN:
+        words = "was killed with the plug in the car"
+        return (State.CHARGE if entry.plugged else State.HELD), words
+    if aside < 0.15 and T[2, 3] > -0.3:
+        return State.LEAVE, "was killed before the port"
+    return State.STAND_BY, "was killed with the plug out of the car"

@@ -16,7 +16,7 @@ import numpy as np
 from armsight.arrays import JointVector, Pose
 from armsight.charging.eye import SeenPort
 from armsight.charging.feeling import Feeling
-from armsight.charging.hand import IN, PlugHand
+from armsight.charging.hand import IN, PlugHand, after_kill
 from armsight.charging.insert import Answer, Insertion, Phase
 from armsight.charging.insert_paper import PaperInsertion
 from armsight.charging.journal import Entry, Journal, JournalError
@@ -169,16 +169,10 @@ class Station:
         self.permission.see(self.port, seen.now, self.options.near_sigma)
         self._hand.feeling.T_flange_plug, self._hand.feeling.tare = entry.T_flange_plug, entry.tare
         self.outcome = Outcome(port=entry.port, began=seen.now, out=False, seated=entry.plugged)
-        T = inverse(before_port(entry.T_base_port, 0.0)) @ self._hand.plug(seen)
-        aside = float(np.linalg.norm(T[:2, 3]))
-        if aside < 0.03 and T[2, 3] > IN:
-            words = "was killed with the plug in the car"
-            self._go(State.CHARGE if entry.plugged else State.HELD, seen.now, words)
-        elif aside < 0.15 and T[2, 3] > -0.3:
-            self._go(State.LEAVE, seen.now, "was killed before the port")
-        else:
+        state, words = after_kill(entry, self._hand.plug(seen))
+        if state is State.STAND_BY:
             self._out(seen)
-            self._go(State.STAND_BY, seen.now, "was killed with the plug out of the car")
+        self._go(state, seen.now, words)
 
     # -- states ---------------------------------------------------------------------------------
 
@@ -193,7 +187,9 @@ class Station:
             self._go(State.FIND, seen.now)
         elif self._wanted and car is not None and not car.parked:
             self.words = "waits until the car is parked"
-        return Wish(JointIntent("stand by", self._stand_by_joints))
+        # on the way home from a port its dark pocket is still the port's
+        permit = None if there else self._ask(seen)
+        return Wish(JointIntent("stand by", self._stand_by_joints, permit=permit))
 
     def _find(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """From afar: which port, and about where."""
