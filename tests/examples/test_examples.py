@@ -18,7 +18,7 @@ ARGUMENTS = {
     "07_calibrate": ["12"],
     "11_task": ["2"],
     "12_servo": ["1.2"],
-    "13_charge": ["1.6"],
+    "13_charge": ["2.4"],
 }
 EXPECTED = {
     "01_watch": r"camera behind: \d+ frames, alive: True",
