@@ -192,6 +192,7 @@ def make_cell():
         robot=SimpleNamespace(name="fake", n=2),
         health=lambda: (),
         stereo=(),
+        gripper=None,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from doubles import FakeGuard, FakeMap, FakePlanner, GoTo, make_cell
 
-from armsight.errors import UsageError
+from armsight.errors import DeviceError, UsageError
 from armsight.motion.face import Button, Curve, Face, Figure
 from armsight.motion.intents import JointIntent, Rest, VelocityIntent
 from armsight.motion.perception import CameraUse
@@ -256,6 +256,42 @@ def test_a_face_is_shown_with_its_past_and_its_buttons_come_back():
     assert trace.times == pytest.approx(trace.values)
     assert 15 <= len(trace.times) <= 25
     assert pressed == [("again", "task/scripted")]
+
+
+class FakeGripper:
+    """Notes where it is told to go; refuses what is wider than it is."""
+
+    def __init__(self):
+        self.told = []
+
+    def move(self, width):
+        if not 0.0 <= width <= 0.085:
+            raise DeviceError(f"no width of {width} m")
+        self.told.append(width)
+
+    def read(self):
+        return None
+
+
+def test_the_width_of_an_intent_moves_the_gripper_once():
+    cell = make_cell()
+    cell.gripper = FakeGripper()
+    widths = {0: None, 1: 0.02, 2: 0.02, 3: None, 4: 0.08}
+    session, _ = session_of(
+        Scripted(lambda o: Rest("", width=widths[min(int(10 * o.now), 4)])), cell
+    )
+    session.run(1.0)
+    assert cell.gripper.told == [0.02, 0.08]
+
+
+def test_a_width_that_cannot_be_is_said_and_the_task_goes_on():
+    cell = make_cell()
+    cell.gripper = FakeGripper()
+    session, _ = session_of(Scripted(lambda o: Rest("", width=0.5)), cell)
+    session.run(0.3)
+    (health,) = [h for h in session.health() if h.name == "task/scripted"]
+    assert "gripper: no width of 0.5 m" in health.problem
+    assert session.task_failure == ""
 
 
 def test_a_face_that_cannot_be_shown_is_said_and_does_no_harm():
