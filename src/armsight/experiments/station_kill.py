@@ -20,7 +20,7 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, wilson
 from armsight.experiments.station_bench import StationBench, charging_cell
 
-VERSION = 1
+VERSION = 2
 ABOUT = """
 The packaged charging cell in contact physics (`experiments/station_bench.py`: no guard, looks drawn
 from the pairs' errors). In each phase of a visit, at a random moment of it, everything that the
@@ -44,6 +44,8 @@ LATEST = {State.FIND: 0.5, State.TARE: 0.4, State.INSERT: 3.5, State.CHARGE: 1.5
 """A phase is killed within so long after it began [s]; 1.5 unless named."""
 OUT = 0.05
 """The plug is out when it is so far before the face [m]."""
+HOMEWARD = 10.0
+"""From the end of a visit to the stand-by [s]."""
 PATIENCE = 120.0
 """For each part of a visit [s]."""
 
@@ -101,6 +103,9 @@ def _round(seed: int, i: int) -> dict[str, Any]:
             again = make_station(bench, file, car)
             bench.stop()
             ended = bench.run(again, PATIENCE)
+            home = bench.now + HOMEWARD
+            while ended and bench.now < home and bench.score()[0] > -OUT:
+                bench.step(again)  # one that had nothing to end still goes home
             words = again.outcomes[-1].problem if again.outcomes else again.words
             out = bench.score()[0] < -OUT or not np.isfinite(bench.score()[0])
             safe = reached and ended and out and not file.exists()
