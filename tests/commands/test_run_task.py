@@ -110,7 +110,7 @@ def test_two_tasks_are_refused(capsys):
     words = ["run", "ur3_bench", "--task", "patrol", "--task=waving_task:Wave"]
     assert run(words) == 1
     assert "2 tasks given (patrol, waving_task:Wave); a cell runs one" in capsys.readouterr().err
-    with pytest.raises(TaskError, match="no task given; there are: patrol"):
+    with pytest.raises(TaskError, match="no task given; there are: charge, patrol, servo"):
         one_task([])
 
 

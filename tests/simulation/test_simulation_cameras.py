@@ -215,6 +215,7 @@ def test_catalogue_is_the_table():
         "femto_mega": ((640, 576), (1920, 1080), (75, 65), (0.5, 3.86), 30),
         "wrist_stereo": ((720, 480), (720, 480), (45, None), (0.2, 0.4), 10),
         "converging_pair": ((1280, 960), (1280, 960), (56.144974, None), (0.25, 3.0), 15),
+        "flange_pair": ((800, 600), (800, 600), (55.517081, None), (0.15, 0.8), 15),
     }
     assert set(rows) == set(CAMERA_MODELS)
     for name, (depth, color, fov, reach, rate) in rows.items():

@@ -16,7 +16,7 @@ from armsight.devices.data import ArmStatus, GripperState, Wrench
 from armsight.devices.line import DeviceHealth
 from armsight.geometry.pose import from_rpy, make_pose, transform
 from armsight.geometry.shapes import Solid
-from armsight.mapping.snapshot import CameraCorrection, CameraStatus, Emptiness
+from armsight.mapping.snapshot import CameraCorrection, CameraStatus, Declared, Emptiness
 from armsight.motion.data import GuardMode
 from armsight.motion.permits import Permit, PermitState
 from armsight.runtime.view import ComponentHealth
@@ -114,11 +114,19 @@ def test_too_close_is_red() -> None:
 
 def test_the_page_says_what_became_of_an_empty_cell() -> None:
     snapshot = SimpleNamespace(
-        emptiness=Emptiness(waiting=True, reason="something moves near (1, 0, 0) m"), things=()
+        emptiness=Emptiness(waiting=True, reason="something moves near (1, 0, 0) m"),
+        things=(),
+        declared=(),
     )
     assert "something moves near" in html.emptiness(snapshot)
     snapshot.emptiness, snapshot.things = Emptiness(said=True), (1, 2, 3)
     assert "3 voxels of things" in html.emptiness(snapshot)
+    snapshot.declared = (
+        Declared("car", (), taken=True),
+        Declared("<box>", (), reason="a camera sees through it"),
+    )
+    assert "car is declared" in html.emptiness(snapshot)
+    assert "&lt;box&gt;: a camera sees through it" in html.emptiness(snapshot)
     assert html.emptiness(None) == ""
 
 

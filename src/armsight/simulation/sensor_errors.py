@@ -193,8 +193,9 @@ DEPTH_ERRORS: dict[str, DepthErrors] = {
         infrared=False,
         shiny_lost=0.5,
     ),
-    # Z^2 sqrt(2) 0.15 px / (f b), as camera_models has it for the charging paper's pair.
+    # Z^2 sqrt(2) 0.15 px / (f b), as camera_models has it for the charging robot's pairs.
     "converging_pair": DepthErrors(0.0, 0.0, 0.9e-3, lateral=1.5, infrared=False, shiny_lost=0.5),
+    "flange_pair": DepthErrors(0.0, 0.0, 4.7e-3, lateral=1.5, infrared=False, shiny_lost=0.5),
 }
 """By camera model."""
 
