@@ -37,7 +37,11 @@ def test_curves_of_one_plot_share_their_times():
     times, first, second = columns([a, b])
     np.testing.assert_array_equal(times, [-2.0, -1.0, 0.0])
     np.testing.assert_array_equal(first, [1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(second, [np.nan, 20.0, np.nan])
+    np.testing.assert_array_equal(second, [20.0, 20.0, 20.0])  # it has one value
+    late = Trace("c", "N", np.array([0.0, 1.0, 2.0, 3.0]), np.array([np.nan, 4.0, 5.0, np.nan]))
+    times, values = columns([late])  # the plot draws nothing where a single value is NaN
+    np.testing.assert_array_equal(times, [-2.0, -1.0])
+    np.testing.assert_array_equal(values, [4.0, 5.0])
     long = np.linspace(0.0, 30.0, 1000)
     times, values = columns([Trace("a", "", long, long)])
     assert len(times) <= 300

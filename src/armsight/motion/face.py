@@ -29,7 +29,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Curve:
-    """A number whose last 30 s are drawn; ``value`` is that of now, NaN leaves a gap."""
+    """A number whose last 30 s are drawn; ``value`` is that of now, NaN where there is none."""
 
     name: str
     value: float

@@ -78,7 +78,8 @@ class FacePanel:
         """Curves of one unit share a plot."""
         by_unit: dict[str, list[Trace]] = {}
         for trace in traces:
-            by_unit.setdefault(trace.unit, []).append(trace)
+            if np.count_nonzero(np.isfinite(trace.values)) > 1:
+                by_unit.setdefault(trace.unit, []).append(trace)
         wanted = {(unit, tuple(t.name for t in group)): group for unit, group in by_unit.items()}
         _drop(self._plots, wanted)
         for key, group in wanted.items():
@@ -140,18 +141,18 @@ def value(number: float) -> str:
 
 
 def columns(traces: Sequence[Trace]) -> tuple[Floats, ...]:
-    """Time before the newest sample [s], and each curve on it, NaN where it has no sample."""
-    times = np.unique(np.concatenate([trace.times for trace in traces]))
+    """Time before the newest sample [s], and each curve on it, straight where it has no value.
+
+    The page's plot finds no scale, and draws nothing, where a single value is NaN.
+    """
+    known = [np.isfinite(trace.values) for trace in traces]
+    times = np.unique(np.concatenate([t.times[k] for t, k in zip(traces, known)]))
     if len(times) > MOST_SAMPLES:
         step = 1 + (len(times) - 1) // MOST_SAMPLES
         times = times[(len(times) - 1) % step :: step]  # the newest among them
-    if len(times) < 2:
-        return (np.array([-SECONDS, 0.0]), *(np.full(2, np.nan) for _ in traces))
-    rows = []
-    for trace in traces:
-        at = np.searchsorted(trace.times, times).clip(0, len(trace.times) - 1)
-        rows.append(np.where(trace.times[at] == times, trace.values[at], np.nan))
-    return (times - times[-1], *rows)
+    newest = max(trace.times[-1] for trace in traces)
+    rows = [np.interp(times, t.times[k], t.values[k]) for t, k in zip(traces, known)]
+    return (times - newest, *rows)
 
 
 def fitted(image: ColorImage) -> ColorImage:
