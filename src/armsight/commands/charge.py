@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from armsight.commands.run import EndsWithTask
 from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
     from armsight.charging.visit import Outcome
-    from armsight.runtime.session import Session
 
 
 @dataclass(frozen=True)
@@ -127,19 +127,14 @@ def _finite(values: dict[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and v != v else v for k, v in values.items()}
 
 
-class _EndsWithVisits:
-    """Ends a run that nobody watches when its visits have ended."""
+class _EndsWithVisits(EndsWithTask):
+    """Ends a run that nobody watches when its visits have ended, too."""
 
     name = "visits"
-    period = 0.1
 
     def __init__(self) -> None:
-        self._session: Session | None = None
+        super().__init__()
         self._over = False
-
-    def attach(self, session: Session) -> None:
-        """The session to end."""
-        self._session = session
 
     def end(self) -> None:
         """The visits have ended."""
@@ -147,6 +142,7 @@ class _EndsWithVisits:
 
     def update(self, now: float) -> None:
         """Stop once they have, or the task has failed."""
-        session = self._session
-        if session is not None and (self._over or session.task_failure):
-            session.stop("time" if self._over else "task failed")
+        if self._over and self._session is not None:
+            self._session.stop("time")
+        else:
+            super().update(now)

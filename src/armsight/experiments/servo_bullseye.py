@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armsight.arrays import JointVector, Vector3
-from armsight.devices.data import JointState
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
 from armsight.experiments.servo_rows import harm_row, median_row
+from armsight.experiments.servo_trials import tick
 from armsight.experiments.servo_world import (
     MOVING,
     PAPERS,
@@ -27,7 +27,6 @@ from armsight.experiments.servo_world import (
     world_to_base,
 )
 from armsight.geometry.pose import inverse
-from armsight.motion.task import Observation
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.servoing.aim import Aim, joints_for
 from armsight.servoing.docking import facing_pose
@@ -96,11 +95,7 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
     near, harm, mark = math.inf, 0, None
     while cell.now < LIMIT:
         now = cell.now
-        eyes.expose(now, cell.q, lambda _: place)
-        joints = JointState(now, cell.q.copy(), cell.v.copy())
-        seen = Observation(now, cell.robot, joints, status, perceived=eyes.arrived(now))
-        decision = cell.tick(goal=task.update(seen))
-        status = decision.status
+        status = tick(cell, eyes, task, status)
         tip = tcp_pose(eyes.true_robot, cell.q)[:3, 3]
         height = float((tip - place) @ normal)
         beside = float(np.linalg.norm(tip - place - height * normal))

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
-from functools import partial
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from armsight.arrays import JointVector, Points, Pose, Vector3
-from armsight.devices.data import JointState
-from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
-from armsight.experiments.servo_world import (
-    PAPERS,
-    Errors,
-    Setup,
-    make_eyes,
-    make_task,
-    set_up,
-)
+from armsight.experiments.servo_trials import gap_row, run_plan, tick
+from armsight.experiments.servo_world import PAPERS, Errors, Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
-from armsight.motion.task import Observation
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.servoing.aim import Aim, joints_for
 from armsight.simulation.targets import TargetSpec, target_object
@@ -73,16 +63,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("paper_", "paper", v_errors, max(runs // 2, 1)),
         ("fixed_", "fixed", v_errors, max(runs // 2, 1)),
     ]
-    results: dict[str, list[dict[str, Any]]] = {}
-    total, done = sum(entry[-1] for entry in plan), 0
-    for prefix, mode, errors, count in plan:
-        setup = set_up(1.0, 1.0, CELL)
-        cache = RunCache("servo-handover", seed, {"settings": [mode, asdict(errors), 1]})
-        results[prefix] = []
-        for k in range(count):
-            results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))
-            done += 1
-            progress(f"{prefix or 'ours'}: {k + 1} of {count}", done / total)
+    results = run_plan("servo-handover", CELL, plan, one, seed, progress)
     return Outcome(tuple(_rows(results)), {}, _notes(results))
 
 
@@ -120,10 +101,7 @@ def _watched(cell: PushedCell, eyes: Any, task: ServoTask, T: Pose, speed: float
     up = task.config.vertical
     while cell.now < LIMIT and task.phase != "done":  # type: ignore[attr-defined]
         now = cell.now
-        eyes.expose(now, cell.q, lambda _: cell.place(cell.now))
-        joints = JointState(now, cell.q.copy(), cell.v.copy())
-        seen = Observation(now, cell.robot, joints, status, perceived=eyes.arrived(now))
-        status = cell.tick(goal=task.update(seen)).status
+        status = tick(cell, eyes, task, status)
         if status.permit is not None and status.permit.holds:
             granted = max(granted, status.permit.force)
         if math.isinf(let_go) and now > task.released + OPENED:  # type: ignore[attr-defined]
@@ -201,11 +179,7 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         Row("handover_force_n", "greatest force of the gripper on the hand, of all trials", "ours",
             max(forces), "N", len(forces), must=10.0, aim=5.0)
     )  # fmt: skip
-    share = sum(_good(r) for r in results["paper_"]) / max(len(results["paper_"]), 1)
-    rows.append(
-        Row("paper_mode_gap", "share of successes of V's mode less V's figure, absolute",
-            "V's errors", abs(share - 0.75), n=len(results["paper_"]), must=0.10, aim=0.05)
-    )  # fmt: skip
+    rows.append(gap_row([_good(r) for r in results["paper_"]], 0.75))
     harm = sum(r["harm"] for r in results[""])
     rows.append(harm_row("trials pressed above the permit", "ours", harm, len(results[""])))
     return rows

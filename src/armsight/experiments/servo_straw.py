@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
-from functools import partial
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from armsight.arrays import JointVector, Pose
-from armsight.devices.data import JointState
-from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
-from armsight.experiments.servo_world import (
-    PAPERS,
-    Errors,
-    Setup,
-    make_eyes,
-    make_task,
-    set_up,
-)
+from armsight.experiments.servo_trials import gap_row, run_plan, tick
+from armsight.experiments.servo_world import PAPERS, Errors, Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
-from armsight.motion.task import Observation
 from armsight.robots.kinematics import tcp_pose
 from armsight.servoing.aim import Aim, joints_for
 from armsight.simulation.targets import MOUTH, TargetSpec, target_object
@@ -63,16 +53,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` trials of ours, half as many of V's mode."""
     plan = [("", "ours", Errors(arm=0.0), runs)]
     plan.append(("paper_", "paper", replace(PAPERS, arm=0.0), max(runs // 2, 1)))
-    results: dict[str, list[dict[str, Any]]] = {}
-    total, done = sum(entry[-1] for entry in plan), 0
-    for prefix, mode, errors, count in plan:
-        setup = set_up(1.0, 1.0, CELL)
-        cache = RunCache("servo-straw", seed, {"settings": [mode, asdict(errors), 1]})
-        results[prefix] = []
-        for k in range(count):
-            results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))
-            done += 1
-            progress(f"{prefix or 'ours'}: {k + 1} of {count}", done / total)
+    results = run_plan("servo-straw", CELL, plan, one, seed, progress)
     return Outcome(tuple(_rows(results)), {}, _notes(results))
 
 
@@ -112,11 +93,7 @@ def _watched(cell: PushedCell, eyes: Any, task: Any, T: Pose, speed: float) -> d
     status: Any = None
     touched, off, states, gentle = math.inf, math.nan, set(), 0.0
     while cell.now < min(LIMIT, touched + HOLDS):
-        now = cell.now
-        eyes.expose(now, cell.q, lambda _: cell.place(cell.now))
-        joints = JointState(now, cell.q.copy(), cell.v.copy())
-        seen = Observation(now, cell.robot, joints, status, perceived=eyes.arrived(now))
-        status = cell.tick(goal=task.update(seen)).status
+        status = tick(cell, eyes, task, status)
         if status.permit is not None:
             states.add(status.permit.state.value)
             gentle = max(gentle, status.permit.force)
@@ -179,12 +156,8 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
                        (5.0, 2.0) if ours else None),
         ]  # fmt: skip
     steps = [float(r["iterations"]) for r in results["paper_"] if good(r)]
-    share = sum(good(r) for r in results["paper_"]) / max(len(results["paper_"]), 1)
     rows.append(median_row("paper_straw_iterations", "segments", "V's errors", steps, "", 6.0))
-    rows.append(
-        Row("paper_mode_gap", "share of successes of V's mode less V's figure, absolute",
-            "V's errors", abs(share - 0.67), n=len(results["paper_"]), must=0.10, aim=0.05)
-    )  # fmt: skip
+    rows.append(gap_row([good(r) for r in results["paper_"]], 0.67))
     harm = sum(r["harm"] for r in results[""])
     rows.append(
         harm_row("trials pressed above the permit or the face's limit, or elsewhere than the face",

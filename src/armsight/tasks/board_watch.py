@@ -15,15 +15,15 @@ import cv2
 import numpy as np
 
 from armsight.arrays import JointVector, Pose
-from armsight.calibration import arm
 from armsight.calibration.boards import Board, Miss
-from armsight.calibration.declared import known_from_cell
 from armsight.calibration.drift import Drift, DriftOptions, DriftWatch
+from armsight.calibration.known_cell import known_from_cell
 from armsight.calibration.problem import ArmView, Sighting
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, make_pose, transform
 from armsight.motion.perception import CameraUse, PosedFrame
+from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 from armsight.workcell import Cell
 from armsight.workcell.board import board_of
@@ -117,7 +117,7 @@ class BoardWatch:
             else:
                 rests.append((joints, [sighting]))
         for joints, sightings in rests:
-            T = arm.flange_poses(self._robot, joints[None])[0]
+            T = flange_pose(self._robot, joints)
             self._note(self._watch.add(ArmView(T, joints), sightings))
             self._count += len(sightings)
         if not found:
@@ -168,7 +168,7 @@ class BoardWatch:
         self, info: RgbdCameraInfo, lens: PinholeCamera, joints: JointVector
     ) -> tuple[int, int, int, int] | None:
         """(u0, v0, u1, v1) about where the board must be; None where it cannot be seen whole."""
-        T_base_board = arm.flange_poses(self._robot, joints[None])[0] @ self._T_flange_board
+        T_base_board = flange_pose(self._robot, joints) @ self._T_flange_board
         T_lens_board = inverse(info.T_mount_camera @ info.T_depth_color) @ T_base_board
         # Its print lies away from its z axis: towards the camera is against it.
         if float(T_lens_board[:3, 2] @ T_lens_board[:3, 3]) <= 0.0:

@@ -1,0 +1,62 @@
+"""What V's experiments share: a plan of trials, one round of a trial, the gap to V."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+from armsight.devices.data import JointState
+from armsight.experiments.cache import RunCache
+from armsight.experiments.frame import Progress
+from armsight.experiments.rows import Row
+from armsight.experiments.servo_cell import SurfaceCell
+from armsight.experiments.servo_world import Errors, Setup, set_up
+from armsight.motion.data import GuardStatus
+from armsight.motion.task import Observation
+
+Trial = dict[str, Any]
+"""What came of one, as JSON values."""
+Plan = Sequence[tuple[str, str, Errors, int]]
+"""(prefix of the keys, mode, errors, trials) of each row."""
+
+
+def run_plan(
+    name: str,
+    cell: str,
+    plan: Plan,
+    one: Callable[[Setup, str, Errors, tuple[int, int]], Trial],
+    seed: int,
+    progress: Progress,
+) -> dict[str, list[Trial]]:
+    """All trials of a plan by its prefixes, at full speed and acceleration; kept as they end."""
+    results: dict[str, list[Trial]] = {}
+    total, done = sum(entry[-1] for entry in plan), 0
+    for prefix, mode, errors, count in plan:
+        setup = set_up(1.0, 1.0, cell)
+        cache = RunCache(name, seed, {"settings": [mode, asdict(errors), 1]})
+        results[prefix] = []
+        for k in range(count):
+            results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))
+            done += 1
+            progress(f"{prefix or 'ours'}: {k + 1} of {count}", done / total)
+    return results
+
+
+def tick(cell: SurfaceCell, eyes: Any, task: Any, status: GuardStatus | None) -> GuardStatus:
+    """One round: the cameras look, the task wishes, the guard decides and the arm moves on."""
+    now = cell.now
+    eyes.expose(now, cell.q, lambda _: cell.place(cell.now))
+    joints = JointState(now, cell.q.copy(), cell.v.copy())
+    seen = Observation(now, cell.robot, joints, status, perceived=eyes.arrived(now))
+    return cell.tick(goal=task.update(seen)).status
+
+
+def gap_row(good: Sequence[bool], figure: float) -> Row:
+    """How far the share of successes of V's mode is from V's figure."""
+    share = sum(good) / max(len(good), 1)
+    return Row(
+        "paper_mode_gap", "share of successes of V's mode less V's figure, absolute",
+        "V's errors", abs(share - figure), n=len(good), must=0.10, aim=0.05,
+    )  # fmt: skip
