@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armsight.devices.data import Wrench
+from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.experiments.touch_cell import Target, TouchCell, Toucher
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import make_pose
@@ -17,6 +18,7 @@ from armsight.motion.contact_speed import GentleSpeed
 from armsight.motion.executed import Executed
 from armsight.motion.force_watch import STALE, ForceWatch
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.intents import VelocityIntent
 from armsight.motion.nearest import Hazards, MovingBody
 from armsight.motion.permits import Permit, PermitRequest, PermitState
 from armsight.motion.permitted import Grant, permitted
@@ -24,7 +26,7 @@ from armsight.motion.regions import Region
 from armsight.motion.retreat import Retreat
 from armsight.motion.separation_monitor import SeparationMonitor
 from armsight.robots import load_robot, load_tool
-from armsight.robots.kinematics import flange_pose
+from armsight.robots.kinematics import flange_pose, tcp_pose
 from armsight.simulation.spec import ArmSpec, WorldSpec
 from armsight.simulation.world import SimulatedWorld
 
@@ -156,6 +158,19 @@ def test_a_sensor_that_cannot_be_believed_says_why():
     assert "silent" in watch.fault(2.0), "an old reading is none"
 
 
+def test_a_slow_press_is_never_taken_for_the_sensors_error():
+    """A map that does not show what is touched (the arm hides it) leaves it to the sensor alone."""
+    watch, q = tared((0, 0, 0)), ROBOT.home
+    for k in range(500):  # 1 N a second, for 4 s
+        pressed = 0.008 * k
+        watch.take([load(q, (0, 0, pressed), stamp=0.5 + 0.008 * k)], q, False)
+    assert watch.pressed > 0.6 * pressed
+    for k in range(3000):  # an error that really drifts is learned in the end
+        watch.take([load(q, (0, 0, 4.0), stamp=5.0 + 0.008 * k)], q, False)
+    assert watch.pressed < 0.5
+    assert watch.push == pytest.approx(flange_pose(ROBOT, q)[:3, :3] @ [0, 0, watch.pressed])
+
+
 # -- hands ------------------------------------------------------------------------------------
 
 
@@ -261,9 +276,66 @@ def test_it_leaves_a_target_that_it_came_along_with(carried):
     assert np.linalg.norm(velocity) < 1.1 * (pushed + 0.045)
 
 
-def test_without_a_force_sensor_or_a_soft_tip_no_person_is_touched():
-    from armsight.experiments.quick_cell import Ball, QuickCell
+class Sprung(QuickCell):
+    """The quick cell with a ball on a stand of 5 N/mm, whose push the force sensor feels.
 
+    Attributes:
+        pushed: (time, force) [s], [N].
+    """
+
+    def __init__(self, path, kind, seen=True, **config):
+        super().__init__(
+            [Ball(path, 0.03)] if seen else [], robot=ROBOT, config=GuardConfig(**config)
+        )
+        self.path, self.kind, self.pushed = path, kind, []
+
+    def touch(self, seconds, velocity=(0.0, 0.0, 0.0)):
+        for _ in range(round(seconds / self.config.period)):
+            center = np.asarray(self.path(self.now), float)
+            way = tcp_pose(self.robot, self.q)[:3, 3] - center
+            away = np.linalg.norm(way)
+            force = 5e3 * max(0.03 - away, 0.0) * way / away
+            self.pushed.append((self.now, float(np.linalg.norm(force))))
+            R = flange_pose(self.robot, self.q)[:3, :3]
+            self.guard.feel([load(self.q, R.T @ force, stamp=self.now - 0.001)])
+            rate = (center - np.asarray(self.path(self.now - 0.05))) / 0.05
+            region = Region(
+                "sphere", (0.03, 0, 0), make_pose(None, center), self.now, rate, drift=0.02
+            )
+            wanted = np.array([*velocity, 0.0, 0.0, 0.0])
+            limits = {"thing": (0.25, 10.0, 2.0), "face": (0.1, 5.0, 0.5)}[self.kind]
+            request = PermitRequest("b", self.kind, region, ("tool",), 0.12, *limits, seconds=20.0)
+            self.tick(goal=VelocityIntent("t", wanted, "base", self.now, self.now + 0.1, request))
+        return self
+
+
+TIP = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
+
+
+def test_an_arm_gives_way_to_a_stiff_stand_that_goes_on_coming():
+    """Permit withdrawn at some 6 N; left at its own pace, the stand would press it with 60 N."""
+
+    def coming(t):
+        way = 0.07 * 0.5 * (1.0 - np.cos(0.9 * max(t - 1.0, 0.0)))  # 7 cm, at 3 cm/s at most
+        return TIP + np.array([0.0, 0.0, way - 0.036])
+
+    cell = Sprung(coming, "thing").touch(3.2)
+    assert any("backs out" in s.reason for s in cell.log)
+    assert 3.0 < max(force for _, force in cell.pushed) < 10.0
+
+
+def test_a_face_that_no_camera_sees_is_left_by_what_is_felt():
+    """The self-filter hides what is close to a straw: the map shows nothing where it presses."""
+    there = TIP - np.array([0.0, 0.0, 0.04])
+    cell = Sprung(lambda t: there, "face", seen=False, soft=300.0)
+    cell.touch(1.0).touch(4.0, (0.0, 0.0, -0.004))
+    assert max(force for _, force in cell.pushed) < 5.0
+    assert cell.log[-1].permit.state == PermitState.WITHDRAWN
+    assert "pressed" in cell.log[-1].permit.reason
+    assert cell.pushed[-1][1] == 0.0, "and it is left"
+
+
+def test_without_a_force_sensor_or_a_soft_tip_no_person_is_touched():
     place = np.array([0.45, -0.4, 0.35])
     cell = QuickCell([Ball(lambda t: place, 0.05)], robot=ROBOT)
     for _ in range(80):

@@ -2,7 +2,8 @@
 
 What the sensor says is the weight of what it carries, its own error, and what touches. The weight
 follows from the joints; the error is what was left over while nothing was near (its mean over the
-last half second), and is kept as it was when a permit began. What remains is contact.
+last half second, which it follows no faster than a sensor drifts), and is kept as it was when the
+arm came to what it may touch. What remains is contact.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ SMOOTH = 0.15
 """Share of a new rate of the force in the one that is used: readings are noisy."""
 SAMPLES = 10
 """Fewer readings are no mean."""
+DRIFTS = (0.3, 0.03)
+"""The error of a sensor changes no faster than this: force [N/s], torque [N m/s]. Who presses
+slowly on what the map does not show would else be taken for one."""
 BIAS = (60.0, 6.0)
 """A sensor that errs by more than this cannot be believed: force [N], torque [N m]."""
 
@@ -67,10 +71,17 @@ class ForceWatch:
         """Begin anew (the clock jumped)."""
         self._free: deque[tuple[float, Floats]] = deque()
         self._bias: Floats | None = None
+        self._tared = self._first = -math.inf
         self._new: list[Felt] = []
         self._stamp = -math.inf
         self._mean = (-math.inf, 0.0)
         self._rate = 0.0
+        self._push: Vector3 | None = None
+
+    @property
+    def push(self) -> Vector3 | None:
+        """(3,) mean force on the arm by the newest readings, in ``base`` [N]; None without any."""
+        return self._push
 
     @property
     def pressed(self) -> float:
@@ -102,16 +113,28 @@ class ForceWatch:
                 while self._free[0][0] < reading.stamp - TARED_OVER:
                     self._free.popleft()
                 if len(self._free) >= SAMPLES:  # else what was known before still is
-                    self._bias = np.mean([value for _, value in self._free], axis=0)
+                    self._tare(np.mean([value for _, value in self._free], axis=0))
             contact = rest - (np.zeros(6) if self._bias is None else self._bias)
             torque = contact[3:] - np.cross(self._tip, contact[:3])
             self._new.append(Felt(reading.stamp, contact[:3], torque))
         if self._new:
-            force = np.linalg.norm(np.mean([f.force for f in self._new], axis=0))
-            self._mean = (float(np.mean([f.stamp for f in self._new])), float(force))
+            mean = np.mean([f.force for f in self._new], axis=0)
+            self._push = np.asarray(R @ mean)
+            self._mean = (float(np.mean([f.stamp for f in self._new])), float(np.linalg.norm(mean)))
             passed = self._mean[0] - before[0]
             rate = (self._mean[1] - before[1]) / passed if 1e-4 < passed < 0.1 else 0.0
             self._rate += SMOOTH * (rate - self._rate)
+
+    def _tare(self, mean: Floats) -> None:
+        """The error goes to (6,) what was left over lately, as far as it may have drifted."""
+        passed, self._tared = min(self._stamp - self._tared, TARED_OVER), self._stamp
+        if self._bias is None:
+            self._first = self._stamp
+        if self._bias is None or self._stamp < self._first + TARED_OVER:
+            self._bias = mean
+            return
+        most = passed * np.repeat(DRIFTS, 3)
+        self._bias = self._bias + np.clip(mean - self._bias, -most, most)
 
     def fault(self, now: float) -> str:
         """Why the sensor cannot be believed at ``now`` [s], in words; empty when it can."""

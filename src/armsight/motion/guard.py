@@ -368,7 +368,8 @@ class Guard:
         retreat.braked = retreat.braked or tick.at_rest or self._steering.moving
         if retreat.braked:
             speed = self.config.retreat_speed
-            motion = retreat.motion(self.body, tick.ahead.position, tick.now, speed)
+            push = self._permits.push
+            motion = retreat.motion(self.body, tick.ahead.position, tick.now, speed, push)
             self._steering.pursue(tick, motion)
         else:
             self._follower.brake(tick, None)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import JointVector, Mask, Points
+from armsight.arrays import JointVector, Mask, Points, Vector3
 from armsight.devices.data import Wrench
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.mapping.snapshot import WorkspaceSnapshot
@@ -36,7 +36,7 @@ from armsight.motion.permitted import (
     somebody_beside,
 )
 from armsight.motion.regions import Region
-from armsight.motion.retreat import CLEAR, Retreat, gap
+from armsight.motion.retreat import AHEAD, CLEAR, Retreat, gap
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 
@@ -44,6 +44,8 @@ ARM_ERROR = 0.003
 """A part that comes to touch, slowly, is this close to where the joints say [m]."""
 NOTICED = 0.5
 """Less force than this is noise [N]."""
+FREE = 0.5
+"""More than this share of what is asked for must not be felt before it is granted."""
 MUSCLES = 1000.0
 """No hand or head resists a push with more than this, save against something firm [N/m]."""
 SHARE = 0.6
@@ -119,6 +121,9 @@ class PermitOffice:
             self.grant = None
         elif q is None or not self._touches(now):
             self.retreat = self.grant = None
+        else:
+            self.retreat.grow_old(now)
+            self.grant = self.retreat.grant
         if permit is not None and permit.holds:
             self.permit = replace(permit, pressed=self._force.pressed)
         return self.grant is not before
@@ -131,6 +136,11 @@ class PermitOffice:
         if self._touches(now) and self.grant is not None and self._q is not None:
             self.retreat = Retreat(reason, self.grant, self._executed, self._q, now)
             self.grant = self.retreat.grant
+
+    @property
+    def push(self) -> Vector3 | None:
+        """(3,) force on the arm [N] in ``base``, by its force sensor; None where nobody says."""
+        return self._force.push
 
     def in_contact(self, now: float) -> bool:
         """Whether the parts that may touch are so near that a sideways motion would tear."""
@@ -155,8 +165,6 @@ class PermitOffice:
             speed = min(speed, self._pressing_speed(permit, stiffness))
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
             parts, region = grant.touching[self._body.moving], grant.region
-            if self.retreat is not None:  # it stays where it was, and the arm may give way to it
-                region = replace(region, exposure=when, velocity=self.retreat.carried)
             return ContactSpeed(name, parts, region, when, speed, margin)
         if q is not None and permit is not None:
             speed = min(speed, self._gentle_speed(permit, grant.region, when, q))
@@ -173,7 +181,7 @@ class PermitOffice:
         if self._q is None:
             return
         readings, self._waiting = self._waiting, []
-        self._force.take(readings, self._q, self.grant is not None and self._touches(now))
+        self._force.take(readings, self._q, self.grant is not None and self._near(now))
         permit = self.permit
         if permit is None or not permit.holds:
             return
@@ -199,6 +207,8 @@ class PermitOffice:
             tracked = None if reason else _followed(request, now)
             permit = self.permit = replace(permit, region=tracked)
         if permit.state == PermitState.WITHDRAWN:
+            if self.retreat is not None and not reason:
+                self._follow(now, self.retreat, request, snapshot)
             return
         if not reason and permit.holds:
             reason = self._against(now, permit, request, snapshot)
@@ -231,6 +241,8 @@ class PermitOffice:
             reason = self._force.fault(now)
             if reason:
                 return f"nobody would feel how hard it presses: {reason}"
+        if self._force.pressed > FREE * request.force:
+            return f"the force sensor feels {self._force.pressed:.1f} N before anything is touched"
         if request.kind == "face" and not self._config.soft > 0.0:
             return "the tool's tip is not declared soft (guard.soft_tip_n_per_mm)"
         return region_refusal(request.region, request.kind, now) or _seen_against(
@@ -244,11 +256,10 @@ class PermitOffice:
         assert permit.region is not None
         if now > permit.until:
             return "its time is over; ask for it anew"
-        region, when = permit.region, request.region.exposure
-        if when > region.exposure:
-            away = float(np.linalg.norm(request.region.center(when) - region.center(when)))
-            unsure = SURE * (region.deviation(when) + request.region.deviation(when))
-            if away > JUMP + unsure:
+        region = permit.region
+        if request.region.exposure > region.exposure:
+            away = _jump(region, request.region)
+            if away > 0.0:
                 return f"it jumped by {away:.2f} m"
             region = request.region
         reason = region_refusal(region, permit.kind, now)
@@ -262,6 +273,22 @@ class PermitOffice:
         if region is not permit.region:
             self.permit = replace(permit, region=region)
         return ""
+
+    def _follow(
+        self,
+        now: float,
+        retreat: Retreat,
+        request: PermitRequest,
+        snapshot: WorkspaceSnapshot | None,
+    ) -> None:
+        """The arm backs out of what goes on to be seen: from where it is, not from where it was."""
+        region, before = request.region, retreat.grant.region
+        if region.exposure <= before.exposure or _jump(before, region) > 0.0:
+            return
+        if region_refusal(region, request.kind, now):
+            return
+        if snapshot is not None and not _seen_against(snapshot, region, request.kind):
+            retreat.follow(region, now)
 
     def _grant(self, permit: Permit, region: Region) -> Grant:
         ceiling = self._ceiling if permit.kind == "hand" else None
@@ -293,12 +320,28 @@ class PermitOffice:
         # After the blow the body is held by its own muscles only, or by what covers the tool.
         return min(blow, self._pressing_speed(permit, min(MUSCLES, soft)))
 
-    def _touches(self, now: float) -> bool:
+    def _near(self, now: float) -> bool:
+        """Whether what is felt may be contact: the map need not show it, where the arm hides it."""
         if self.grant is None or self._q is None:
             return False
-        if not self.grant.person:
-            return gap(self._body, self.grant, self._q, now) < CLEAR
-        return self._looked is not None and _nearest(self._body, self.grant, self._q, self._looked)
+        return gap(self._body, self.grant, self._q, now) < CLEAR or self._touches(now)
+
+    def _touches(self, now: float) -> bool:
+        """Whether the parts that may touch are so near that leaving begins there.
+
+        In the large region of a hand that is where the map shows it, or where it is felt.
+        """
+        grant, q = self.grant, self._q
+        if grant is None or q is None:
+            return False
+        ahead = () if self.retreat is None else (now + AHEAD,)
+        if min(gap(self._body, grant, q, t) for t in (now, *ahead)) < CLEAR and (
+            grant.ceiling is None or self._force.pressed > NOTICED
+        ):
+            return True
+        if not grant.person or self._looked is None:
+            return False
+        return _nearest(self._body, grant, q, self._looked)
 
     def _touching(self, request: PermitRequest | None = None) -> Mask:
         """(k,) bool, the spheres of the robot that a request names."""
@@ -323,6 +366,14 @@ def _followed(request: PermitRequest, now: float) -> Region | None:
     """The region of a well-formed request, if it may be touched at all."""
     refused = region_refusal(request.region, request.kind, now)
     return None if refused else request.region
+
+
+def _jump(before: Region, now: Region) -> float:
+    """How far [m] a target is from where it was expected; 0 where that may be."""
+    when = now.exposure
+    away = float(np.linalg.norm(now.center(when) - before.center(when)))
+    unsure = SURE * (before.deviation(when) + now.deviation(when))
+    return away if away > JUMP + unsure else 0.0
 
 
 def _seen_against(snapshot: WorkspaceSnapshot, region: Region, kind: str) -> str:
