@@ -160,6 +160,15 @@ def tile(square: float, rim: float) -> list[tuple[float, float, float, float]]:
     ]
 
 
+def sphere_marker() -> Draft:
+    """V's marker for registering cameras: a ball of 150 mm on a rod; the tip is its centre."""
+    tool = Draft("ball of 150 mm on a rod, a marker for cameras", at(z=0.250), 0.4, (0, 0, 0.15))
+    tool.add(ALUMINIUM, rod(0.0315, 0.010))
+    tool.add(ALUMINIUM, rod(0.010, 0.180), at(z=0.010))
+    tool.add((0.85, 0.30, 0.05), icosphere(subdivisions=4, radius=0.075), at(z=0.250))
+    return tool
+
+
 def type2_plug() -> Draft:
     """A Type 2 vehicle plug by the table of measures, hollow, in a holder of 20 cm.
 
@@ -219,6 +228,7 @@ def main() -> None:
             "gripper": gripper,
             "panda_hand": lambda: panda_hand(Path(folder)),
             "pen": pen,
+            "sphere_marker": sphere_marker,
             "straw_cup": straw_cup,
             "calibration_board": calibration_board,
             "type2_plug": type2_plug,

@@ -24,7 +24,6 @@ from armsight.calibration.live.seen import SeenView
 from armsight.calibration.pictures import Seen
 from armsight.calibration.recorded_set import RecordedCamera, RecordedSet
 from armsight.calibration.recorded_solve import solve_set
-from armsight.calibration.spheres import fit_sphere, register_spheres
 from armsight.calibration.synthetic import (
     ErrorLevels,
     make_cell,
@@ -35,7 +34,7 @@ from armsight.calibration.synthetic import (
 from armsight.calibration.views_file import append, begin, read
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import exp, inverse
+from armsight.geometry.pose import exp
 
 LENS = PinholeCamera(512, 424, 366.1, 367.2, 255.5, 204.0, (0.1, -0.28, 1e-3, -2e-3, 0.09))
 
@@ -102,54 +101,6 @@ def test_depth_of_one_distance_refuses_a_scale(rng):
     assert not model.scale_known
     assert model.scale == pytest.approx(0.0, abs=1e-6)
     assert fit_depth([], LENS) is None
-
-
-def cap(center, radius, rng, n=300, noise=0.0003):
-    """Points on the half of a sphere that faces a camera at the origin."""
-    d = rng.normal(size=(4 * n, 3))
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    d = d[d @ center < -0.3 * np.linalg.norm(center)][:n]
-    p = center + radius * d
-    return p + p / np.linalg.norm(p, axis=1, keepdims=True) * rng.normal(0, noise, (len(p), 1))
-
-
-def test_sphere_of_known_radius(rng):
-    center = np.array([0.3, -0.2, 2.2])
-    points = cap(center, 0.075, rng)
-    points[:15] += rng.normal(0, 0.05, (15, 3))
-    fit = fit_sphere(points, 0.075)
-    assert fit is not None
-    assert np.linalg.norm(fit.center - center) < 1e-3
-    assert fit_sphere(points[:5], 0.075) is None
-
-
-def test_spheres_register_cameras_in_spite_of_depth_bias(rng):
-    poses = [np.eye(4), exp([1.5, 0.1, 0.8, 0.1, -1.0, 0.1]), exp([-1.2, 0.2, 0.6, 0.2, 0.9, 0])]
-    bias = np.array([0.0, 0.015, -0.01])
-    places = rng.uniform([-0.6, -0.5, 1.6], [0.6, 0.5, 2.4], (30, 3))
-    seen = []
-    for p in places:
-        row = []
-        for T, b in zip(poses, bias):
-            local = (inverse(T) @ np.append(p, 1))[:3]
-            local = local * (1 + b / np.linalg.norm(local)) + rng.normal(0, 0.002, 3)
-            row.append(local if rng.random() > 0.15 else None)
-        seen.append(row)
-    seen[4][1] = np.array([0.0, 0.0, 3.0])  # a mistaken marker
-    found = register_spheres(seen, rng, 0.002)
-    corners = np.array([[x, y, z] for x in (-0.6, 0.6) for y in (-0.5, 0.5) for z in (1.6, 2.4)])
-    for T, truth in zip(found.T_reference_camera, poses):
-        local = corners @ inverse(truth)[:3, :3].T + inverse(truth)[:3, 3]
-        error = np.linalg.norm(local @ T[:3, :3].T + T[:3, 3] - corners, axis=1)
-        assert error.max() < 0.02  # V's corners were off by 50 mm
-
-
-def test_too_few_or_collinear_places_are_refused(rng):
-    line = [[np.array([0.1 * k, 0, 2.0]), np.array([0.1 * k, 0.1, 1.9])] for k in range(8)]
-    with pytest.raises(CalibrationError, match="line"):
-        register_spheres(line, rng)
-    with pytest.raises(CalibrationError, match="shared"):
-        register_spheres([[np.ones(3), None], [None, np.ones(3)]], rng)
 
 
 def watch(cell, answer, moved, seed, count=12):

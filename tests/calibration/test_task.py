@@ -15,7 +15,8 @@ from armsight.motion.intents import JointIntent, Rest
 from armsight.motion.perception import PosedFrame
 from armsight.motion.task import Observation
 from armsight.tasks import calibrate
-from armsight.tasks.calibrate import STUCK, WAIT, CalibrateTask
+from armsight.tasks.calibrate import CalibrateTask
+from armsight.tasks.procedure_task import STUCK, WAIT
 
 GOAL = np.array([0.5, -1.0, 1.0, 0.0, 0.0, 0.0])
 INFO = camera_info("cam", "kinect_v2")

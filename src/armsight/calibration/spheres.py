@@ -1,9 +1,10 @@
 """Registering depth cameras by a sphere marker shown in many places (V's first step), past V.
 
 A cap of the sphere is fitted with its known radius: with the radius free, 0.3 mm of noise at 2.2 m
-already costs 1.2 mm. Procrustes with random sampling gives the start; then all cameras are solved
-at once, the spheres' centres eliminated, with an offset of depth for each camera, for V's errors of
-3-5 cm were bias, not noise (docs/calibration.md).
+already costs 1.2 mm. V registers clouds to a reference camera by Procrustes. Here the arm carries
+the sphere, so that its places are known in base but for where on the flange it hangs; all cameras
+are solved at once with an offset and a scale of depth each, for V's errors of 3-5 cm were bias, not
+noise (docs/calibration.md).
 """
 
 from __future__ import annotations
@@ -13,11 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import Floats, Points, Pose, Vector3
-from armsight.calibration import se3
+from armsight.arrays import Floats, Mask, Points, Pose, Poses, Vector3
 from armsight.errors import CalibrationError
-from armsight.geometry.pose import exp, skew
+from armsight.geometry.pose import exp, skew, transform
 from armsight.geometry.registration import procrustes
+
+MIDDLE = 2.0
+"""Depth at which a camera's scale leaves its readings alone [m]."""
+LEAST_PLACES = 6
+"""Places of the sphere that a camera must have seen."""
+OFFSET_SIGMA, SCALE_SIGMA, HANGS_SIGMA = 0.02, 0.01, 0.05
+"""What is known before: a camera's depth offset [m] and scale, and where the sphere hangs [m]."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,7 @@ def procrustes_ransac(
     rng: np.random.Generator,
     tolerance: float = 0.02,
     tries: int = 200,
-) -> tuple[Pose, Floats]:
+) -> tuple[Pose, Mask]:
     """``T_target_source`` of most pairs and (n,) which of them agree within ``tolerance`` [m].
 
     Raises:
@@ -82,19 +89,19 @@ def procrustes_ransac(
         if _thickness(source[pick]) < 0.02:
             continue
         T = procrustes(source[pick], target[pick])
-        good = np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1) < tolerance
+        good = np.linalg.norm(transform(T, source) - target, axis=1) < tolerance
         if good.sum() > best[0]:
             best = (int(good.sum()), T)
     T = best[1]
-    good = np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1) < tolerance
+    good = np.linalg.norm(transform(T, source) - target, axis=1) < tolerance
     for _ in range(3):
         if good.sum() < 3:
             raise CalibrationError(
                 "point pairs do not agree on any motion: marker mistaken, or pairs mixed up"
             )
         T = procrustes(source[good], target[good])
-        good = np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1) < tolerance
-    return T, good
+        good = np.linalg.norm(transform(T, source) - target, axis=1) < tolerance
+    return T, np.asarray(good, bool)
 
 
 def _thickness(p: Points) -> float:
@@ -104,148 +111,131 @@ def _thickness(p: Points) -> float:
 
 @dataclass(frozen=True)
 class SphereRegistration:
-    """Cameras registered to the first.
+    """Cameras in the arm's base, by the sphere that it carries.
 
     Attributes:
-        T_reference_camera: (c, 4, 4), identity for the reference.
-        depth_offset: (c,) depth that each camera reads too much [m].
-        centers: (p, 3) the sphere's places in the reference [m].
-        covariance: (6 c, 6 c) of the poses (twists in each camera), zero for the reference.
-        rms: of all residuals [m]; used: sightings kept of all.
+        T_base_camera: (c, 4, 4); NaN for a camera that saw too little.
+        covariance: (c, 6, 6) of the poses (translation [m], rotation [rad], in each camera's axes).
+        offset: (c,) depth that a camera reads too much at 2 m [m]; scale: (c,) more each metre.
+        hangs: (3,) the sphere's centre in the flange's frame [m].
+        used: (c,) places that counted; rms: (c,) distance of their centres from the arm's [m].
     """
 
-    T_reference_camera: Floats
-    depth_offset: Floats
-    centers: Points
+    T_base_camera: Poses
     covariance: Floats
-    rms: float
-    used: int
+    offset: Floats
+    scale: Floats
+    hangs: Vector3
+    used: tuple[int, ...]
+    rms: Floats
 
 
 def register_spheres(
+    T_base_flange: Poses,
     seen: Sequence[Sequence[Vector3 | None]],
+    hangs: Vector3,
     rng: np.random.Generator,
     sigma: float = 0.002,
-    offset_sigma: float = 0.02,
+    tolerance: float = 0.05,
 ) -> SphereRegistration:
-    """Register cameras from a sphere's centres in each one's frame.
+    """Cameras in base from a sphere's centres in each one's frame, the arm carrying it.
 
     Args:
+        T_base_flange: (k, 4, 4) where the arm stood at each place.
         seen: of each place, the centre in each camera's frame [m], or None where it was not seen.
+        hangs: (3,) about where the sphere's centre is in the flange's frame [m].
         rng: for the start.
-        sigma: of a centre [m].
-        offset_sigma: of a camera's depth offset [m].
+        sigma: of a centre, the arm's own error included [m].
+        tolerance: a place further off than this at the start is a mistaken marker [m].
 
     Raises:
-        CalibrationError: a camera shares fewer than three places with those registered before.
+        CalibrationError: no camera saw enough places, or they all lie on a line.
     """
-    cameras = len(seen[0]) if seen else 0
-    z = np.full((len(seen), cameras, 3), np.nan)
+    T_arm = np.asarray(T_base_flange, float)
+    hangs = np.asarray(hangs, float)
+    places = T_arm[:, :3, :3] @ hangs + T_arm[:, :3, 3]
+    count = len(seen[0]) if seen else 0
+    z = np.full((count, len(seen), 3), np.nan)
     for k, row in enumerate(seen):
         for c, p in enumerate(row):
             if p is not None:
-                z[k, c] = p
-    there = np.isfinite(z).all(2)
-    T: list[Pose | None] = [None] * cameras
-    if cameras:
-        T[0] = np.eye(4)
-    places = np.full((len(seen), 3), np.nan)
-    for _ in range(cameras):
-        for k in range(len(seen)):
-            known = [c for c in range(cameras) if T[c] is not None and there[k, c]]
-            if known:
-                points = [t[:3, :3] @ z[k, c] + t[:3, 3] for c in known if (t := T[c]) is not None]
-                places[k] = np.median(points, axis=0)
-        waiting = [c for c in range(cameras) if T[c] is None]
-        if not waiting:
-            break
-        shared = {c: there[:, c] & np.isfinite(places).all(1) for c in waiting}
-        c = max(waiting, key=lambda k: int(shared[k].sum()))
-        if shared[c].sum() < 3:
-            raise CalibrationError(
-                f"camera {c}: only {int(shared[c].sum())} places of the sphere are shared with the "
-                "other cameras; show it in at least three, better twenty, all over the volume"
-            )
-        T[c], good = procrustes_ransac(z[shared[c], c], places[shared[c]], rng, 0.06)
-        there[np.flatnonzero(shared[c])[~good.astype(bool)], c] = False
-    return _refine([t for t in T if t is not None], z, there, sigma, offset_sigma)
+                z[c, k] = p
+    there: Mask = np.isfinite(z).all(2)
+    T = np.full((count, 4, 4), np.nan)
+    problem: CalibrationError | None = None
+    for c in range(count):
+        if there[c].sum() < LEAST_PLACES:
+            there[c] = False
+            continue
+        try:
+            T[c], good = procrustes_ransac(z[c, there[c]], places[there[c]], rng, tolerance)
+        except CalibrationError as error:
+            problem, there[c] = error, False
+            continue
+        there[c, np.flatnonzero(there[c])[~good]] = False
+    if not there.any():
+        raise problem or CalibrationError(
+            f"no camera saw the sphere in {LEAST_PLACES} places; check that it hangs on the arm, "
+            "its diameter, and that the cameras look at it"
+        )
+    return _refine(T_arm, z, there, T, hangs, sigma)
 
 
 def _refine(
-    start: list[Pose], z: Floats, there: Floats, sigma: float, offset_sigma: float
+    T_arm: Poses, z: Floats, there: Mask, start: Poses, hangs: Vector3, sigma: float
 ) -> SphereRegistration:
-    """All cameras at once: centres eliminated, depth offsets with a prior."""
-    C = len(start)
-    T = np.array(start)
-    offset = np.zeros(C)
-    n = 7 * C
-    centers = np.zeros((len(z), 3))
+    """All cameras and the sphere's place on the flange at once: Gauss-Newton, Huber weights.
+
+    Of each camera: twist in its own axes, offset and scale of depth; last, the sphere's place.
+    """
+    used = np.flatnonzero(there.any(1))
+    n = 8 * len(used) + 3
+    T, x = start.copy(), np.zeros(n)
+    x[-3:] = hangs
+    prior = np.zeros(n)
+    prior[6:-3:8], prior[7:-3:8] = OFFSET_SIGMA**-2, SCALE_SIGMA**-2
+    prior[-3:] = HANGS_SIGMA**-2
+    mean = np.zeros(n)
+    mean[-3:] = hangs
+    rms = np.full(len(z), np.nan)
     H = np.eye(n)
-    for _ in range(15):
-        H = np.zeros((n, n))
-        g = np.zeros(n)
-        H[6::7, 6::7][np.diag_indices(C)] += 1 / offset_sigma**2
-        g[6::7] += offset / offset_sigma**2
-        total, count = 0.0, 0
-        for k in range(len(z)):
-            cams = np.flatnonzero(there[k])
-            if len(cams) < 2:
-                continue
-            rows, p = [], []
-            for c in cams:
-                true = z[k, c] * (1 - offset[c] / np.linalg.norm(z[k, c]))
-                R = T[c][:3, :3]
-                p.append(R @ true + T[c][:3, 3])
-                J = np.zeros((3, n))
-                J[:, 7 * c : 7 * c + 3] = R
-                J[:, 7 * c + 3 : 7 * c + 6] = -R @ skew(true)
-                J[:, 7 * c + 6] = -R @ (z[k, c] / np.linalg.norm(z[k, c]))
-                rows.append(J)
-            P = np.array(p)
-            # Eliminating the centre leaves the differences from the (robust) mean.
-            w = np.ones(len(cams))
-            for _ in range(3):
-                mean = (w[:, None] * P).sum(0) / w.sum()
-                d = np.linalg.norm(P - mean, axis=1) / sigma
-                w = np.minimum(1.0, 4.0 / np.maximum(d, 1e-9))
-            centers[k] = mean
-            Jm = sum(wi * J for wi, J in zip(w, rows)) / w.sum()
-            for wi, J, q in zip(w, rows, P):
-                D = J - Jm
-                H += wi * D.T @ D / sigma**2
-                g += wi * D.T @ (q - mean) / sigma**2
-                total += float(np.sum((q - mean) ** 2))
-                count += 3
-        free = np.ones(n, bool)
-        free[:6] = False  # the reference camera's pose is the frame
-        step = np.zeros(n)
-        Hf = H[np.ix_(free, free)]
-        step[free] = -np.linalg.solve(Hf + 1e-9 * np.diag(np.diag(Hf)), g[free])
-        for camera in range(C):
-            T[camera] = T[camera] @ exp(step[7 * camera : 7 * camera + 6])
-            offset[camera] += step[7 * camera + 6]
+    for _ in range(30):
+        H, g = np.diag(prior), prior * (x - mean)
+        for i, c in enumerate(used):
+            seen = z[c, there[c]]
+            offset, scale = x[8 * i + 6], x[8 * i + 7]
+            away = seen[:, 2:]
+            true = seen * (1.0 - (offset + scale * (away - MIDDLE)) / away)
+            arm = T_arm[there[c]]
+            R = T[c, :3, :3]
+            r = transform(T[c], true) - arm[:, :3, :3] @ x[-3:] - arm[:, :3, 3]
+            J = np.zeros((len(seen), 3, n))
+            J[:, :, 8 * i : 8 * i + 3] = R
+            J[:, :, 8 * i + 3 : 8 * i + 6] = np.array([-R @ skew(p) for p in true])
+            ray = (seen / away) @ R.T
+            J[:, :, 8 * i + 6] = -ray
+            J[:, :, 8 * i + 7] = -ray * (away - MIDDLE)
+            J[:, :, -3:] = -arm[:, :3, :3]
+            length = np.linalg.norm(r, axis=1)
+            knee = max(3.0 * sigma, 3.0 * float(np.median(length)))
+            w = np.minimum(1.0, knee / np.maximum(length, 1e-12)) / sigma**2
+            H = H + np.einsum("kai,k,kaj->ij", J, w, J)
+            g = g + np.einsum("kai,k,ka->i", J, w, r)
+            rms[c] = np.sqrt(np.mean(length**2))
+        step = -np.linalg.solve(H, g)
+        for i, c in enumerate(used):
+            T[c] = T[c] @ exp(step[8 * i : 8 * i + 6])
+            x[8 * i + 6 : 8 * i + 8] += step[8 * i + 6 : 8 * i + 8]
+        x[-3:] += step[-3:]
         if np.abs(step).max() < 1e-10:
             break
-    inverse = np.zeros((n, n))
-    inverse[np.ix_(free, free)] = np.linalg.pinv(H[np.ix_(free, free)], hermitian=True)
-    keep = np.concatenate([np.arange(7 * c, 7 * c + 6) for c in range(C)])
-    rms = float(np.sqrt(total / max(count, 1)))
-    return SphereRegistration(
-        T,
-        offset,
-        centers,
-        inverse[np.ix_(keep, keep)] * max(1.0, (rms / sigma) ** 2),
-        rms,
-        int(there.sum()),
-    )
-
-
-__all__ = [
-    "SphereFit",
-    "SphereRegistration",
-    "fit_sphere",
-    "procrustes",
-    "procrustes_ransac",
-    "register_spheres",
-    "se3",
-]
+    inverse = np.linalg.inv(H)
+    covariance = np.full((len(z), 6, 6), np.nan)
+    offset, scale = np.full(len(z), np.nan), np.full(len(z), np.nan)
+    for i, c in enumerate(used):
+        # Three coordinates a place: what is scattered more than sigma is as much less sure.
+        worse = max(1.0, rms[c] / (np.sqrt(3.0) * sigma)) ** 2
+        covariance[c] = worse * inverse[8 * i : 8 * i + 6, 8 * i : 8 * i + 6]
+        offset[c], scale[c] = x[8 * i + 6 : 8 * i + 8]
+    counts = tuple(int(row.sum()) for row in there)
+    return SphereRegistration(T, covariance, offset, scale, x[-3:].copy(), counts, rms)

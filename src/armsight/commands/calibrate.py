@@ -6,7 +6,7 @@ import math
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from armsight.calibration.recorded_solve import RecordedAnswer
     from armsight.robots.robot import Robot
     from armsight.runtime.session import Session
-    from armsight.tasks.calibrate import CalibrateTask
+    from armsight.tasks.procedure_task import ProcedureTask
 
 INTERRUPTED = 130
 PLANNING = 0.2
@@ -56,6 +56,8 @@ class Calibrate:
         views: at most.
         paper: T1's staged trajectory instead of views chosen by information.
         write: put what was found into the cell's calibration file, which everything then reads.
+        sphere: no board: the fixed cameras are registered by a ball of 150 mm that the arm carries
+            (the tool sphere_marker); their lenses stay as they are.
         markerless: no board: the fixed cameras are placed by their view of the arm on its patrol.
         camera: only this one, with --markerless; or whose pictures a recorded set has, with --from
             and a workcell whose calibration file is to keep it.
@@ -82,6 +84,7 @@ class Calibrate:
     views: int = 60
     paper: bool = False
     write: bool = True
+    sphere: bool = False
     markerless: bool = False
     camera: str | None = None
     fresh: bool = False
@@ -101,6 +104,16 @@ class Calibrate:
             )
         if self.camera is not None and not self.markerless and self.from_ is None:
             raise UsageError("calibrate: --camera goes with --markerless or --from")
+        if self.sphere:
+            from armsight.commands.calibrate_sphere import calibrate_sphere
+
+            if self.workcell is None or self.from_ is not None or self.markerless:
+                raise UsageError(
+                    "calibrate: --sphere is shown to the cameras of a live cell; it goes with "
+                    "neither --from nor --markerless"
+                )
+            page = None if self.headless else self.page
+            return calibrate_sphere(self.workcell, self.seed, self.write, self.cell_is_empty, page)
         if self.markerless:
             from armsight.commands.calibrate_markerless import calibrate_markerless
 
@@ -284,7 +297,6 @@ class Calibrate:
             )
             rng = np.random.default_rng(self.seed)
             task = CalibrateTask(setup, options, rng, _Terminal(log), done)
-            ending = _Ending(task)
             session = run_session(
                 cell,
                 task,
@@ -292,7 +304,7 @@ class Calibrate:
                     page=None if self.headless else self.page,
                     seed=self.seed,
                     speed=math.inf,
-                    observers=(ending,),
+                    observers=(EndsWithTask(task),),
                     config=SessionConfig(
                         mapping=mapping, patience=PATIENCE, planning_time=PLANNING
                     ),
@@ -336,13 +348,13 @@ class Calibrate:
         return 0
 
 
-class _Ending:
+class EndsWithTask:
     """Ends the run when the task has ended."""
 
     name = "calibration watch"
     period = 0.05
 
-    def __init__(self, task: CalibrateTask) -> None:
+    def __init__(self, task: ProcedureTask[Any]) -> None:
         self._task = task
         self._session: Session | None = None
 

@@ -28,6 +28,7 @@ NAMES: dict[str, str] = {
     "calibration-intrinsics": "T1: lenses, nine experiments of fewer and fewer frames",
     "calibration-eye-to-hand": "T1: three cameras in the base, five experiments",
     "calibration-peers": "calibration beside the bound and OpenCV, same corners; ellipsoids",
+    "calibration-sphere": "V: fixed cameras registered by a sphere that the arm carries",
     "calibration-drift": "drift watch: moved cameras named, cells that stand still left alone",
     "own-arm": "cameras placed by their own arm, from depth and from colour",
     "any-arm": "any arm in one colour picture: type, mask, joints, and how sure",

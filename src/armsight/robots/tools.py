@@ -22,10 +22,13 @@ from armsight.robots.shapes import FitReport, make_capsules, make_spheres
 TOOLS_DATA = Path(__file__).parent / "data" / "tools"
 BOARD_TOOL = "calibration_board"
 """The tool whose place on the flange is the calibration board's."""
+SPHERE_TOOL = "sphere_marker"
+"""The tool whose tip is the middle of a ball of 150 mm, the marker of ``calibrate --sphere``."""
 TOOL_NAMES: tuple[str, ...] = (
     "gripper",
     "panda_hand",
     "pen",
+    SPHERE_TOOL,
     "straw_cup",
     BOARD_TOOL,
     "type2_plug",

@@ -56,7 +56,7 @@ def calibration_setup(cell: Cell, mapping: MappingConfig, keep_lenses: bool = Fa
             f"{workcell.name}: camera {carried[0]} is on the flange, and so is the board: it "
             "cannot see it; record images with the board beside the arm, and use --from"
         )
-    free, path = _free(cell, mapping)
+    free, path = free_checks(cell, mapping)
     return Setup(
         cell.robot,
         tuple(_camera(c.info, keep_lenses) for c in cell.cameras),
@@ -119,7 +119,7 @@ def _sheet(lens: PinholeCamera) -> PinholeCamera:
     )
 
 
-def _free(
+def free_checks(
     cell: Cell, mapping: MappingConfig
 ) -> tuple[Callable[[JointVector], bool], Callable[[JointVector, JointVector], bool]]:
     """Whether the arm may stand somewhere, and whether it may go straight from place to place.
