@@ -10,11 +10,10 @@ import pytest
 from armsight.errors import RobotError
 from armsight.geometry.pose import exp, transform
 from armsight.robots import TOOL_NAMES, load_robot, load_tool
-from armsight.robots.tools import SPHERE_TOOL
 from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_pose
 from armsight.robots.meshes import join_triangles, read_mesh
 from armsight.robots.solids import sample_surface
-from armsight.robots.tools import TOOLS_DATA, load_tool_folder, tool_sheet
+from armsight.robots.tools import SPHERE_TOOL, TOOLS_DATA, load_tool_folder, tool_sheet
 
 from .test_shapes import plain_gap
 
