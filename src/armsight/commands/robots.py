@@ -14,9 +14,11 @@ class Fit:
     """Fit spheres and capsules to an arm of your own, say how well, and keep them beside it.
 
     Example: armsight robots fit my_arm.urdf
+    Example: armsight robots fit ./my_gripper
 
     Attributes:
-        arm: a URDF, or a folder with robot.urdf and robot.toml.
+        arm: a URDF, or a folder with robot.urdf and robot.toml; or a tool's folder with tool.toml,
+            whose shapes are kept in the user's cache.
         fine: take three times as long for a closer fit, as for the catalogue.
     """
 
@@ -26,14 +28,22 @@ class Fit:
     def run(self) -> int:
         """Fit, print, write ``shapes.json``."""
         from armsight.errors import RobotError
-        from armsight.robots.folder import QUICK, fit_arm, fit_lines, mark_of
+        from armsight.robots.folder import QUICK, fit_arm, fit_lines, mark_of, shapes_lines
         from armsight.robots.link_body import FitOptions
+        from armsight.robots.own_tool import SHEET, own_tool
         from armsight.robots.shapes import shapes_json
+        from armsight.robots.tools import folder_sheet, load_tool
         from armsight.writing import write_text
 
+        if (self.arm / SHEET).is_file():
+            tool, sheet = load_tool(f"{self.arm}/"), folder_sheet(own_tool(self.arm))
+            print(f"{tool.name}: {tool.mass:g} kg, {len(tool.meshes)} parts")
+            for line in fit_lines(tool.spheres, tool.capsules, sheet.sphere_fit, sheet.capsule_fit):
+                print(f"  {line}")
+            return 0
         robot, shapes, files = fit_arm(self.arm, FitOptions() if self.fine else QUICK)
         print(f"{robot.name}: {robot.n} joints, {len(robot.self_pairs)} pairs of links to check")
-        for line in fit_lines(shapes):
+        for line in shapes_lines(shapes):
             print(f"  {line}")
         silent = [n for n, mass in zip(robot.link_names, robot.link_mass) if not mass > 0.0]
         if silent:

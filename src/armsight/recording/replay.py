@@ -36,7 +36,7 @@ from armsight.recording.no_robot import no_robot
 from armsight.recording.playback import Delivery, Moved, Playback, Source
 from armsight.recording.status_messages import GUARD, guard_from_status
 from armsight.recording.streams import STREAMS
-from armsight.robots import load_robot, load_tool
+from armsight.robots import load_robot, load_tool, tools
 from armsight.robots.catalogue import is_path
 from armsight.robots.robot import Robot
 from armsight.workcell import Cell, Workcell, parse_workcell, robot_in
@@ -114,7 +114,7 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
     try:
         file = reader.contents.attachments.get("workcell.toml")
         if file is not None:
-            text = _as_recorded(file.decode(), description.robot)
+            text = _as_recorded(file.decode(), description)
             workcell = parse_workcell(text, str(reader.path))
             return workcell, calibrated_robot(robot_in(workcell), _calibration(reader))
         robot = load_robot(description.robot)
@@ -133,14 +133,16 @@ def _calibration(reader: McapReader) -> CellCalibration | None:
     return None if text is None else parse_calibration(text.decode(), str(reader.path))
 
 
-def _as_recorded(text: str, robot: str) -> str:
+def _as_recorded(text: str, description: CellDescription) -> str:
     """The cell's file without people and drivers: none are needed, and they may not be here.
 
-    A robot of the user's own was named relative to the file; the recording knows where it lay.
+    A user's own robot and tool were named relative to the file; the recording knows where they lay.
     """
     document = tomlkit.parse(text)
-    if is_path(robot):
-        document["robot"]["model"] = robot
+    if is_path(description.robot):
+        document["robot"]["model"] = description.robot
+    if tools.is_path(description.tool):
+        document["robot"]["tool"] = description.tool
     for key in ("person", "object", "undeclared"):
         document.get("simulation", {}).pop(key, None)
     for key in ("camera", "stereo", "wrench", "gripper"):

@@ -190,7 +190,7 @@ class Scribe:
         cell, robot = self._cell, self._robot
         description = CellDescription(
             robot.name if cell.workcell is None else cell.workcell.robot.model,
-            "none" if robot.tool is None else robot.tool.name,
+            _tool_of(cell),
             cell.T_world_base,
             robot.joint_names,
             tuple(self._infos.values()),
@@ -246,3 +246,11 @@ class Scribe:
 
     def _latch(self, topic: str, kind: str, data: bytes, now: float) -> None:
         self._write(topic, kind, data, now, now, latched=True)
+
+
+def _tool_of(cell: Cell) -> str:
+    """What the flange carries: a name of the catalogue, or where the user's own tool lies."""
+    tool = cell.robot.tool
+    if tool is None:
+        return "none"
+    return tool.name if cell.workcell is None else cell.workcell.robot.tool

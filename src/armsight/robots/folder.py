@@ -19,7 +19,7 @@ from armsight.robots.fit_cache import cached_shapes, fingerprint, keep_shapes
 from armsight.robots.fitting import fit_chain
 from armsight.robots.link_body import FitOptions
 from armsight.robots.loading import link_meshes, load_urdf
-from armsight.robots.robot import Robot
+from armsight.robots.robot import Capsules, Robot, Spheres
 from armsight.robots.shapes import BodyShapes, FitReport, made_from, read_shapes
 from armsight.robots.sheet import ArmSheet, read_sheet
 from armsight.robots.urdf import read_urdf
@@ -119,13 +119,22 @@ def mark_of(path: Path) -> str:
     return fingerprint(_chain(files, read_sheet(files.sheet)), files.urdf)
 
 
-def fit_lines(shapes: BodyShapes) -> list[str]:
+def shapes_lines(shapes: BodyShapes) -> list[str]:
+    """How well an arm's shapes cover and fit, a line for spheres and one for capsules."""
+    return fit_lines(shapes.spheres, shapes.capsules, shapes.sphere_fit, shapes.capsule_fit)
+
+
+def fit_lines(
+    spheres: Spheres,
+    capsules: Capsules,
+    sphere_fit: FitReport | None,
+    capsule_fit: FitReport | None,
+) -> list[str]:
     """How well shapes cover and fit, a line for spheres and one for capsules."""
-    rows = (
-        ("spheres", len(shapes.spheres.radius), shapes.sphere_fit),
-        ("capsules", len(shapes.capsules.radius), shapes.capsule_fit),
-    )
-    return [f"{count} {name}: {_fit_text(fit)}" for name, count, fit in rows]
+    return [
+        f"{len(spheres.radius)} spheres: {_fit_text(sphere_fit)}",
+        f"{len(capsules.radius)} capsules: {_fit_text(capsule_fit)}",
+    ]
 
 
 def _fit_text(fit: FitReport | None) -> str:
@@ -185,7 +194,7 @@ def _shapes(files: ArmFiles, sheet: ArmSheet, chain: Chain) -> BodyShapes:
     if shapes is None:
         shapes = _fit(files, chain, QUICK)
         kept = keep_shapes(mark, shapes, names)
-        for line in fit_lines(shapes):
+        for line in shapes_lines(shapes):
             _log.info("  %s", line)
         _log.info("  kept in %s", kept or "nothing: the cache cannot be written")
     return shapes

@@ -47,15 +47,31 @@ class ToolSheet:
     capsule_fit: FitReport
 
 
-@cache
 def load_tool(name: str) -> Tool:
-    """A tool of the catalogue. The same object every time; it is immutable.
+    """A tool of the catalogue, or one's own. The same object every time; it is immutable.
+
+    Args:
+        name: of the catalogue, or the path of a folder with ``tool.toml``: whatever has a slash.
 
     Raises:
         RobotError: there is no such tool (names the known ones), or its files are broken.
     """
+    if is_path(name):
+        from armsight.robots.own_tool import own_tool
+
+        return _loaded(own_tool(Path(name)))
     _check_known(name)
-    return load_tool_folder(TOOLS_DATA / name)
+    return _loaded(TOOLS_DATA / name)
+
+
+def is_path(name: str) -> bool:
+    """Whether a tool's name means a folder, not a tool of the catalogue."""
+    return "/" in name or "\\" in name
+
+
+@cache
+def _loaded(folder: Path) -> Tool:
+    return load_tool_folder(folder)
 
 
 def tool_sheet(name: str) -> ToolSheet:
@@ -65,7 +81,16 @@ def tool_sheet(name: str) -> ToolSheet:
         RobotError: there is no such tool.
     """
     _check_known(name)
-    data = _read(TOOLS_DATA / name / "tool.json")
+    return folder_sheet(TOOLS_DATA / name)
+
+
+def folder_sheet(folder: Path) -> ToolSheet:
+    """What stands in a tool's folder about it.
+
+    Raises:
+        RobotError: its ``tool.json`` is missing or broken.
+    """
+    data = _read(folder / "tool.json")
     fit = {f"{key[:-1]}_fit": FitReport(**value) for key, value in data["fit"].items()}
     return ToolSheet(data["title"], data["license"], data["origin"], **fit)
 
@@ -119,4 +144,7 @@ def _check_known(name: str) -> None:
         return
     near = difflib.get_close_matches(str(name).lower(), TOOL_NAMES, n=1, cutoff=0.5)
     hint = f'; did you mean "{near[0]}"?' if near else ""
-    raise RobotError(f'unknown tool "{name}"; known: {", ".join(TOOL_NAMES)}{hint}')
+    raise RobotError(
+        f'unknown tool "{name}"; known: {", ".join(TOOL_NAMES)}{hint}; one of your own is the path '
+        "of a folder, such as ./my_gripper"
+    )

@@ -15,7 +15,7 @@ import numpy as np
 from armsight.devices.camera_models import CAMERA_MODELS
 from armsight.devices.port import Kind
 from armsight.errors import RobotError
-from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot, load_tool
+from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot, load_tool, tools
 from armsight.robots.catalogue import is_path
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
@@ -71,7 +71,12 @@ def check_robot(section: RobotSection) -> Iterator[Problem]:
             robot = load_robot(section.model)
         except RobotError as error:
             yield Problem("robot.model", str(error))
-    if section.tool != "none" and section.tool not in TOOL_NAMES:
+    if tools.is_path(section.tool):
+        try:
+            load_tool(section.tool)
+        except RobotError as error:
+            yield Problem("robot.tool", str(error))
+    elif section.tool != "none" and section.tool not in TOOL_NAMES:
         yield Problem("robot.tool", _unknown("tool", section.tool, ("none", *TOOL_NAMES)))
     yield from check_driver("robot.driver", "arm", section.driver)
     yield from check_metres("robot.position", section.position)

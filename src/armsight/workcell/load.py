@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from armsight.devices.port import Kind
 from armsight.errors import WorkcellError
+from armsight.robots import tools
 from armsight.robots.catalogue import is_path
 from armsight.workcell import checks
 from armsight.workcell.fields import Section
@@ -93,7 +94,7 @@ def parse_workcell(text: str, file: str = "workcell.toml", folder: Path | None =
         raise WorkcellError(f"{file}: not valid TOML: {error}") from None
     except RecursionError:
         raise WorkcellError(f"{file}: nested too deeply, expected a plain workcell file") from None
-    _find_own_arm(raw, folder)
+    _find_own(raw, folder)
     workcell, problems = None, []
     try:
         workcell = Workcell.model_validate(raw)
@@ -107,12 +108,15 @@ def parse_workcell(text: str, file: str = "workcell.toml", folder: Path | None =
     return workcell
 
 
-def _find_own_arm(raw: Mapping[str, Any], folder: Path | None) -> None:
-    """Make the path of a user's own arm absolute; a name of the catalogue stays as it is."""
+def _find_own(raw: Mapping[str, Any], folder: Path | None) -> None:
+    """Make paths of a user's own arm and tool absolute; names of the catalogue stay as they are."""
     robot = raw.get("robot")
-    model = robot.get("model") if isinstance(robot, dict) else None
-    if isinstance(robot, dict) and isinstance(model, str) and is_path(model):
-        robot["model"] = str((folder or Path.cwd()) / Path(model))
+    if not isinstance(robot, dict):
+        return
+    for kind, own in (("model", is_path), ("tool", tools.is_path)):
+        name = robot.get(kind)
+        if isinstance(name, str) and own(name):
+            robot[kind] = str((folder or Path.cwd()) / Path(name))
 
 
 def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:

@@ -63,7 +63,11 @@ class RobotSection(Section):
     driver: DriverName = key(
         "simulated", "What moves it: `simulated`, the name of a driver, or its `module:Class`."
     )
-    tool: Name = key("none", "What the flange carries; `armsight robots` lists the tools.")
+    tool: Model = key(
+        "none",
+        "What the flange carries: a tool of the catalogue (`armsight robots` lists them), or one "
+        "of your own: the path of a folder with a `tool.toml`, such as `./my_gripper`.",
+    )
     position: Triple = key((0.0, 0.0, 0.0), "Origin of the robot's base.", "m")
     rpy_deg: Triple = key(
         (0.0, 0.0, 0.0),
