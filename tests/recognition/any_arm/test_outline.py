@@ -1,11 +1,11 @@
 """The fit to an outline, on masks drawn from arms whose pose and joints are known."""
 
+import cv2
 import numpy as np
 import pytest
 
 from armsight.geometry.pose import inverse, look_at, make_pose
 from armsight.recognition.any_arm.landmarks import find_landmarks
-from armsight.recognition.any_arm.model import Look, Surface
 from armsight.recognition.any_arm.outline import edge_distance, follow_outline
 from armsight.recognition.any_arm.recogniser import outline_overlap
 from armsight.recognition.any_arm.solver import Fit, Observations
@@ -18,14 +18,7 @@ FINE = 8
 """Pixels of the true mask a pixel of the crop's cells, each way."""
 
 
-def _look(arm: np.ndarray) -> Look:
-    links = np.zeros((10, *arm.shape), np.float32)
-    links[0], links[1] = 1.0 - arm, arm
-    flat = np.zeros((*arm.shape, 3), np.float32)
-    return Look(Surface(links, flat, flat[..., 0] + 1), {}, {}, {})
-
-
-def _scene(name: str, seed: int) -> tuple[Fit, Look, Crop, np.ndarray]:
+def _scene(name: str, seed: int) -> tuple[Fit, np.ndarray, Crop]:
     """An arm, and what a network without fault would say of its mask."""
     rng = np.random.default_rng(seed)
     robot = load_robot(name)
@@ -41,9 +34,10 @@ def _scene(name: str, seed: int) -> tuple[Fit, Look, Crop, np.ndarray]:
     middle, scale = 0.5 * (FINE * cells - 1), FINE / 4
     lens = np.array([f * scale, f * scale, middle, middle, 0, 0, 0, 0, 0.0])
     drawn = render(surface, corners, T, lens, (FINE * cells, FINE * cells)).mask
-    arm = drawn.reshape(cells, FINE, cells, FINE).mean((1, 3)).astype(np.float32)
+    small = drawn.reshape(cells, FINE, cells, FINE).mean((1, 3)).astype(np.float32)
+    arm = cv2.resize(small, (SIDE, SIDE), interpolation=cv2.INTER_LINEAR)
     crop = Crop(np.zeros((SIDE, SIDE, 3), np.uint8), np.eye(3), f)
-    return Fit(robot, T, q, 0.0, np.eye(6 + robot.n)), _look(arm), crop, q
+    return Fit(robot, T, q, 0.0, np.eye(6 + robot.n)), arm, crop
 
 
 def _moved(true: Fit, rng: np.random.Generator, shift: float, turn: float, joints: float) -> Fit:
@@ -69,15 +63,15 @@ def _landmarks(true: Fit, crop: Crop, rng: np.random.Generator, pixels: float) -
 def test_an_outline_brings_a_fit_nearer(known: bool) -> None:
     before, after = [], []
     for k, name in enumerate(["ur5", "panda", "iiwa", "ur10"] * 2):
-        true, look, crop, _ = _scene(name, k)
+        true, arm, crop = _scene(name, k)
         rng = np.random.default_rng([k, 1])
         start = _moved(true, rng, 0.03, 0.03, 0.0 if known else 0.06)
         seen = _landmarks(true, crop, rng, 5.0)
-        found = follow_outline(start, seen, look, crop, known)
+        found = follow_outline(start, seen, arm, crop, known)
         for fit, errors in ((start, before), (found, after)):
             away = np.linalg.norm(fit.joints() - true.joints(), axis=1)
             errors.append(1e3 * float(away.mean()))
-        assert outline_overlap(found, look, crop) > outline_overlap(start, look, crop)
+        assert outline_overlap(found, arm, crop) > outline_overlap(start, arm, crop)
         if known:
             np.testing.assert_allclose(found.q, true.q, atol=1e-4)
     assert np.median(before) > 40.0
@@ -85,15 +79,15 @@ def test_an_outline_brings_a_fit_nearer(known: bool) -> None:
 
 
 def test_without_an_edge_a_fit_stays_as_it_is() -> None:
-    true, look, crop, _ = _scene("ur5", 0)
+    true, arm, crop = _scene("ur5", 0)
     seen = _landmarks(true, crop, np.random.default_rng(0), 5.0)
-    assert follow_outline(true, seen, _look(np.zeros_like(look.arm)), crop) is true
+    assert follow_outline(true, seen, np.zeros_like(arm), crop) is true
 
 
 def test_distances_to_an_edge_are_signed_and_in_pixels() -> None:
-    arm = np.zeros((SIDE // 4, SIDE // 4), np.float32)
-    arm[:, : SIDE // 8] = 1.0
-    distance = edge_distance(_look(arm))
+    arm = np.zeros((SIDE, SIDE), np.float32)
+    arm[:, : SIDE // 2] = 1.0
+    distance = edge_distance(arm)
     half = len(distance) // 2
     np.testing.assert_allclose(distance[5, half:], np.arange(half) + 0.5, atol=1.0)
     np.testing.assert_allclose(distance[5, :half], np.arange(-half, 0) + 0.5, atol=1.0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.recognition.any_arm.model import STRIDE, CropModel
-from armsight.recognition.any_arm.views import Whole, take_whole
+from armsight.recognition.any_arm.views import WHOLE, Whole, take_whole
 
 SURE, LEAST = 0.5, 0.3
 """Probabilities of an arm: of a lump's best cells, and of those that belong to it."""
@@ -17,6 +17,8 @@ CELLS = 4.0
 """Sum of the probabilities that a lump has at least [cells]."""
 APART = 2
 """Cells between two lumps that are one: something stands before an arm."""
+FINER = 384
+"""Longer side of a picture in which nothing was found, looked at once more [px]."""
 MOST = 4
 """Arms that are looked at."""
 
@@ -35,9 +37,17 @@ class Lump:
     strength: float
 
 
-def find_lumps(model: CropModel, image: ColorImage) -> tuple[list[Lump], Floats32]:
-    """Lumps of a picture, the strongest first; and the (rows, columns) map that they are of."""
-    whole = take_whole(image)
+def find_lumps(
+    model: CropModel, image: ColorImage, longest: int = WHOLE
+) -> tuple[list[Lump], Floats32]:
+    """Lumps of a picture, the strongest first; and the (rows, columns) map that they are of.
+
+    Args:
+        model: the network.
+        image: the picture.
+        longest: its longer side as the network gets it [px].
+    """
+    whole = take_whole(image, longest)
     look = model.look(whole.image)
     rows, columns = (-(-n // STRIDE) for n in whole.inside)
     arm = look.arm[:rows, :columns]

@@ -11,9 +11,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from armsight.arrays import Floats
+from armsight.arrays import Floats, Floats32
 from armsight.geometry.pose import transform
-from armsight.recognition.any_arm.model import Look
 from armsight.recognition.any_arm.solver import Fit, Observations, again
 from armsight.recognition.any_arm.views import SIDE, Crop
 from armsight.recognition.own_arm.surface import arm_surface, render
@@ -34,18 +33,18 @@ FEWEST = 12
 
 
 def follow_outline(
-    fit: Fit, seen: Observations, look: Look, crop: Crop, known: bool = False
+    fit: Fit, seen: Observations, arm: Floats32, crop: Crop, known: bool = False
 ) -> Fit:
     """The fit with its outline on the mask's; the fit itself where there is no edge to hold to.
 
     Args:
         fit: that explains the landmarks.
         seen: these.
-        look: the network's, at the crop.
+        arm: (SIDE, SIDE) probability of the arm in the crop.
         crop: itself.
         known: keep the joints.
     """
-    distance = edge_distance(look)
+    distance = edge_distance(arm)
     down, right = np.gradient(distance)
     slope = np.stack([down, right], -1)
     best = fit
@@ -57,11 +56,11 @@ def follow_outline(
     return best
 
 
-def edge_distance(look: Look) -> Floats:
+def edge_distance(arm: Floats32) -> Floats:
     """(n, n) signed distance to the mask's edge, above 0 outside [pixels of the grid]."""
     side = SIDE // GRID
-    arm = cv2.resize(look.arm, (side, side), interpolation=cv2.INTER_LINEAR)
-    inside = (arm > ARM).astype(np.uint8)
+    small = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA)
+    inside = (small > ARM).astype(np.uint8)
     far = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     deep = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(np.where(inside > 0, 0.5 - deep, far - 0.5), np.float64)

@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from armsight.arrays import ColorImage, Floats
+from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.errors import RecognitionError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
-from armsight.recognition.any_arm.frames import find_lumps
+from armsight.recognition.any_arm.edges import at_edges
+from armsight.recognition.any_arm.frames import FINER, Lump, find_lumps
 from armsight.recognition.any_arm.model import STRIDE, CropModel, Look
 from armsight.recognition.any_arm.observing import observe
-from armsight.recognition.any_arm.outline import follow_outline
+from armsight.recognition.any_arm.outline import GRID, follow_outline
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
 from armsight.recognition.any_arm.trust import features, read_trust
-from armsight.recognition.any_arm.views import SIDE, Crop, mask_in_picture, take_crop
+from armsight.recognition.any_arm.views import SIDE, WHOLE, Crop, mask_in_picture, take_crop
 from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.own_arm.surface import arm_surface, render
 from armsight.robots.catalogue import load_robot
@@ -30,6 +32,8 @@ MARGIN = 1.3
 """Side of a crop over the arm's box."""
 ARM = 0.5
 """Probability from which a cell is the arm's."""
+FOUND = 0.45
+"""Mean probability of the landmarks' peaks that an arm must have which only a finer look shows."""
 NONE, UNKNOWN = 0.5, 0.3
 """Probabilities of "none" and of "unknown" from which it is said; on 70 frames of the training's
 renderer 0.3 finds two unknown arms in five and gives one known one in fifty away."""
@@ -85,14 +89,12 @@ class ArmRecogniser:
         """
         h, w = picture.image.shape[:2]
         lens = camera or PinholeCamera.from_fov(w, h, float(ASSUMED_FOV), _vertical(w, h))
-        lumps, _ = find_lumps(self.model, picture.image)
-        arms: list[Arm] = []
-        for lump in lumps:
-            if lump.strength < FAINT * lumps[0].strength:
-                break
-            arm = self.arm_in(picture.image, lens, lump.low, lump.high)
-            if arm is not None and not any(_same(arm, other) for other in arms):
-                arms.append(arm)
+        arms = self._arms(picture.image, lens, find_lumps(self.model, picture.image)[0])
+        if not arms and max(h, w) > WHOLE:
+            # A small arm is overlooked in the whole; larger, other things look like one, too.
+            arms = self._arms(
+                picture.image, lens, find_lumps(self.model, picture.image, FINER)[0], FOUND
+            )
         notes = list(picture.notes)
         if not arms:
             notes.append("no robot arm found")
@@ -111,8 +113,26 @@ class ArmRecogniser:
             picture.name, tuple(arms), lens.K, np.array(lens.distortion), source, tuple(notes)
         )
 
+    def _arms(
+        self, image: ColorImage, lens: PinholeCamera, lumps: Sequence[Lump], least: float = 0.0
+    ) -> list[Arm]:
+        """The arms in lumps of a picture, each once."""
+        arms: list[Arm] = []
+        for lump in lumps:
+            if lump.strength < FAINT * lumps[0].strength:
+                break
+            arm = self.arm_in(image, lens, lump.low, lump.high, least)
+            if arm is not None and not any(_same(arm, other) for other in arms):
+                arms.append(arm)
+        return arms
+
     def arm_in(
-        self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
+        self,
+        image: ColorImage,
+        lens: PinholeCamera,
+        low: Floats,
+        high: Floats,
+        least: float = 0.0,
     ) -> Arm | None:
         """The arm in a box of a picture, or None.
 
@@ -121,9 +141,12 @@ class ArmRecogniser:
             lens: that took it.
             low: (2,) upper left corner of the box [px].
             high: (2,) lower right one.
+            least: mean probability of the landmarks below which it is none.
         """
         crop = take_crop(image, lens, low, high, MARGIN)
         look = self.model.look(crop.image)
+        if least and self._found(look) < least:
+            return None
         wider = _grown(look, crop)
         if wider is not None:
             # The arm goes on beyond the box; a second look never shrinks below the first mask.
@@ -146,7 +169,8 @@ class ArmRecogniser:
         types = look.types
         if types["none"] > NONE or not (look.arm > ARM).any():
             return None, None
-        mask = mask_in_picture(crop, look.arm, lens)
+        sharp = at_edges(look.arm, crop.image)
+        mask = mask_in_picture(crop, sharp, lens)
         nobody = Arm(
             "unknown", types, mask, None, np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)),
             0.0, 0.0, False, "an arm that is none of the known ones",
@@ -159,7 +183,7 @@ class ArmRecogniser:
         for name in known:
             if types[name] < RIVAL * share:
                 continue
-            found = self._candidate(look, crop, name, types[name] / max(share, 1e-6))
+            found = self._candidate(look, sharp, crop, name, types[name] / max(share, 1e-6))
             if found is not None and (best is None or found.score < best[1].score):
                 best = name, found
         if best is None:
@@ -183,6 +207,11 @@ class ArmRecogniser:
         )  # fmt: skip
         return arm, found.features
 
+    def _found(self, look: Look) -> float:
+        """How surely the landmarks are seen of the likeliest robot, 0..1."""
+        name = max(self.model.robots, key=lambda robot: look.types[robot])
+        return float(look.places[name].mass.mean())
+
     def _robot(self, name: str) -> Robot:
         """The robot of a type; what the card says of it is believed only as far as it fits.
 
@@ -197,11 +226,13 @@ class ArmRecogniser:
             )
         return robot
 
-    def _candidate(self, look: Look, crop: Crop, name: str, kind: float) -> _Candidate | None:
+    def _candidate(
+        self, look: Look, arm: Floats32, crop: Crop, name: str, kind: float
+    ) -> _Candidate | None:
         """The best fit of a type: landmarks, and of the best ones the outlines."""
         robot, marks = self._robot(name), self.model.landmarks[name]
         seen = observe(look, crop, name, marks)
-        found = best_outlined(solve(robot, marks, seen)[:COMPARED], seen, look, crop)
+        found = best_outlined(solve(robot, marks, seen)[:COMPARED], seen, arm, crop)
         if found is None:
             return None
         fit, overlap = found
@@ -215,36 +246,36 @@ class ArmRecogniser:
 
 
 def best_outlined(
-    fits: Sequence[Fit], seen: Observations, look: Look, crop: Crop, known: bool = False
+    fits: Sequence[Fit], seen: Observations, arm: Floats32, crop: Crop, known: bool = False
 ) -> tuple[Fit, float] | None:
     """Of fits to landmarks the one that ends up best on the mask, with its overlap.
 
     Args:
         fits: best first.
         seen: the observations that they explain.
-        look: the network's, at the crop.
+        arm: (SIDE, SIDE) probability of the arm in the crop.
         crop: itself.
         known: keep the joints.
     """
     best: tuple[Fit, float] | None = None
     least = np.inf
     for fit in fits:
-        drawn = follow_outline(fit, seen, look, crop, known)
-        overlap = outline_overlap(drawn, look, crop)
+        drawn = follow_outline(fit, seen, arm, crop, known)
+        overlap = outline_overlap(drawn, arm, crop)
         score = cost_of(drawn, seen) + OUTLINE * (1.0 - overlap)
         if score < least:
             best, least = (drawn, overlap), score
     return best
 
 
-def outline_overlap(fit: Fit, look: Look, crop: Crop) -> float:
-    """Intersection over union of a fitted arm, drawn at the network's cells, with its mask."""
+def outline_overlap(fit: Fit, arm: Floats32, crop: Crop) -> float:
+    """Intersection over union of a fitted arm, drawn small, with its (SIDE, SIDE) mask."""
     surface = arm_surface(fit.robot)
-    cells = SIDE // STRIDE
-    middle = 0.5 * (cells - 1)
-    lens = np.array([crop.f / STRIDE, crop.f / STRIDE, middle, middle, 0, 0, 0, 0, 0.0])
-    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (cells, cells)).mask
-    seen = look.arm > ARM
+    side = SIDE // GRID
+    f, middle = crop.f / GRID, 0.5 * (side - 1)
+    lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
+    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side)).mask
+    seen = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA) > ARM
     return float((drawn & seen).sum() / max((drawn | seen).sum(), 1))
 
 
