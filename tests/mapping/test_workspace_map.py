@@ -101,6 +101,27 @@ def test_dead_cameras_take_their_free_space_with_them(cell, cameras):
     assert all("old" in c.reason for c in snapshot.cameras)
 
 
+def test_a_camera_that_is_placed_again_frees_space_from_its_new_pose(cell, cameras):
+    _robot, solids, world, joints = cell
+    first = cameras[0]
+    push = np.eye(4)
+    push[:3, 3] = [0.05, 0.02, -0.03]
+    moved = replace(first, T_mount_camera=first.T_mount_camera @ push)
+    true = [moved, *cameras[1:]]
+    world.exclude(first.name, "was moved")
+    snapshot = world.update(frames_of(true, solids, 0.1), joints, 0.11)
+    assert snapshot.cameras[0].excluded
+    without = (snapshot.state == FREE).sum()
+    world.place(moved)
+    snapshot = world.update(frames_of(true, solids, 0.133, 1), joints, 0.15)
+    assert snapshot.cameras[0].alive
+    assert not snapshot.cameras[0].excluded
+    assert (snapshot.state == FREE).sum() > without
+    # What the page draws is told beside the pose that the cell began with.
+    np.testing.assert_allclose(snapshot.corrections[0].T_believed_corrected, push, atol=0.01)
+    np.testing.assert_allclose(snapshot.corrections[1].T_believed_corrected, np.eye(4), atol=0.01)
+
+
 def test_a_camera_that_was_moved_is_gone_on_without():
     """Excluded, not dead: what it saw frees nothing any more; the guard does not wait for it."""
     from armsight.mapping.snapshot import CameraStatus

@@ -130,6 +130,9 @@ class FakeMap:
     def exclude(self, camera, reason):
         self.calls.append((camera, reason))
 
+    def place(self, info):
+        self.calls.append(("placed", info.name))
+
 
 class FakePlanner:
     def plan(self, request, snapshot, time_limit, rng):

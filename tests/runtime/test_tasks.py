@@ -9,6 +9,7 @@ import pytest
 from doubles import FakeGuard, FakeMap, FakePlanner, GoTo, make_cell
 
 from armsight.errors import DeviceError, UsageError
+from armsight.mapping.snapshot import CameraStatus
 from armsight.motion.face import Button, Curve, Face, Figure
 from armsight.motion.intents import JointIntent, Rest, VelocityIntent
 from armsight.motion.perception import CameraUse
@@ -357,6 +358,52 @@ def test_a_perceiver_takes_a_camera_out_of_the_map_and_warns():
     before = [call for call in calls[:first] if len(call) == 3]
     assert before[-1][0] >= 0.3 + 0.03 - 0.02 - 1e-9  # not before it could be known
     assert "the board slipped" in {h.name: h.problem for h in session.health()}.values()
+
+
+def test_a_camera_that_was_placed_counts_again_until_it_is_blamed_anew():
+    @dataclass(frozen=True)
+    class Word(Count):
+        excluded: tuple[tuple[str, str], ...] = ()
+        placed: tuple[object, ...] = ()
+
+    class Watch(Counter):
+        def update(self, frames):
+            stamp, there = frames[-1].frame.stamp, frames[-1].info
+            # The old word against it is repeated; one more comes later.
+            blamed = (("c", "old"),) + ((("c", "new"),) if stamp > 0.6 else ())
+            return Word(stamp, 1, blamed, (there,) if stamp > 0.3 else ())
+
+    session, _ = session_of(None, perceivers=[Watch()])
+    session.run(0.5)
+    calls = [c for c in session._parts.workspace.calls if len(c) == 2]
+    assert calls.count(("placed", "c")) == 1
+    assert calls[-1] == ("placed", "c")
+    assert set(calls[:-1]) == {("c", "old")}
+    session.run(0.3)
+    later = [c for c in session._parts.workspace.calls if len(c) == 2][len(calls) :]
+    assert set(later) == {("c", "new")}
+
+
+def test_perceivers_are_told_once_of_a_camera_that_the_map_excludes():
+    told = []
+
+    class Watch(Counter):
+        def told_excluded(self, camera, reason):
+            told.append((camera, reason))
+
+    session, _ = session_of(None, perceivers=[Watch()])
+    workspace = session._parts.workspace
+    plain = workspace.update
+
+    def update(frames, joints, now, tracked=None):
+        snapshot = plain(frames, joints, now, tracked)
+        moved = CameraStatus("c", now, False, 1, 0, "was moved", excluded=0.2 < now < 0.4)
+        snapshot.cameras = (moved,)
+        return snapshot
+
+    workspace.update = update
+    session.run(0.6)
+    assert told == [("c", "was moved")]
 
 
 def test_a_reset_begins_task_and_perceivers_anew():

@@ -67,6 +67,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
     from armsight.runtime.config import SessionMode
     from armsight.runtime.parts import make_parts
     from armsight.runtime.session import Session
+    from armsight.tasks.arm_watch import arm_watch
     from armsight.tasks.board_watch import board_watch
 
     with ExitStack() as stack:
@@ -74,7 +75,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             cell,
             task,
             seed=wanted.seed,
-            perceivers=board_watch(cell) if wanted.make is None else (),
+            perceivers=(*board_watch(cell), *arm_watch(cell)) if wanted.make is None else (),
             observers=wanted.observers,
             mode=SessionMode(cell_is_empty=wanted.cell_is_empty, look_only=wanted.look_only),
             make=wanted.make or make_parts,

@@ -31,6 +31,7 @@ NAMES: dict[str, str] = {
     "calibration-sphere": "V: fixed cameras registered by a sphere that the arm carries",
     "calibration-drift": "drift watch: moved cameras named, cells that stand still left alone",
     "own-arm": "cameras placed by their own arm, from depth and from colour",
+    "bump": "a camera of a running cell is walked into, and calibrated again from the arm",
     "any-arm": "any arm in one colour picture: type, mask, joints, and how sure",
     "recognition": "T4 to T7: the robot in one colour image, the papers' four networks",
     "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from queue import SimpleQueue
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from armsight.devices.data import DeclaredSolids as Word
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
+from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
 from armsight.mapping.camera_stage import CameraStage, Evidence
 from armsight.mapping.config import MappingConfig
@@ -85,6 +87,8 @@ class WorkspaceMap:
             CameraStage(c, self._declared.layers, self._filter, config) for c in cameras
         ]
         self._health = [CameraHealth(c, config) for c in cameras]
+        self._first = tuple(cameras)
+        self._placed: SimpleQueue[RgbdCameraInfo] = SimpleQueue()
         self._field = DistanceField(
             self.grid.shape, self.grid.voxel, config.distance_cap, config.unknown_is_solid
         )
@@ -126,6 +130,8 @@ class WorkspaceMap:
         if now < self._now - self.config.future:
             self._turn_back(self._now - now)
         self._redeclare(self._declared.begin(now, self._body_near))
+        while not self._placed.empty():
+            self._place(self._placed.get())
         jobs = self._admit(frames, joints, now)
         alive = self._living(now)
         if not jobs and self._nothing_new(alive, now):
@@ -175,8 +181,12 @@ class WorkspaceMap:
             emptiness=people.emptiness,
             declared=self._declared.told,
             corrections=tuple(
-                CameraCorrection(info.name, stage.mounting.T_old_new, stage.mounting.gain)
-                for info, stage in zip(self._infos, self._stages)
+                CameraCorrection(
+                    info.name,
+                    inverse(first.T_mount_camera) @ info.T_mount_camera @ stage.mounting.T_old_new,
+                    stage.mounting.gain,
+                )
+                for first, info, stage in zip(self._first, self._infos, self._stages)
             ),
         )
         return self._snapshot
@@ -282,6 +292,24 @@ class WorkspaceMap:
         """
         if camera in self._index:
             self._stages[self._index[camera]].mounting.excluded = reason
+
+    def place(self, info: RgbdCameraInfo) -> None:
+        """A camera was calibrated again while the cell runs: it counts from now on, from there.
+
+        Safe from any thread; an update takes it.
+
+        Args:
+            info: the camera with its new pose; one that is not in the map changes nothing.
+        """
+        if info.name in self._index:
+            self._placed.put(info)
+
+    def _place(self, info: RgbdCameraInfo) -> None:
+        k = self._index[info.name]
+        self._infos = (*self._infos[:k], info, *self._infos[k + 1 :])
+        self._stages[k] = CameraStage(info, self._declared.layers, self._filter, self.config)
+        # What it saw free from its old place says nothing until its next picture.
+        self._health[k].restart("was calibrated again")
 
     def _admit(self, frames: Sequence[RgbdFrame], joints: JointHistory, now: float) -> list[_Job]:
         """The newest usable frame of each camera, with arm and camera at its exposure."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from armsight.devices.data import RgbdCameraInfo
 from armsight.errors import UsageError
 from armsight.motion.perception import Perceiver
 from armsight.motion.task import Task
@@ -98,8 +99,9 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
         config.planning_time,
         config.planning_period,
     )
-    perceivers = _perceivers(wanted, devices, channels, latency)
-    task = _task(wanted, devices, channels, perceivers, latency)
+    infos = {c.info.name: c.info for c in devices.cameras}
+    perceivers = _perceivers(wanted, infos, channels, latency)
+    task = _task(wanted, devices, infos, channels, perceivers, latency)
     guard = GuardComponent(
         channels,
         parts.guard,
@@ -133,6 +135,7 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
         if not devices.wall:
             part.call_at = loop.call_at
     mapping.judges = tuple(p.newest for p in perceivers)
+    mapping.on_placed = lambda info: infos.update({info.name: info})
     made = Assembly(channels, parts, loop, sensing, guard, task, components)
     _wire(made, mapping, planning, perceivers)
     orders = PictureOrders(
@@ -164,6 +167,13 @@ def _wire(
             if perceiver.frames.waiting:
                 loop.wake(perceiver.name, at)
 
+    def tell_excluded(camera: str, reason: str) -> None:
+        for perceiver in perceivers:
+            tell = getattr(perceiver.perceiver, "told_excluded", None)
+            if tell is not None:
+                tell(camera, reason)
+
+    mapping.on_excluded = tell_excluded
     made.sensing.on_frames = lambda at: loop.wake("mapping", at)
     made.sensing.on_pictures = wake_perceivers
     mapping.on_snapshot = planning.on_plan = wake_guard
@@ -177,11 +187,10 @@ def _wire(
 
 def _perceivers(
     wanted: Wanted,
-    devices: SessionDevices,
+    infos: Mapping[str, RgbdCameraInfo],
     channels: Channels,
     latency: Callable[[float], Latency],
 ) -> list[PerceiverComponent]:
-    infos = {c.info.name: c.info for c in devices.cameras}
     names = [p.name for p in wanted.perceivers]
     if len(set(names)) < len(names):
         raise UsageError(f"two perceivers have the same name: {', '.join(sorted(names))}")
@@ -198,13 +207,13 @@ def _perceivers(
 def _task(
     wanted: Wanted,
     devices: SessionDevices,
+    infos: Mapping[str, RgbdCameraInfo],
     channels: Channels,
     perceivers: Sequence[PerceiverComponent],
     latency: Callable[[float], Latency],
 ) -> TaskComponent | None:
     if wanted.task is None:
         return None
-    infos = {c.info.name: c.info for c in devices.cameras}
     robot, patience = wanted.cell.robot, wanted.config.patience
     made = TaskComponent(wanted.task, channels, robot, infos, perceivers, latency, patience)
     channels.frames.readers.append(made.frames)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from armsight.devices.data import DeclaredSolids, JointState, RgbdFrame, Wrench
+from armsight.devices.data import DeclaredSolids, JointState, RgbdCameraInfo, RgbdFrame, Wrench
 from armsight.devices.history import JointHistory
 from armsight.devices.protocols import Arm
 from armsight.errors import DeviceError
@@ -49,6 +49,10 @@ class Maps(Protocol):
 
     def exclude(self, camera: str, reason: str) -> None:
         """Somebody knows that a camera was moved: nothing counts any more that it says."""
+        ...
+
+    def place(self, info: RgbdCameraInfo) -> None:
+        """Somebody has calibrated a camera again: it counts from now on, from its new place."""
         ...
 
     def told(self, word: DeclaredSolids) -> None:
@@ -123,7 +127,10 @@ class MappingComponent:
     Attributes:
         beside: computes beside the loop, where the compute time is declared; None in its turn.
         judges: newest observations of the perceivers; a camera that one of them excludes is
-            evidence no more (``excluded``, see :class:`~armsight.motion.perception.Perceiver`).
+            evidence no more (``excluded``, see :class:`~armsight.motion.perception.Perceiver`), one
+            that it ``placed`` is so again.
+        on_excluded: told of a camera that is evidence no more, and why; on_placed: of one that is
+            again, from another place.
     """
 
     name = "mapping"
@@ -145,14 +152,17 @@ class MappingComponent:
         self._latency = latency
         self._updated = float("-inf")
         self.judges: tuple[Slot[Evidence], ...] = ()
+        self.on_excluded: Callable[[str, str], None] = lambda camera, reason: None
+        self.on_placed: Callable[[RgbdCameraInfo], None] = lambda info: None
+        self._excluded: dict[str, str] = {}
+        self._placed: dict[str, RgbdCameraInfo] = {}
+        self._answered: set[tuple[str, str]] = set()
 
     def update(self, now: float) -> None:
         """Take the waiting frames into the map and publish a snapshot."""
         frames = self._channels.frames.take()
         self.charge = 0.0
-        for judge in self.judges:
-            for camera, reason in getattr(judge.read(now), "excluded", ()):
-                self._workspace.exclude(camera, reason)
+        self._hear(now)
         if not frames and now < self._updated + self.period:
             return
         self._updated = now
@@ -172,6 +182,21 @@ class MappingComponent:
             self._publish,
         )
 
+    def _hear(self, now: float) -> None:
+        """What the perceivers say of the cameras."""
+        said = [word for word in (judge.read(now) for judge in self.judges) if word is not None]
+        blamed = [pair for word in said for pair in getattr(word, "excluded", ())]
+        for info in (info for word in said for info in getattr(word, "placed", ())):
+            if self._placed.get(info.name) is not info:
+                self._placed[info.name] = info
+                # What was said against its old place is answered; whoever says it goes on saying.
+                self._answered |= {pair for pair in blamed if pair[0] == info.name}
+                self._workspace.place(info)
+                self.on_placed(info)
+        for camera, reason in blamed:
+            if (camera, reason) not in self._answered:
+                self._workspace.exclude(camera, reason)
+
     def _tracked(self, now: float) -> TrackedRegion | None:
         """Where the thing is that a task asks to touch."""
         status = self._channels.status.read(now)
@@ -179,8 +204,11 @@ class MappingComponent:
         return None if permit is None or permit.kind != "thing" else permit.region
 
     def _publish(self, snapshot: WorkspaceSnapshot, visible_at: float) -> None:
-        excluded = [c for c in snapshot.cameras if c.excluded]
-        self.problem = "; ".join(f"camera {c.name} {c.reason}" for c in excluded)
+        excluded = {c.name: c.reason for c in snapshot.cameras if c.excluded}
+        self.problem = "; ".join(f"camera {name} {why}" for name, why in excluded.items())
+        for name in excluded.keys() - self._excluded.keys():
+            self.on_excluded(name, excluded[name])
+        self._excluded = excluded
         self._channels.snapshot.publish(snapshot, visible_at)
         self.on_snapshot(visible_at)
 

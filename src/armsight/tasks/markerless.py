@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.arrays import JointVector
+from armsight.arrays import Floats, JointVector
 from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.intents import JointIntent
 from armsight.motion.perception import CameraUse, PosedFrame
@@ -157,19 +157,23 @@ ARM_ERROR = 0.002
 """What a typical arm is off by itself, which no pixel knows [m]."""
 
 
+def own_error(robot: Robot) -> Floats:
+    """(6, 6) covariance by which an arm's own error moves what is calibrated by it."""
+    turn = ARM_ERROR / robot.reach
+    return np.diag([ARM_ERROR**2] * 3 + [turn**2] * 3)
+
+
 def entry_of(
     workcell: Workcell, info: RgbdCameraInfo, robot: Robot, answer: OwnArmPose
 ) -> CalibratedCamera:
     """The camera's entry in the cell's calibration file; its lenses and depth model stay."""
     section = next(c for c in workcell.camera if c.name == info.name)
-    turn = ARM_ERROR / robot.reach
-    own = np.diag([ARM_ERROR**2] * 3 + [turn**2] * 3)
     source = f"armsight calibrate --markerless, {answer.frames} views of the arm"
     return camera_entry(
         workcell,
         section,
         answer.T_base_camera,
-        answer.covariance + own,
+        answer.covariance + own_error(robot),
         info.depth,
         info.color,
         info.T_depth_color,
