@@ -384,12 +384,13 @@ def test_a_camera_that_was_placed_counts_again_until_it_is_blamed_anew():
     assert set(later) == {("c", "new")}
 
 
-def test_perceivers_are_told_once_of_a_camera_that_the_map_excludes():
+@pytest.mark.parametrize(("excluded", "at"), [(True, 0.2), (False, 1.0)])
+def test_perceivers_are_told_once_of_a_camera_that_does_not_count(excluded, at):
     told = []
 
     class Watch(Counter):
-        def told_excluded(self, camera, reason):
-            told.append((camera, reason))
+        def doubted(self, camera, excluded):
+            told.append((camera, excluded))
 
     session, _ = session_of(None, perceivers=[Watch()])
     workspace = session._parts.workspace
@@ -397,13 +398,17 @@ def test_perceivers_are_told_once_of_a_camera_that_the_map_excludes():
 
     def update(frames, joints, now, tracked=None):
         snapshot = plain(frames, joints, now, tracked)
-        moved = CameraStatus("c", now, False, 1, 0, "was moved", excluded=0.2 < now < 0.4)
-        snapshot.cameras = (moved,)
+        bad = 0.2 < now < 1.6
+        one = CameraStatus("c", now, not bad, 1, 0, "is odd" if bad else "", excluded and bad)
+        short = CameraStatus("d", now, not 0.3 < now < 0.7, 1, 0, "late" if now < 0.7 else "")
+        snapshot.cameras = (one, short)
         return snapshot
 
     workspace.update = update
-    session.run(0.6)
-    assert told == [("c", "was moved")]
+    session.run(at)
+    assert told == []
+    session.run(1.0)
+    assert told == [("c", excluded)]
 
 
 def test_a_reset_begins_task_and_perceivers_anew():

@@ -32,22 +32,25 @@ def frames() -> list[PosedFrame]:
     return found
 
 
-def test_a_camera_that_nobody_excludes_is_left_alone(frames: list[PosedFrame]) -> None:
+def test_a_camera_that_nobody_doubts_is_left_alone(frames: list[PosedFrame]) -> None:
     watch = ArmWatch(robot(), [INFO])
-    watch.told_excluded("another", "is not its own")
+    watch.doubted("another", True)
     assert [watch.update([f]) for f in frames] == [None] * len(frames)
 
 
-def test_an_excluded_camera_is_placed_where_it_stands_now(frames: list[PosedFrame]) -> None:
+def test_a_doubted_camera_is_placed_where_it_stands_now(frames: list[PosedFrame]) -> None:
     watch = ArmWatch(robot(), [INFO])
-    watch.told_excluded("left", "was moved")
+    watch.doubted("left", False)
     said = [watch.update([f]) for f in frames]
     assert all(s is not None for s in said)
     first, last = said[0], said[-1]
     assert first is not None
     assert last is not None
     assert first.placed == ()
-    assert "let the arm move" in first.warning
+    ((name, reason),) = first.excluded
+    assert name == "left"
+    assert "was moved" in reason
+    assert last.excluded == ()
     assert last.stamp == len(frames) - 1
     (found,) = last.placed
     away = np.linalg.norm(found.T_mount_camera[:3, 3] - T_BASE_CAMERA[:3, 3])
@@ -58,5 +61,19 @@ def test_an_excluded_camera_is_placed_where_it_stands_now(frames: list[PosedFram
     assert "calibrated again" in last.warning
     # It is done with that camera until it is told once more.
     assert watch.update([frames[0]]) is None
+
+
+def test_a_camera_that_stands_where_it_did_is_not_blamed(frames: list[PosedFrame]) -> None:
+    still = replace(INFO, T_mount_camera=T_BASE_CAMERA)
+    watch = ArmWatch(robot(), [still])
+    watch.doubted("left", False)
+    there = [replace(f, info=still, T_base_camera=T_BASE_CAMERA) for f in frames]
+    said = [watch.update([f]) for f in there]
+    assert all(s is not None and not s.excluded and not s.placed for s in said)
+    # Whoever else has excluded it knows better: it is placed, and counts again.
+    watch.doubted("left", True)
+    last = [watch.update([f]) for f in there][-1]
+    assert last is not None
+    assert [i.name for i in last.placed] == ["left"]
     watch.reset()
     assert watch.update([frames[0]]) is None

@@ -33,6 +33,7 @@ NAMES: dict[str, str] = {
     "own-arm": "cameras placed by their own arm, from depth and from colour",
     "bump": "a camera of a running cell is walked into, and calibrated again from the arm",
     "any-arm": "any arm in one colour picture: type, mask, joints, and how sure",
+    "extend": "a robot that the shipped network never saw, from some hundred crops",
     "recognition": "T4 to T7: the robot in one colour image, the papers' four networks",
     "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",
     "servo-accuracy": "V: accuracy of the fixed cameras at a moving ball, tracking, gaps, switches",

@@ -105,8 +105,9 @@ class Perceiver(Protocol):
     What it publishes may have ``excluded``, pairs of a camera's name and a reason: from then on
     nothing counts that this camera says, in the map and for the guard; and ``placed``, cameras
     (:class:`RgbdCameraInfo`) that were calibrated again: from then on they count, from there. It
-    may have a ``warning`` that people should read. Who has ``told_excluded(camera, reason)`` is
-    told, in another thread than its own, when a camera does not count any more.
+    may have a ``warning`` that people should read. Who has ``doubted(camera, excluded)`` is told,
+    in another thread than its own, when a camera does not count any more: it is excluded, or else
+    its pictures have been refused for a while.
 
     Attributes:
         name: unique in the session; a task finds the observation by it.

@@ -167,13 +167,13 @@ def _wire(
             if perceiver.frames.waiting:
                 loop.wake(perceiver.name, at)
 
-    def tell_excluded(camera: str, reason: str) -> None:
+    def tell_doubt(camera: str, excluded: bool) -> None:
         for perceiver in perceivers:
-            tell = getattr(perceiver.perceiver, "told_excluded", None)
+            tell = getattr(perceiver.perceiver, "doubted", None)
             if tell is not None:
-                tell(camera, reason)
+                tell(camera, excluded)
 
-    mapping.on_excluded = tell_excluded
+    mapping.on_doubted = tell_doubt
     made.sensing.on_frames = lambda at: loop.wake("mapping", at)
     made.sensing.on_pictures = wake_perceivers
     mapping.on_snapshot = planning.on_plan = wake_guard

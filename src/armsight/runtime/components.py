@@ -113,6 +113,10 @@ def _compute(
     return charge
 
 
+REFUSED = 0.8
+"""A camera whose pictures have been refused for so long may have been moved [s]."""
+
+
 def _nothing(_at: float) -> None:
     """Default of the hooks that the session wires."""
 
@@ -129,8 +133,8 @@ class MappingComponent:
         judges: newest observations of the perceivers; a camera that one of them excludes is
             evidence no more (``excluded``, see :class:`~armsight.motion.perception.Perceiver`), one
             that it ``placed`` is so again.
-        on_excluded: told of a camera that is evidence no more, and why; on_placed: of one that is
-            again, from another place.
+        on_doubted: told of a camera that is evidence no more, and whether it is excluded; if not,
+            its pictures have been refused for :data:`REFUSED`. on_placed: of one that was placed.
     """
 
     name = "mapping"
@@ -152,9 +156,9 @@ class MappingComponent:
         self._latency = latency
         self._updated = float("-inf")
         self.judges: tuple[Slot[Evidence], ...] = ()
-        self.on_excluded: Callable[[str, str], None] = lambda camera, reason: None
+        self.on_doubted: Callable[[str, bool], None] = lambda camera, excluded: None
         self.on_placed: Callable[[RgbdCameraInfo], None] = lambda info: None
-        self._excluded: dict[str, str] = {}
+        self._doubted: dict[str, float] = {}
         self._placed: dict[str, RgbdCameraInfo] = {}
         self._answered: set[tuple[str, str]] = set()
 
@@ -204,13 +208,23 @@ class MappingComponent:
         return None if permit is None or permit.kind != "thing" else permit.region
 
     def _publish(self, snapshot: WorkspaceSnapshot, visible_at: float) -> None:
-        excluded = {c.name: c.reason for c in snapshot.cameras if c.excluded}
-        self.problem = "; ".join(f"camera {name} {why}" for name, why in excluded.items())
-        for name in excluded.keys() - self._excluded.keys():
-            self.on_excluded(name, excluded[name])
-        self._excluded = excluded
+        excluded = [c for c in snapshot.cameras if c.excluded]
+        self.problem = "; ".join(f"camera {c.name} {c.reason}" for c in excluded)
+        self._tell_doubts(snapshot, visible_at)
         self._channels.snapshot.publish(snapshot, visible_at)
         self.on_snapshot(visible_at)
+
+    def _tell_doubts(self, snapshot: WorkspaceSnapshot, now: float) -> None:
+        """Tell once of each camera that does not count."""
+        since = self._doubted
+        doubts = {c.name: c for c in snapshot.cameras if c.excluded or (c.reason and not c.alive)}
+        self._doubted = {name: since.get(name, now) for name in doubts}
+        for name, camera in doubts.items():
+            begun = self._doubted[name]
+            if camera.excluded or now - begun >= REFUSED:
+                self._doubted[name] = float("inf")
+                if np.isfinite(begun):
+                    self.on_doubted(name, camera.excluded)
 
 
 class PlanningComponent:

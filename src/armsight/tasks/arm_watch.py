@@ -1,9 +1,11 @@
 """A perceiver that calibrates a camera again, from the arm's own work, once it has been moved.
 
-Whoever notices (the map's own check, the board in passing) excludes the camera: it frees no space
-any more, and the arm slows where nobody else looks. From then on its depth pictures of the arm, at
-the joint angles that the encoders say, are kept; as soon as they place it, it counts again from
-there. Nothing is written: ``armsight calibrate --markerless`` does that.
+Of a camera whose pictures the map refuses, one picture of the arm, at the joint angles that the
+encoders say, tells whether it was moved: then it is excluded, frees no space any more, and the arm
+goes on as if it were not there, slowly where nobody else looks. More of its pictures of the moving
+arm are kept, and as soon as they place it, it counts again from there. The same begins where the
+map's own check or the board in passing has named it. Nothing is written: ``armsight calibrate
+--markerless`` does that.
 """
 
 from __future__ import annotations
@@ -14,16 +16,21 @@ from queue import SimpleQueue
 
 import numpy as np
 
+from armsight.arrays import Pose
 from armsight.devices.data import RgbdCameraInfo
+from armsight.geometry.pose import inverse, transform
 from armsight.motion.perception import CameraUse, PosedFrame
+from armsight.recognition.own_arm import OwnArmPose, arm_surface
 from armsight.robots.robot import Robot
 from armsight.tasks.markerless import ArmViews, find_camera, own_error
 from armsight.workcell import Cell
 
 LEAST, MOST = 3, 8
-"""Views from which a pose is asked for, and that are kept."""
+"""Views from which a camera is placed, and that are kept."""
 GOOD = 0.006
 """Standard deviation on the arm from which a pose is taken [m]."""
+MOVED = 0.02
+"""A camera that places the arm so far off was moved [m]."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +39,13 @@ class ArmSeen:
 
     Attributes:
         stamp: exposure of the newest picture that it rests on [s].
+        excluded: (camera, why nothing that it says may count).
         placed: cameras that were calibrated again, with their poses.
         warning: what is going on, in words; or empty.
     """
 
     stamp: float
+    excluded: tuple[tuple[str, str], ...] = ()
     placed: tuple[RgbdCameraInfo, ...] = ()
     warning: str = ""
 
@@ -57,7 +66,7 @@ def arm_watch(cell: Cell) -> tuple[ArmWatch, ...]:
 
 
 class ArmWatch:
-    """Keeps views of the arm by the cameras that are excluded, and places them by these.
+    """Keeps views of the arm by the cameras that do not count, and places them by these.
 
     Args:
         robot: the arm.
@@ -72,7 +81,7 @@ class ArmWatch:
         self.cameras: Sequence[CameraUse] = tuple(CameraUse(c.name) for c in cameras)
         self._robot = robot
         self._names = {c.name for c in cameras}
-        self._told: SimpleQueue[str] = SimpleQueue()
+        self._told: SimpleQueue[tuple[str, bool]] = SimpleQueue()
         self.reset()
 
     def reset(self) -> None:
@@ -81,50 +90,76 @@ class ArmWatch:
             self._told.get()
         self._views: dict[str, ArmViews] = {}
         self._tried: dict[str, int] = {}
+        self._moved: dict[str, str] = {}
+        self._excluded: set[str] = set()
         self._placed: dict[str, RgbdCameraInfo] = {}
         self._words: dict[str, str] = {}
 
-    def told_excluded(self, camera: str, reason: str) -> None:
-        """A camera does not count any more; from any thread."""
+    def doubted(self, camera: str, excluded: bool) -> None:
+        """A camera does not count any more, or its pictures are refused; from any thread."""
         if camera in self._names:
-            self._told.put(camera)
+            self._told.put((camera, excluded))
 
     def update(self, frames: Sequence[PosedFrame]) -> ArmSeen | None:
-        """Look at the arm through the cameras that are excluded; None while there is none."""
+        """Look at the arm through the cameras that do not count; None while there is none."""
         while not self._told.empty():
-            self._begin(self._told.get())
+            name, excluded = self._told.get()
+            if excluded:
+                self._excluded.add(name)
+            if name not in self._views:
+                self._begin(name)
         looked = [posed for posed in frames if posed.info.name in self._views]
         for posed in looked:
-            name = posed.info.name
-            if self._views[name].update([posed]) is not None:
-                self._ask(posed.info, self._views[name])
+            if self._views[posed.info.name].update([posed]) is not None:
+                self._ask(posed.info)
         if not looked:
             return None
-        warning = "; ".join(self._words.values())
-        return ArmSeen(max(p.frame.stamp for p in looked), tuple(self._placed.values()), warning)
+        stamp = max(p.frame.stamp for p in looked)
+        excluded, placed = tuple(self._moved.items()), tuple(self._placed.values())
+        return ArmSeen(stamp, excluded, placed, "; ".join(self._words.values()))
 
     def _begin(self, name: str) -> None:
         self._views[name] = ArmViews([name], MOST)
-        self._tried[name] = LEAST - 1
-        self._words[name] = f"camera {name} is calibrated again: let the arm move in its view"
+        self._tried[name] = 0
 
-    def _ask(self, info: RgbdCameraInfo, kept: ArmViews) -> None:
-        """Place a camera, once for each new view."""
-        name, views = info.name, kept.views[info.name]
+    def _ask(self, info: RgbdCameraInfo) -> None:
+        """What a camera's views say, once for each new one."""
+        name, views = info.name, self._views[info.name].views[info.name]
         if len(views) <= self._tried[name]:
             return
         self._tried[name] = len(views)
         answer = find_camera(self._robot, info, views)
         if answer.believed and answer.sigma <= GOOD:
-            covariance = answer.covariance + own_error(self._robot)
-            self._placed[name] = replace(
-                info, T_mount_camera=answer.T_base_camera, covariance=covariance
-            )
-            shift = answer.T_base_camera[:3, 3] - info.T_mount_camera[:3, 3]
-            self._words[name] = (
-                f"camera {name} stood {1e3 * float(np.linalg.norm(shift)):.0f} mm off and was "
-                "calibrated again from the arm; 'armsight calibrate --markerless' keeps it"
-            )
-            del self._views[name]
-        elif len(views) == MOST:  # perhaps it was moved once more meanwhile
+            off = self._off(info, answer.T_base_camera)
+            if name not in self._moved and off > MOVED:
+                self._moved[name] = (
+                    f"was moved since it was calibrated: it sees the arm {1e3 * off:.0f} mm off; "
+                    "it is calibrated again as the arm moves in its view"
+                )
+            if len(views) >= LEAST:
+                if name in self._moved or name in self._excluded:
+                    self._place(info, answer, off)
+                # Else it stands where it did, and something else is wrong with its pictures.
+                del self._views[name]
+                return
+        if len(views) == MOST:  # perhaps it was moved once more meanwhile
             self._begin(name)
+
+    def _place(self, info: RgbdCameraInfo, answer: OwnArmPose, off: float) -> None:
+        name = info.name
+        covariance = answer.covariance + own_error(self._robot)
+        self._placed[name] = replace(
+            info, T_mount_camera=answer.T_base_camera, covariance=covariance
+        )
+        self._words[name] = (
+            f"camera {name} saw the arm {1e3 * off:.0f} mm off and was calibrated again by it; "
+            "'armsight calibrate --markerless' keeps that"
+        )
+        self._moved.pop(name, None)
+        self._excluded.discard(name)
+
+    def _off(self, info: RgbdCameraInfo, T_base_camera: Pose) -> float:
+        """How far another pose of a camera moves what it sees of the arm, root mean square [m]."""
+        points = arm_surface(self._robot).posed_points(self._robot.home)[0]
+        moved = transform(T_base_camera @ inverse(info.T_mount_camera), points)
+        return float(np.sqrt(((moved - points) ** 2).sum(axis=1).mean()))
