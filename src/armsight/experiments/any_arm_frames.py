@@ -11,10 +11,10 @@ import numpy as np
 from armsight.arrays import Floats
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.any_arm.edges import at_edges
+from armsight.recognition.any_arm.known import place_known
 from armsight.recognition.any_arm.observing import observe
-from armsight.recognition.any_arm.recogniser import MARGIN, ArmRecogniser, best_outlined
+from armsight.recognition.any_arm.recogniser import MARGIN, ArmRecogniser
 from armsight.recognition.any_arm.sighting import Sighting
-from armsight.recognition.any_arm.solver import solve
 from armsight.recognition.any_arm.views import SIDE, take_crop
 from armsight.recognition.data.sample import KNOWN_ROBOTS, Sample
 from armsight.recognition.inference.pictures import Picture
@@ -152,13 +152,8 @@ def _given_box(
             pixels = float(np.linalg.norm(at - crop.pixels(true[k : k + 1])[0]))
             errors.append(pixels * CROP / SIDE)
     seen = observe(look, crop, sample.robot, marks)
-    found = best_outlined(
-        solve(robot, marks, seen, known=sample.q),
-        seen,
-        at_edges(look.arm, crop.image),
-        crop,
-        known=True,
-    )
+    arm = at_edges(look.arm, crop.image)
+    found = place_known(robot, marks, seen, arm, crop, sample.q)
     if found is None:
         return np.array(errors), NOTHING
     away = found[0].joints() @ crop.R.T - sample.joints_camera

@@ -5,9 +5,13 @@ import numpy as np
 import pytest
 
 from armsight.geometry.pose import inverse, look_at, make_pose
+from armsight.recognition.any_arm.known import place_known
 from armsight.recognition.any_arm.landmarks import find_landmarks
-from armsight.recognition.any_arm.outline import edge_distance, follow_outline
-from armsight.recognition.any_arm.recogniser import outline_overlap
+from armsight.recognition.any_arm.outline import (
+    edge_distance,
+    follow_outline,
+    outline_overlap,
+)
 from armsight.recognition.any_arm.solver import Fit, Observations
 from armsight.recognition.any_arm.views import SIDE, Crop
 from armsight.recognition.own_arm.surface import arm_surface, render
@@ -91,3 +95,37 @@ def test_distances_to_an_edge_are_signed_and_in_pixels() -> None:
     half = len(distance) // 2
     np.testing.assert_allclose(distance[5, half:], np.arange(half) + 0.5, atol=1.0)
     np.testing.assert_allclose(distance[5, :half], np.arange(-half, 0) + 0.5, atol=1.0)
+
+
+def test_with_known_joints_a_pose_is_found_from_bad_landmarks() -> None:
+    errors = []
+    for k, name in enumerate(["ur5", "panda", "ur10"]):
+        true, arm, crop = _scene(name, k)
+        rng = np.random.default_rng([k, 2])
+        seen = _landmarks(true, crop, rng, 8.0)
+        # A third of them are somewhere else altogether, as a network's are.
+        wild = rng.random(len(seen.at)) < 0.33
+        seen.at[wild] += rng.normal(0.0, 40.0 / crop.f, (int(wild.sum()), 2))
+        found = place_known(true.robot, find_landmarks(true.robot), seen, arm, crop, true.q)
+        assert found is not None
+        fit, overlap = found
+        np.testing.assert_allclose(fit.q, true.q, atol=1e-4)
+        assert overlap > 0.8
+        errors.append(1e3 * np.linalg.norm(fit.joints() - true.joints(), axis=1).mean())
+    assert np.median(errors) < 25.0
+
+
+def test_an_outline_does_not_hold_to_the_edge_of_the_picture() -> None:
+    """Half of the arm lies beyond the picture: the mask ends there, and the arm does not."""
+    true, arm, crop = _scene("ur5", 0)
+    inside = np.ones((SIDE, SIDE), bool)
+    inside[:, : SIDE // 2] = False
+    cut = np.where(inside, arm, 0.0).astype(np.float32)
+    seen = _landmarks(true, crop, np.random.default_rng(0), 2.0)
+    away = []
+    for known in (crop, Crop(crop.image, crop.R, crop.f, inside)):
+        fit = follow_outline(true, seen, cut, known)
+        away.append(np.linalg.norm(fit.joints() - true.joints(), axis=1).mean())
+    assert away[1] < 0.8 * away[0]
+    assert outline_overlap(true, cut, Crop(crop.image, crop.R, crop.f, inside)) > 0.85
+    assert outline_overlap(true, cut, crop) < 0.75

@@ -11,7 +11,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from armsight.arrays import Floats, Floats32
+from armsight.arrays import Floats, Floats32, Mask
 from armsight.geometry.pose import transform
 from armsight.recognition.any_arm.solver import Fit, Observations, again
 from armsight.recognition.any_arm.views import SIDE, Crop
@@ -56,6 +56,28 @@ def follow_outline(
     return best
 
 
+def outline_overlap(fit: Fit, arm: Floats32, crop: Crop) -> float:
+    """Intersection over union of a fitted arm, drawn small, with its (SIDE, SIDE) mask.
+
+    Beyond the picture nobody knows.
+    """
+    surface = arm_surface(fit.robot)
+    side = SIDE // GRID
+    f, middle = crop.f / GRID, 0.5 * (side - 1)
+    lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
+    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side)).mask
+    seen = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA) > ARM
+    inside = _inside(crop, side)
+    either = (drawn | seen) & inside
+    return float((drawn & seen & inside).sum() / max(either.sum(), 1))
+
+
+def _inside(crop: Crop, side: int) -> Mask:
+    """(side, side) where a crop lies within the picture."""
+    small = cv2.resize(crop.inside.astype(np.uint8), (side, side), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(small > 0)
+
+
 def edge_distance(arm: Floats32) -> Floats:
     """(n, n) signed distance to the mask's edge, above 0 outside [pixels of the grid]."""
     side = SIDE // GRID
@@ -85,6 +107,11 @@ def _pulls(
     normal = slope[row, column]
     length = np.linalg.norm(normal, axis=1)
     taken &= length > 0.3
+    # Where the picture ends the mask does, too, and the arm does not.
+    within = cv2.erode(_inside(crop, side).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    edge = drawn.at - off[:, None] * normal / np.maximum(length, 0.3)[:, None]
+    edge = np.clip(np.round(edge).astype(int), 0, side - 1)
+    taken &= within[row, column] & within[edge[:, 0], edge[:, 1]]
     if taken.sum() < FEWEST:
         return None
     off, normal = off[taken], normal[taken] / length[taken, None]

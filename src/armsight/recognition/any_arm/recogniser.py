@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from armsight.arrays import ColorImage, Floats, Floats32
@@ -16,13 +15,12 @@ from armsight.recognition.any_arm.edges import at_edges
 from armsight.recognition.any_arm.frames import FINER, Lump, find_lumps
 from armsight.recognition.any_arm.model import STRIDE, CropModel, Look
 from armsight.recognition.any_arm.observing import observe
-from armsight.recognition.any_arm.outline import GRID, follow_outline
+from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
 from armsight.recognition.any_arm.trust import features, read_trust
 from armsight.recognition.any_arm.views import SIDE, WHOLE, Crop, mask_in_picture, take_crop
 from armsight.recognition.inference.pictures import Picture
-from armsight.recognition.own_arm.surface import arm_surface, render
 from armsight.robots.catalogue import load_robot
 from armsight.robots.robot import Robot
 
@@ -266,17 +264,6 @@ def best_outlined(
         if score < least:
             best, least = (drawn, overlap), score
     return best
-
-
-def outline_overlap(fit: Fit, arm: Floats32, crop: Crop) -> float:
-    """Intersection over union of a fitted arm, drawn small, with its (SIDE, SIDE) mask."""
-    surface = arm_surface(fit.robot)
-    side = SIDE // GRID
-    f, middle = crop.f / GRID, 0.5 * (side - 1)
-    lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
-    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side)).mask
-    seen = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA) > ARM
-    return float((drawn & seen).sum() / max((drawn | seen).sum(), 1))
 
 
 def _grown(look: Look, crop: Crop) -> tuple[Floats, Floats] | None:

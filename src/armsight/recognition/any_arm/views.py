@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
-from armsight.arrays import ColorImage, Floats, Floats32, Points, Rotation3
+from armsight.arrays import ColorImage, Floats, Floats32, Mask, Points, Rotation3
 from armsight.geometry.camera import PinholeCamera
 
 SIDE = 160
@@ -27,11 +27,13 @@ class Crop:
         image: (SIDE, SIDE, 3).
         R: (3, 3) ``R_camera_crop``: its axes in those of the camera that took the picture.
         f: its focal length [px]; its principal point is in its middle.
+        inside: (SIDE, SIDE) where it lies within the picture.
     """
 
     image: ColorImage
     R: Rotation3
     f: float
+    inside: Mask = field(default_factory=lambda: np.ones((SIDE, SIDE), bool))
 
     def rays(self, pixels: Floats) -> Floats:
         """(n, 2) x / z and y / z of (n, 2) pixels of the crop."""
@@ -70,10 +72,12 @@ def take_crop(
     p = rays @ R
     half = float(np.abs(p[:, :2] / np.maximum(p[:, 2:], 0.05)).max())
     f = 0.5 * SIDE / max(margin * half, NARROWEST)
-    return Crop(_seen(image, lens, R, f), R, f)
+    return Crop(*_seen(image, lens, R, f))
 
 
-def _seen(image: ColorImage, lens: PinholeCamera, R: Rotation3, f: float) -> ColorImage:
+def _seen(
+    image: ColorImage, lens: PinholeCamera, R: Rotation3, f: float
+) -> tuple[ColorImage, Rotation3, float, Mask]:
     # Shrunk by area first: taking single pixels of a large picture would alias.
     share = min(1.0, 1.2 * f / lens.fx)
     if share < 0.75:
@@ -92,7 +96,8 @@ def _seen(image: ColorImage, lens: PinholeCamera, R: Rotation3, f: float) -> Col
     seen = cv2.remap(
         image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=grey
     )
-    return np.asarray(seen, np.uint8)
+    inside = (u > -0.5) & (v > -0.5) & (u < image.shape[1] - 0.5) & (v < image.shape[0] - 0.5)
+    return np.asarray(seen, np.uint8), R, f, inside
 
 
 @dataclass(frozen=True)
