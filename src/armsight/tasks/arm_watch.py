@@ -103,8 +103,8 @@ class ArmWatch:
     def update(self, frames: Sequence[PosedFrame]) -> ArmSeen | None:
         """Look at the arm through the cameras that do not count; None while there is none."""
         while not self._told.empty():
-            name, excluded = self._told.get()
-            if excluded:
+            name, out = self._told.get()
+            if out:
                 self._excluded.add(name)
             if name not in self._views:
                 self._begin(name)

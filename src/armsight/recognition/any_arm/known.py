@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from armsight.arrays import Floats, Floats32, JointVector, Mask, Pose
 from armsight.geometry.pose import make_pose
 from armsight.recognition.any_arm.landmarks import Landmarks
-from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
+from armsight.recognition.any_arm.outline import follow_outline, outline_overlap, within
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, far_starts, solve
 from armsight.recognition.any_arm.views import SIDE, Crop
 from armsight.recognition.own_arm.surface import arm_surface, render
@@ -98,8 +98,7 @@ class _Score:
         f, middle = crop.f * CELLS / SIDE, 0.5 * (CELLS - 1)
         self._lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
         small = cv2.resize(arm, (CELLS, CELLS), interpolation=cv2.INTER_AREA)
-        inside = cv2.resize(crop.inside.astype(np.uint8), (CELLS, CELLS), cv2.INTER_NEAREST)
-        self._inside: Mask = inside > 0
+        self._inside: Mask = within(crop, CELLS)
         self._wanted: Floats = np.clip(2.5 * (small - 0.5) + 0.5, 0.0, 1.0) * self._inside
 
     def fit(self, T: Pose) -> Fit:

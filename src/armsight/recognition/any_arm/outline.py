@@ -67,12 +67,12 @@ def outline_overlap(fit: Fit, arm: Floats32, crop: Crop) -> float:
     lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
     drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side)).mask
     seen = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA) > ARM
-    inside = _inside(crop, side)
+    inside = within(crop, side)
     either = (drawn | seen) & inside
     return float((drawn & seen & inside).sum() / max(either.sum(), 1))
 
 
-def _inside(crop: Crop, side: int) -> Mask:
+def within(crop: Crop, side: int) -> Mask:
     """(side, side) where a crop lies within the picture."""
     small = cv2.resize(crop.inside.astype(np.uint8), (side, side), interpolation=cv2.INTER_NEAREST)
     return np.asarray(small > 0)
@@ -108,10 +108,10 @@ def _pulls(
     length = np.linalg.norm(normal, axis=1)
     taken &= length > 0.3
     # Where the picture ends the mask does, too, and the arm does not.
-    within = cv2.erode(_inside(crop, side).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    away = cv2.erode(within(crop, side).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     edge = drawn.at - off[:, None] * normal / np.maximum(length, 0.3)[:, None]
     edge = np.clip(np.round(edge).astype(int), 0, side - 1)
-    taken &= within[row, column] & within[edge[:, 0], edge[:, 1]]
+    taken &= away[row, column] & away[edge[:, 0], edge[:, 1]]
     if taken.sum() < FEWEST:
         return None
     off, normal = off[taken], normal[taken] / length[taken, None]
