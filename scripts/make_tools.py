@@ -27,7 +27,9 @@ from robot_sources.parts import Color, Part, extract, find, read_collada
 from robot_sources.writing import decimate, obj_text
 from trimesh.creation import box, capsule, cylinder, icosphere
 
+from armsight.charging.ports.collision import sleeves
 from armsight.charging.ports.meshes import surfaces
+from armsight.charging.ports.outline import sample_union
 from armsight.charging.ports.table import PORTS
 from armsight.geometry.pose import from_rpy, make_pose, transform
 from armsight.robots.fit_quality import measure, report
@@ -169,23 +171,25 @@ def sphere_marker() -> Draft:
     return tool
 
 
-def type2_plug() -> Draft:
-    """A Type 2 vehicle plug by the table of measures, hollow, in a holder of 20 cm.
+def plug(name: str, mass: float) -> Draft:
+    """A vehicle plug by the table of measures, hollow, in a holder of 20 cm.
 
-    The tip is the frame of ``charging/ports``: the middle of the mouth, z out of it, y to the flat.
+    The tip is the frame of ``charging/ports``: the middle of the mouth, z out of it, y up.
     """
-    tool = Draft("Type 2 plug in its holder", at(z=0.200), 1.6, (0.0, 0.0, 0.140))
+    port = PORTS[name]
+    tool = Draft(f"{port.title.split(' (')[0]} in its holder", at(z=0.200), mass, (0.0, 0.0, 0.140))
     tool.add(ALUMINIUM, rod(0.040, 0.012))
     tool.add(ALUMINIUM, rod(0.026, 0.052), at(z=0.012))
     tool.add(DARK, rod(0.034, 0.084), at(z=0.062))
-    sleeve = rod(0.035, 0.056)
-    tool.add(BLACK, sleeve, at(z=0.144))
+    around = [sample_union([outline], 0.002)[0] for outline in sleeves(port)]
+    ends = [np.column_stack([p, np.full(len(p), z)]) for p in around for z in (0.144, 0.200)]
+    sleeve = trimesh.convex.convex_hull(np.concatenate(ends))
+    tool.add(BLACK, sleeve)
     cable = capsule(height=0.060, radius=0.0125, count=(24, 24))
     tool.add(BLACK, cable, from_rpy([math.pi / 2, 0, 0], [0, -0.020, 0.085]))
     tool.drawn_instead = {
         id(sleeve): [
-            Part(LOOKS[s.look], transform(at(z=0.200), s.vertices), s.faces)
-            for s in surfaces(PORTS["type2_plug"])
+            Part(LOOKS[s.look], transform(at(z=0.200), s.vertices), s.faces) for s in surfaces(port)
         ]
     }
     return tool
@@ -231,7 +235,9 @@ def main() -> None:
             "sphere_marker": sphere_marker,
             "straw_cup": straw_cup,
             "calibration_board": calibration_board,
-            "type2_plug": type2_plug,
+            "type1_plug": lambda: plug("type1_plug", 1.3),
+            "type2_plug": lambda: plug("type2_plug", 1.6),
+            "ccs2_plug": lambda: plug("ccs2_plug", 2.0),
         }
         for name in args.names or makers:
             write(makers[name](), args.out / name)

@@ -10,6 +10,7 @@ from armsight.charging.looks import look
 from armsight.charging.plane_fit import paper_pose
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pose import fit_pose, locate, mirrored
+from armsight.charging.rehearsal import rehearse
 from armsight.charging.windows import dark_windows
 from armsight.errors import UsageError
 from armsight.geometry.pose import angle_between, exp, inverse, log, transform
@@ -35,6 +36,13 @@ def test_a_port_is_found_with_its_type(name: str) -> None:
     # one picture from far hardly tells a tilt from its mirror image
     seen = found[0].T_camera_port
     assert min(angle_between(seen, T), angle_between(mirrored(seen), T)) < np.deg2rad(4)
+
+
+def test_the_rehearsal_goes_the_whole_way_to_a_pose() -> None:
+    """Else something would be compiled in the first round of a perceiver, which may be given up."""
+    (seen,) = rehearse()
+    assert seen.port == "type2"
+    np.testing.assert_allclose(seen.T_ref_port[:3, 3], (0.0, 0.0, 0.5), atol=2e-3)
 
 
 def test_nothing_is_found_in_noise_or_on_a_plain_wall() -> None:

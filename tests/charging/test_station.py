@@ -195,6 +195,63 @@ def test_a_permit_that_is_lost_in_contact_lets_go_and_comes_out(cell):
     assert stub.station.outcome.problem == "a hand"
 
 
+def test_a_force_sensor_that_dies_is_said_and_nothing_is_pulled_by_feel(cell):
+    stub = Stub(cell, station(cell))
+    stub.rest(0.1)
+    before(stub, cell, 0.015)
+    stub.station._go(State.TARE, stub.now)
+    stub.rest(1.0)
+    assert stub.station.state is State.INSERT
+    stub.rest(0.6, wrench=False)
+    assert stub.station.state is State.LEAVE  # not in yet
+    assert stub.station.outcome.problem == "the force sensor is silent"
+    stub.station._go(State.INSERT, stub.now)
+    stub.rest(0.1)
+    before(stub, cell, -0.02)
+    wish = stub.rest(0.6, wrench=False)
+    assert stub.station.state is State.STUCK
+    assert "the plug is in the car: mend the sensor" in stub.station.words
+    assert wish.intent.fault
+
+
+def test_what_fails_again_and_again_ends(cell):
+    """A sensor that could not be tared sent the arm back and forth for ever."""
+    stub = Stub(cell, station(cell, tries=3))
+    stub.rest(0.1)
+    before(stub, cell, 0.10)
+    states = []
+    for _ in range(3):
+        stub.station.visits.blame("the force sensor is silent or noisy")
+        stub.station._go(State.LEAVE, stub.now)
+        stub.step()
+        states.append(stub.station.state)
+    assert states == [State.LOOK, State.LOOK, State.STAND_BY]
+    assert "silent or noisy" in stub.station.outcomes[-1].problem
+
+
+def test_a_plug_that_does_not_come_out_is_somebodys_to_help(cell):
+    stub = Stub(cell, station(cell, patience=2.0))
+    stub.rest(0.1)
+    before(stub, cell, -0.03)
+    stub.station._begin_unplug(Seen(stub.now, JointState(stub.now, stub.q, np.zeros(6))))
+    stub.station.feeling.tare = np.zeros(6)
+    stub.rest(2.5)
+    assert stub.station.state is State.STUCK
+    assert "unplug: no end after 2 s; help by hand" in stub.station.words
+
+
+def test_a_port_of_a_car_that_is_not_expected_is_left_alone(cell):
+    stub = Stub(cell, station(cell))
+    stub.station._contradiction = lambda T: "the port is 0.2 m above the floor"
+    stub.station.begin()
+    stub.rest(0.7)
+    port = (seen_port(cell),)
+    stub.looks = (PortLook(stub.now, "post", port, np.zeros((4, 4, 3), np.uint8)),)
+    stub.rest(0.1)
+    assert not stub.station.busy
+    assert "not the car that is expected" in stub.station.outcomes[-1].problem
+
+
 def test_a_car_that_moves_is_left(cell):
     car = SimulatedCar()
     stub = Stub(cell, station(cell, car=car))

@@ -295,6 +295,36 @@ def test_a_width_that_cannot_be_is_said_and_the_task_goes_on():
     assert session.task_failure == ""
 
 
+def test_what_a_task_says_stands_in_the_cell_is_passed_on_where_it_changes():
+    box, other = (object(),), (object(),)
+    said = {0: {}, 1: {"car": box}, 2: {"car": box}, 3: {"car": other}, 4: {}}
+
+    def script(observation):
+        task.standing = dict(said[min(int(10 * observation.now), 4)])
+        return Rest("")
+
+    task, told = Scripted(script), []
+    session, _ = session_of(task, make_cell())
+    session._task.on_standing = lambda name, solids: told.append((name, solids))
+    session.run(1.0)
+    assert told == [("car", box), ("car", ()), ("car", other), ("car", ())]
+
+
+def test_what_cannot_stand_in_the_cell_is_said_and_the_task_goes_on():
+    task = Scripted(lambda o: Rest(""))
+    task.standing = {"car": ()}
+    session, _ = session_of(task, make_cell())
+
+    def refuse(name, solids):
+        raise UsageError(f"'{name}' has 0 solids")
+
+    session._task.on_standing = refuse
+    session.run(0.3)
+    (health,) = [h for h in session.health() if h.name == "task/scripted"]
+    assert "what stands in the cell: 'car' has 0 solids" in health.problem
+    assert session.task_failure == ""
+
+
 def test_a_face_that_cannot_be_shown_is_said_and_does_no_harm():
     class Faced(Scripted):
         def face(self):

@@ -44,6 +44,9 @@ class World:
     def camera_error(self, name: str, T_believed_corrected: np.ndarray, gain: float) -> float:
         return {"<left>": 0.0674, "right": 0.0008}.get(name, 0.0)
 
+    def movers(self) -> tuple[MovingSolid, ...]:
+        return ()
+
 
 def make_cell() -> Cell:
     robot = load_robot("ur5")

@@ -14,6 +14,7 @@ from armsight.charging.fit import model_points
 from armsight.charging.plane_fit import contact_pixels, paper_pose
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pose import PortPose, locate
+from armsight.charging.rehearsal import rehearse
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.stereo import StereoPair
 from armsight.motion.perception import CameraUse, PosedPair
@@ -86,6 +87,10 @@ class PortEye:
         self.stereo = (pair,)
         self._options = FindOptions(tuple(ports), distance)
         self._paper = paper
+
+    def warm_up(self) -> None:
+        """Compile what finds and fits."""
+        rehearse()
 
     def update(self, frames: Sequence[PosedPair]) -> PortLook | None:
         """See :class:`~armsight.motion.perception.Perceiver`."""

@@ -70,6 +70,10 @@ class Feeling:
             return None
         return at_plug(self._readings[-1][1] - tare, self.T_flange_plug)
 
+    def silent(self, now: float) -> float:
+        """How long ago the newest reading was taken [s]."""
+        return now - self._readings[-1][0] if self._readings else np.inf
+
     def give(self, now: float) -> float:
         """How far contact has moved the plug along its axis [m]."""
         felt = self.contact(now)

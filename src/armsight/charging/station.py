@@ -9,116 +9,33 @@ that finds that entry when it starts brings the plug out first.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from armsight.arrays import JointVector, Pose
 from armsight.charging.eye import SeenPort
-from armsight.charging.feeling import Feeling
-from armsight.charging.hand import IN, PlugHand, after_kill
+from armsight.charging.hand import IN, after_kill
 from armsight.charging.insert import Answer, Insertion, Phase
 from armsight.charging.insert_paper import PaperInsertion
-from armsight.charging.journal import Entry, Journal, JournalError
-from armsight.charging.looking import Looker
+from armsight.charging.journal import Entry
 from armsight.charging.moves import SIDES, apart, before_port, looking_pose
-from armsight.charging.permission import Permission
-from armsight.charging.ports.table import PORTS
-from armsight.charging.vehicle import Vehicle, VehicleStatus
-from armsight.charging.visit import IN_CONTACT, NEAR, Outcome, Seen, State, StationOptions, Wish
+from armsight.charging.station_core import StationCore
+from armsight.charging.vehicle import VehicleStatus
+from armsight.charging.visit import IN_CONTACT, Outcome, Seen, State, Wish
 from armsight.geometry.pose import inverse
 from armsight.motion.intents import JointIntent, PoseIntent, Rest
-from armsight.motion.permits import PermitRequest
-from armsight.robots.robot import Robot
 
 ARRIVED = (0.0015, math.radians(0.6))
 """A straight line has ended within this [m], [rad]."""
 RELAX = 1.5
 """After seating the law lets the force go down for so long [s]."""
+NUMB = 0.5
+"""A force sensor that has said nothing for so long is dead [s]."""
 SAME = 0.06
 """A second look finds the same port within this [m]."""
 
 
-class Station:
-    """One plug, one place for cars.
-
-    Args:
-        robot: with the plug as its tool; its TCP is the plug's nominal place.
-        stand_by: (n,) where the arm waits, out of the cameras' view [rad].
-        vehicle: the car that is, or will be, there.
-        journal: where what is needed to come out is kept.
-        options: how it works.
-        T_flange_near: the near pair's left camera on the flange; None without one.
-
-    Attributes:
-        state: what it is doing; words: why, or what is wrong.
-        outcomes: of all visits that have ended; outcome: of the newest.
-        port: what it believes of the port, or None.
-        permission: what the guard is asked for.
-
-    Raises:
-        JournalError: there is a journal that cannot be believed.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        stand_by: JointVector,
-        vehicle: Vehicle,
-        journal: Journal,
-        options: StationOptions | None = None,
-        T_flange_near: Pose | None = None,
-    ) -> None:
-        assert robot.tool is not None
-        self.options = o = options or StationOptions()
-        self._law_options = replace(o.insert, depth=PORTS[o.plug].depth)
-        self._robot, self._stand_by_joints = robot, np.asarray(stand_by, float)
-        self.vehicle, self._journal = vehicle, journal
-        self._T_tip = robot.tool.T_flange_tcp
-        self._T_near = T_flange_near if o.mode == "ours" else None
-        self.reset()
-
-    def reset(self) -> None:
-        """Nothing has been seen; only the journal is believed."""
-        self.outcomes: list[Outcome] = []
-        self.outcome = Outcome()
-        self.port: SeenPort | None = None
-        self.words = ""
-        self.permission = Permission(self.options)
-        self._hand = PlugHand(self._robot, self.options, self.permission)
-        self._looker = Looker(self.options)
-        self.state = State.STAND_BY
-        self._entry = self._journal.read()
-        self._wanted = self._ending = False
-        self._since: float | None = None
-        self._looked = self._side = self._tries = self._goals = 0
-        self._told = ""
-
-    @property
-    def feeling(self) -> Feeling:
-        """What the plug feels."""
-        return self._hand.feeling
-
-    @property
-    def answer(self) -> Answer | None:
-        """Newest of the law of plugging in and out, or None."""
-        return self._hand.answer
-
-    # -- from outside ---------------------------------------------------------------------------
-
-    def begin(self) -> None:
-        """A visit is wanted."""
-        self._wanted = True
-
-    def end(self) -> None:
-        """Whatever is under way shall end: come out, stand by."""
-        self._wanted, self._ending = False, True
-
-    @property
-    def busy(self) -> bool:
-        """Whether a visit is under way or wanted, or one that was killed has to be ended."""
-        killed = self._entry is not None
-        return killed or self._wanted or self.state is not State.STAND_BY
+class Station(StationCore):
+    """One plug, one place for cars; see :class:`StationCore` for what it is made of."""
 
     def step(self, seen: Seen) -> Wish:
         """One round."""
@@ -126,8 +43,8 @@ class Station:
             self._since = seen.now
         self._hand.feeling.take(seen)
         self._looker.take(seen)
-        if self._entry is not None:
-            self._recover(seen, self._entry)
+        if self._way_out.left is not None:
+            self._recover(seen, self._way_out.left)
         car = self.vehicle.status(seen.now)
         self._watch(seen, car)
         wish: Wish = getattr(self, f"_{self.state.name.lower()}")(seen, car)
@@ -139,10 +56,13 @@ class Station:
         """Lost permits, cars that move, states that take too long, a wish to end."""
         state, lost = self.state, self.permission.lost(seen.guard)
         if state in IN_CONTACT and lost:
-            self.outcome = replace(self.outcome, problem=self.outcome.problem or lost)
+            self.visits.blame(lost)
             self._go(State.HELD, seen.now, lost)
             return
         if state in (State.STAND_BY, State.STUCK, State.HELD):
+            return
+        if state in (State.INSERT, State.UNPLUG) and self._hand.feeling.silent(seen.now) > NUMB:
+            self._numb(seen)
             return
         if car is not None and not car.parked and state not in (State.UNPLUG, State.LEAVE):
             self._fail(seen, car.problem or "the car moves")
@@ -154,21 +74,31 @@ class Station:
             why = seen.guard.reason if seen.guard is not None and seen.guard.reason else ""
             words = f"{state.value}: no end after {self.options.patience:.0f} s"
             words = f"{words} ({why})" if why else words
-            if state is State.LEAVE:
-                self._go(State.STUCK, seen.now, words)
+            if state in (State.UNPLUG, State.LEAVE):
+                self._go(State.STUCK, seen.now, f"{words}; help by hand")
             else:
                 self._fail(seen, words)
 
+    def _numb(self, seen: Seen) -> None:
+        """Nobody feels any more: what is in the car stays in it, what is out leaves."""
+        silent = "the force sensor is silent"
+        if self._hand.depth(seen, self._face) > IN:
+            self.visits.blame(silent)
+            words = f"{silent} and the plug is in the car: mend the sensor, or take it out by hand"
+            self._go(State.STUCK, seen.now, words)
+        else:
+            self._fail(seen, silent)
+
     def _recover(self, seen: Seen, entry: Entry) -> None:
         """A station that was killed: where is the plug, and what now?"""
-        self._entry = None
+        self._way_out.left = None
         if entry.plug != self.options.plug:
             self._go(State.STUCK, seen.now, f"the journal is of a {entry.plug}; look at the plug")
             return
         self.port = SeenPort(entry.port, 1.0, entry.T_base_port, np.zeros((6, 6)), False)
         self.permission.see(self.port, seen.now, self.options.near_sigma)
         self._hand.feeling.T_flange_plug, self._hand.feeling.tare = entry.T_flange_plug, entry.tare
-        self.outcome = Outcome(port=entry.port, began=seen.now, out=False, seated=entry.plugged)
+        self.visits.begin(Outcome(port=entry.port, began=seen.now, out=False, seated=entry.plugged))
         state, words = after_kill(entry, self._hand.plug(seen))
         if state is State.STAND_BY:
             self._out(seen)
@@ -181,9 +111,9 @@ class Station:
         self._ending = False
         if self._wanted and there and car is not None and car.parked:
             self._wanted = False
-            self._looked = self._side = self._tries = 0
+            self._looked = self._side = self._tries = self._again = 0
             self.port = self._hand.answer = None
-            self.outcome = Outcome(began=seen.now)
+            self.visits.begin(Outcome(began=seen.now))
             self._go(State.FIND, seen.now)
         elif self._wanted and car is not None and not car.parked:
             self.words = "waits until the car is parked"
@@ -208,10 +138,14 @@ class Station:
         if away > self.options.reach:
             self._fail(seen, f"the port is {away:.2f} m from the base: out of reach")
             return
+        other = self._contradiction(port.T_base_port)
+        if other:
+            self._fail(seen, f"not the car that is expected: {other}")
+            return
         self.port, self._looked = port, 0
         self.permission.see(port, stamp, sigma)
         if math.isnan(self.outcome.found):
-            self.outcome = replace(self.outcome, port=port.port, score=port.score, found=seen.now)
+            self.visits.note(port=port.port, score=port.score, found=seen.now)
         second = self.state is State.FIND and self._T_near is not None
         self._go(State.LOOK if second else State.APPROACH, seen.now)
 
@@ -261,7 +195,7 @@ class Station:
         )
         if _reached(seen, goal.name) and self._rests(seen, 0.3):
             self._hand.feeling.hang()
-            self.outcome = replace(self.outcome, approached=seen.now)
+            self.visits.note(approached=seen.now)
             self._go(State.ALIGN, seen.now)
         return Wish(goal)
 
@@ -287,11 +221,13 @@ class Station:
         elif self._rests(seen, o.settle):
             if not self._hand.feeling.zero(seen.now):
                 self._fail(seen, "the force sensor is silent or noisy: nobody would feel the port")
-            elif self._kept(seen, False):
+            elif problem := self._way_out.keep(port, self._hand.feeling, False):
+                self._fail(seen, f"does not plug in: {problem}")
+            else:
                 law = PaperInsertion if o.mode == "paper" else Insertion
                 self._hand.law = law(self._law_options)
                 self._tries += 1
-                self.outcome = replace(self.outcome, out=False, tries=self._tries)
+                self.visits.note(out=False, tries=self._tries)
                 self._go(State.INSERT, seen.now)
         return Wish(Rest("tares", permit=self._ask(seen)))
 
@@ -301,8 +237,9 @@ class Station:
             return wish
         self.words = _said(answer)
         if answer.phase is Phase.SEATED:
-            self.outcome = replace(self.outcome, seated=True, plugged=seen.now)
-            self._kept(seen, True)
+            self.visits.note(seated=True, plugged=seen.now)
+            assert self.port is not None
+            self._way_out.keep(self.port, self._hand.feeling, True)
             self.vehicle.tell("plugged", seen.now)
             self._go(State.CHARGE, seen.now, answer.words)
         elif answer.phase is Phase.FAILED:
@@ -318,9 +255,8 @@ class Station:
                 self.vehicle.tell("stop", seen.now)
                 self._told = "stop"
             problem = problem or ("ended by hand" if self._ending else "")
-            self.outcome = replace(
-                self.outcome, charged=enough, problem=self.outcome.problem or problem
-            )
+            self.visits.note(charged=enough)
+            self.visits.blame(problem)
             if car is None or not car.locked:
                 self._told = ""
                 self._begin_unplug(seen)
@@ -359,9 +295,10 @@ class Station:
         if T[2, 3] < 0.005:
             self._out(seen)
             again = self.outcome.problem and not self._ending and not self.outcome.seated
-            if again and self._tries < self.options.tries and self._T_near is not None:
+            if again and self._again + 1 < self.options.tries and self._T_near is not None:
+                self._again += 1
                 self.words = f"once more: {self.outcome.problem}"
-                self.outcome = replace(self.outcome, problem="")
+                self.visits.note(problem="")
                 self._looked, self._side = 0, self._side + 1
                 self._go(State.LOOK, seen.now, self.words)
             else:
@@ -370,84 +307,8 @@ class Station:
 
     def _stuck(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """Nobody can go on but a person."""
-        if not self.outcome.problem:
-            self.outcome = replace(self.outcome, problem=self.words)
+        self.visits.blame(self.words)
         return Wish(Rest(self.words, fault=True, permit=self._ask(seen)))
-
-    # -- inside ---------------------------------------------------------------------------------
-
-    def _go(self, state: State, now: float, words: str = "") -> None:
-        self.state, self._since, self.words = state, now, words
-        self._goals += 1
-
-    def _fail(self, seen: Seen, problem: str) -> None:
-        """What went wrong is said; the plug comes out, the arm leaves."""
-        self.outcome = replace(self.outcome, problem=self.outcome.problem or problem)
-        if self.port is None or self.state not in NEAR:
-            self._finish(seen)
-        elif self._hand.depth(seen, self._face) > IN:
-            self._begin_unplug(seen)
-        else:
-            self._go(State.LEAVE, seen.now, problem)
-
-    def _finish(self, seen: Seen) -> None:
-        self.outcome = replace(self.outcome, ended=seen.now)
-        self.outcomes.append(self.outcome)
-        self._go(State.STAND_BY, seen.now, self.outcome.problem)
-
-    def _begin_unplug(self, seen: Seen) -> None:
-        self._hand.law = Insertion(self._law_options, out=True)
-        self._go(State.UNPLUG, seen.now, self.words)
-
-    def _kept(self, seen: Seen, plugged: bool) -> bool:
-        """Write down how to come out; what cannot be written is not begun."""
-        assert self.port is not None
-        assert self._hand.feeling.tare is not None
-        entry = Entry(
-            self.port.port,
-            self.options.plug,
-            self.port.T_base_port,
-            self._hand.feeling.T_flange_plug,
-            self._hand.feeling.tare,
-            plugged,
-        )
-        try:
-            self._journal.write(entry)
-        except JournalError as error:
-            if not plugged:
-                self._fail(seen, f"does not plug in: {error}")
-            return False
-        return True
-
-    def _out(self, seen: Seen) -> None:
-        """The plug is out: nothing is under way any more."""
-        try:
-            self._journal.clear()
-        except JournalError as error:
-            self.words = str(error)
-        self.outcome = replace(self.outcome, out=True)
-
-    @property
-    def _face(self) -> Pose:
-        """``T_base_plug`` of a plug that touches the port's face."""
-        assert self.port is not None
-        return before_port(self.port.T_base_port, 0.0)
-
-    def _ask(self, seen: Seen) -> PermitRequest | None:
-        return self.permission.ask(seen.now, seen.guard)
-
-    def _rests(self, seen: Seen, seconds: float) -> bool:
-        return self._looker.rests(seen, self._begun(seen), seconds)
-
-    def _goal(self, what: str) -> str:
-        return f"{what} {self._goals}"
-
-    def _begun(self, seen: Seen) -> float:
-        """When this state began [s]."""
-        return seen.now if self._since is None else self._since
-
-    def _in_state(self, seen: Seen) -> float:
-        return seen.now - self._begun(seen)
 
 
 def _reached(seen: Seen, name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -49,10 +50,17 @@ class SimulatedCar:
         port: type of its inlet that it says; empty for one that does not say.
         seconds: for which it charges [s].
         unlock: time from the word to an open lock [s].
+        stands: whether it stands where it was parked.
     """
 
-    def __init__(self, port: str = "", seconds: float = 5.0, unlock: float = 0.5) -> None:
-        self.port, self.seconds, self.unlock = port, seconds, unlock
+    def __init__(
+        self,
+        port: str = "",
+        seconds: float = 5.0,
+        unlock: float = 0.5,
+        stands: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self.port, self.seconds, self.unlock, self._stands = port, seconds, unlock, stands
         self.parked = True
         self.problem = ""
         self._since: float | None = None
@@ -60,12 +68,13 @@ class SimulatedCar:
 
     def status(self, now: float) -> VehicleStatus:
         """See :class:`Vehicle`."""
+        parked = self.parked and self._stands()
         if self._since is None:
-            return VehicleStatus(self.parked, self.port, problem=self.problem)
+            return VehicleStatus(parked, self.port, problem=self.problem)
         enough = now - self._since >= self.seconds
         locked = self._stop is None or now - self._stop < self.unlock
         return VehicleStatus(
-            self.parked, self.port, locked, self._stop is None and not enough, enough, self.problem
+            parked, self.port, locked, self._stop is None and not enough, enough, self.problem
         )
 
     def tell(self, word: Word, now: float) -> None:

@@ -13,6 +13,8 @@ from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
     from armsight.charging.visit import Outcome
+    from armsight.runtime.session import Session
+    from armsight.tasks.charge import ChargeTask
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Charge:
 
         from armsight.commands.running import exit_code, ran, say, write_summary
         from armsight.errors import UsageError
-        from armsight.tasks.charge import ChargeOptions, ChargeTask
+        from armsight.tasks.charge import ChargeOptions
 
         if self.visits < 0:
             raise UsageError(f"--visits is {self.visits}; expected 0 or more")
@@ -80,7 +82,7 @@ class Charge:
             made.append(task)
             if watch is not None:
                 task.done = watch.end
-            return task, () if watch is None else (watch,)
+            return task, (_Parking(task), *(() if watch is None else (watch,)))
 
         with ran(asked, make) as session:
             station = made[0].station
@@ -125,6 +127,25 @@ def told(outcome: Outcome) -> str:
 def _finite(values: dict[str, Any]) -> dict[str, Any]:
     """JSON knows no NaN."""
     return {k: None if isinstance(v, float) and v != v else v for k, v in values.items()}
+
+
+class _Parking:
+    """Lets the task's button park a simulated car anew."""
+
+    name = "parking"
+    period = 1.0
+
+    def __init__(self, task: ChargeTask) -> None:
+        self._task = task
+
+    def attach(self, session: Session) -> None:
+        """The session is there."""
+        car = getattr(session.cell.world, "car", None)
+        if car is not None:
+            self._task.park = lambda: session.post(car.anew)
+
+    def update(self, now: float) -> None:
+        """Nothing to do."""
 
 
 class _EndsWithVisits(EndsWithTask):

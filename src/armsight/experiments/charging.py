@@ -10,15 +10,17 @@ import numpy as np
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import State
 from armsight.experiments.cache import RunCache
+from armsight.experiments.charging_faults import FAULTS, faulty_visit
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, wilson
 from armsight.experiments.station_bench import StationBench, charging_cell, parked
 from armsight.experiments.station_kill import make_station
+from armsight.workcell.schema import Workcell
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 1
+VERSION = 2
 ABOUT = """
 The packaged charging cell in contact physics (`experiments/station_bench.py`): the station, its
 law, the arm with its errors, the plug in its soft mount with cable, the force sensor. *Not* in it:
@@ -27,10 +29,16 @@ deg from afar, 0.8 mm and 0.6 deg from near, standard deviations). So these rows
 before the issue's words and no budget. Cars are parked within 10 x 20 cm and 10 deg, the port at
 0.75 to 0.95 m, looking up by 0 to 10 deg; clearance 0.3 to 0.6 mm, friction 0.1 to 0.4, mated
 contacts 10 to 35 N. Seated: within 1 mm of the seat and 2 deg by the truth while the station says
-that it charges.
+that it charges. In half as many visits something goes wrong, six kinds in turn: ice in the inlet
+(8 to 28 mm deep), an inlet of another type, a car that drives off, one that is moved by 3 cm
+without a word, a permit that is withdrawn, a force sensor that dies. Recovered: out again (or,
+without a force sensor, known to be in and left there), nothing pressed with more than 125 N, and
+the words say what it was, or it ended seated after all (moved, permit).
 """
 DEPTH, TILT = 0.034, np.deg2rad(2.0)
 """Of a Type 2 plug that is fully in [m], [rad]."""
+FIRST_FAULT = 10**6
+"""Number of the first visit that goes wrong, in the cache."""
 FORCE = 125.0
 """That the station's permit asks for [N]."""
 
@@ -38,29 +46,25 @@ FORCE = 125.0
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` visits."""
     cache = RunCache("charging", seed, {"version": VERSION})
-    visits = []
+    visits, wrong = [], []
+    faulty = max(1, runs // 2)
     for i in range(runs):
-        progress("visit", i / runs)
+        progress("visit", i / (runs + faulty))
         visits.append(cache.get(i, partial(_visit, seed, i)))
-    return Outcome(tuple(_rows(visits)), {"visits": lambda: _plot(visits)})
+    for i in range(faulty):
+        progress("visit that goes wrong", (runs + i) / (runs + faulty))
+        wrong.append(cache.get(FIRST_FAULT + i, partial(_fault, seed, i)))
+    rows = (*_rows(visits), *_fault_rows(wrong))
+    return Outcome(rows, {"visits": lambda: _plot(visits)})
+
+
+def _fault(seed: int, i: int) -> dict[str, Any]:
+    cell = _cell(np.random.default_rng((seed, 52, i)))
+    return faulty_visit(cell, FAULTS[i % len(FAULTS)], 1000 * seed + 500 + i, FORCE)
 
 
 def _visit(seed: int, i: int) -> dict[str, Any]:
-    rng = np.random.default_rng((seed, 51, i))
-    cell = parked(
-        charging_cell(),
-        (
-            float(rng.uniform(0.87, 0.97)),
-            float(rng.uniform(-0.05, 0.15)),
-            float(rng.uniform(0.75, 0.95)),
-        ),
-        180.0 + float(rng.uniform(-10.0, 10.0)),
-        lean_deg=float(rng.uniform(0.0, 10.0)),
-        clearance_mm=float(rng.uniform(0.3, 0.6)),
-        chamfer_mm=float(rng.uniform(1.5, 2.0)),
-        friction=float(rng.uniform(0.1, 0.4)),
-        mated_n=float(rng.uniform(10.0, 35.0)),
-    )
+    cell = _cell(np.random.default_rng((seed, 51, i)))
     bench = StationBench(cell, 1000 * seed + i)
     station = make_station(bench, None, SimulatedCar(seconds=2.0))
     station.begin()
@@ -86,6 +90,24 @@ def _visit(seed: int, i: int) -> dict[str, Any]:
         "axial_n": bench.peaks.axial,
         "lateral_n": bench.peaks.lateral,
     }
+
+
+def _cell(rng: np.random.Generator) -> Workcell:
+    """The packaged cell, its car parked at random."""
+    return parked(
+        charging_cell(),
+        (
+            float(rng.uniform(0.87, 0.97)),
+            float(rng.uniform(-0.05, 0.15)),
+            float(rng.uniform(0.75, 0.95)),
+        ),
+        180.0 + float(rng.uniform(-10.0, 10.0)),
+        lean_deg=float(rng.uniform(0.0, 10.0)),
+        clearance_mm=float(rng.uniform(0.3, 0.6)),
+        chamfer_mm=float(rng.uniform(1.5, 2.0)),
+        friction=float(rng.uniform(0.1, 0.4)),
+        mated_n=float(rng.uniform(10.0, 35.0)),
+    )
 
 
 def _rows(visits: list[dict[str, Any]]) -> list[Row]:
@@ -114,6 +136,21 @@ def _rows(visits: list[dict[str, Any]]) -> list[Row]:
             low, high = float(values.min()), float(values.max())
             median = float(np.median(values))
             rows.append(Row(f"bench_{key}", what, where, median, unit, len(values), low, high))
+    return rows
+
+
+def _fault_rows(wrong: list[dict[str, Any]]) -> list[Row]:
+    where = "contact physics, looks drawn"
+    for visit in wrong:
+        visit["good"] = visit["safe"] and visit["named"]
+    rows = [_share("bench_recovered", "ended safe and named rightly", where, wrong, "good")]
+    for fault in FAULTS:
+        mine = [v for v in wrong if v["fault"] == fault]
+        if mine:
+            rows.append(_share("bench_recovered_of", "the same", fault, mine, "good"))
+    peaks = [v["axial_n"] for v in wrong]
+    what = "greatest axial force in visits that go wrong, greatest"
+    rows.append(Row("bench_fault_axial_n", what, where, max(peaks), "N", n=len(peaks)))
     return rows
 
 

@@ -65,6 +65,12 @@ class StationBench:
         workcell: of the station and the car.
         seed: of sensor and looks.
         world: one that goes on, for a station that was killed.
+
+    Attributes:
+        peaks: greatest forces so far.
+        looks: newest of each pair.
+        withdrawn: why the guard withdraws the permit, in words; empty while it grants it.
+        numb: the force sensor says nothing any more.
     """
 
     def __init__(self, workcell: Workcell, seed: int = 0, world: SimulatedWorld | None = None):
@@ -82,8 +88,10 @@ class StationBench:
         self._path: JointVector | None = None
         self._speed = np.zeros(self.robot.n)
         self._looked: dict[str, float] = {}
-        self._looks: dict[str, PortLook] = {}
+        self.looks: dict[str, PortLook] = {}
         self.peaks = Peaks()
+        self.withdrawn = ""
+        self.numb = False
 
     @property
     def now(self) -> float:
@@ -92,20 +100,20 @@ class StationBench:
 
     @property
     def T_base_port(self) -> Pose:
-        """The truth."""
-        car = self.workcell.simulation.car
-        assert car is not None
-        return np.asarray(inverse(self.workcell.robot.T_world_base) @ car.pose)
+        """The truth, now."""
+        assert self.world.car is not None
+        T_base_world = inverse(self.workcell.robot.T_world_base)
+        return np.asarray(T_base_world @ self.world.car.T_world_socket)
 
     def step(self, station: Station) -> None:
         """One tick."""
         world = self.world
         while (reading := world.wrench.read() if world.wrench else None) is not None:
-            self._wrench = reading
+            self._wrench = self._wrench if self.numb else reading
         joints = world.arm.read() or self._joints
         if joints is not None:
             self._joints = joints
-            seen = Seen(self.now, joints, self._wrench, self._status, tuple(self._looks.values()))
+            seen = Seen(self.now, joints, self._wrench, self._status, tuple(self.looks.values()))
             wish = station.step(seen)
             for pair in wish.pairs:
                 self._look(pair, station.options)
@@ -143,8 +151,7 @@ class StationBench:
         force = plugged.wrench()[:3]
         if not force.any():
             return
-        T = self.workcell.simulation.car.pose  # type: ignore[union-attr]
-        local = T[:3, :3].T @ force
+        local = plugged.T_world_socket[:3, :3].T @ force
         self.peaks = Peaks(
             max(self.peaks.axial, abs(float(local[2]))),
             max(self.peaks.lateral, float(np.hypot(*local[:2]))),
@@ -162,15 +169,16 @@ class StationBench:
         car = self.workcell.simulation.car
         assert car is not None
         port = SeenPort(car.port, errors.score, T, np.diag(sigma**2), False)
-        self._looks[pair] = PortLook(self.now, pair, (port,), np.zeros((4, 4, 3), np.uint8))
+        self.looks[pair] = PortLook(self.now, pair, (port,), np.zeros((4, 4, 3), np.uint8))
 
     def _follow(self, intent: Intent | None, joints: JointState) -> JointVector:
         q, robot = joints.position, self.robot
         permit = None if intent is None else intent.permit
+        state = PermitState.WITHDRAWN if self.withdrawn else PermitState.GRANTED
         given = (
             None
             if permit is None
-            else Permit(permit.name, permit.kind, PermitState.GRANTED, region=permit.region)
+            else Permit(permit.name, permit.kind, state, self.withdrawn, region=permit.region)
         )
         wanted, name, reached = np.zeros(robot.n), "", False
         if isinstance(intent, JointIntent | PoseIntent):

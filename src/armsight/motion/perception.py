@@ -99,8 +99,9 @@ class Perceiver(Protocol):
     It may have a ``latency``: what a round takes on the simulated clock [s], 0.02 if it does not
     say. It may name stereo pairs in ``stereo``, whose pictures then come as :class:`PosedPair`;
     with ``on_demand = True`` only while the task subscribes to the pair. It may have a ``reset()``,
-    called when a simulated cell begins anew. One that raises loses that round and says so; one that
-    hangs publishes nothing any more.
+    called when a simulated cell begins anew, and a ``warm_up()``, called once before the arm may
+    move: what is compiled then is not compiled in a round. One that raises loses that round and
+    says so; one that hangs publishes nothing any more.
 
     What it publishes may have ``excluded``, pairs of a camera's name and a reason: from then on
     nothing counts that this camera says, in the map and for the guard; and ``placed``, cameras

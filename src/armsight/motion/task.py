@@ -98,7 +98,9 @@ class Task(Protocol):
     * ``perceivers``: a sequence of :class:`~armsight.motion.perception.Perceiver` to run with it;
     * ``reset()``: called when a simulated cell begins anew at time 0;
     * ``face()``: a :class:`~armsight.motion.face.Face` to show, asked for 20 times a second;
-    * ``press(button)``: a person pressed the button of this name on its face.
+    * ``press(button)``: a person pressed the button of this name on its face;
+    * ``standing``: a mapping of names to solids (in ``base``) that it says stand in the cell now, a
+      parked car say; looked at after every round, and believed where the cameras do not object.
 
     All of them are called in turn with ``update``, never at the same time.
 

@@ -31,7 +31,9 @@ TOOL_NAMES: tuple[str, ...] = (
     SPHERE_TOOL,
     "straw_cup",
     BOARD_TOOL,
+    "type1_plug",
     "type2_plug",
+    "ccs2_plug",
 )
 """The tools that :func:`load_tool` knows."""
 

@@ -276,6 +276,10 @@ class Session:
         """
         if not self._warm:
             self._parts.warm_up(progress)
+            for perceiver in self.perceivers:
+                if hasattr(perceiver, "warm_up"):
+                    progress(f"preparing {perceiver.name}", 0.95)
+                    perceiver.warm_up()
             self._warm = True
         progress("ready", 1.0)
 
@@ -342,6 +346,10 @@ class Session:
         self._channels, self._parts, self._loop = made.channels, made.parts, made.loop
         self._sensing, self._guard, self._task = made.sensing, made.guard, made.task
         self._components = made.components
+        if self._task is not None:
+            self._task.on_standing = lambda name, solids: self._tell_solids(
+                DeclaredSolids(self.now(), name, tuple(solids))
+            )
         self._empty_unsaid = self._mode.cell_is_empty
         self._hold(self._held and self._devices.real)
         if self._held and not self._devices.real:

@@ -12,6 +12,7 @@ import numpy as np
 
 from armsight.devices.data import ArmStatus, GripperState, RgbdCameraInfo, StereoFrame, Wrench
 from armsight.errors import DeviceError, UsageError
+from armsight.geometry.shapes import Solid
 from armsight.motion.face import Curve, ShownFace, Trace, face_fault
 from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Perceived, Task
@@ -48,6 +49,7 @@ class TaskComponent:
         on_seconds: told how long a round computed beside the loop [s].
         on_subscriptions: told when the task wants other cameras than before.
         on_width: moves the gripper to a width [m]; None in a cell without one.
+        on_standing: told what the task says stands in the cell (in ``base``); none: no more.
         call_at: the simulated loop's; None under the wall clock, where a round takes its time.
 
     Args:
@@ -86,6 +88,7 @@ class TaskComponent:
         self.frames = NewestFrames(self._uses)
         self.on_subscriptions: Callable[[], None] = lambda: None
         self.on_width: Callable[[float], None] | None = None
+        self.on_standing: Callable[[str, Sequence[Solid]], None] = lambda name, solids: None
         self._channels, self._robot, self._cameras = channels, robot, cameras
         self._perceivers = [
             _of_name(name, task, perceivers) for name in sorted(set(task.subscriptions.perceivers))
@@ -95,6 +98,7 @@ class TaskComponent:
         self._pressed: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._face_due = -math.inf
         self._width: float | None = None
+        self._standing: dict[str, Sequence[Solid]] = {}
         self._past: dict[tuple[str, str], deque[tuple[float, float]]] = {}
         for use in task.subscriptions.cameras:
             if use.camera and use.camera not in cameras:
@@ -174,6 +178,7 @@ class TaskComponent:
         wanted, face = outcome.value
         self._channels.word.publish(TaskWord(began, wanted), at)
         self._grip(getattr(wanted, "width", None))
+        self._declare(getattr(self.task, "standing", {}))
         wanted_now = self.task.subscriptions
         uses, pairs = wanted_now.cameras, wanted_now.stereo
         if uses != self._uses:
@@ -193,6 +198,18 @@ class TaskComponent:
             self.on_width(width)
         except (DeviceError, TypeError, ValueError) as error:
             self.problem = f"task {self.task.name}: gripper: {error}"
+
+    def _declare(self, standing: Mapping[str, Sequence[Solid]]) -> None:
+        """Pass on what the task says stands in the cell, where that has changed."""
+        try:
+            for name in [n for n, s in self._standing.items() if standing.get(n) is not s]:
+                del self._standing[name]
+                self.on_standing(name, ())
+            for name in [n for n in standing if n not in self._standing]:
+                self._standing[name] = standing[name]
+                self.on_standing(name, standing[name])
+        except (UsageError, AttributeError, TypeError, ValueError) as error:
+            self.problem = f"task {self.task.name}: what stands in the cell: {error}"
 
     def _show(self, face: Any, now: float, at: float) -> None:
         fault = face_fault(face)

@@ -18,7 +18,7 @@ from armsight.simulation.model_fingers import add_finger_servos, finger_places
 from armsight.simulation.model_movers import LedBodies, Movers
 from armsight.simulation.model_parts import MATERIALS, Builder, Part
 from armsight.simulation.people import PersonBody
-from armsight.simulation.plugs import add_socket
+from armsight.simulation.plugs import SOCKET_BODY, add_socket
 from armsight.simulation.spec import WorldSpec
 
 SERVO_BANDWIDTH = 120.0
@@ -42,6 +42,7 @@ class CellModel:
         greatest_load: torque that the arm's weight asks of a joint [N m].
         wrench: places in ``sensordata`` of the flange's force and torque, or None.
         fingers: joints of the gripper's fingers in ``qpos`` and inputs in ``ctrl``, or None.
+        socket: mocap index of a car with its socket, -1 without one.
     """
 
     model: Any
@@ -53,6 +54,7 @@ class CellModel:
     greatest_load: float
     wrench: tuple[int, int] | None = None
     fingers: tuple[int, int] | None = None
+    socket: int = -1
 
 
 def build_model(
@@ -121,6 +123,7 @@ def build_model(
         if spec.wrench is None
         else (int(model.sensor("flange/force").adr[0]), int(model.sensor("flange/torque").adr[0])),
         finger_places(model) if fingers else None,
+        -1 if spec.socket is None else int(model.body(SOCKET_BODY).mocapid[0]),
     )
 
 

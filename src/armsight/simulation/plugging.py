@@ -69,7 +69,12 @@ class PlugSetup:
     def socket(self) -> SocketSpec:
         """The socket likewise."""
         return SocketSpec(
-            "socket", self.T_world_port, self.boxes, self.half, (), self.friction, self.contacts
+            "socket",
+            self.T_world_port,
+            self.boxes,
+            self.half,
+            friction=self.friction,
+            mated=self.contacts,
         )
 
 

@@ -28,7 +28,7 @@ DAMPING = 0.4
 """Damping ratio of the mount."""
 RUBS = 0.002
 """Mated contacts rub with all their force from this speed on [m/s]."""
-BODY = "plug"
+BODY, SOCKET_BODY = "plug", "socket"
 
 
 def add_plug(parent: Any, spec: PlugSpec, T: Pose, mass: float, center: Floats) -> Any:
@@ -79,9 +79,13 @@ def add_sleeve(builder: Builder, plug: Any, spec: PlugSpec, part: Part) -> None:
 
 
 def add_socket(builder: Builder, spec: SocketSpec) -> None:
-    """Walls to touch and surfaces to see."""
+    """Walls to touch, surfaces to see, and the car about them; all of it can be led elsewhere."""
     T = spec.T_world_socket
-    body = builder.mj.worldbody.add_body(name="socket", pos=T[:3, 3], quat=to_wxyz(T))
+    body = builder.mj.worldbody.add_body(
+        name=SOCKET_BODY, mocap=True, pos=T[:3, 3], quat=to_wxyz(T)
+    )
+    for solid in spec.solids:
+        builder.solid(body, solid, solid.T_frame_solid, "undeclared")
     for pose, half in zip(spec.boxes, spec.half):
         builder.geom(
             body,
@@ -128,6 +132,7 @@ class Plugged:
         self._data, self._model = data, model
         self._plug, self._socket = plug, socket
         self._body = int(model.body(BODY).id)
+        self._at = -1 if socket is None else int(model.body(SOCKET_BODY).id)
         self._weight, self._rear = np.array([0.0, 0.0, -plug.cable]), np.asarray(plug.rear)
         self._velocity = np.zeros(6)
         self._contact = np.zeros(6)
@@ -140,7 +145,7 @@ class Plugged:
         torque = np.array([at[1] * force[2], -at[0] * force[2], 0.0])  # at x force, which is down
         socket = self._socket
         if socket is not None and self.depth > socket.mates:
-            axis = socket.T_world_socket[:3, 2]
+            axis = self.T_world_socket[:3, 2]
             kind = mujoco.mjtObj.mjOBJ_BODY
             mujoco.mj_objectVelocity(self._model, data, kind, body, self._velocity, 0)
             speed = float(axis @ self._velocity[3:])
@@ -149,17 +154,21 @@ class Plugged:
         data.xfrc_applied[body, 3:] = torque
 
     @property
+    def T_world_socket(self) -> Pose:
+        """Where the socket truly is."""
+        assert self._at >= 0
+        return make_pose(self._data.xmat[self._at].reshape(3, 3), self._data.xpos[self._at])
+
+    @property
     def T_socket_plug(self) -> Pose:
         """Where the plug truly is in the socket's frame."""
-        assert self._socket is not None
         T = make_pose(self._data.xmat[self._body].reshape(3, 3), self._data.xpos[self._body])
-        return np.asarray(inverse(self._socket.T_world_socket) @ T)
+        return np.asarray(inverse(self.T_world_socket) @ T)
 
     @property
     def depth(self) -> float:
         """Of the plug's front below the socket's face [m]; far away it says little."""
-        assert self._socket is not None
-        T = self._socket.T_world_socket
+        T = self.T_world_socket
         away = T[:3, :2].T @ (self._data.xpos[self._body] - T[:3, 3])
         if float(np.hypot(*away)) > 0.05:
             return -np.inf

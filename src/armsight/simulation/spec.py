@@ -275,6 +275,7 @@ class SocketSpec:
         T_world_socket: its mouth at z = 0, z towards who looks.
         boxes: (n, 4, 4) poses and half: (n, 3) half edges of its walls, in its frame [m].
         looks: what it looks like, in its frame.
+        solids: of the car that it belongs to, likewise.
         friction: of its walls.
         mated: friction of the contacts once they are mated [N]; mates: from which depth on [m].
     """
@@ -284,6 +285,7 @@ class SocketSpec:
     boxes: Floats
     half: Floats
     looks: tuple[Look, ...] = ()
+    solids: tuple[Solid, ...] = ()
     friction: float = 0.25
     mated: float = 25.0
     mates: float = 0.012

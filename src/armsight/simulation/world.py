@@ -33,6 +33,7 @@ from armsight.simulation.movers import (
     drawn_solids,
     make_person,
 )
+from armsight.simulation.parked_car import ParkedCar, port_surfaces
 from armsight.simulation.photographer import Photographer
 from armsight.simulation.plugs import Plugged
 from armsight.simulation.render_thread import RenderThread
@@ -61,6 +62,7 @@ class SimulatedWorld:
         truth: what really happened, for experiments only.
         renderer: pictures from any pose (see also :meth:`picture`).
         plugged: the truth about a plug and its socket, or None.
+        car: the car that the socket belongs to, or None.
     """
 
     def __init__(self, spec: WorldSpec, seed: int = 0) -> None:
@@ -74,10 +76,12 @@ class SimulatedWorld:
             if not item.held_by and item.path != "loose"
         ]
         self._objects = tuple(led)
-        self._movers = {mover.name: mover for mover in (*self._people, *self._objects)}
+        self.car = None if spec.socket is None else ParkedCar(spec.socket, seed)
+        cars = () if self.car is None else (self.car,)
+        self._movers = {mover.name: mover for mover in (*self._people, *self._objects, *cars)}
         names = {*self._movers, *(item.solid.name for item in spec.objects)}
-        if len(names) < len(spec.people) + len(spec.objects):
-            raise UsageError("people and moving objects need names of their own")
+        if len(names) < len(spec.people) + len(spec.objects) + len(cars):
+            raise UsageError("people, moving objects and the car need names of their own")
         robot, scale = spec.arm.robot, spec.arm.kinematic_error
         geometry = true_geometry(robot, scale, np.random.default_rng((seed, 10)))
         self.board = None if spec.board is None else draw_board(spec.board, seed)
@@ -133,6 +137,7 @@ class SimulatedWorld:
         self.truth = Truth(self._cell, spec.arm.robot, self._data)
         self._drawn = [drawn_solids(p.body, cloth_colors(p.name)) for p in self._people]
         self._looks = [drawn_bodies(p.body, cloth_colors(p.name)) for p in self._people]
+        self._port = () if spec.socket is None else port_surfaces(spec.socket)
         self._mover_steps = max(1, round(MOVER_PERIOD / spec.time_step))
         self._truth_steps = max(1, round(TRUTH_PERIOD / spec.time_step))
         self.reset()
@@ -224,6 +229,10 @@ class SimulatedWorld:
             states.append(MovingSolid(item.solid.name, item.solid, pose))
             for part in item.parts:
                 states.append(MovingSolid(part.name, part, pose @ part.T_frame_solid))
+        if self.car is not None and self.spec.socket is not None:
+            T = self.car.T_world_socket
+            for solid in self.spec.socket.solids:
+                states.append(MovingSolid(solid.name, solid, T @ solid.T_frame_solid))
         return tuple(states)
 
     def bodies(self) -> tuple[MovingSurfaces, ...]:
@@ -232,6 +241,8 @@ class SimulatedWorld:
         for looks in self._looks:
             for name, surfaces in looks:
                 states.append(MovingSurfaces(name, surfaces, self._pose(name)))
+        if self.car is not None:
+            states.append(MovingSurfaces("port/looks", self._port, self.car.T_world_socket))
         return tuple(states)
 
     def drag(self, name: str, position_world: Vector3 | None) -> None:
@@ -358,6 +369,9 @@ class SimulatedWorld:
         for item in self._objects:
             first = self._cell.movers.leaders[item.name]
             item.update(now, positions[first : first + 1], quaternions[first : first + 1])
+        if self.car is not None:
+            at = self._cell.socket
+            self.car.update(now, positions[at : at + 1], quaternions[at : at + 1])
 
     def _settle(self) -> None:
         """Make everything's place agree with the joints and movers as they are now."""

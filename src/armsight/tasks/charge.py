@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -21,6 +21,7 @@ from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, Vehicle
 from armsight.charging.visit import Seen, State, StationOptions
 from armsight.errors import UsageError
+from armsight.geometry.shapes import Solid
 from armsight.motion.face import (
     Button,
     Curve,
@@ -35,6 +36,8 @@ from armsight.motion.face import (
 from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
+from armsight.tasks.parked_car import ParkedCarOnMap
+from armsight.workcell.car import vehicle_of
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell
@@ -97,7 +100,13 @@ class ChargeOptions:
             fixed[0],
             carried[0].name if carried else "",
         )
-        car = SimulatedCar("" if self.inlet == "auto" else self.inlet, self.charging)
+        simulated = getattr(cell.world, "car", None)
+        car = SimulatedCar(
+            "" if self.inlet == "auto" else self.inlet,
+            self.charging,
+            stands=lambda: simulated is None or simulated.parked,
+        )
+        body = ParkedCarOnMap(vehicle_of(workcell, section.vehicle), cell.T_world_base)
         station = Station(
             cell.robot,
             cell.robot.home,
@@ -105,11 +114,12 @@ class ChargeOptions:
             Journal(self.state or Path.cwd() / f"{workcell.name}.station.json"),
             options,
             carried[0].T_mount_camera if carried else None,
+            body.contradiction,
         )
         eyes = [PortEye(fixed[0], looked_for, paper=self.mode == "paper")]
         if carried and self.mode == "ours":
             eyes.append(PortEye(carried[0].name, fits, (0.15, 0.8)))
-        return ChargeTask(station, eyes, self.visits)
+        return ChargeTask(station, eyes, self.visits, body)
 
 
 class ChargeTask:
@@ -118,17 +128,22 @@ class ChargeTask:
     Args:
         station: that decides.
         eyes: the perceivers; visits: to begin by itself.
+        body: says to the cell what the parked car is.
 
     Attributes:
         done: told once all visits that were asked for have ended.
+        park: parks a simulated car anew; None where that cannot be.
     """
 
     name = "charge"
     period = 0.008
     latency = 0.002
 
-    def __init__(self, station: Station, eyes: list[PortEye], visits: int = 1) -> None:
-        self.station, self.visits = station, visits
+    def __init__(
+        self, station: Station, eyes: list[PortEye], visits: int, body: ParkedCarOnMap
+    ) -> None:
+        self.station, self.visits, self.body = station, visits, body
+        self.park: Callable[[], None] | None = None
         self.perceivers = tuple(eyes)
         self._perceivers = tuple(eye.name for eye in eyes)
         self.done: Callable[[], None] = lambda: None
@@ -137,7 +152,12 @@ class ChargeTask:
     @property
     def subscriptions(self) -> Subscriptions:
         """The looks, and the pair whose pictures are wanted now."""
-        return Subscriptions(stereo=self._pairs, perceivers=self._perceivers)
+        return Subscriptions(stereo=self._pairs, perceivers=self._perceivers, snapshot=True)
+
+    @property
+    def standing(self) -> Mapping[str, tuple[Solid, ...]]:
+        """The car's body, where its port was found."""
+        return self.body.standing
 
     @property
     def vehicle(self) -> Vehicle:
@@ -147,6 +167,7 @@ class ChargeTask:
     def reset(self) -> None:
         """A simulated cell begins anew."""
         self.station.reset()
+        self.body.gone()
         self._fresh()
 
     def _fresh(self) -> None:
@@ -154,6 +175,7 @@ class ChargeTask:
         self._begun = 0
         self._looks: dict[str, PortLook] = {}
         self._face = Face("wait")
+        self._objection = ""
 
     def press(self, button: str) -> None:
         """A button of the page."""
@@ -161,6 +183,8 @@ class ChargeTask:
             self.station.begin()
         elif button == "end":
             self.station.end()
+        elif button == "park" and self.park is not None:
+            self.park()
 
     def update(self, observation: Observation) -> Intent:
         """See :class:`~armsight.motion.task.Task`."""
@@ -182,11 +206,21 @@ class ChargeTask:
             tuple(self._looks.values()),
         )
         wish = station.step(seen)
+        self._on_map(observation)
         self._pairs = wish.pairs
         self._face = self._show(observation)
         if 0 < self.visits <= len(station.outcomes) and not station.busy:
             self.done()
         return wish.intent
+
+    def _on_map(self, observation: Observation) -> None:
+        """What the map has to know of the car."""
+        car = self.vehicle.status(observation.now)
+        if car is not None and not car.parked:
+            self.body.gone()
+        elif self.station.port is not None:
+            self.body.found(self.station.port.T_base_port)
+        self._objection = self.body.told(observation.snapshot)
 
     def face(self) -> Face:
         """What the page shows."""
@@ -213,10 +247,12 @@ class ChargeTask:
         in_law = station.state in (State.INSERT, State.UNPLUG)
         depth = 1e3 * answer.depth if answer is not None and in_law else math.nan
         sigma = 1e3 * float(np.sqrt(np.diag(port.covariance)[:3].max())) if port else math.nan
+        free = not station.busy
+        parking = () if self.park is None else (Button("park", "Park the car anew", free),)
         good = sum(o.seated and o.out and not o.problem for o in station.outcomes)
         return Face(
             state=station.state.value,
-            reason=station.words or outcome.problem,
+            reason=self._objection or station.words or outcome.problem,
             figures=(
                 Figure("visits", float(len(station.outcomes))),
                 Figure("without a fault", float(good)),
@@ -235,6 +271,7 @@ class ChargeTask:
             buttons=(
                 Button("charge", "Charge the car", not station.busy),
                 Button("end", "End and come out", station.busy),
+                *parking,
             ),
         )
 

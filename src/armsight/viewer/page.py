@@ -258,14 +258,15 @@ class LivePage:
 
 
 def draggable(cell: Cell) -> tuple[str, ...]:
-    """Names of what may be dragged: free objects, and hands that the page moves."""
+    """Names of what may be dragged: free objects, hands that the page moves, a parked car."""
     if cell.world is None or not hasattr(cell.world, "spec"):
         return ()
     settings = cell.workcell.simulation
     hands = [p.name for p in settings.person if p.motion == "hand"]
     free = [thing.name for thing in settings.object if thing.path == "free"]
     led = [target.name for target in settings.target if target.path in ("free", "wander")]
-    return (*hands, *free, *led)
+    car = () if settings.car is None else ("car",)
+    return (*hands, *free, *led, *car)
 
 
 def _belongs(mover: str, name: str) -> bool:

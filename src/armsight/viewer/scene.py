@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import viser
 
-from armsight.arrays import Floats, JointPath, Points
+from armsight.arrays import JointPath, Points
 from armsight.devices.data import JointState, RgbdFrame
 from armsight.devices.world import MovingSolid, MovingSurfaces
-from armsight.geometry.pose import to_wxyz, transform
+from armsight.geometry.pose import to_wxyz
 from armsight.mapping.snapshot import CameraStatus, WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 from armsight.motion.face import EllipsoidMark, Mark, RegionMark
@@ -23,6 +23,7 @@ from armsight.runtime.view import SessionView
 from armsight.viewer import colors
 from armsight.viewer.cameras import CameraFrustum
 from armsight.viewer.danger import voxels
+from armsight.viewer.first_look import first_look
 from armsight.viewer.marks import TaskMarks
 from armsight.viewer.nodes import Cloud, Cubes, Line
 from armsight.viewer.robot_model import RobotModel
@@ -126,7 +127,7 @@ class CellScene:
         self._drawn_snapshot = -1
         self._drawn_path: object = None
         self._drawn_executed: object = None
-        _first_look(server, cell)
+        first_look(server, cell)
 
     def layers(self) -> list[Layer]:
         """What the person may switch."""
@@ -342,31 +343,3 @@ def _light(api: viser.SceneApi) -> None:
     api.add_light_directional(
         "/lights/fill", color=(205, 220, 255), intensity=0.7, position=(-3.0, 2.5, 2.0)
     )
-
-
-def _first_look(server: viser.ViserServer, cell: Cell) -> None:
-    """Where a newcomer stands: a little above, looking at the arm, between the cameras."""
-    T = cell.T_world_base
-    fixed = [c.info for c in cell.cameras if c.info.mounted_on == "base"]
-    places = transform(T, np.array([c.T_mount_camera[:3, 3] for c in fixed]).reshape(-1, 3))
-    if not cell.robot.n:  # a scanned place: stand behind the camera that scanned it
-        target = transform(T, np.array([[0.0, 0.0, 0.6]]))[0]
-        away = 1.5 * (places[0] - target) if len(places) else np.array([2.0, -2.0, 1.5])
-        eye = target + away + 0.45 * np.array([-away[1], away[0], 0.0])
-    else:
-        reach = max(cell.robot.reach, 0.6)
-        target = T[:3, 3] + np.array([0.45 * reach, 0.0, 0.1 * reach])
-        eye = target + reach * np.array([*(3.2 * _clear_view(places - target)), 1.5])
-    server.initial_camera.look_at = tuple(target)
-    server.initial_camera.position = tuple(eye)
-    server.initial_camera.fov = float(np.deg2rad(42.0))
-
-
-def _clear_view(cameras: Points) -> Floats:
-    """(2,) horizontal direction from which no camera hides the arm, best near the front right."""
-    angles = np.deg2rad(np.arange(-180.0, 180.0, 5.0))
-    seen = np.arctan2(cameras[:, 1], cameras[:, 0])
-    apart = np.abs(np.angle(np.exp(1j * (angles[:, None] - seen)))).min(axis=1, initial=np.pi)
-    liked = 0.35 * np.cos(angles - np.deg2rad(-60.0))
-    best = float(angles[np.argmax(np.minimum(apart, 0.6) + liked)])
-    return np.array([np.cos(best), np.sin(best)])

@@ -1,11 +1,12 @@
 """The simulated car's port and the plug: their shapes, from the table of measures.
 
-The one place of this room that knows what ports look like (``charging/ports``).
+The one place of this room that knows what ports and cars look like (``charging``).
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from armsight.charging.ports.collision import plug_contours, socket_contours
 from armsight.charging.ports.meshes import Surface, surfaces
 from armsight.charging.ports.pocket import flank
 from armsight.charging.ports.table import PORTS, drawn, port
+from armsight.charging.vehicle_file import VehicleShape, load_vehicle, packaged
 from armsight.errors import UsageError, WorkcellError
 from armsight.simulation.spec import Look, PlugSpec, SocketSpec
 from armsight.workcell.schema import CarSection, Workcell
@@ -70,17 +72,45 @@ def socket_spec(workcell: Workcell) -> SocketSpec | None:
         raise WorkcellError(
             f"{file}: simulation.car.port: no inlet {section.port}; there are {known}"
         )
+    vehicle = vehicle_of(workcell, section.vehicle)
+    if vehicle is not None and vehicle.inlet != section.port:
+        raise WorkcellError(
+            f"{file}: simulation.car: {section.vehicle} has {vehicle.inlet}, not {section.port}"
+        )
     plug = PORTS[PLUG_OF.get(section.port, "type1_plug")]
-    walls = socket_contours(plug, section.clearance_mm / 1e3, section.chamfer_mm / 1e3, plug.depth)
+    depth = plug.depth
+    if section.blocked_mm is not None:
+        depth = min(depth, section.blocked_mm / 1e3)
+    walls = socket_contours(plug, section.clearance_mm / 1e3, section.chamfer_mm / 1e3, depth)
     return SocketSpec(
         "port",
         section.pose,
         walls.boxes,
         walls.half,
         _looks(section.port, section.make),
+        () if vehicle is None else vehicle.solids,
         section.friction,
         section.mated_n,
     )
+
+
+def vehicle_of(workcell: Workcell, given: str) -> VehicleShape | None:
+    """The vehicle of a file or a packaged name; None where the cell names none.
+
+    Args:
+        workcell: files are sought beside its own.
+        given: what the cell says.
+
+    Raises:
+        WorkcellError: its file is not there, or says what cannot be.
+    """
+    if not given:
+        return None
+    beside = Path() if workcell.file is None else Path(workcell.file).parent
+    try:
+        return load_vehicle(given if given in packaged() else beside / given)
+    except UsageError as error:
+        raise WorkcellError(f"{workcell.file or workcell.name}: {error}") from None
 
 
 @lru_cache(maxsize=8)
@@ -98,4 +128,4 @@ def _look(surface: Surface, look: str, material: str) -> Look:
     return Look(surface.vertices, surface.normals, surface.faces, color, gloss, material)
 
 
-__all__ = ["PLUG_OF", "CarSection", "plug_spec", "socket_spec"]
+__all__ = ["PLUG_OF", "CarSection", "plug_spec", "socket_spec", "vehicle_of"]

@@ -214,12 +214,23 @@ class PlugSection(Section):
     mount_n_per_mm: Positive = key(5.0, "Stiffness of the mount.", "N/mm", le=1000.0)
     mount_nm_per_rad: Positive = key(30.0, "Likewise in turning.", "N m/rad", le=10_000.0)
     cable_n: NotNegative = key(15.0, "Weight of the cable that hangs on it.", "N", le=200.0)
+    vehicle: Text = key(
+        "",
+        "What is parked here: a packaged vehicle (`hatchback`, `crossover`, `city_car`) or a "
+        "vehicle file. Its body is declared where its port is found; without the key the car's "
+        "side has to be among the cell's solids.",
+    )
 
 
 class CarSection(Section):
-    """A simulated car's charging port. The car's flank is made of declared solids."""
+    """A simulated car's charging port, and the car."""
 
     port: Name = key("type2", "An inlet of the table: `type1`, `type2`, `ccs1`, `ccs2`.")
+    vehicle: Text = key(
+        "",
+        "The car about it: `hatchback`, `crossover`, `city_car`, or a vehicle file; without the "
+        "key there is the port alone.",
+    )
     position: Triple = key(..., "Middle of its AC contacts, on the face that carries them.", "m")
     yaw_deg: Number = key(180.0, "Where it looks: 0 is along world x, 90 along y.", "deg")
     lean_deg: Number = key(0.0, "How much it looks up.", "deg", ge=-60.0, le=60.0)
@@ -228,6 +239,9 @@ class CarSection(Section):
     chamfer_mm: Positive = key(1.75, "Of the mouth.", "mm", le=5.0)
     friction: NotNegative = key(0.25, "Of plug and wall.", le=2.0)
     mated_n: NotNegative = key(25.0, "Friction of the mated contacts.", "N", le=200.0)
+    blocked_mm: Positive | None = key(
+        None, "Ice or a bent pin lets no plug deeper than this; without the key none does.", "mm"
+    )
 
     @property
     def pose(self) -> Pose:

@@ -1,0 +1,171 @@
+"""What every state of the charging station needs: what it believes and holds, how it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from armsight.arrays import JointVector, Pose
+from armsight.charging.eye import SeenPort
+from armsight.charging.feeling import Feeling
+from armsight.charging.hand import IN, PlugHand
+from armsight.charging.insert import Answer, Insertion
+from armsight.charging.journal import Journal
+from armsight.charging.looking import Looker
+from armsight.charging.moves import before_port
+from armsight.charging.permission import Permission
+from armsight.charging.ports.table import PORTS
+from armsight.charging.vehicle import Vehicle
+from armsight.charging.visit import NEAR, Outcome, Seen, State, StationOptions
+from armsight.charging.visit_log import VisitLog
+from armsight.charging.way_out import WayOut
+from armsight.motion.permits import PermitRequest
+from armsight.robots.robot import Robot
+
+
+class StationCore:
+    """One plug, one place for cars.
+
+    Args:
+        robot: with the plug as its tool; its TCP is the plug's nominal place.
+        stand_by: (n,) where the arm waits, out of the cameras' view [rad].
+        vehicle: the car that is, or will be, there.
+        journal: where what is needed to come out is kept.
+        options: how it works.
+        T_flange_near: the near pair's left camera on the flange; None without one.
+        contradiction: why the car that is expected cannot have its port at ``T_base_port``, in
+            words; empty when it can.
+
+    Attributes:
+        state: what it is doing; words: why, or what is wrong.
+        visits: how they went.
+        port: what it believes of the port, or None.
+        permission: what the guard is asked for.
+
+    Raises:
+        JournalError: there is a journal that cannot be believed.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        stand_by: JointVector,
+        vehicle: Vehicle,
+        journal: Journal,
+        options: StationOptions | None = None,
+        T_flange_near: Pose | None = None,
+        contradiction: Callable[[Pose], str] = lambda T_base_port: "",
+    ) -> None:
+        assert robot.tool is not None
+        self.options = o = options or StationOptions()
+        self._law_options = replace(o.insert, depth=PORTS[o.plug].depth)
+        self._robot, self._stand_by_joints = robot, np.asarray(stand_by, float)
+        self.vehicle, self._journal = vehicle, journal
+        self._contradiction = contradiction
+        self._T_tip = robot.tool.T_flange_tcp
+        self._T_near = T_flange_near if o.mode == "ours" else None
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing has been seen; only the journal is believed."""
+        self.visits = VisitLog()
+        self.port: SeenPort | None = None
+        self.words = ""
+        self.permission = Permission(self.options)
+        self._hand = PlugHand(self._robot, self.options, self.permission)
+        self._looker = Looker(self.options)
+        self.state = State.STAND_BY
+        self._way_out = WayOut(self._journal, self.options.plug)
+        self._wanted = self._ending = False
+        self._since: float | None = None
+        self._looked = self._side = self._tries = self._again = self._goals = 0
+        self._told = ""
+
+    @property
+    def outcomes(self) -> list[Outcome]:
+        """Of all visits that have ended."""
+        return self.visits.ended
+
+    @property
+    def outcome(self) -> Outcome:
+        """Of the newest visit."""
+        return self.visits.outcome
+
+    @property
+    def feeling(self) -> Feeling:
+        """What the plug feels."""
+        return self._hand.feeling
+
+    @property
+    def answer(self) -> Answer | None:
+        """Newest of the law of plugging in and out, or None."""
+        return self._hand.answer
+
+    # -- from outside ---------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """A visit is wanted."""
+        self._wanted = True
+
+    def end(self) -> None:
+        """Whatever is under way shall end: come out, stand by."""
+        self._wanted, self._ending = False, True
+
+    @property
+    def busy(self) -> bool:
+        """Whether a visit is under way or wanted, or one that was killed has to be ended."""
+        killed = self._way_out.left is not None
+        return killed or self._wanted or self.state is not State.STAND_BY
+
+    # -- for its states -------------------------------------------------------------------------
+
+    def _go(self, state: State, now: float, words: str = "") -> None:
+        self.state, self._since, self.words = state, now, words
+        self._goals += 1
+
+    def _fail(self, seen: Seen, problem: str) -> None:
+        """What went wrong is said; the plug comes out, the arm leaves."""
+        self.visits.blame(problem)
+        if self.port is None or self.state not in NEAR:
+            self._finish(seen)
+        elif self._hand.depth(seen, self._face) > IN:
+            self._begin_unplug(seen)
+        else:
+            self._go(State.LEAVE, seen.now, problem)
+
+    def _finish(self, seen: Seen) -> None:
+        self.visits.end(seen.now)
+        self._go(State.STAND_BY, seen.now, self.outcome.problem)
+
+    def _begin_unplug(self, seen: Seen) -> None:
+        self._hand.law = Insertion(self._law_options, out=True)
+        self._go(State.UNPLUG, seen.now, self.words)
+
+    def _out(self, seen: Seen) -> None:
+        """The plug is out: nothing is under way any more."""
+        self.words = self._way_out.forget() or self.words
+        self.visits.note(out=True)
+
+    @property
+    def _face(self) -> Pose:
+        """``T_base_plug`` of a plug that touches the port's face."""
+        assert self.port is not None
+        return before_port(self.port.T_base_port, 0.0)
+
+    def _ask(self, seen: Seen) -> PermitRequest | None:
+        return self.permission.ask(seen.now, seen.guard)
+
+    def _rests(self, seen: Seen, seconds: float) -> bool:
+        return self._looker.rests(seen, self._begun(seen), seconds)
+
+    def _goal(self, what: str) -> str:
+        return f"{what} {self._goals}"
+
+    def _begun(self, seen: Seen) -> float:
+        """When this state began [s]."""
+        return seen.now if self._since is None else self._since
+
+    def _in_state(self, seen: Seen) -> float:
+        return seen.now - self._begun(seen)

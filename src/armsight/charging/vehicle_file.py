@@ -1,0 +1,170 @@
+"""Vehicle files: the side of a car about its charging port, as solids in the port's frame.
+
+Once the port has been found, the car is where its port says. The cell then knows what is no person,
+where nobody can be, and what paths have to keep clear of.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from armsight.arrays import Pose
+from armsight.charging.ports.table import PORTS
+from armsight.errors import UsageError
+from armsight.geometry.pose import make_pose
+from armsight.geometry.shapes import Solid
+
+FOLDER = Path(__file__).parent / "vehicles"
+MOST = 100_000
+"""A longer file is none of ours [bytes]."""
+GROUND = 1.3
+"""The body goes on for so long below the port, into the ground if need be [m]."""
+Millimetres = Annotated[float, Field(ge=1.0, le=500.0, allow_inf_nan=False)]
+Metres = Annotated[float, Field(ge=0.05, le=5.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+Degrees = Annotated[float, Field(ge=-60.0, le=60.0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Opening(_Table):
+    """Edges of the recess, from the middle of the AC contacts [mm]."""
+
+    left: Millimetres
+    right: Millimetres
+    up: Millimetres
+    down: Millimetres
+
+
+class Side(_Table):
+    """How far the body goes on about the port [m]."""
+
+    left: Metres
+    right: Metres
+    up: Metres
+
+
+class VehicleShape(_Table):
+    """A car's side about its port.
+
+    Attributes:
+        inlet: type of the port.
+        color: of the body, RGB 0..1.
+        opening_mm: of the recess in which the inlet sits.
+        front_mm: the body stands so far before the inlet's face.
+        behind_mm: something solid begins so far behind it.
+        side_m: the body about the port.
+        thickness_m: of what counts as the car behind its side.
+        height_m: least and greatest height of the port above the floor.
+        lean_deg: least and greatest angle of its axis above the horizontal.
+    """
+
+    inlet: str
+    color: tuple[Share, Share, Share] = (0.5, 0.5, 0.5)
+    opening_mm: Opening
+    front_mm: Annotated[float, Field(ge=-50.0, le=200.0, allow_inf_nan=False)] = 10.0
+    behind_mm: Annotated[float, Field(ge=50.0, le=500.0, allow_inf_nan=False)] = 90.0
+    side_m: Side
+    thickness_m: Metres = 0.6
+    height_m: tuple[Metres, Metres]
+    lean_deg: tuple[Degrees, Degrees] = (-10.0, 20.0)
+
+    @model_validator(mode="after")
+    def _possible(self) -> VehicleShape:
+        if self.inlet not in PORTS or PORTS[self.inlet].plug:
+            known = ", ".join(name for name, entry in PORTS.items() if not entry.plug)
+            raise ValueError(f"no inlet {self.inlet!r}; there are {known}")
+        for name in ("height_m", "lean_deg"):
+            low, high = getattr(self, name)
+            if low >= high:
+                raise ValueError(f"{name} is [{low:g}, {high:g}]; the second has to be greater")
+        if 1e-3 * self.behind_mm >= self.thickness_m:
+            raise ValueError("behind_mm has to be less than thickness_m")
+        for edge in ("left", "right", "up"):
+            if getattr(self.side_m, edge) <= 1e-3 * getattr(self.opening_mm, edge):
+                raise ValueError(f"side_m.{edge} ends within the opening")
+        return self
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """What stands there, in the port's frame: the body about the opening, and behind it."""
+        o, side = self.opening_mm, self.side_m
+        left, right, up, down = -1e-3 * o.left, 1e-3 * o.right, 1e-3 * o.up, -1e-3 * o.down
+        front = 1e-3 * self.front_mm
+        back = front - self.thickness_m
+        inside = -1e-3 * self.behind_mm
+        boxes = {
+            "left": ((-side.left, left), (-GROUND, side.up), (back, front)),
+            "right": ((right, side.right), (-GROUND, side.up), (back, front)),
+            "over": ((left, right), (up, side.up), (back, front)),
+            "under": ((left, right), (-GROUND, down), (back, front)),
+            "inside": ((left, right), (down, up), (back, inside)),
+        }
+        solids = []
+        for name, spans in boxes.items():
+            low, high = np.array(spans, float).T
+            size = (float(high[0] - low[0]), float(high[1] - low[1]), float(high[2] - low[2]))
+            dark = name == "inside"
+            color = (0.2, 0.2, 0.2) if dark else self.color
+            material = "black_plastic" if dark else "plain"
+            pose = make_pose(None, 0.5 * (low + high))
+            solids.append(Solid(f"car/{name}", "box", size, pose, color, material))
+        return tuple(solids)
+
+    def contradiction(self, T_world_port: Pose) -> str:
+        """Why this vehicle cannot be what was found, in words; empty when it can.
+
+        Args:
+            T_world_port: where its port was found; the floor is at z = 0.
+        """
+        height = float(T_world_port[2, 3])
+        lean = float(np.rad2deg(np.arcsin(np.clip(T_world_port[2, 2], -1.0, 1.0))))
+        for what, value, unit, (low, high) in (
+            ("above the floor", height, "m", self.height_m),
+            ("above the horizontal", lean, "deg", self.lean_deg),
+        ):
+            if not low <= value <= high:
+                return f"the port is {value:.3g} {unit} {what}; expected {low:g} to {high:g} {unit}"
+        return ""
+
+
+def packaged() -> tuple[str, ...]:
+    """Names of the vehicles that come with armsight."""
+    return tuple(sorted(file.stem for file in FOLDER.glob("*.toml")))
+
+
+def load_vehicle(given: str | Path) -> VehicleShape:
+    """A vehicle's file, or a packaged vehicle by its name.
+
+    Raises:
+        UsageError: it cannot be read, or says what cannot be.
+    """
+    file = Path(given)
+    if str(given) in packaged():
+        file = FOLDER / f"{given}.toml"
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        known = ", ".join(packaged())
+        raise UsageError(
+            f"vehicle {given}: cannot be read ({error.strerror}); packaged are {known}"
+        ) from None
+    if len(data) > MOST:
+        raise UsageError(f"vehicle {file}: {len(data)} bytes; a vehicle's file is short")
+    try:
+        raw: dict[str, Any] = tomllib.loads(data.decode())
+        return VehicleShape.model_validate(raw)
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise UsageError(f"vehicle {file}: not TOML: {error}") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(step) for step in first["loc"])
+        what = str(first["msg"]).removeprefix("Value error, ")
+        raise UsageError(f"vehicle {file}: {where + ': ' if where else ''}{what}") from None

@@ -1,0 +1,132 @@
+"""Visits in which something goes wrong: do they end safely, and say rightly what it was?"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from armsight.charging.eye import PortLook
+from armsight.charging.station import Station
+from armsight.charging.vehicle import SimulatedCar
+from armsight.charging.visit import State
+from armsight.experiments.station_bench import StationBench
+from armsight.experiments.station_kill import make_station
+from armsight.geometry.pose import make_pose
+from armsight.workcell.schema import Workcell
+
+Fault = Literal["blocked", "other type", "drives off", "moved", "person", "numb"]
+FAULTS: tuple[Fault, ...] = ("blocked", "other type", "drives off", "moved", "person", "numb")
+"""Ice in the inlet; another inlet than the plug's; a car that says that it goes, with the plug
+before it or in it; one that was moved without a word while the plug was on its way; the guard's
+permit withdrawn for somebody who comes near; a force sensor that dies."""
+NAMED: dict[Fault, str] = {
+    "blocked": "jammed",
+    "other type": "does not fit",
+    "drives off": "the car moves",
+    "person": "somebody",
+    "numb": "the force sensor is silent",
+}
+"""What has to stand in the words of such a visit."""
+ENDS_SEATED: tuple[Fault, ...] = ("moved", "person")
+"""After these a visit may as well end seated: nothing is wrong any more."""
+SECONDS = 200.0
+OUT = 0.05
+"""The plug is out when it is so far before the face [m]."""
+
+
+def faulty_visit(cell: Workcell, fault: Fault, seed: int, most: float) -> dict[str, Any]:
+    """One visit in which something goes wrong.
+
+    Args:
+        cell: with a car that is parked somewhere.
+        fault: what goes wrong.
+        seed: of when, and of everything else.
+        most: force that the permit asks for [N].
+
+    Returns:
+        Whether it ended safe (out, or known to be in; nothing pressed with more than allowed) and
+        whether what it says is right.
+    """
+    rng = np.random.default_rng((seed, 53))
+    cell = _with(cell, fault, rng)
+    bench, car = StationBench(cell, seed), SimulatedCar(seconds=20.0)
+    station = make_station(bench, None, car)
+    station.begin()
+    when = _moment(fault, rng)
+    due = np.inf
+    seated = False
+    while bench.now < SECONDS and (station.busy or bench.now < 1.0):
+        bench.step(station)
+        if fault == "other type":
+            _mislead(bench)
+        if due == np.inf and station.state is when[0]:
+            due = bench.now + when[1]
+        if bench.now >= due and bench.now < due + 0.02:
+            _happen(fault, bench, car, rng)
+        if fault == "person" and bench.now > due + 3.0:
+            bench.withdrawn = ""
+        seated |= station.state is State.CHARGE and bench.score()[0] > 0.034
+        if station.state is State.STUCK:
+            break
+    return {"fault": fault, **_judged(bench, station, fault, seated, most)}
+
+
+def _judged(
+    bench: StationBench, station: Station, fault: Fault, seated: bool, most: float
+) -> dict[str, Any]:
+    outcome = station.outcomes[-1] if station.outcomes else station.outcome
+    depth = bench.score()[0]
+    out = bool(depth < -OUT)
+    stays = fault == "numb" and station.state is State.STUCK and not outcome.out
+    gentle = bench.peaks.axial <= most and bench.peaks.lateral <= most
+    named = NAMED.get(fault, "?") in (outcome.problem or station.words)
+    named |= seated and fault in ENDS_SEATED
+    return {
+        "safe": bool((out or stays) and gentle),
+        "named": bool(named),
+        "words": outcome.problem or station.words,
+        "seconds": bench.now,
+        "axial_n": bench.peaks.axial,
+    }
+
+
+def _with(cell: Workcell, fault: Fault, rng: np.random.Generator) -> Workcell:
+    car = cell.simulation.car
+    assert car is not None
+    if fault == "blocked":
+        car = car.model_copy(update={"blocked_mm": float(rng.uniform(8.0, 28.0))})
+    simulation = cell.simulation.model_copy(update={"car": car})
+    return cell.model_copy(update={"simulation": simulation})
+
+
+def _moment(fault: Fault, rng: np.random.Generator) -> tuple[State, float]:
+    """The state in which it happens, and how long after that began [s]."""
+    states = {
+        "drives off": (State.APPROACH, State.ALIGN, State.INSERT, State.CHARGE),
+        "moved": (State.APPROACH, State.ALIGN),
+        "person": (State.INSERT, State.CHARGE),
+        "numb": (State.INSERT,),
+    }.get(fault, (State.FIND,))
+    return states[int(rng.integers(len(states)))], float(rng.uniform(0.05, 3.0))
+
+
+def _happen(fault: Fault, bench: StationBench, car: SimulatedCar, rng: np.random.Generator) -> None:
+    if fault == "drives off":
+        car.parked = False
+    elif fault == "moved" and bench.world.car is not None and bench.world.car.parked:
+        turn = rng.uniform(0.0, 2.0 * np.pi)
+        step = make_pose(None, 0.03 * np.array([np.cos(turn), np.sin(turn), 0.0]))
+        bench.world.car.park(bench.world.car.T_world_socket @ step)
+    elif fault == "person":
+        bench.withdrawn = "somebody is near the port"
+    elif fault == "numb":
+        bench.numb = True
+
+
+def _mislead(bench: StationBench) -> None:
+    """The pictures show another inlet."""
+    for name, look in tuple(bench.looks.items()):
+        ports = tuple(replace(p, port="type1") for p in look.ports)
+        bench.looks[name] = PortLook(look.stamp, look.pair, ports, look.picture)

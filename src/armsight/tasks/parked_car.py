@@ -1,0 +1,79 @@
+"""What a task says of a parked car to the cell: its body, once its port has been found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from armsight.arrays import Pose
+from armsight.charging.moves import apart
+from armsight.charging.vehicle_file import VehicleShape
+from armsight.geometry.shapes import Solid
+from armsight.mapping.snapshot import WorkspaceSnapshot
+
+ELSEWHERE = (0.03, float(np.deg2rad(2.5)))
+"""Found farther than this from where its body was declared, it has moved [m], [rad]."""
+SURER = (0.003, float(np.deg2rad(0.3)))
+"""Found this far from there, its body is declared anew beside the old one, which then goes."""
+
+
+class ParkedCarOnMap:
+    """Where a car's body is, by its port.
+
+    Args:
+        shape: of the car; None: its side is among the cell's solids, and nothing is to be said.
+        T_world_base: of the arm.
+
+    Attributes:
+        standing: what to say, see :class:`~armsight.motion.task.Task`.
+    """
+
+    def __init__(self, shape: VehicleShape | None, T_world_base: Pose) -> None:
+        self.shape, self._T_world_base = shape, T_world_base
+        self._number = 0
+        self.gone()
+
+    def gone(self) -> None:
+        """It is not there, or not any more: whatever is may be a person."""
+        self.standing: dict[str, tuple[Solid, ...]] = {}
+        self._at: Pose | None = None
+
+    def contradiction(self, T_base_port: Pose) -> str:
+        """Why the car that is expected cannot be where a port was found; empty when it can."""
+        if self.shape is None:
+            return ""
+        return self.shape.contradiction(self._T_world_base @ T_base_port)
+
+    def found(self, T_base_port: Pose) -> None:
+        """The port is here, and so is the car."""
+        if self.shape is None:
+            return
+        if self._at is not None:
+            gap = apart(self._at, T_base_port)
+            if all(a < b for a, b in zip(gap, SURER)):
+                return
+            if any(a > b for a, b in zip(gap, ELSEWHERE)):
+                self.gone()
+        self._at, self._number = T_base_port.copy(), self._number + 1
+        solids = tuple(
+            replace(s, T_frame_solid=T_base_port @ s.T_frame_solid) for s in self.shape.solids
+        )
+        newest = list(self.standing.items())[-1:]
+        self.standing = dict([*newest, (f"car {self._number}", solids)])
+
+    def told(self, snapshot: WorkspaceSnapshot | None) -> str:
+        """What the map says: once it counts the newest, the one before is withdrawn.
+
+        Returns:
+            Why it does not count the newest, in words; empty when it does, or may.
+        """
+        declared = {} if snapshot is None else {d.name: d for d in snapshot.declared}
+        newest = next(reversed(self.standing), "") if self.standing else ""
+        mine = declared.get(newest)
+        if mine is None or mine.waiting:
+            return ""
+        if mine.taken:
+            self.standing = {newest: self.standing[newest]}
+            return ""
+        return f"the car's side: {mine.reason}"
