@@ -51,15 +51,11 @@ class ArmSeen:
 
 
 def arm_watch(cell: Cell) -> tuple[ArmWatch, ...]:
-    """The watch of a cell; none without a calibrated camera that stands.
+    """The watch of a cell; none where no camera of the guard's stands, or the arm has no shape.
 
-    The map itself aligns a camera anew whose pose nobody has measured.
+    The map itself aligns a camera anew whose pose is only declared, where one picture is enough.
     """
-    cameras = [
-        c.info
-        for c in cell.cameras
-        if c.info.mounted_on == "base" and c.info.covariance is not None
-    ]
+    cameras = [c.info for c in cell.cameras if c.info.mounted_on == "base" and c.info.guard]
     if not cameras or not cell.robot.meshes:
         return ()
     return (ArmWatch(cell.robot, cameras),)
@@ -70,7 +66,7 @@ class ArmWatch:
 
     Args:
         robot: the arm.
-        cameras: that stand, and were calibrated.
+        cameras: that stand.
     """
 
     name = "arm watch"
