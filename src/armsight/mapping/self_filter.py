@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,15 +53,14 @@ class BodyFields:
     reach: Floats
 
 
-def body_fields(robot: Robot, held: Iterable[Solid] = (), from_meshes: bool = True) -> BodyFields:
+def body_fields(robot: Robot, from_meshes: bool = True) -> BodyFields:
     """Distance fields of an arm, of its tool and of what it holds.
 
     Links are taken from their meshes; a link without one, or all with ``from_meshes`` false, from
     the capsules.
 
     Args:
-        robot: the arm, with its tool.
-        held: solids that the arm holds, in the flange's frame.
+        robot: the arm, with its tool and what that holds.
         from_meshes: meshes are tighter than capsules.
 
     Raises:
@@ -90,7 +88,7 @@ def body_fields(robot: Robot, held: Iterable[Solid] = (), from_meshes: bool = Tr
         ]
         if meshes or capsules:
             parts.append((link, *_field(meshes, capsules)))
-    for solid in held:
+    for solid in () if tool is None else tool.held:
         parts.append((robot.n, *_solid_field(solid, robot.T_last_flange)))
     if not parts:
         raise ArmsightError(
@@ -205,10 +203,10 @@ class SelfFilter:
         reach: of the arm [m].
     """
 
-    def __init__(self, robot: Robot, held: Iterable[Solid] = ()) -> None:
+    def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self.reach = robot.reach
-        self.fields = fields = body_fields(robot, held)
+        self.fields = fields = body_fields(robot)
         unit = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
         corners = unit * (fields.shape[:, None, :] - 1) * CELL  # (m, 8, 3)
         self._corners = np.concatenate(

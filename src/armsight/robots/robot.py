@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from armsight.arrays import Floats, Ints, JointVector, Points, Pose, Poses
+from armsight.geometry.shapes import Solid
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ class Tool:
         capsules: likewise.
         meshes: likewise.
         mass: [kg]; center_of_mass: (3,) in the flange's frame [m].
+        held: solids that it holds, in the flange's frame; spheres and mass count them already.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Tool:
     meshes: tuple[LinkMesh, ...]
     mass: float
     center_of_mass: Floats
+    held: tuple[Solid, ...] = ()
 
     def moved(self, T_flange_moved: Pose) -> Tool:
         """The same tool, mounted elsewhere than it was designed to be.
@@ -122,6 +125,10 @@ class Tool:
                 replace(mesh, T_link_mesh=T_flange_moved @ mesh.T_link_mesh) for mesh in self.meshes
             ),
             center_of_mass=np.asarray(of(self.center_of_mass), np.float64),
+            held=tuple(
+                replace(solid, T_frame_solid=T_flange_moved @ solid.T_frame_solid)
+                for solid in self.held
+            ),
         )
 
 

@@ -81,6 +81,7 @@ def add_arm(
             _board(builder, body, part, carried, robot.T_last_flange)
         elif link == robot.n and tool is not None and not sensing:
             meshes += [(m, robot.T_last_flange @ m.T_link_mesh) for m in tool.meshes]
+            _held(builder, body, robot, robot.T_last_flange)
         _link(builder, body, robot, link, meshes)
     if sensing:
         _flange(builder, body, robot, carried, gripper, plug)
@@ -131,6 +132,7 @@ def _flange(
         meshes = [(m, m.T_link_mesh) for m in tool.meshes if m.path.stem not in fingertips]
         if meshes:
             _link(builder, body, robot, robot.n, meshes, "arm/tool")
+        _held(builder, body, robot, np.eye(4))
     site = body.add_site(name="flange")
     for kind, name in (
         (mujoco.mjtSensor.mjSENS_FORCE, "flange/force"),
@@ -151,6 +153,14 @@ def _plug(
     meshes = [(m, np.asarray(T_tcp_flange @ m.T_link_mesh)) for m in tool.meshes]
     _link(builder, body, robot, robot.n, meshes, "arm/tool")
     add_sleeve(builder, body, plug, Part("arm", robot.name, robot.link_names[robot.n], robot.n))
+
+
+def _held(builder: Builder, body: Any, robot: Robot, T_body_flange: Pose) -> None:
+    """What the tool holds, and what hangs from it: parts of the arm like its links."""
+    for solid in () if robot.tool is None else robot.tool.held:
+        part = Part("arm", robot.name, robot.link_names[robot.n], robot.n, solid.material)
+        T = np.asarray(T_body_flange @ solid.T_frame_solid)
+        builder.solid(body, solid, T, part, group=SEEN, contype=ARM, conaffinity=OTHER)
 
 
 def _link(

@@ -116,7 +116,7 @@ class Builder:
         )
 
     def solid(
-        self, body: Any, solid: Solid, T: Pose, kind: Kind, owner: str = "", **options: Any
+        self, body: Any, solid: Solid, T: Pose, what: Kind | Part, owner: str = "", **options: Any
     ) -> None:
         """A box, cylinder or sphere at a pose in a body, that the arm may touch."""
         kinds = {
@@ -130,7 +130,9 @@ class Builder:
         geom_type, size = kinds[solid.kind]
         self.geom(
             body,
-            Part(kind, owner or solid.name, material=solid.material),
+            what
+            if isinstance(what, Part)
+            else Part(what, owner or solid.name, material=solid.material),
             type=geom_type,
             size=size,
             pos=T[:3, 3],

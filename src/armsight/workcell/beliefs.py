@@ -26,7 +26,7 @@ from armsight.workcell.schema import (
 def robot_in(workcell: Workcell) -> Robot:
     """The cell's robot: with its tool, its home, and joint limits as narrow as the file says."""
     section = workcell.robot
-    robot = robot_of(section)
+    robot = robot_of(section, workcell.held)
     limits = robot.limits
     lower, upper = limits.lower, limits.upper
     if section.joint_lower_deg is not None:

@@ -17,6 +17,7 @@ from armsight.devices.port import Kind
 from armsight.errors import RobotError
 from armsight.robots import ROBOT_NAMES, TOOL_NAMES, load_robot, load_tool, tools
 from armsight.robots.catalogue import is_path
+from armsight.robots.held import holding
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 from armsight.simulation.scripts import SCRIPTS
@@ -24,6 +25,7 @@ from armsight.workcell.drivers import SIMULATED, is_known, unknown
 from armsight.workcell.problems import Problem, nearest, shown
 from armsight.workcell.schema import (
     CameraSection,
+    HeldSection,
     MappingSection,
     MountedSection,
     ObjectSection,
@@ -43,14 +45,17 @@ ENTERS = 0.01
 """How deep the body's spheres (which overshoot the meshes a little) may enter a solid [m]."""
 
 
-def robot_of(section: RobotSection) -> Robot:
-    """The robot that the section describes, with its tool.
+def robot_of(section: RobotSection, held: Sequence[HeldSection] = ()) -> Robot:
+    """The robot that the section describes, with its tool and what it holds.
 
     Raises:
         ArmsightError: no such robot or tool.
     """
     robot = load_robot(section.model)
-    return robot if section.tool == "none" else robot.with_tool(load_tool(section.tool))
+    tool = None if section.tool == "none" else load_tool(section.tool)
+    if held:
+        tool = holding(tool, [it.solid for it in held], [it.mass_kg for it in held])
+    return robot if tool is None else robot.with_tool(tool)
 
 
 def _arm(section: RobotSection) -> Robot | None:

@@ -155,6 +155,7 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
     yield from checks.check_names(
         [
             *_names(raw, "solid"),
+            *_names(raw, "held"),
             *_names(simulation, "undeclared", "simulation."),
             *_names(simulation, "person", "simulation."),
             *_names(simulation, "object", "simulation."),

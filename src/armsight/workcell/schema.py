@@ -290,6 +290,12 @@ class SolidSection(Section):
         return Solid(self.name, self.kind, size, pose, self.color, self.material)
 
 
+class HeldSection(SolidSection):
+    """Held by the arm, or hanging from it: a part of its body, in the flange's frame."""
+
+    mass_kg: NotNegative = key(0.0, "Its mass.", "kg", le=100.0)
+
+
 class BoardSection(Section):
     """A calibration board, on the arm or beside it; `armsight board` prints one."""
 
@@ -610,6 +616,7 @@ class Workcell(Section):
     gripper: GripperSection | None = key(None, "The gripper, if there is one.")
     plug: PlugSection | None = key(None, "The charging plug, if the flange carries one.")
     solid: tuple[SolidSection, ...] = key((), "What stands still and is known: table, walls.")
+    held: tuple[HeldSection, ...] = key((), "What the arm holds, or what hangs from its flange.")
     mapping: MappingSection = key(MappingSection(), "The workspace map.")
     guard: GuardSection = key(GuardSection(), "The guard.")
     patrol: PatrolSection = key(PatrolSection(), "Goals of the patrol.")
