@@ -110,3 +110,17 @@ def test_an_item_lands_on_a_palm_and_nobody_is_pressed():
     assert trial["phase"] == "done"
     assert trial["mm"] < 30.0
     assert not trial["harm"]
+
+
+def test_a_straw_stays_at_a_mouth_gently_though_the_map_shows_nothing_there():
+    """The self-filter takes the face around the straw out of the map; in the rendered cell the
+    force sensor was tared in contact by that, and the face pressed with 32 N. Three seconds."""
+    from dataclasses import replace
+
+    from armsight.experiments.servo_straw import CELL
+    from armsight.experiments.servo_straw import one as bring
+
+    trial = bring(set_up(1.0, 1.0, CELL), "ours", replace(Errors(), arm=0.0), (901, 3))
+    assert trial["touched"]
+    assert trial["force"] < 5.0
+    assert not trial["harm"]

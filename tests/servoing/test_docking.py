@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,19 @@ def test_a_palm_that_goes_on_is_waited_for_again():
     arm.stay(arm.tip - WAITS * UP + 0.2 * FRONT, 0.1)
     assert arm.task.phase == "wait"
     assert arm.task.released == np.inf
+
+
+def test_the_region_of_a_hand_lies_along_its_forearm_where_that_was_seen():
+    """A forearm of 27 cm turned by 40 deg from the person's side is in it to its end; the region
+    along the person's side leaves it out, and with it the arm could not come near."""
+    aside = np.cos(0.7) * FRONT + np.sin(0.7) * np.cross(UP, FRONT)
+    seen = Touchable(0.0, np.array([0.8, 0.0, 0.8]), np.zeros(3), np.eye(3) * 1e-6, along=aside)
+    end = (seen.position + 0.267 * aside)[None]
+    lies = docking("hand").request(seen, UP, UP, FRONT).region
+    unseen = docking("hand").request(replace(seen, along=None), UP, UP, FRONT).region
+    assert lies.distance(end, 0.0)[0] < 0.0 < unseen.distance(end, 0.0)[0]
+    points = seen.position + np.random.default_rng(0).uniform(-0.5, 0.5, (2000, 3))
+    inside = points[lies.distance(points, 0.0) < 0.0]
+    reach = np.abs(inside - lies.center(0.0)).max(axis=0)
+    assert (reach <= lies.half_box() + 1e-9).all()
+    assert (reach > lies.half_box() - 0.06).all()

@@ -75,6 +75,7 @@ class QuickCell:
         balls: who moves; goals: (n,) configurations, visited in turn [rad].
         rate: of the pictures [Hz]; latency: exposure to arrival [s].
         robot: key of the catalogue, or the arm itself; config: of the guard; seed: of the planner.
+        box: lower and upper corner (3,) of what is mapped, in ``base`` [m]; None for a cube.
 
     Attributes:
         now: time [s]; q, v: true joints; snapshot, plan: newest that has arrived.
@@ -93,6 +94,7 @@ class QuickCell:
         robot: str | Robot = "ur5",
         config: GuardConfig | None = None,
         seed: int = 0,
+        box: tuple[Vector3, Vector3] | None = None,
     ) -> None:
         self.balls = list(balls)
         self.goals = list(goals)
@@ -105,8 +107,9 @@ class QuickCell:
             "cam", "ideal", lens, None, eye, "base", eye, rate, latency, (0.3, 4.5),
             DepthNoise(0.0, 0.0, 0.0),
         )  # fmt: skip
-        count = round(2 * HALF / VOXEL)
-        self.grid = VoxelGrid(np.full(3, -HALF), VOXEL, (count, count, count))
+        lower, upper = box or (np.full(3, -HALF), np.full(3, HALF))
+        i, j, k = (round(float(edge)) for edge in (upper - lower) / VOXEL)
+        self.grid = VoxelGrid(lower, VOXEL, (i, j, k))
         self.state = np.full(self.grid.shape, FREE, np.uint8)
         self.field = np.full(self.grid.shape, 0.3, np.float32)
         self._never = np.full(self.grid.shape, -np.inf, np.float32)

@@ -12,12 +12,17 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Points, Pose, Vector3
 from armsight.experiments.quick_cell import VOXEL, QuickCell
-from armsight.experiments.servo_world import Path, Setup
+from armsight.experiments.servo_world import Path, Setup, world_to_base
 from armsight.geometry.pose import inverse
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.robots.kinematics import sphere_centers
 from armsight.simulation.spec import ArmSpec, MovingObjectSpec, WorldSpec, WrenchSpec
 from armsight.simulation.truth import Contact
 from armsight.simulation.world import SimulatedWorld
+
+OWN = 0.03
+"""What is so close to the arm the self-filter takes for the arm: its margin, the cameras' noise and
+half a voxel [m]. Where the tip touches, the map shows nothing."""
 
 
 class SurfaceCell(QuickCell):
@@ -33,7 +38,8 @@ class SurfaceCell(QuickCell):
     def __init__(
         self, setup: Setup, surface: Points, path: Path, start: JointVector, seed: int = 0
     ) -> None:
-        super().__init__([], robot=setup.robot, config=setup.guard, seed=seed, rate=60.0)
+        box = mapped_box(setup)
+        super().__init__([], robot=setup.robot, config=setup.guard, seed=seed, rate=60.0, box=box)
         self.surface, self.path = surface, path
         self.q = np.array(start, float)
 
@@ -42,11 +48,14 @@ class SurfaceCell(QuickCell):
         return self.path(time)
 
     def snapshot_at(self, stamp: float) -> WorkspaceSnapshot:
-        """What a perfect map says of the surface."""
+        """What a perfect map says of the surface, less what is too close to the arm."""
         empty = super().snapshot_at(stamp)
         index = np.unique(self.grid.index(self.surface + self.place(stamp)), axis=0)
         inside = ((index >= 0) & (index < self.grid.shape)).all(axis=1)
-        hazards = np.asarray(self.grid.center(index[inside]), np.float32)
+        points = self.grid.center(index[inside])
+        arm, radius = sphere_centers(self.robot, self.q), self.robot.spheres.radius
+        away = np.linalg.norm(points[:, None] - arm[None], axis=2) - radius
+        hazards = np.asarray(points[away.min(axis=1) > OWN], np.float32)
         return replace(
             empty, hazards=hazards, hazard_unknown=np.zeros(len(hazards), bool), cloud=hazards
         )
@@ -122,6 +131,15 @@ class PushedCell(SurfaceCell):
         """Where (3,) the item's own frame is in world when its target is at a place there."""
         R = self.world._pose(self._name)[:3, :3]
         return np.asarray(place - R @ self._T[:3, 3])
+
+
+def mapped_box(setup: Setup) -> tuple[Vector3, Vector3] | None:
+    """Corners (3,) of what the cell's cameras map, upright in ``base`` [m]; None: not declared."""
+    mapping = setup.workcell.mapping
+    if mapping.lower is None or mapping.upper is None:
+        return None
+    corners = world_to_base(setup, [mapping.lower, mapping.upper])
+    return corners.min(axis=0), corners.max(axis=0)
 
 
 def plate(size: tuple[float, float], thick: float, R: Floats, middle: Vector3) -> Points:

@@ -79,7 +79,7 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
     speed = 0.0 if k % 3 == 0 else float(rng.uniform(0.1, FASTEST))
     path = path_of(T[:3, 3], speed, rng)
     eyes = make_eyes(setup, replace(errors, hidden_near=COVERED), rng)
-    eyes.normal, eyes.marked = T[:3, 2], False
+    eyes.normal, eyes.along, eyes.marked = T[:3, 2], -T[:3, 0], False
     region = BODY_REGIONS["hand"]
     item = replace(
         target_object(TargetSpec("hand", "hand", T_world_palm)),

@@ -27,8 +27,8 @@ LIMIT = 15.0
 """A trial is given up after this [s]."""
 MOUTH_SIZE = 0.015
 """A straw that touches the face this near the mouth's middle is in the mouth [m]."""
-HOLDS = 0.5
-"""The force is watched this long after the first touch [s]."""
+HOLDS = 3.0
+"""The force is watched this long after the first touch [s]: what presses slowly, too."""
 FASTEST = 0.2
 """Of the mouth [m/s]."""
 PLACES = ((0.80, 0.0, 1.20), (0.75, 0.25, 1.10), (0.75, -0.25, 1.30), (0.85, 0.1, 1.30))

@@ -108,6 +108,7 @@ class Eyes:
     Attributes:
         hidden: camera or ``all``, and from when to when it sees nothing [s].
         normal: (3,) of a flat target, which is seen from before it only; None for a ball.
+        along: (3,) where the target goes on, which fixed cameras see; None for one that ends.
         marked: the tool has a mark that the pair sees.
     """
 
@@ -120,6 +121,7 @@ class Eyes:
     hidden: list[tuple[str, float, float]] = field(default_factory=list)
     glossy: bool = False
     normal: Vector3 | None = None
+    along: Vector3 | None = None
     marked: bool = True
 
     def __post_init__(self) -> None:
@@ -173,6 +175,9 @@ class Eyes:
         near = seen - cap * ray + self.rng.normal(0, 0.003, 3)
         sigma = noise**2 * np.eye(3)
         found = _sighting(camera.name, now, place, sigma, _moved(camera, near))
+        if self.along is not None:
+            along = self.along + self.rng.normal(0, 0.1, 3)
+            found = replace(found, along=along / np.linalg.norm(along))
         return replace(look, sightings=(self._facing(found, 0.015),))
 
     def _facing(self, sighting: Sighting, tilt: float) -> Sighting:

@@ -97,7 +97,7 @@ def outside_the_map(snapshot: WorkspaceSnapshot, region: Region) -> bool:
     """Whether nobody is looked for around a region: it leaves the mapped box."""
     grid = snapshot.grid
     center = region.center(snapshot.stamp)
-    reach = 0.5 * region.extent + grown_by(snapshot, region) + SHELL * grid.voxel
+    reach = region.half_box() + grown_by(snapshot, region) + SHELL * grid.voxel
     low = np.asarray(grid.origin)
     high = low + np.asarray(grid.shape) * grid.voxel
     return bool((center - reach < low).any() or (center + reach > high).any())

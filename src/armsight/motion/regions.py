@@ -51,6 +51,14 @@ class Region:
             return 2.0 * a
         return math.hypot(a, b, c) if self.shape == "box" else b + 2.0 * a
 
+    def half_box(self) -> Vector3:
+        """(3,) half edges of the upright box of ``base`` around it [m]."""
+        a, b, c = self.size
+        R = np.abs(np.asarray(self.T_base_region, float)[:3, :3])
+        if self.shape == "box":
+            return np.asarray(R @ (0.5 * np.array([a, b, c])))
+        return a + (0.5 * b * R[:, 2] if self.shape == "capsule" else np.zeros(3))
+
     def center(self, when: float) -> Vector3:
         """(3,) where its centre is expected at a time [s]."""
         return np.asarray(self.T_base_region[:3, 3] + (when - self.exposure) * self.velocity)

@@ -5,6 +5,7 @@ One :class:`Docking` a task; a new one (a spoon, a tool) is a detector and one o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -35,6 +36,7 @@ class Touchable:
         margin: what it may reach beyond its own size about that [m].
         drift: how fast its place becomes unsure while nobody sees it [m/s].
         normal: (3,) unit, out of its surface, where it has a face that was seen; else None.
+        along: (3,) unit, where it goes on beyond its point (a forearm), where that was seen.
     """
 
     stamp: float
@@ -44,6 +46,7 @@ class Touchable:
     margin: float = 0.0
     drift: float = 0.1
     normal: Vector3 | None = None
+    along: Vector3 | None = None
 
 
 @dataclass(frozen=True)
@@ -57,9 +60,11 @@ class Docking:
         gap: how far before the surface the tip ends [m]; below 0 presses.
         permit: kind of the contact permit.
         shape, size: of the region, see :class:`~armsight.motion.regions.Region`; a capsule lies
-            towards the person's side, a box on the surface.
-        offset: of its centre from the target: along the normal, up, and to the person's side [m].
+            along the target (towards the person's side where nobody saw how it lies), a box on the
+            surface.
+        offset: of its centre from the target: along the normal, up, and along the target [m].
         reach: that much of the tool, from its tip, may touch [m].
+        gentle: speed of the tip near somebody's part [m/s]: what the guard allows there.
         speed: of the touch [m/s]; force: [N]; stiffness: of the target and what holds it [N/m].
         drift: how fast its place becomes unsure while nobody sees it [m/s].
         scale: of the fixed cameras' colour pictures: a ring of 15 mm needs all of their pixels.
@@ -75,6 +80,7 @@ class Docking:
     size: tuple[float, float, float] = (0.04, 0.0, 0.0)
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reach: float = 0.06
+    gentle: float = math.inf
     speed: float = 0.15
     force: float = 10.0
     stiffness: float = 5e3
@@ -93,14 +99,15 @@ class Docking:
             front: (3,) unit, towards the person's side.
         """
         normal = otherwise if seen.normal is None else seen.normal
+        side = front if seen.along is None else seen.along
         a, b, c = self.size
         size = (a, b, c + 2.0 * seen.margin) if self.shape == "box" else (a + seen.margin, b, c)
         center = seen.position + self.offset[0] * normal + self.offset[1] * up
-        center = center + self.offset[2] * front
+        center = center + self.offset[2] * side
         region = Region(
             self.shape,
             size,
-            facing_pose(center, front if self.shape == "capsule" else normal),
+            facing_pose(center, side if self.shape == "capsule" else normal),
             seen.stamp,
             seen.velocity,
             seen.covariance,
@@ -143,11 +150,12 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
         # The head behind and above the mouth; a straw bends before anything gives way.
         "straw": Docking(
             "straw", Mouth, "normal", gap=-0.004, permit="face", size=(0.17, 0.0, 0.0),
-            offset=(-0.06, 0.045, 0.0), reach=0.08, speed=0.1, force=5.0, stiffness=150.0,
+            offset=(-0.06, 0.045, 0.0), reach=0.08, gentle=0.09, speed=0.1, force=5.0,
+            stiffness=150.0,
         ),
         # The hand with the forearm behind it; the item is let go above the palm.
         "hand": Docking(
             "hand", Palm, "down", gap=0.07, permit="hand", shape="capsule", size=(0.11, 0.20, 0.0),
-            offset=(0.0, 0.0, 0.09), reach=0.10, speed=0.25, force=25.0, drift=0.08,
+            offset=(0.0, 0.0, 0.09), reach=0.10, gentle=0.115, speed=0.25, force=25.0, drift=0.08,
         ),
     }[name]  # fmt: skip

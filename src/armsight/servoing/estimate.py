@@ -76,6 +76,7 @@ class TargetEstimate:
         seen: newest exposure that showed the target [s]; the stamp may be that of the tool's mark.
         wrist_stamp: newest exposure of the pair that showed it [s]; -inf for never.
         normal: (3,) of a target with a face, or None.
+        along: (3,) unit, where it goes on beyond its point, or None.
     """
 
     stamp: float
@@ -88,6 +89,7 @@ class TargetEstimate:
     seen: float = -math.inf
     wrist_stamp: float = -math.inf
     normal: Vector3 | None = None
+    along: Vector3 | None = None
 
     def at(self, time: float) -> tuple[Vector3, Vector3]:
         """Predicted position [m] and velocity [m/s] at a time [s]; what drives it dies away."""
@@ -139,6 +141,12 @@ def _together(means: Floats, Ps: Floats, shares: Floats) -> tuple[Floats, Floats
     return mean, np.einsum("k,kij->ij", shares, Ps + off[:, :, None] * off[:, None, :])
 
 
+def _turned(old: Vector3 | None, new: Vector3, share: float) -> Vector3:
+    """(3,) unit: a share of the way from an old direction to a new one; the new one without one."""
+    mixed = new if old is None else old + share * (new - old)
+    return np.asarray(mixed / max(float(np.linalg.norm(mixed)), 1e-9))
+
+
 class TargetFilter:
     """Fuses sightings by the time of their exposure, however late they come.
 
@@ -166,6 +174,7 @@ class TargetFilter:
         self._refused: list[tuple[float, Vector3, str]] = []
         self._wrist_stamp = self._seen = -math.inf
         self._normal: Vector3 | None = None
+        self._along: Vector3 | None = None
         self.restarts = 0
 
     @property
@@ -185,6 +194,7 @@ class TargetFilter:
             self._seen,
             self._wrist_stamp,
             self._normal,
+            self._along,
         )
 
     def bias(self, camera: str) -> Vector3:
@@ -214,10 +224,10 @@ class TargetFilter:
             if look.wrist:
                 self._wrist_stamp = max(self._wrist_stamp, look.stamp)
             if chosen.normal is not None:
-                old = self._normal
                 share = NEWS * min(1.0, SHARP / max(chosen.tilt, 1e-6))
-                mixed = chosen.normal if old is None else old + share * (chosen.normal - old)
-                self._normal = mixed / np.linalg.norm(mixed)
+                self._normal = _turned(self._normal, chosen.normal, share)
+            if chosen.along is not None:
+                self._along = _turned(self._along, chosen.along, NEWS)
             return True
         return self._doubt(event)
 

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import JointVector
+from armsight.arrays import JointVector, Vector3
 from armsight.devices.data import JointState
 from armsight.motion.arm_model import DelayedArm
 from armsight.motion.data import GuardStatus
+from armsight.robots.kinematics import tcp_jacobian
 from armsight.robots.robot import Robot
 from armsight.servoing.aim import Aim, Weights, joint_velocity, joints_for
 
@@ -89,8 +90,18 @@ class VelocityLaw:
         """(n,) where the joints will be when a command of ``now`` acts [rad]."""
         return self._arm.ahead(joints, now + self.config.delay).position
 
-    def command(self, now: float, joints: JointState, aim: Aim) -> JointVector:
-        """(n,) joint velocities towards an aim as it will be when they act [rad/s]."""
+    def command(
+        self, now: float, joints: JointState, aim: Aim, most: float = math.inf
+    ) -> JointVector:
+        """(n,) joint velocities towards an aim as it will be when they act [rad/s].
+
+        Args:
+            now: time [s].
+            joints: newest reading.
+            aim: the goal.
+            most: speed of the tip [m/s]. What carries it along with the goal is kept and the rest
+                shrinks: the guard, which scales all of a motion, would let the goal run away.
+        """
         q = self.ahead(joints, now)
         start = self._wanted
         if start is None or np.abs(start - q).max() > FAR:
@@ -102,7 +113,20 @@ class VelocityLaw:
         gain = min(
             self.config.safe_gain, float((self._velocity / size).min()), float(braking.min())
         )
-        motion = gain * error
+        motion, along = gain * error, np.zeros_like(error)
         if self.config.predict:
-            motion = motion + joint_velocity(self.robot, wanted, aim.velocity, self.weights)
+            along = joint_velocity(self.robot, wanted, aim.velocity, self.weights)
+        if math.isfinite(most):
+            J = tcp_jacobian(self.robot, q)[:3]
+            motion = _kept_share(J @ along, J @ motion, most) * motion
+        motion = motion + along
         return np.asarray(motion / max(float((np.abs(motion) / self._velocity).max()), 1.0))
+
+
+def _kept_share(carried: Vector3, rest: Vector3, most: float) -> float:
+    """Greatest share s of 0..1 at which ``|carried + s rest| <= most``; a tenth at the least."""
+    a, b, c = float(rest @ rest), float(carried @ rest), float(carried @ carried) - most * most
+    if a + 2.0 * b + c <= 0.0 or a < 1e-12:
+        return 1.0
+    root = b * b - a * c
+    return max((math.sqrt(root) - b) / a, 0.1) if root > 0.0 else 0.1

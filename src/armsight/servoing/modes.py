@@ -31,6 +31,8 @@ SEEN_WITHIN = 0.18
 """A target that was seen within this time may be touched [s]; later the tip goes back ..."""
 RETREAT, RETREAT_SPEED = 0.1, 1.0
 """... by this much at most [m], so fast [m/s]."""
+NEAR_BODY = 0.3
+"""So near to somebody's face or hand the guard lets the arm move gently only [m]."""
 WIDEST = math.radians(50.0)
 """The tool is turned no farther than this from the operator's side for a target's normal [rad]."""
 PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
@@ -49,6 +51,7 @@ class ChaseConfig:
         pitch: how far below the horizontal our tool points [rad]: the wrist keeps off the table,
             and off the pose in which its axes lie in one plane; V's points horizontally.
         funnel: of the touch.
+        gentle: speed of the tip [m/s] where it is nearer than ``NEAR_BODY`` to somebody's part.
         law, filter, segments, weights: of the parts.
     """
 
@@ -58,6 +61,7 @@ class ChaseConfig:
     direction: Direction = "facing"
     pitch: float = math.radians(30.0)
     funnel: Funnel = field(default_factory=Funnel)
+    gentle: float = math.inf
     law: LawConfig = field(default_factory=LawConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
     segments: SegmentConfig = field(default_factory=SegmentConfig)
@@ -82,6 +86,7 @@ class Chase(Protocol):
         distance: of the tip from the target's surface, as believed [m]; inf without a target.
         source_number: which sensor leads, for a curve.
         config: may be exchanged between steps, for another stand-off.
+        give: how far the tip gives way to what presses [m]; V's modes, which feel nothing, do not.
     """
 
     state: str
@@ -90,6 +95,7 @@ class Chase(Protocol):
     distance: float
     source_number: float
     config: ChaseConfig
+    give: float
 
     @property
     def estimate(self) -> TargetEstimate | None:
@@ -143,6 +149,7 @@ class OurChase:
         self.distance = math.inf
         self.switches = 0
         self.source_number = 0.0
+        self.give = 0.0
         self._by_wrist = False
 
     @property
@@ -181,9 +188,10 @@ class OurChase:
         tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
         # Nobody presses against what nobody sees: the tip goes back before the permit has to end.
         retreat = min(RETREAT, RETREAT_SPEED * max(age - SEEN_WITHIN, 0.0))
-        touched = at - (config.radius + retreat) * axis
+        touched = at - (config.radius + retreat + self.give) * axis
         aim = touch_aim(tip, touched, velocity, axis, down, config.funnel)
-        return Wish(self.law.command(now, joints, aim), estimate.seen)
+        most = config.gentle if self.distance < NEAR_BODY else math.inf
+        return Wish(self.law.command(now, joints, aim, most), estimate.seen)
 
     def touchable(self) -> Touchable | None:
         """By the estimate."""
@@ -191,7 +199,9 @@ class OurChase:
         if e is None:
             return None
         P = e.covariance[:3, :3]
-        return Touchable(e.stamp, e.position, e.velocity, P, drift=0.0, normal=e.normal)
+        return Touchable(
+            e.stamp, e.position, e.velocity, P, drift=0.0, normal=e.normal, along=e.along
+        )
 
     def _tell(self, now: float, estimate: TargetEstimate) -> None:
         """Which sensors carry the estimate: for the report only, nothing depends on it."""
@@ -227,8 +237,10 @@ class PaperChase:
         self.place: Vector3 | None = None
         self.distance = math.inf
         self.source_number = 0.0
+        self.give = 0.0
         self._last = -math.inf
         self._stamp = -math.inf
+        self._along: Vector3 | None = None
 
     @property
     def estimate(self) -> TargetEstimate | None:
@@ -248,6 +260,8 @@ class PaperChase:
     def see(self, look: Look) -> None:
         """One camera looked."""
         self.master.add(look)
+        seen = next((s.along for s in look.sightings[:1] if s.along is not None), None)
+        self._along = self._along if seen is None else seen
 
     def step(self, now: float, joints: JointState, guard: GuardStatus | None) -> Wish | None:
         """What the joints should do now; None to rest."""
@@ -282,7 +296,10 @@ class PaperChase:
         if self.place is None:
             return None
         sigma = PAPER_SIGMA**2 * np.eye(3)
-        return Touchable(self._stamp, self.place, np.zeros(3), sigma, PAPER_MARGIN, PAPER_DRIFT)
+        return Touchable(
+            self._stamp, self.place, np.zeros(3), sigma, PAPER_MARGIN, PAPER_DRIFT,
+            along=self._along,
+        )  # fmt: skip
 
     def _before(self, place: Vector3 | None, here: JointVector) -> Vector3 | None:
         """What is servoed to: the place itself, or before it by the stand-off that is asked for."""

@@ -23,6 +23,7 @@ class Sighting:
         normal: (3,) outward, where the target has a face; None for a ball.
         wrist: seen by the pair on the arm.
         tilt: standard deviation of the normal [rad].
+        along: (3,) unit: where it goes on beyond its point, as a hand does in a forearm; or None.
     """
 
     target: str
@@ -34,6 +35,7 @@ class Sighting:
     normal: Vector3 | None = None
     wrist: bool = False
     tilt: float = 0.0
+    along: Vector3 | None = None
 
 
 @dataclass(frozen=True)

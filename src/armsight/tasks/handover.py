@@ -16,8 +16,9 @@ from armsight.tasks.servo_task import ServoTask
 WAITS, LETS_GO, LEAVES = 0.07, 0.035, 0.20
 """Height of the TCP above the palm [m]: while it waits, when it lets go (an item of 5 cm is then
 1 cm above the palm), and when it has left."""
-ABOVE, SLACK = 0.012, 0.015
-"""So far beside the palm, and so far from the height, it counts as above it [m]."""
+ABOVE, LANDS, SLACK = 0.020, 0.015, 0.018
+"""So far beside the palm it may begin to come down, and let go; so far from a height it counts as
+there [m]."""
 SETTLED = 0.15
 """It comes down when it has been above the palm for so long [s] ..."""
 CALM = 0.25
@@ -75,10 +76,10 @@ class HandoverTask(ServoTask):
             if self._over_palm(observation, WAITS) and now > self._above + SETTLED and speed < CALM:
                 self._begin("lower", LETS_GO, now)
         elif self.phase == "lower":
-            if self._over_palm(observation, LETS_GO):
+            if self._over_palm(observation, LETS_GO, LANDS):
                 self.released = now
                 self._begin("let go", LETS_GO, now)
-            elif not self._over_palm(observation, 0.5 * (WAITS + LETS_GO), 3.0):
+            elif not self._over_palm(observation, 0.5 * (WAITS + LETS_GO), 2.0 * ABOVE, 3.0):
                 self._begin("wait", WAITS, now)  # the palm has gone on
         elif self.phase == "let go" and now > self.since + OPENS:
             self._begin("leave", LEAVES, now)
@@ -94,12 +95,14 @@ class HandoverTask(ServoTask):
         config = self.chase.config
         self.chase.config = replace(config, funnel=replace(config.funnel, gap=height))
 
-    def _over_palm(self, observation: Observation, height: float, wider: float = 1.0) -> bool:
-        """Whether the TCP is above the palm, as far as is known, at about a height [m]."""
+    def _over_palm(
+        self, observation: Observation, height: float, aside: float = ABOVE, wider: float = 1.0
+    ) -> bool:
+        """Whether the TCP is above the palm, so far aside at most, and about so high [m]."""
         place, joints = self.chase.place, observation.joints
         if place is None or joints is None:
             return False
         way = tcp_pose(observation.robot, joints.position)[:3, 3] - place
         up = float(way @ self.config.vertical)
         beside = float(np.linalg.norm(way - up * self.config.vertical))
-        return beside < wider * ABOVE and abs(up - height) < wider * SLACK
+        return beside < aside and abs(up - height) < wider * SLACK

@@ -99,6 +99,7 @@ def chase_config(
         radius=dock.radius,
         direction=dock.direction,
         funnel=Funnel(gap=standoff if standoff > 0.0 else dock.gap),
+        gentle=dock.gentle,
         law=LawConfig(
             delay=section.start_delay_ms / 1e3 + 0.002,
             speed=speed,

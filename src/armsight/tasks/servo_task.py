@@ -6,6 +6,7 @@ import math
 from typing import Literal
 
 from armsight.devices.data import JointState
+from armsight.motion.data import GuardStatus
 from armsight.motion.face import (
     ArrowMark,
     Curve,
@@ -31,6 +32,12 @@ TOUCH = 0.005
 """The tip touches when it is this near the surface (V's criterion) [m]."""
 ASK_WITHIN = 2.0
 """A permit is asked for from here on [m]: other links of the arm come near the target, too."""
+FELT = 1.0
+"""Less force than this is the tool's own inertia, and noise [N]."""
+EASES = 0.02
+"""What is felt counts by its mean over about this time [s]."""
+GIVES = 0.05
+"""The tip gives way by this much at most [m]; what still presses then ends the permit."""
 
 
 class ServoTask:
@@ -75,6 +82,7 @@ class ServoTask:
         self._face = Face("wait")
         self._latency = math.nan
         self._pausing = False
+        self._felt = 0.0
 
     def update(self, observation: Observation) -> Intent:
         """See :class:`~armsight.motion.task.Task`."""
@@ -82,6 +90,7 @@ class ServoTask:
         self._take(observation)
         if joints is None:
             return Rest("no joint reading yet")
+        self.chase.give = self._give(observation.guard)
         wish = self.chase.step(now, joints, observation.guard)
         error = self.chase.distance
         touching = error < TOUCH
@@ -118,6 +127,16 @@ class ServoTask:
         self._pausing = False
         axis, _ = tool_direction(self.config, seen.position, seen.normal)
         return self.dock.request(seen, -axis, self.config.vertical, self.config.front)
+
+    def _give(self, guard: GuardStatus | None) -> float:
+        """How far the tip gives way to what presses [m]: that much is bent by what is felt.
+
+        A goal behind a surface that yields is followed for ever: the eyes see the surface go back.
+        """
+        permit = None if guard is None else guard.permit
+        felt = 0.0 if permit is None or math.isnan(permit.pressed) else permit.pressed
+        self._felt += (felt - self._felt) * min(1.0, self.period / EASES)
+        return min(max(self._felt - FELT, 0.0) / self.dock.stiffness, GIVES)
 
     def face(self) -> Face:
         """What the page shows."""

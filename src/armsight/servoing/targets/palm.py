@@ -25,6 +25,8 @@ AROUND = 0.05
 """The glove so far around a blue disc is the palm [m]."""
 DISC_SIGMA = 0.003
 """Standard deviation of a disc of a few pixels, seen aslant by a fixed camera [m]."""
+FOREARM = 0.15
+"""No finger reaches so far from the palm's middle [m]; a forearm does."""
 STANDS_IN = 0.015
 """Standard deviation of a palm of which only the glove is seen [m]."""
 
@@ -57,11 +59,13 @@ class Palm:
                 place, normal = seen
                 self._offset[frame.camera] = place - middle
                 C = DISC_SIGMA**2 * np.eye(3)
+                along = _forearm(glove, place)
                 return [
                     Sighting(
-                        self.name, frame.camera, frame.stamp, place, C, place, normal, False, 0.1
+                        self.name, frame.camera, frame.stamp, place, C, place, normal, False, 0.1,
+                        along,
                     )
-                ]
+                ]  # fmt: skip
         offset = self._offset.get(frame.camera)
         if offset is None:
             return []
@@ -89,6 +93,16 @@ def _on_glove(origin: Vector3, ray: Vector3, glove: Points) -> tuple[Vector3, Ve
     if np.linalg.norm(place - middle) > AROUND:
         return None
     return np.asarray(place), normal
+
+
+def _forearm(glove: Points, palm: Vector3) -> Vector3 | None:
+    """(3,) unit from the palm along the forearm; None where too little of that is seen."""
+    way = glove - palm
+    way = way[np.linalg.norm(way, axis=1) > FOREARM]
+    if len(way) < 6:
+        return None
+    middle = way.mean(axis=0)
+    return np.asarray(middle / np.linalg.norm(middle))
 
 
 def _of_disc(seen: SeenDisc, frame: StereoFrame) -> Sighting:
