@@ -86,6 +86,7 @@ def test_the_palm_from_afar_and_near():
     (seen,) = Palm().in_frame(frame(T, palm, EYE, rng))
     assert np.linalg.norm(seen.position - T[:3, 3]) < 0.006
     assert angle(seen.normal, T[:3, 2]) < 6.0
+    assert angle(seen.along, -T[:3, 0]) < 6.0
     T = from_rpy((np.pi + 0.2, 0.1, 0.0), (0.03, 0.0, 0.28))
     (seen,) = Palm().in_pair(pair(T, palm, np.eye(4), rng))
     assert np.linalg.norm(seen.position - T[:3, 3]) < 3e-4
