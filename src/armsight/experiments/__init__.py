@@ -41,6 +41,7 @@ NAMES: dict[str, str] = {
     "servo-straw": "V: a straw to a mouth that moves, with contact, ours beside V's mode",
     "servo-handover": "V: an item let go above a palm that moves, ours beside V's two modes",
     "servo-bullseye": "V: docking with a bulls-eye, ours beside V's two modes",
+    "servo-loop": "V: how soon a step of the target changes the command, and what a round costs",
     "servo-ball": "V: touching a ball at rest and moving, ours beside V's two modes",
     "port-detection": "T3: charging ports found in one picture: speed, recall, false alarms",
     "port-pose": "T3: the pose of a port by a converging pair, beside the paper's plane",

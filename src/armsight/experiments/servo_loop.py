@@ -1,0 +1,221 @@
+"""``servo-loop``: how soon a step of the target changes the command, and what a round costs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from armsight.arrays import Floats, Vector3
+from armsight.experiments.cache import RunCache
+from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.rows import Row
+from armsight.experiments.servo_ball import joints_before
+from armsight.experiments.servo_world import (
+    CELL,
+    Errors,
+    Setup,
+    Trial,
+    make_eyes,
+    make_task,
+    set_up,
+    world_to_base,
+)
+
+STANDOFF = 0.10
+"""The tip follows so far before the ball [m]."""
+STEPS_AT, WATCHED = 1.5, 0.6
+"""When the ball steps, about, and how long the answer is waited for [s]."""
+STEP = (0.015, 0.04)
+"""How far it steps [m]."""
+CHANGED = 0.003
+"""A command is another one when a joint's velocity differs by more than this [rad/s]."""
+RENDERED = 6.0
+"""Seconds of the rendered cell [s]."""
+RUNS = 40
+
+ABOUT = f"""
+A ball at rest steps {1e3 * STEP[0]:.0f} to {1e3 * STEP[1]:.0f} mm sideways at a random moment, the
+tip {100 * STANDOFF:.0f} cm before it, in the cell without pictures at its full speed and
+acceleration. Each trial is run twice, with the step and without; the answer is the first command of
+the guard that differs, counted from the exposure that first shows the step, and from the moment at
+which what was seen in it arrived at the task. A step that no camera sees in time, or that is not
+believed at once, counts as long as it takes.
+
+`control_ms` is the processor time of a round of the task and of the guard, with the drives, the map
+and the cameras' model of the cell without pictures in it; `vision_ms` that of a
+look of all five cameras, in {RENDERED:g} s of the rendered ball task, which `realtime_factor` is
+of, too, on the machine named. `limit_violations` counts commands beyond the joints' declared speed
+or the drives' acceleration, and joints beyond their range, in all rounds of all trials.
+"""
+
+
+def run(runs: int, seed: int, progress: Progress) -> Outcome:
+    """``runs`` steps, and one run of the rendered cell."""
+    setup = set_up(1.0, 1.0)
+    cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF})
+    steps = []
+    for k in range(runs):
+        steps.append(cache.get(k, lambda k=k: one(setup, (seed, k))))  # type: ignore[misc]
+        progress(f"step {k + 1} of {runs}", 0.8 * (k + 1) / runs)
+    return Outcome(tuple(_rows(steps, rendered(seed))), {}, _notes(steps))
+
+
+def one(setup: Setup, seed: tuple[int, int]) -> dict[str, Any]:
+    """One step of the target, with its twin without; times [ms]."""
+    still, moved = (_commands(setup, seed, with_step) for with_step in (False, True))
+    rng = np.random.default_rng((*seed, 23))
+    begins = _begins(rng)
+    differ = np.abs(moved["commands"] - still["commands"]).max(axis=1) > CHANGED
+    answered = np.flatnonzero(differ & (moved["times"] >= begins))
+    told = moved["times"][answered[0]] if len(answered) else math.inf
+    shown = min((s for s, _ in moved["looks"] if s >= begins), default=math.inf)
+    arrived = min((a for s, a in moved["looks"] if s >= begins), default=math.inf)
+    answers = math.isfinite(told) and math.isfinite(shown)
+    return {
+        "exposure_ms": 1e3 * (told - shown) if answers else None,
+        "reaction_ms": 1e3 * (told - arrived) if answers else None,
+        "control_ms": moved["control"],
+        "violations": moved["violations"],
+        "rounds": len(moved["times"]),
+    }
+
+
+def _begins(rng: np.random.Generator) -> float:
+    """When the step happens [s]: anywhere between two pictures."""
+    return STEPS_AT + float(rng.uniform(0.0, 0.2))
+
+
+def _commands(setup: Setup, seed: tuple[int, int], with_step: bool) -> dict[str, Any]:
+    """The guard's commands of one trial, what arrived when, and what rounds cost."""
+    rng = np.random.default_rng((*seed, 23))
+    begins = _begins(rng)
+    place = world_to_base(setup, [list(rng.uniform((0.72, -0.25, 1.10), (0.90, 0.25, 1.30)))])[0]
+    way = rng.normal(0.0, 1.0, 3) * np.array([0.0, 1.0, 1.0])
+    way *= rng.uniform(*STEP) / np.linalg.norm(way)
+
+    def ball(now: float) -> Vector3:
+        return np.asarray(place + way if with_step and now >= begins else place)
+
+    eyes = make_eyes(setup, Errors(), np.random.default_rng((*seed, 29)))
+    task = make_task(setup, "ours", STANDOFF)
+    trial = Trial(setup, eyes, task, ball, joints_before(setup, place), seed=seed[1])
+    looks: list[tuple[float, float]] = []
+    known: set[tuple[str, float]] = set()
+    costs, joints, arrivals = [], [], eyes.arrived
+
+    def arrived(now: float) -> Any:
+        found = arrivals(now)
+        for perceived in found:
+            for look in perceived.evidence.looks:  # type: ignore[attr-defined]
+                if look.sightings and (look.camera, look.stamp) not in known:
+                    known.add((look.camera, look.stamp))
+                    looks.append((look.stamp, now))
+        return found
+
+    eyes.arrived = arrived  # type: ignore[method-assign]
+    while trial.now < begins + WATCHED:
+        before = time.thread_time()
+        trial.step()
+        costs.append(1e3 * (time.thread_time() - before))
+        joints.append(trial.cell.q.copy())
+    commands = np.array(trial.course.commands)
+    return {
+        "times": np.array(trial.course.times),
+        "commands": commands,
+        "looks": looks,
+        "control": costs[50:],  # the first rounds compile
+        "violations": _violations(setup, commands, np.array(joints)),
+    }
+
+
+def _violations(setup: Setup, commands: Floats, joints: Floats) -> int:
+    """Rounds in which a command or a joint was beyond its limits."""
+    limits, period = setup.robot.limits, setup.guard.period
+    brake = limits.acceleration * max(setup.guard.brake, setup.guard.acceleration)
+    fast = (np.abs(commands) > limits.velocity * (1.0 + 1e-6)).any(axis=1)
+    change = np.abs(np.diff(commands, axis=0, prepend=commands[:1])) / period
+    hard = (change > brake * 1.01 + 1e-6).any(axis=1)
+    out = ((joints < limits.lower - 1e-6) | (joints > limits.upper + 1e-6)).any(axis=1)
+    return int((fast | hard | out).sum())
+
+
+class _Timed:
+    """A perceiver, and the processor time of each of its looks [ms]."""
+
+    def __init__(self, eye: Any) -> None:
+        self._eye, self.costs = eye, list[float]()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._eye, name)
+
+    def update(self, frames: Sequence[Any]) -> Any:
+        """See :class:`~armsight.motion.perception.Perceiver`."""
+        before = time.thread_time()
+        found = self._eye.update(frames)
+        self.costs.append(1e3 * (time.thread_time() - before))
+        return found
+
+
+def rendered(seed: int) -> dict[str, float]:
+    """Vision's cost [ms] and simulated seconds a second of the rendered ball task."""
+    from armsight.runtime.config import SessionMode
+    from armsight.runtime.session import Session
+    from armsight.tasks.servo import ServoOptions
+    from armsight.workcell import open_cell
+    from armsight.workcell.packaged import load
+
+    with open_cell(load(CELL), seed) as cell:
+        task = ServoOptions().make(cell)
+        eyes = [_Timed(eye) for eye in task.perceivers]
+        task.perceivers = tuple(eyes)  # type: ignore[arg-type]
+        session = Session(cell, task, seed=seed, mode=SessionMode(cell_is_empty=True))
+        session.warm_up(lambda stage, done: None)
+        session.run(RENDERED)
+        looks = [np.percentile(eye.costs[2:], 99.0) for eye in eyes if len(eye.costs) > 2]
+        return {
+            "vision": float(np.sum(looks)),
+            "looks": float(sum(len(eye.costs) for eye in eyes)),
+            "factor": float(session.realtime_factor),
+        }
+
+
+def _rows(steps: list[dict[str, Any]], cell: dict[str, float]) -> list[Row]:
+    where = "ours, speed 1, acceleration 1"
+    answered = [s for s in steps if s["reaction_ms"] is not None]
+    rounds = sum(s["rounds"] for s in steps)
+    control = np.concatenate([s["control_ms"] for s in steps])
+
+    def p99(values: Any) -> float:
+        return float(np.percentile(values, 99.0)) if len(values) else math.nan
+
+    return [
+        Row("reaction_ms", "frame arrived to changed command, 99th percentile", where,
+            p99([s["reaction_ms"] for s in answered]), "ms", len(answered), must=60.0, aim=30.0,
+            why="no step was answered"),
+        Row("exposure_to_command_ms", "exposure to changed command, 99th percentile", where,
+            p99([s["exposure_ms"] for s in answered]), "ms", len(answered), must=100.0, aim=75.0,
+            why="no step was answered"),
+        Row("control_ms", "processor time of a round of task and guard, 99th percentile", where,
+            p99(control), "ms", len(control), must=6.0, aim=4.0),
+        Row("vision_ms", "processor time of a look of all five cameras, 99th percentiles added",
+            "rendered", cell["vision"], "ms", int(cell["looks"]), must=35.0, aim=25.0),
+        Row("limit_violations", "rounds beyond a limit of position, speed or acceleration", where,
+            float(sum(s["violations"] for s in steps)), n=rounds, must=0.0, aim=0.0),
+        Row("realtime_factor", "simulated seconds a second, ball task", "rendered",
+            cell["factor"], n=1, must=0.4, aim=0.8, better="higher"),
+    ]  # fmt: skip
+
+
+def _notes(steps: list[dict[str, Any]]) -> tuple[str, ...]:
+    missed = sum(s["reaction_ms"] is None for s in steps)
+    return (f"Steps without an answer within {WATCHED:g} s: {missed} of {len(steps)}.",)
+
+
+EXPERIMENT = Experiment(
+    "servo-loop", "How soon a step of the target changes the command, and what it costs", run,
+    RUNS, ABOUT,
+)  # fmt: skip
