@@ -131,6 +131,9 @@ def test_a_car_is_driven_no_faster_than_it_may_and_keeps_its_height():
     np.testing.assert_array_equal(car.T_world_socket, T_PORT)
 
 
+SURE = np.zeros((6, 6))
+
+
 def moved(millimetres):
     return T_PORT @ exp(np.array([1e-3 * millimetres, 0, 0, 0, 0, 0]))
 
@@ -138,7 +141,7 @@ def moved(millimetres):
 def test_the_cars_body_is_said_once_and_a_surer_one_takes_its_place():
     body = ParkedCarOnMap(load_vehicle("hatchback"), np.eye(4))
     assert body.standing == {}
-    body.found(T_PORT)
+    body.found(T_PORT, SURE)
     (first,) = body.standing
     np.testing.assert_allclose(
         body.standing[first][0].T_frame_solid,
@@ -146,9 +149,9 @@ def test_the_cars_body_is_said_once_and_a_surer_one_takes_its_place():
         atol=1e-12,
     )
     said = body.standing[first]
-    body.found(moved(1))
+    body.found(moved(1), SURE)
     assert list(body.standing) == [first]
-    body.found(moved(8))  # a better look: both stand until the map counts the new one
+    body.found(moved(8), SURE)  # a better look: both stand until the map counts the new one
     assert len(body.standing) == 2
     assert body.standing[first] is said
     second = next(reversed(body.standing))
@@ -159,11 +162,28 @@ def test_the_cars_body_is_said_once_and_a_surer_one_takes_its_place():
     assert list(body.standing) == [second]
 
 
+def test_a_side_whose_tilt_is_unsure_is_said_farther_out_but_not_so_far_as_to_be_seen_through():
+    """The guard took what stood out of the first look's side for somebody, and hardly moved."""
+    shape = load_vehicle("city_car")
+    surface = np.array([[0.0, 0.4, 0.010], [0.5, 0.0, 0.010], [-0.4, -0.3, 0.010]])
+    for tilt_deg, covered_deg in ((0.0, 0.0), (1.0, 3.0), (4.0, 5.0)):
+        body = ParkedCarOnMap(shape, np.eye(4))
+        tilt = np.deg2rad(tilt_deg)
+        body.found(T_PORT, np.diag([0, 0, 0, tilt**2, 0.2 * tilt**2, 0.0]))
+        (solids,) = body.standing.values()
+        lean = from_rpy((np.deg2rad(covered_deg), 0.0, 0.0))
+        true = transform(T_PORT @ lean, surface)
+        inside = np.min([s.distance(true) for s in solids], axis=0)
+        assert inside.max() < 0.002
+        out = transform(T_PORT, np.array([[0.0, 0.4, 0.065]]))
+        assert min(float(s.distance(out)[0]) for s in solids) > 0.0
+
+
 def test_a_car_that_has_moved_is_withdrawn_at_once_and_a_refusal_is_said():
     body = ParkedCarOnMap(load_vehicle("hatchback"), np.eye(4))
-    body.found(T_PORT)
+    body.found(T_PORT, SURE)
     (first,) = body.standing
-    body.found(moved(60))
+    body.found(moved(60), SURE)
     (second,) = body.standing
     assert second != first
     refused = Declared(second, (), reason="refused: camera left sees through it")

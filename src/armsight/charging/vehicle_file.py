@@ -95,10 +95,14 @@ class VehicleShape(_Table):
     @property
     def solids(self) -> tuple[Solid, ...]:
         """What stands there, in the port's frame: the body about the opening, and behind it."""
+        return self.within(0.0)
+
+    def within(self, margin: float) -> tuple[Solid, ...]:
+        """Solids in which the body is though its side may lie farther out by a margin [m]."""
         o, side = self.opening_mm, self.side_m
         left, right, up, down = -1e-3 * o.left, 1e-3 * o.right, 1e-3 * o.up, -1e-3 * o.down
-        front = 1e-3 * self.front_mm
-        back = front - self.thickness_m
+        front = 1e-3 * self.front_mm + margin
+        back = 1e-3 * self.front_mm - self.thickness_m
         inside = -1e-3 * self.behind_mm
         boxes = {
             "left": ((-side.left, left), (-GROUND, side.up), (back, front)),

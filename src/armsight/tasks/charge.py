@@ -219,7 +219,7 @@ class ChargeTask:
         if car is not None and not car.parked:
             self.body.gone()
         elif self.station.port is not None:
-            self.body.found(self.station.port.T_base_port)
+            self.body.found(self.station.port.T_base_port, self.station.port.covariance)
         self._objection = self.body.told(observation.snapshot)
 
     def face(self) -> Face:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armsight.arrays import Pose
+from armsight.arrays import Floats, Pose
 from armsight.charging.moves import apart
 from armsight.charging.vehicle_file import VehicleShape
 from armsight.geometry.shapes import Solid
@@ -16,6 +16,10 @@ ELSEWHERE = (0.03, float(np.deg2rad(2.5)))
 """Found farther than this from where its body was declared, it has moved [m], [rad]."""
 SURER = (0.003, float(np.deg2rad(0.3)))
 """Found this far from there, its body is declared anew beside the old one, which then goes."""
+
+SIGMAS, REACH, MOST = 3.0, 0.5, 0.05
+"""The body may be farther out than its port says by so many standard deviations of the port's tilt,
+this far from the port [m], and by no more than this [m]: else cameras would see through it."""
 
 
 class ParkedCarOnMap:
@@ -45,8 +49,13 @@ class ParkedCarOnMap:
             return ""
         return self.shape.contradiction(self._T_world_base @ T_base_port)
 
-    def found(self, T_base_port: Pose) -> None:
-        """The port is here, and so is the car."""
+    def found(self, T_base_port: Pose, covariance: Floats) -> None:
+        """The port is here, and so is the car.
+
+        Args:
+            T_base_port: where.
+            covariance: (6, 6) of that as a twist in its own frame [m], [rad].
+        """
         if self.shape is None:
             return
         if self._at is not None:
@@ -56,8 +65,11 @@ class ParkedCarOnMap:
             if any(a > b for a, b in zip(gap, ELSEWHERE)):
                 self.gone()
         self._at, self._number = T_base_port.copy(), self._number + 1
+        tilt = float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))
+        margin = min(SIGMAS * tilt * REACH, MOST)
         solids = tuple(
-            replace(s, T_frame_solid=T_base_port @ s.T_frame_solid) for s in self.shape.solids
+            replace(s, T_frame_solid=T_base_port @ s.T_frame_solid)
+            for s in self.shape.within(margin)
         )
         newest = list(self.standing.items())[-1:]
         self.standing = dict([*newest, (f"car {self._number}", solids)])

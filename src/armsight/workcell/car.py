@@ -5,6 +5,7 @@ The one place of this room that knows what ports and cars look like (``charging`
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from armsight.workcell.schema import CarSection, Workcell
 
 PLUG_OF = {"type1": "type1_plug", "type2": "type2_plug", "ccs2": "ccs2_plug"}
 """Which plug enters which inlet."""
+PAINT = (0.32, 0.38, 0.45)
+"""Of a car that no file describes."""
 LOOKS = {
     "face": ((0.10, 0.10, 0.105), 0.3),
     "wall": (
@@ -29,7 +32,7 @@ LOOKS = {
     ),
     "floor": ((0.03, 0.03, 0.03), 0.0),
     "metal": ((0.55, 0.54, 0.50), 0.7),
-    "paint": ((0.32, 0.38, 0.45), 0.4),
+    "paint": (PAINT, 0.4),
     "pocket": ((0.13, 0.13, 0.135), 0.15),
 }
 """Colour and gloss of surfaces."""
@@ -87,7 +90,7 @@ def socket_spec(workcell: Workcell) -> SocketSpec | None:
         section.pose,
         walls.boxes,
         walls.half,
-        _looks(section.port, section.make),
+        _looks(section.port, section.make, PAINT if vehicle is None else vehicle.color),
         () if vehicle is None else vehicle.solids,
         section.friction,
         section.mated_n,
@@ -114,12 +117,14 @@ def vehicle_of(workcell: Workcell, given: str) -> VehicleShape | None:
 
 
 @lru_cache(maxsize=8)
-def _looks(name: str, make: int) -> tuple[Look, ...]:
-    """What the port and the flank about it look like."""
+def _looks(name: str, make: int, paint: tuple[float, float, float]) -> tuple[Look, ...]:
+    """What the port and the side about it look like."""
     nominal = PORTS[name]
     made = nominal if make == 0 else drawn(nominal, np.random.default_rng((make, 11)))
     looks = [_look(surface, surface.look, "black_plastic") for surface in surfaces(made)]
-    looks += [_look(s, look, "") for s, look in flank(nominal)]
+    for surface, look in flank(nominal):
+        made_so = _look(surface, look, "")
+        looks.append(replace(made_so, color=paint) if look == "paint" else made_so)
     return tuple(looks)
 
 
