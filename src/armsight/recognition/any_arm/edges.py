@@ -11,7 +11,7 @@ from armsight.arrays import ColorImage, Floats32
 
 RADIUS, SMOOTH = 8, 1e-4
 """Of the filter: half its window [px], and variance of the picture that counts as none."""
-EDGE = 0.4
+EDGE = 0.45
 """Filtered probability at an arm's edge: what is thinner than a cell never fills one. Chosen on
 rendered pictures of the training's renderer, as ``RADIUS`` is."""
 
