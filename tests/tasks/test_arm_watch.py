@@ -77,3 +77,23 @@ def test_a_camera_that_stands_where_it_did_is_not_blamed(frames: list[PosedFrame
     assert [i.name for i in last.placed] == ["left"]
     watch.reset()
     assert watch.update([frames[0]]) is None
+
+
+def test_an_arm_that_cannot_move_places_a_camera_from_one_view(frames: list[PosedFrame]) -> None:
+    watch = ArmWatch(robot(), [INFO])
+    watch.doubted("left", False)
+    first = watch.update([frames[0]])
+    assert first is not None
+    assert first.excluded
+    assert not first.placed
+
+    def later(stamp: float) -> PosedFrame:
+        return replace(frames[0], frame=replace(frames[0].frame, stamp=stamp))
+
+    soon, late = watch.update([later(3.0)]), watch.update([later(6.0)])
+    assert soon is not None
+    assert late is not None
+    assert soon.excluded
+    assert not soon.placed
+    assert not late.excluded
+    assert [i.name for i in late.placed] == ["left"]

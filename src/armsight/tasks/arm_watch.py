@@ -27,6 +27,8 @@ from armsight.workcell import Cell
 
 LEAST, MOST = 3, 8
 """Views from which a camera is placed, and that are kept."""
+STILL = 5.0
+"""The arm does not move in its view, perhaps for want of this camera: fewer views must do [s]."""
 GOOD = 0.006
 """Standard deviation on the arm from which a pose is taken [m]."""
 MOVED = 0.02
@@ -86,6 +88,7 @@ class ArmWatch:
             self._told.get()
         self._views: dict[str, ArmViews] = {}
         self._tried: dict[str, int] = {}
+        self._answers: dict[str, tuple[OwnArmPose, float]] = {}
         self._moved: dict[str, str] = {}
         self._excluded: set[str] = set()
         self._placed: dict[str, RgbdCameraInfo] = {}
@@ -107,7 +110,7 @@ class ArmWatch:
         looked = [posed for posed in frames if posed.info.name in self._views]
         for posed in looked:
             if self._views[posed.info.name].update([posed]) is not None:
-                self._ask(posed.info)
+                self._ask(posed.info, posed.frame.stamp)
         if not looked:
             return None
         stamp = max(p.frame.stamp for p in looked)
@@ -117,15 +120,21 @@ class ArmWatch:
     def _begin(self, name: str) -> None:
         self._views[name] = ArmViews([name], MOST)
         self._tried[name] = 0
+        self._answers.pop(name, None)
 
-    def _ask(self, info: RgbdCameraInfo) -> None:
+    def _ask(self, info: RgbdCameraInfo, stamp: float) -> None:
         """What a camera's views say, once for each new one."""
         name, views = info.name, self._views[info.name].views[info.name]
         if len(views) <= self._tried[name]:
+            answer, since = self._answers.get(name, (None, stamp))
+            if answer is not None and stamp - since >= STILL:
+                self._conclude(info, answer)
             return
         self._tried[name] = len(views)
+        self._answers.pop(name, None)
         answer = find_camera(self._robot, info, views)
         if answer.believed and answer.sigma <= GOOD:
+            self._answers[name] = answer, stamp
             off = self._off(info, answer.T_base_camera)
             if name not in self._moved and off > MOVED:
                 self._moved[name] = (
@@ -133,16 +142,21 @@ class ArmWatch:
                     "it is calibrated again as the arm moves in its view"
                 )
             if len(views) >= LEAST:
-                if name in self._moved or name in self._excluded:
-                    self._place(info, answer, off)
-                # Else it stands where it did, and something else is wrong with its pictures.
-                del self._views[name]
+                self._conclude(info, answer)
                 return
         if len(views) == MOST:  # perhaps it was moved once more meanwhile
             self._begin(name)
 
-    def _place(self, info: RgbdCameraInfo, answer: OwnArmPose, off: float) -> None:
+    def _conclude(self, info: RgbdCameraInfo, answer: OwnArmPose) -> None:
+        """Enough is seen: a camera that was moved is placed.
+
+        Any other stands where it did, and something else is wrong with its pictures.
+        """
         name = info.name
+        del self._views[name]
+        if name not in self._moved and name not in self._excluded:
+            return
+        off = self._off(info, answer.T_base_camera)
         covariance = answer.covariance + own_error(self._robot)
         self._placed[name] = replace(
             info, T_mount_camera=answer.T_base_camera, covariance=covariance
