@@ -131,3 +131,19 @@ def test_buttons_press(session: FakeSession, page: LivePage) -> None:
         for callback in panel(page)._buttons["go"]._impl.update_cb:
             callback(None)
         wait_for(lambda: ("press", "go") in session.asked)
+
+
+def test_of_names_on_each_other_the_first_is_shown(session: FakeSession, page: LivePage) -> None:
+    def labels(now: float, apart: float) -> dict[str, bool]:
+        marks = tuple(
+            PointsMark(name, np.array([[x, 0.0, 0.5]]), 0.01, (9, 9, 9))
+            for name, x in (("target", 0.0), ("prediction", apart), ("far", 1.0))
+        )
+        session.step(now, face=make_face(now, marks=marks))
+        page.update(now)
+        nodes = page._scene.marks._nodes
+        return {name: node.label.visible for (_, name), node in nodes.items()}
+
+    with watching(page):
+        assert labels(1.0, 0.03) == {"target": True, "prediction": False, "far": True}
+        assert labels(1.3, 0.30) == {"target": True, "prediction": True, "far": True}

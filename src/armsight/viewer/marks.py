@@ -25,6 +25,8 @@ from armsight.viewer.primitives import SPHERE
 
 THINNEST = 5e-4
 """An ellipsoid that is thinner is drawn this thick [m]: a circle is seen, a point is not."""
+CROWDED = 0.08
+"""Names closer together than this lie on each other [m]."""
 
 
 @dataclass
@@ -60,6 +62,18 @@ class TaskMarks(Shown):
             if node is None:
                 node = self._nodes[key] = self._add(mark, look, number)
             _move(node, mark)
+        self._thin_out()
+
+    def _thin_out(self) -> None:
+        """Of names that would lie on each other the first is shown: nobody can read a heap."""
+        shown: list[Vector3] = []
+        for node in self._nodes.values():
+            place = np.asarray(node.label.position, float)
+            free = all(np.linalg.norm(place - other) > CROWDED for other in shown)
+            if free:
+                shown.append(place)
+            if node.label.visible != free:
+                node.label.visible = free
 
     def _remove(self, key: tuple[type, str]) -> None:
         node = self._nodes.pop(key)
