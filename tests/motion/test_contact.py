@@ -335,6 +335,23 @@ def test_a_face_that_no_camera_sees_is_left_by_what_is_felt():
     assert cell.pushed[-1][1] == 0.0, "and it is left"
 
 
+def test_a_face_that_no_map_shows_is_come_to_no_faster_than_a_tenth_of_a_metre_a_second():
+    """In a cell that was said to be empty a still face is a thing; and the arm may hide it."""
+    there = TIP - np.array([0.0, 0.0, 0.15])
+    cell = Sprung(lambda t: there, "face", seen=False, soft=300.0)
+    cell.touch(1.0)
+    speeds = []
+    while cell.now < 2.6:
+        before = tcp_pose(cell.robot, cell.q)[2, 3]
+        cell.touch(cell.config.period, (0.0, 0.0, -0.4))
+        height = tcp_pose(cell.robot, cell.q)[2, 3]
+        speeds.append((height - there[2] - 0.03, (before - height) / cell.config.period))
+    gaps, rates = np.array(speeds).T
+    assert gaps.min() < 0.0, "it is touched"
+    assert rates[gaps < 0.01].max() < 0.1
+    assert max(force for _, force in cell.pushed) < 5.0
+
+
 def test_without_a_force_sensor_or_a_soft_tip_no_person_is_touched():
     place = np.array([0.45, -0.4, 0.35])
     cell = QuickCell([Ball(lambda t: place, 0.05)], robot=ROBOT)

@@ -46,6 +46,8 @@ NOTICED = 0.5
 """Less force than this is noise [N]."""
 FREE = 0.5
 """More than this share of what is asked for must not be felt before it is granted."""
+LATTICE = 0.03
+"""A face is where its region is, seen or not: points at this distance stand for it [m]."""
 MUSCLES = 1000.0
 """No hand or head resists a push with more than this, save against something firm [N/m]."""
 SHARE = 0.6
@@ -171,6 +173,8 @@ class PermitOffice:
         touchable: Points = np.empty((0, 3))
         if isinstance(seen, PermittedSnapshot):
             touchable = seen.touchable.astype(float)
+        if permit is not None and permit.kind == "face":  # the arm may hide it from the map
+            touchable = np.concatenate([touchable, grant.region.lattice(when, LATTICE)])
         radius = 0.0 if seen is None else seen.hazard_radius
         return GentleSpeed(name, Hazards.at(touchable, radius), speed)
 

@@ -73,7 +73,15 @@ def permitted(snapshot: WorkspaceSnapshot, grant: Grant) -> PermittedSnapshot:
     known = {f.name: getattr(snapshot, f.name) for f in fields(WorkspaceSnapshot)}
     known["hazards"] = np.ascontiguousarray(snapshot.hazards[keep])
     known["hazard_unknown"] = snapshot.hazard_unknown[keep]
-    touchable = np.ascontiguousarray(snapshot.hazards[~keep])
+    touchable = snapshot.hazards[~keep]
+    if grant.person:  # where the cell was said to be empty, a still face is a thing: not here
+        things = np.asarray(snapshot.things, np.float32).reshape(-1, 3)
+        inside = _distance(snapshot, things, grant.region) <= grown
+        if grant.ceiling is not None:
+            up, height = grant.ceiling
+            inside &= things @ np.asarray(up, np.float32) <= height
+        touchable = np.concatenate([touchable, things[inside]])
+    touchable = np.ascontiguousarray(touchable)
     return PermittedSnapshot(**known, grant=grant, touchable=touchable)
 
 

@@ -63,6 +63,14 @@ class Region:
         """(3,) where its centre is expected at a time [s]."""
         return np.asarray(self.T_base_region[:3, 3] + (when - self.exposure) * self.velocity)
 
+    def lattice(self, when: float, spacing: float) -> Points:
+        """(n, 3) points in ``base`` in it at a time [s], at a distance [m]; its centre always."""
+        half = 0.5 * self.extent
+        steps = np.arange(-half, half + spacing, spacing)
+        points = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
+        points = np.concatenate([points, np.zeros((1, 3))]) + self.center(when)
+        return np.asarray(points[self.distance(points, when) <= 1e-9])
+
     def deviation(self, when: float) -> float:
         """Standard deviation [m] of the centre at a time [s], along its worst direction."""
         seen = math.sqrt(max(float(np.linalg.eigvalsh(self.covariance)[-1]), 0.0))
