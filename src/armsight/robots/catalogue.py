@@ -20,6 +20,7 @@ ROBOT_NAMES: tuple[str, ...] = (
     "ur10",
     "ur3e",
     "ur5e",
+    "ur10e",
     "iiwa",
     "iiwa14",
     "panda",
