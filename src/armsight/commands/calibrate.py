@@ -6,7 +6,7 @@ import math
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -20,10 +20,7 @@ if TYPE_CHECKING:
     from armsight.calibration.recorded_set import RecordedSet
     from armsight.calibration.recorded_solve import RecordedAnswer
     from armsight.robots.robot import Robot
-    from armsight.runtime.session import Session
-    from armsight.tasks.procedure_task import ProcedureTask
 
-INTERRUPTED = 130
 PLANNING = 0.2
 """Of a core for a path: nobody is near, so there is time [s]."""
 PATIENCE = 600.0
@@ -254,7 +251,8 @@ class Calibrate:
         from armsight.calibration.export import write_results
         from armsight.calibration.live.log import ProcedureOptions
         from armsight.commands.calibration_store import store
-        from armsight.commands.running import RunOptions, run_session
+        from armsight.commands.ending import EndsWhen
+        from armsight.commands.running import INTERRUPTED, RunOptions, run_session
         from armsight.errors import CalibrationError
         from armsight.runtime.config import SessionConfig
         from armsight.runtime.configure import mapping_config
@@ -304,7 +302,7 @@ class Calibrate:
                     page=None if self.headless else self.page,
                     seed=self.seed,
                     speed=math.inf,
-                    observers=(EndsWithTask(task),),
+                    observers=(EndsWhen(lambda: task.done),),
                     config=SessionConfig(
                         mapping=mapping, patience=PATIENCE, planning_time=PLANNING
                     ),
@@ -346,27 +344,6 @@ class Calibrate:
             print(f"{file}: {', '.join(e.name for e in entries)} calibrated")
         print(f"written to {self.out}; open {self.out / 'report.html'}")
         return 0
-
-
-class EndsWithTask:
-    """Ends the run when the task has ended."""
-
-    name = "calibration watch"
-    period = 0.05
-
-    def __init__(self, task: ProcedureTask[Any]) -> None:
-        self._task = task
-        self._session: Session | None = None
-
-    def attach(self, session: Session) -> None:
-        """The session to end."""
-        self._session = session
-
-    def update(self, now: float) -> None:
-        """Look whether it has."""
-        session = self._session
-        if session is not None and (self._task.done or session.task_failure):
-            session.stop("done")
 
 
 class _Terminal:

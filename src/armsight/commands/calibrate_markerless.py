@@ -8,8 +8,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from armsight.recognition.own_arm import OwnArmPose
-    from armsight.runtime.session import Session
-    from armsight.tasks.markerless import ArmViews
 
 SECONDS = 60.0
 """After this, the views that there are must do [s]."""
@@ -32,6 +30,7 @@ def calibrate_markerless(
         CalibrationError: no camera could be placed.
     """
     from armsight.commands.calibration_store import store
+    from armsight.commands.ending import EndsWhen
     from armsight.commands.running import RunOptions, run_session
     from armsight.errors import CalibrationError, UsageError
     from armsight.geometry.pose import angle_between
@@ -50,7 +49,7 @@ def calibrate_markerless(
         raise UsageError(f"{workcell_name}: has no fixed camera to place by its view of the arm")
     with open_cell(workcell, seed) as cell:
         task = MarkerlessTask(workcell.goals, names)
-        ends = _EndsWhenSeen(task.arm_views)
+        ends = EndsWhen(lambda: task.arm_views.complete, "enough views")
         speed = float("inf") if cell.simulated else 1.0
         wanted = RunOptions(seconds, page=None, seed=seed, speed=speed, observers=(ends,))
         run_session(cell, task, wanted)
@@ -82,23 +81,3 @@ def calibrate_markerless(
             entries = [entry_of(workcell, infos[n], cell.robot, a) for n, a in found.items()]
             print(f"{store(workcell, entries)}: {', '.join(found)} calibrated")
     return 0 if len(found) == len(names) else 1
-
-
-class _EndsWhenSeen:
-    """Ends the run when every camera has its views."""
-
-    name = "views"
-    period = 0.1
-
-    def __init__(self, views: ArmViews) -> None:
-        self._views = views
-        self._session: Session | None = None
-
-    def attach(self, session: Session) -> None:
-        """The session to end."""
-        self._session = session
-
-    def update(self, now: float) -> None:
-        """Look whether there are enough."""
-        if self._session is not None and self._views.complete:
-            self._session.stop("enough views")

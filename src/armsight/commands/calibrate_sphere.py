@@ -31,9 +31,9 @@ def calibrate_sphere(
     """
     import numpy as np
 
-    from armsight.commands.calibrate import INTERRUPTED, EndsWithTask
     from armsight.commands.calibration_store import store
-    from armsight.commands.running import RunOptions, run_session
+    from armsight.commands.ending import EndsWhen
+    from armsight.commands.running import INTERRUPTED, RunOptions, run_session
     from armsight.errors import CalibrationError
     from armsight.runtime.config import SessionConfig
     from armsight.runtime.configure import mapping_config
@@ -65,7 +65,7 @@ def calibrate_sphere(
                 page=page,
                 seed=seed,
                 speed=math.inf,
-                observers=(EndsWithTask(task),),
+                observers=(EndsWhen(lambda: task.done),),
                 config=SessionConfig(mapping=mapping),
             ),
         )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from armsight.commands.run import EndsWithTask
+from armsight.commands.ending import EndsWhen
 from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
@@ -74,15 +74,15 @@ class Charge:
         if self.headless and self.seconds is None:
             asked = replace(self, seconds=180.0 * self.visits)
         options = ChargeOptions(self.inlet, self.mode, self.visits, self.charging, self.state)
-        watch = _EndsWithVisits() if self.headless else None
         made: list[ChargeTask] = []
+        ended: list[bool] = []
+        watch = (EndsWhen(lambda: bool(ended), "time"),) if self.headless else ()
 
-        def make(cell: Any) -> tuple[ChargeTask, tuple[_EndsWithVisits, ...]]:
+        def make(cell: Any) -> tuple[ChargeTask, tuple[Any, ...]]:
             task = options.make(cell)
             made.append(task)
-            if watch is not None:
-                task.done = watch.end
-            return task, (_Parking(task), *(() if watch is None else (watch,)))
+            task.done = lambda: ended.append(True)
+            return task, (_Parking(task), *watch)
 
         with ran(asked, make) as session:
             station = made[0].station
@@ -146,24 +146,3 @@ class _Parking:
 
     def update(self, now: float) -> None:
         """Nothing to do."""
-
-
-class _EndsWithVisits(EndsWithTask):
-    """Ends a run that nobody watches when its visits have ended, too."""
-
-    name = "visits"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._over = False
-
-    def end(self) -> None:
-        """The visits have ended."""
-        self._over = True
-
-    def update(self, now: float) -> None:
-        """Stop once they have, or the task has failed."""
-        if self._over and self._session is not None:
-            self._session.stop("time")
-        else:
-            super().update(now)

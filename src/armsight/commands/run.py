@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from armsight.commands.ending import EndsWhen
 from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def run_and_tell(asked: RunCommand | Servo, make: Callable[[Cell], Task]) -> int
     """Run the task that is made for the open cell, print how it ended; the exit code."""
     from armsight.commands.running import exit_code, ran, say, write_summary
 
-    watch = (EndsWithTask(),) if asked.headless else ()
+    watch = (EndsWhen(),) if asked.headless else ()
     with ran(asked, lambda cell: (make(cell), watch)) as session:
         summary = summary_of(session)
     for key, value in summary.items():
@@ -73,25 +74,6 @@ def run_and_tell(asked: RunCommand | Servo, make: Callable[[Cell], Task]) -> int
     if asked.json is not None:
         write_summary(asked.json, summary)
     return exit_code(session, asked.seconds)
-
-
-class EndsWithTask:
-    """Ends a run that nobody watches when its task has failed for good."""
-
-    name = "task watch"
-    period = 0.1
-
-    def __init__(self) -> None:
-        self._session: Session | None = None
-
-    def attach(self, session: Session) -> None:
-        """The session to end."""
-        self._session = session
-
-    def update(self, now: float) -> None:
-        """Look whether the task still lives."""
-        if self._session is not None and self._session.task_failure:
-            self._session.stop("task failed")
 
 
 def run_with(words: Sequence[str]) -> type[RunCommand]:
