@@ -212,8 +212,8 @@ class Calibrate:
 
     def _keep(self, answer: Calibration) -> None:
         """Put what a recorded set has told into the cell's calibration file."""
-        from armsight.commands.calibration_store import store
         from armsight.tasks.calibration_entries import camera_entries
+        from armsight.workcell.calibration_file.store import store
         from armsight.workcell.packaged import load
 
         assert self.workcell is not None
@@ -250,7 +250,6 @@ class Calibrate:
         from armsight.calibration import report, views_file
         from armsight.calibration.export import write_results
         from armsight.calibration.live.log import ProcedureOptions
-        from armsight.commands.calibration_store import store
         from armsight.commands.ending import EndsWhen
         from armsight.commands.running import INTERRUPTED, RunOptions, run_session
         from armsight.errors import CalibrationError
@@ -264,6 +263,7 @@ class Calibrate:
         )
         from armsight.tasks.calibration_entries import arm_of, board_of_cell, camera_entries
         from armsight.workcell import open_cell
+        from armsight.workcell.calibration_file.store import store
         from armsight.workcell.packaged import load
         from armsight.writing import write_text
 

@@ -29,13 +29,13 @@ def calibrate_markerless(
         UsageError: the cell has no such camera, or none that is fixed.
         CalibrationError: no camera could be placed.
     """
-    from armsight.commands.calibration_store import store
     from armsight.commands.ending import EndsWhen
     from armsight.commands.running import RunOptions, run_session
     from armsight.errors import CalibrationError, UsageError
     from armsight.geometry.pose import angle_between
     from armsight.tasks.markerless import MarkerlessTask, entry_of, find_camera
     from armsight.workcell import open_cell
+    from armsight.workcell.calibration_file.store import store
     from armsight.workcell.packaged import load
 
     workcell = load(workcell_name)

@@ -31,7 +31,6 @@ def calibrate_sphere(
     """
     import numpy as np
 
-    from armsight.commands.calibration_store import store
     from armsight.commands.ending import EndsWhen
     from armsight.commands.running import INTERRUPTED, RunOptions, run_session
     from armsight.errors import CalibrationError
@@ -45,6 +44,7 @@ def calibrate_sphere(
     )
     from armsight.tasks.calibration_cell import unseen_is_empty
     from armsight.workcell import open_cell
+    from armsight.workcell.calibration_file.store import store
     from armsight.workcell.packaged import load
 
     original = load(workcell_name)

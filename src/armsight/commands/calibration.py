@@ -90,10 +90,10 @@ class Import:
         """Read the files, write the cell's calibration file."""
         import numpy as np
 
-        from armsight.commands.calibration_store import store
         from armsight.errors import CalibrationError, UsageError
         from armsight.tasks.calibration_exchange import brought, covariance_of, merged
         from armsight.workcell import camera_info_of
+        from armsight.workcell.calibration_file.store import store
         from armsight.workcell.calibration_file.writing import camera_entry
 
         workcell, calibration = _load(self.workcell)

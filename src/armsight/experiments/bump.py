@@ -83,8 +83,8 @@ class _Bump:
 
 def calibrated(workcell: Workcell, folder: Path, seed: int) -> Workcell:
     """The cell with a calibration file in a folder: the truth, a little off."""
-    from armsight.commands.calibration_store import store
     from armsight.workcell import load_workcell, open_cell, simulated_world
+    from armsight.workcell.calibration_file.store import store
     from armsight.workcell.calibration_file.writing import camera_entry
 
     rng = np.random.default_rng([seed, 7])
