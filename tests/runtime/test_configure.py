@@ -11,7 +11,7 @@ from armsight.runtime.session import Session
 from armsight.tasks.patrol import PatrolTask
 from armsight.workcell import load_workcell, open_cell
 from armsight.workcell.packaged import packaged
-from armsight.workcell.schema import ObjectSection
+from armsight.workcell.schema_things import ObjectSection
 
 CELL = load_workcell(packaged()["ur5_four_cameras"])
 POSES = {

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from armsight.simulation.truth import Truth
     from armsight.workcell import Cell
-    from armsight.workcell.schema import PersonSection
+    from armsight.workcell.schema_things import PersonSection
 
 SECONDS = 4.0
 """Length of an episode [s]; the arm is under way from 0.4 s on."""
@@ -174,7 +174,7 @@ def _worst(contacts: Sequence[Any]) -> list[Any]:
 
 def _visitor(rng: np.random.Generator, run: int, cap: float) -> PersonSection:
     """Who comes in this episode, and from where."""
-    from armsight.workcell.schema import PersonSection
+    from armsight.workcell.schema_things import PersonSection
 
     clips = find_clips()
     around = float(rng.uniform(-75.0, 75.0))

@@ -207,7 +207,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     from armsight.runtime.session import Session
     from armsight.tasks.patrol import PatrolTask
     from armsight.workcell import open_cell, simulated_world
-    from armsight.workcell.schema import ObjectSection
+    from armsight.workcell.schema_things import ObjectSection
 
     condition = list(CONDITIONS)[run % len(CONDITIONS)]
     method, scene = CONDITIONS[condition]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from armsight.devices.world import World
     from armsight.runtime.session import Session
     from armsight.workcell import Workcell
-    from armsight.workcell.schema import SolidSection
+    from armsight.workcell.schema_things import SolidSection
 
 SECONDS = 40.0
 """Length of a run beside a thing [s]."""
@@ -100,7 +100,7 @@ def _place(workcell: Workcell, rng: np.random.Generator, kind: str) -> Floats | 
 
 def _solids(kind: str, place: Floats) -> tuple[SolidSection, ...]:
     """What the cell is not told of: a thing on the table."""
-    from armsight.workcell.schema import SolidSection
+    from armsight.workcell.schema_things import SolidSection
 
     x, y = (float(v) for v in place)
     if kind == "box":
@@ -186,7 +186,7 @@ def left(seed: int, run: int) -> dict[str, Any]:
     from armsight.runtime.session import Session
     from armsight.tasks.patrol import PatrolTask
     from armsight.workcell import open_cell, simulated_world
-    from armsight.workcell.schema import ObjectSection, PersonSection
+    from armsight.workcell.schema_things import ObjectSection, PersonSection
 
     rng = np.random.default_rng((seed, 10_000 + run))
     y = float(rng.uniform(-0.35, 0.35))

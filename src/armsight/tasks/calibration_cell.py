@@ -19,7 +19,7 @@ from armsight.mapping.config import MappingConfig
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.collision import CollisionModel
 from armsight.workcell.board import board_mount, board_of
-from armsight.workcell.schema import BoardSection
+from armsight.workcell.schema_things import BoardSection
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell, Workcell

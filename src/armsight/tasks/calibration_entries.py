@@ -21,7 +21,8 @@ from armsight.workcell.calibration_file.schema import (
     CalibratedCamera,
 )
 from armsight.workcell.calibration_file.writing import arm_entry, board_entry, camera_entry
-from armsight.workcell.schema import CameraSection, Workcell
+from armsight.workcell.schema import Workcell
+from armsight.workcell.schema_devices import CameraSection
 
 LEAST_VIEWS = 3
 """A camera that saw the board less often was not calibrated."""

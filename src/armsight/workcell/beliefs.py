@@ -17,10 +17,8 @@ from armsight.workcell.calibration_file.reading import (
 from armsight.workcell.calibration_file.schema import CellCalibration
 from armsight.workcell.checks import robot_of
 from armsight.workcell.drivers import SIMULATED
-from armsight.workcell.schema import (
-    CameraSection,
-    Workcell,
-)
+from armsight.workcell.schema import Workcell
+from armsight.workcell.schema_devices import CameraSection
 
 
 def robot_in(workcell: Workcell) -> Robot:

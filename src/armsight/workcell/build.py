@@ -34,9 +34,7 @@ from armsight.workcell.opening import (
     open_stereo,
     open_wrench,
 )
-from armsight.workcell.schema import (
-    Workcell,
-)
+from armsight.workcell.schema import Workcell
 from armsight.workcell.simulated import world_spec
 
 Device = TypeVar("Device")

@@ -18,7 +18,8 @@ from armsight.charging.ports.table import PORTS, drawn, port
 from armsight.charging.vehicle_file import VehicleShape, load_vehicle, packaged
 from armsight.errors import UsageError, WorkcellError
 from armsight.simulation.spec import Look, PlugSpec, SocketSpec
-from armsight.workcell.schema import CarSection, Workcell
+from armsight.workcell.schema import Workcell
+from armsight.workcell.schema_things import CarSection
 
 PLUG_OF = {"type1": "type1_plug", "type2": "type2_plug", "ccs2": "ccs2_plug"}
 """Which plug enters which inlet."""

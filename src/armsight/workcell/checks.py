@@ -23,19 +23,15 @@ from armsight.robots.robot import Robot
 from armsight.simulation.scripts import SCRIPTS
 from armsight.workcell.drivers import SIMULATED, is_known, unknown
 from armsight.workcell.problems import Problem, nearest, shown
-from armsight.workcell.schema import (
+from armsight.workcell.schema import MappingSection, PatrolSection
+from armsight.workcell.schema_devices import (
     CameraSection,
-    HeldSection,
-    MappingSection,
     MountedSection,
-    ObjectSection,
-    PatrolSection,
-    PersonSection,
     RobotSection,
-    SimulationSection,
-    SolidSection,
     StereoSection,
 )
+from armsight.workcell.schema_simulation import SimulationSection
+from armsight.workcell.schema_things import HeldSection, ObjectSection, PersonSection, SolidSection
 
 FARTHEST = 10.0
 """Nothing in a cell is farther from the robot's base than this [m]."""

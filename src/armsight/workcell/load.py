@@ -16,18 +16,10 @@ from armsight.robots.catalogue import is_path
 from armsight.workcell import checks
 from armsight.workcell.fields import Section
 from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, path
-from armsight.workcell.schema import (
-    CameraSection,
-    MappingSection,
-    ObjectSection,
-    PatrolSection,
-    PersonSection,
-    RobotSection,
-    SimulationSection,
-    SolidSection,
-    StereoSection,
-    Workcell,
-)
+from armsight.workcell.schema import MappingSection, PatrolSection, Workcell
+from armsight.workcell.schema_devices import CameraSection, RobotSection, StereoSection
+from armsight.workcell.schema_simulation import SimulationSection
+from armsight.workcell.schema_things import ObjectSection, PersonSection, SolidSection
 
 LARGEST = 1_000_000
 """A workcell file is never larger [bytes]."""

@@ -27,13 +27,13 @@ from armsight.errors import DeviceError
 from armsight.robots.robot import Robot
 from armsight.workcell.calibration_file.reading import mount_pose
 from armsight.workcell.drivers import find_driver
-from armsight.workcell.schema import (
+from armsight.workcell.schema import Workcell
+from armsight.workcell.schema_devices import (
     CameraSection,
     GripperSection,
     MountedSection,
     RobotSection,
     StereoSection,
-    Workcell,
     WrenchSection,
 )
 

@@ -23,14 +23,9 @@ from armsight.workcell.calibration_file.reading import (
 from armsight.workcell.calibration_file.schema import CellCalibration
 from armsight.workcell.car import plug_spec, socket_spec
 from armsight.workcell.drivers import SIMULATED
-from armsight.workcell.schema import (
-    CameraSection,
-    ObjectSection,
-    PersonSection,
-    StereoSection,
-    TargetSection,
-    Workcell,
-)
+from armsight.workcell.schema import Workcell
+from armsight.workcell.schema_devices import CameraSection, StereoSection
+from armsight.workcell.schema_things import ObjectSection, PersonSection, TargetSection
 
 DEFAULT_STEREO = "wrist_stereo"
 """Model of a simulated pair that names none."""

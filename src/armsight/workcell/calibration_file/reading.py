@@ -18,7 +18,8 @@ from armsight.robots.robot import Robot
 from armsight.robots.tools import BOARD_TOOL
 from armsight.workcell.calibration_file.schema import CalibratedCamera, CellCalibration
 from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, nearest
-from armsight.workcell.schema import CameraSection, MountedSection, Workcell
+from armsight.workcell.schema import Workcell
+from armsight.workcell.schema_devices import CameraSection, MountedSection
 
 LARGEST = 1_000_000
 """A calibration file is never larger [bytes]."""

@@ -26,7 +26,9 @@ from armsight.workcell.calibration_file.schema import (
     CalibratedCell,
     CellCalibration,
 )
-from armsight.workcell.schema import BoardSection, CameraSection, Workcell
+from armsight.workcell.schema import Workcell
+from armsight.workcell.schema_devices import CameraSection
+from armsight.workcell.schema_things import BoardSection
 
 HEADER = (
     "What this cell believes of its cameras, written by `armsight calibrate`.",
