@@ -289,7 +289,9 @@ class Sprung(QuickCell):
         )
         self.path, self.kind, self.pushed = path, kind, []
 
-    def touch(self, seconds, velocity=(0.0, 0.0, 0.0)):
+    def touch(self, seconds, velocity=(0.0, 0.0, 0.0), lost=np.inf):
+        """A task that goes on asking for the region, since ``lost`` [s] for where it last was."""
+        goal = None
         for _ in range(round(seconds / self.config.period)):
             center = np.asarray(self.path(self.now), float)
             way = tcp_pose(self.robot, self.q)[:3, 3] - center
@@ -305,7 +307,9 @@ class Sprung(QuickCell):
             wanted = np.array([*velocity, 0.0, 0.0, 0.0])
             limits = {"thing": (0.25, 10.0, 2.0), "face": (0.1, 5.0, 0.5)}[self.kind]
             request = PermitRequest("b", self.kind, region, ("tool",), 0.12, *limits, seconds=20.0)
-            self.tick(goal=VelocityIntent("t", wanted, "base", self.now, self.now + 0.1, request))
+            if self.now < lost:
+                goal = VelocityIntent("t", wanted, "base", self.now, self.now + 0.1, request)
+            self.tick(goal=goal)
         return self
 
 
@@ -322,6 +326,19 @@ def test_an_arm_gives_way_to_a_stiff_stand_that_goes_on_coming():
     cell = Sprung(coming, "thing").touch(3.2)
     assert any("backs out" in s.reason for s in cell.log)
     assert 3.0 < max(force for _, force in cell.pushed) < 10.0
+
+
+def test_an_arm_that_has_left_gives_way_to_what_comes_back():
+    """Nobody sees the stand any more, and it comes at 3 cm/s: a standing arm would feel 50 N."""
+
+    def swinging(t):
+        way = 0.035 * (1.0 - np.cos(0.9 * max(t - 1.0, 0.0))) if t < 1.75 else 0.0077
+        way += np.interp(t, [1.75, 3.0, 5.0], [0.0, -0.0375, 0.0225])
+        return TIP + np.array([0.0, 0.0, way - 0.036])
+
+    cell = Sprung(swinging, "thing").touch(6.0, lost=1.95)
+    assert any("pushes it" in s.reason for s in cell.log)
+    assert 2.5 < max(force for when, force in cell.pushed if when > 3.0) < 10.0
 
 
 def test_a_face_that_no_camera_sees_is_left_by_what_is_felt():

@@ -36,7 +36,7 @@ from armsight.motion.permitted import (
     somebody_beside,
 )
 from armsight.motion.regions import Region
-from armsight.motion.retreat import AHEAD, CLEAR, Retreat, gap
+from armsight.motion.retreat import AHEAD, CLEAR, Retreat, behind, gap
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 
@@ -54,6 +54,9 @@ SHARE = 0.6
 """Share of the force that may be left to be used up while the arm stops."""
 LEAST = 0.002
 """The arm may always move this slowly in contact: back, if nothing else [m/s]."""
+AGAIN, QUIET, PUSHED = 10.0, 1.5, 2.5
+"""For this long after a retreat [s] the arm gives way to a push that grows from less than QUIET to
+more than PUSHED [N]."""
 JUMP = 0.03
 """A target cannot be farther than this [m], beyond what is unsure, from where it was expected."""
 
@@ -86,6 +89,8 @@ class PermitOffice:
         self._ceiling = (up, config.head_height - config.base_height)
         self._waiting: list[Wrench] = []
         self._q: JointVector | None = None
+        self._left: tuple[Grant, float] | None = None
+        self._quiet = False
 
     def feel(self, readings: Sequence[Wrench]) -> None:
         """Readings of the force sensor, oldest first; judged by the next :meth:`consider`."""
@@ -121,7 +126,9 @@ class PermitOffice:
                 self.grant = self._grant(permit, permit.region)
         elif self.retreat is None:
             self.grant = None
+            self._give_way(now)
         elif q is None or not self._touches(now):
+            self._left, self._quiet = (self.retreat.grant, now), False
             self.retreat = self.grant = None
         else:
             self.retreat.grow_old(now)
@@ -177,6 +184,25 @@ class PermitOffice:
             touchable = np.concatenate([touchable, grant.region.lattice(when, LATTICE)])
         radius = 0.0 if seen is None else seen.hazard_radius
         return GentleSpeed(name, Hazards.at(touchable, radius), speed)
+
+    def _give_way(self, now: float) -> None:
+        """What was touched comes back and pushes an arm that has left it: it leaves once more.
+
+        Only a push that begins counts: a sensor that lies pushes all the time.
+        """
+        if self._left is None or self._q is None:
+            return
+        grant, since = self._left
+        push = self._force.push
+        if grant.person or now > since + AGAIN or push is None or self._force.fault(now):
+            return
+        strength = float(np.linalg.norm(push))
+        if strength < QUIET:
+            self._quiet = True
+        elif strength > PUSHED and self._quiet:
+            grant = behind(grant, self._body, self._q, push, now)
+            self.retreat = Retreat("what it touched pushes it", grant, self._executed, self._q, now)
+            self.grant = self.retreat.grant
 
     # -- inside ---------------------------------------------------------------------------------
 
@@ -338,8 +364,11 @@ class PermitOffice:
         grant, q = self.grant, self._q
         if grant is None or q is None:
             return False
-        ahead = () if self.retreat is None else (now + AHEAD,)
-        if min(gap(self._body, grant, q, t) for t in (now, *ahead)) < CLEAR and (
+        ahead: tuple[float, ...] = ()
+        clear = CLEAR
+        if self.retreat is not None:
+            ahead, clear = (now + AHEAD,), self.retreat.clearance(now)
+        if min(gap(self._body, grant, q, t) for t in (now, *ahead)) < clear and (
             grant.ceiling is None or self._force.pressed > NOTICED
         ):
             return True

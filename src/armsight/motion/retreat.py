@@ -9,7 +9,8 @@ agree to within a right angle (a sensor may lie).
 
 What is touched goes on, for :data:`FOLLOWED`, as it did when it was last seen, or as the task goes
 on to see it. The arm gives way to it that much faster: from a stand that comes at 6 cm/s, an arm
-that leaves with 4 would be pressed harder and harder.
+that leaves with 4 would be pressed harder and harder. A thing that nobody sees any more may swing
+back into an arm that stands: from there it leaves by ten centimetres.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ from armsight.motion.regions import Region
 
 CLEAR = 0.02
 """The arm has left when what could touch is this far from the region [m]."""
+LOST_CLEAR = 0.10
+"""Or this far from a thing that nobody sees any more: it may come back [m] (V retreats so, too)."""
+UNSEEN = 0.3
+"""Nobody sees what was not seen for this long [s]."""
 AHEAD = 1.0
 """And from where it comes to within this time [s]."""
 FOLLOWED = 1.0
@@ -54,9 +59,11 @@ class Retreat:
     def __init__(
         self, reason: str, grant: Grant, executed: Executed, q: JointVector, now: float
     ) -> None:
-        self.reason, self.grant = reason, grant
+        self.reason = reason
         self.braked = False
-        self.follow(grant.region, now)
+        self._until = now + FOLLOWED
+        self._seen = grant.region.exposure
+        self.grant = replace(grant, region=replace(grant.region, drift=0.0))
         back: JointPath = executed.retrace(q, 1.0)
         self._places = [np.asarray(place) for place in back[1:]]
 
@@ -68,8 +75,13 @@ class Retreat:
 
     def follow(self, region: Region, now: float) -> None:
         """What is touched was seen anew."""
-        self._until = now + FOLLOWED
+        self._until, self._seen = now + FOLLOWED, now
         self.grant = replace(self.grant, region=replace(region, drift=0.0))
+
+    def clearance(self, now: float) -> float:
+        """How far from the region the arm has left [m]."""
+        lost = not self.grant.person and now > self._seen + UNSEEN
+        return LOST_CLEAR if lost else CLEAR
 
     def grow_old(self, now: float) -> None:
         """What nobody has seen for long goes nowhere any more."""
@@ -145,6 +157,23 @@ class Retreat:
 def _straight(J: Floats, out: Vector3) -> JointVector:
     """(n,) direction in which a part with a (6, n) Jacobian moves along (3,) a unit vector."""
     return np.asarray(J[:3].T @ np.linalg.solve(J[:3] @ J[:3].T + 0.01 * np.eye(3), out))
+
+
+def behind(grant: Grant, body: MovingBody, q: JointVector, push: Vector3, now: float) -> Grant:
+    """What pushes with (3,) a force [N] in ``base`` lies against the part that it pushes.
+
+    Where it was seen last says nothing any more: the region is put, at rest, where it is felt.
+    """
+    parts = np.flatnonzero(grant.touching[body.moving])
+    center, _ = body.motion(q, np.zeros(len(q)))
+    region = grant.region
+    part = int(parts[np.argmin(region.distance(center[parts], now))])
+    inside = -float(region.distance(region.center(now)[None], now)[0])
+    out = push / float(np.linalg.norm(push))
+    T = np.array(region.T_base_region, float)
+    T[:3, 3] = center[part] - (inside + float(body.radius[part])) * out
+    felt = replace(region, T_base_region=T, exposure=now, velocity=np.zeros(3), drift=0.0)
+    return replace(grant, region=felt)
 
 
 def gap(body: MovingBody, grant: Grant, q: JointVector, when: float) -> float:
