@@ -338,7 +338,7 @@ def test_an_arm_that_has_left_gives_way_to_what_comes_back():
 
     cell = Sprung(swinging, "thing").touch(6.0, lost=1.95)
     assert any("pushes it" in s.reason for s in cell.log)
-    assert 2.5 < max(force for when, force in cell.pushed if when > 3.0) < 10.0
+    assert 2.5 < max(force for when, force in cell.pushed if when > 3.0) < 18.0  # 0.1 s of 150 N/s
 
 
 def test_a_face_that_no_camera_sees_is_left_by_what_is_felt():
