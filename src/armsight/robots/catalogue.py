@@ -21,6 +21,7 @@ ROBOT_NAMES: tuple[str, ...] = (
     "ur3e",
     "ur5e",
     "ur10e",
+    "ur16e",
     "iiwa",
     "iiwa14",
     "panda",
