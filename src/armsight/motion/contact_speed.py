@@ -12,11 +12,13 @@ speeds are relative to the region, which may move.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Mask, Points
+from armsight.arrays import Floats, JointVector, Mask, Points, Vector3
+from armsight.motion.contact_limits import MOST
 from armsight.motion.guard_kernels import Law
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.motion.regions import Region
@@ -34,15 +36,51 @@ class GentleSpeed:
     Separation from what is in the region is replaced by this speed, and only there: a part that
     separation would let go faster may. Towards everything else separation holds as it always does.
 
+    What is touched may move with V. A blow is as hard as the two are fast relative to each other,
+    and an arm that may not go along with a face that comes is pressed by it: the parts that may
+    touch keep v relative to some ``a V``, a in 0..1, from a target that stands to one that moves as
+    it was seen, and the rest of the arm ``v + |V|``. So standing is always allowed. V counts only
+    so far that no part is faster than :data:`.MOST`. The parts that may touch come to the target,
+    its own coming included, no faster than v; where it comes faster by itself, not at all.
+
     Attributes:
         name: of the permit.
         touchable: what is in the region.
         speed: v, by :mod:`armsight.motion.contact_limits` [m/s].
+        velocity: (3,) V of the region [m/s].
+        parts: (m,) bool, spheres of the moving body that may touch; None for none.
+        middle: (3,) the region's centre [m].
     """
 
     name: str
     touchable: Hazards
     speed: float
+    velocity: Vector3 = field(default_factory=lambda: np.zeros(3))
+    parts: Mask | None = None
+    middle: Vector3 = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def carried(self) -> Vector3:
+        """(3,) V as it counts [m/s]."""
+        fastest = max(float(np.linalg.norm(self.velocity)), 1e-9)
+        return np.asarray(self.velocity * min(1.0, max(MOST - self.speed, 0.0) / fastest))
+
+    def ease(self, body: MovingBody, q: JointVector, wanted: JointVector, law: Law) -> JointVector:
+        """The motion nearest to a wanted one (n,) [rad/s] in which the touching parts keep this.
+
+        As :meth:`ContactSpeed.ease`: what carries them along with the region is kept.
+        """
+        if self.parts is None or not self.parts.any():
+            return wanted
+        along = carried_along(body, q, int(np.flatnonzero(self.parts)[-1]), self.carried)
+
+        def kept(share: float) -> bool:
+            motion = along + share * (wanted - along)
+            _, velocity = body.motion(q, motion)
+            spin = self._spin(body, q, motion)
+            return bool((self._excess(1.0, velocity, spin)[self.parts] <= 0.0).all())
+
+        return eased(along, wanted, kept)
 
     def limit(
         self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
@@ -51,8 +89,10 @@ class GentleSpeed:
         if not len(self.touchable.blocks.points):
             return view
         near = body.view(q, motion, self.touchable, law)
-        floor = self.speed / np.maximum(self._speeds(body, q, motion, view.velocity), 1e-9)
+        spin = self._spin(body, q, motion)
+        floor = self._most(view.velocity, spin)
         allowed = np.maximum(near.share, floor)
+        allowed = np.minimum(allowed, self._coming(view.center, view.velocity, spin))
         tighter = allowed < view.share
         return replace(
             view,
@@ -60,17 +100,53 @@ class GentleSpeed:
             limiting=np.where(tighter, -1, view.limiting),
         )
 
-    def gentle(self, body: MovingBody, q: JointVector, motion: JointVector) -> bool:
-        """Whether no part that could meet the touchable is faster than v, by more than rounding."""
+    def gentle(self, body: MovingBody, q: JointVector, motion: JointVector) -> Mask:
+        """(m,) bool, the spheres that keep v by this, to within rounding."""
         _, velocity = body.motion(q, motion)
-        return bool(self._speeds(body, q, motion, velocity).max() <= 1.02 * self.speed + 1e-3)
+        excess = self._excess(1.0, velocity, self._spin(body, q, motion))
+        return np.asarray(excess <= 0.02 * self.speed + 1e-3)
 
-    def _speeds(
-        self, body: MovingBody, q: JointVector, motion: JointVector, velocity: Points
-    ) -> Floats:
-        """(m,) no point of each sphere is faster than this [m/s]."""
-        spin = np.linalg.norm(body.spin(q, motion), axis=1)[body.link] * body.radius
-        return np.asarray(np.linalg.norm(velocity, axis=1) + spin)
+    def _spin(self, body: MovingBody, q: JointVector, motion: JointVector) -> Floats:
+        """(m,) speed that turning adds to the centre's at most [m/s]."""
+        spin = np.linalg.norm(body.spin(q, motion), axis=1)[body.link]
+        return np.asarray(spin * body.radius)
+
+    def _excess(self, share: Floats | float, velocity: Points, spin: Floats) -> Floats:
+        """(m,) by how much a share of a motion is too fast [m/s]: convex in the share."""
+        V, s = self.carried, np.broadcast_to(np.asarray(share, float), spin.shape)
+        moves = s[:, None] * velocity
+        a = np.clip(moves @ V / max(float(V @ V), 1e-12), 0.0, 1.0)
+        relative = np.linalg.norm(moves - a[:, None] * V, axis=1) - self.speed
+        if self.parts is not None:
+            free = np.linalg.norm(moves, axis=1) - self.speed - float(np.linalg.norm(V))
+            relative = np.where(self.parts, relative, free)
+        return np.asarray(relative + s * spin)
+
+    def _most(self, velocity: Points, spin: Floats) -> Floats:
+        """(m,) greatest share of a motion at which each sphere keeps v; more than 1 if it may."""
+        total = np.linalg.norm(velocity, axis=1) + spin
+        good = self.speed / np.maximum(total, 1e-9)  # beside a target that stands
+        if not self.carried.any():
+            return np.asarray(good)
+        bad = (MOST + self.speed) / np.maximum(total, 1e-9)
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (good + bad)
+            fits = self._excess(middle, velocity, spin) <= 0.0
+            good, bad = np.where(fits, middle, good), np.where(fits, bad, middle)
+        return np.asarray(good)
+
+    def _coming(self, center: Points, velocity: Points, spin: Floats) -> Floats:
+        """(m,) share at which the touching parts come to the target slowly enough."""
+        out = np.full(len(spin), np.inf)
+        if self.parts is None:
+            return out
+        way = self.middle - center
+        way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+        most = np.maximum(self.speed + way @ self.velocity, 0.0)
+        closing = np.einsum("ij,ij->i", velocity, way) + spin
+        held = self.parts & (np.einsum("ij,ij->i", velocity, way) > 0.0)
+        out[held] = most[held] / np.maximum(closing[held], 1e-9)
+        return out
 
 
 @dataclass(frozen=True)
@@ -119,21 +195,13 @@ class ContactSpeed:
         own = np.flatnonzero(self.parts)
         if len(own) == 0:
             return wanted
-        J = body.jacobian(q, int(own[-1]))
-        carried = np.concatenate([self.region.velocity, np.zeros(3)])  # it does not turn
-        along = J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), carried)
+        along = carried_along(body, q, int(own[-1]), self.region.velocity)
 
         def kept(share: float) -> bool:
             motion = along + share * (wanted - along)
             return bool(self.allowed(body.still_view(q, motion), body, q, motion, law).min() >= 1.0)
 
-        if kept(1.0) or not kept(0.0):
-            return wanted
-        good, bad = 0.0, 1.0
-        for _ in range(EASINGS):
-            middle = 0.5 * (good + bad)
-            good, bad = (middle, bad) if kept(middle) else (good, middle)
-        return np.asarray(along + good * (wanted - along))
+        return eased(along, wanted, kept)
 
     def allowed(
         self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
@@ -159,6 +227,24 @@ class ContactSpeed:
             else:
                 out[i] = _share_within(velocity[i], moves, spin[i], most)
         return out
+
+
+def carried_along(body: MovingBody, q: JointVector, part: int, velocity: Vector3) -> JointVector:
+    """(n,) joint velocities [rad/s] that carry a sphere along with (3,) [m/s], without turning."""
+    J = body.jacobian(q, part)
+    twist = np.concatenate([velocity, np.zeros(3)])
+    return np.asarray(J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), twist))
+
+
+def eased(along: JointVector, wanted: JointVector, kept: Callable[[float], bool]) -> JointVector:
+    """What carries along, with the greatest share of the rest of a wish at which a law is kept."""
+    if kept(1.0) or not kept(0.0):
+        return wanted
+    good, bad = 0.0, 1.0
+    for _ in range(EASINGS):
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if kept(middle) else (good, middle)
+    return np.asarray(along + good * (wanted - along))
 
 
 def _share_towards(

@@ -175,15 +175,19 @@ class PermitOffice:
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
             parts, region = grant.touching[self._body.moving], grant.region
             return ContactSpeed(name, parts, region, when, speed, margin)
-        if q is not None and permit is not None:
+        if self.retreat is None and q is not None and permit is not None:
             speed = min(speed, self._gentle_speed(permit, grant.region, when, q))
         touchable: Points = np.empty((0, 3))
         if isinstance(seen, PermittedSnapshot):
             touchable = seen.touchable.astype(float)
-        if permit is not None and permit.kind == "face":  # the arm may hide it from the map
+        if grant.ceiling is None:  # a face: the arm may hide it from the map
             touchable = np.concatenate([touchable, grant.region.lattice(when, LATTICE)])
         radius = 0.0 if seen is None else seen.hazard_radius
-        return GentleSpeed(name, Hazards.at(touchable, radius), speed)
+        region, parts = grant.region, grant.touching[self._body.moving]
+        return GentleSpeed(
+            name, Hazards.at(touchable, radius), speed, region.velocity, parts,
+            region.center(when),
+        )  # fmt: skip
 
     def _give_way(self, now: float) -> None:
         """What was touched comes back and pushes an arm that has left it: it leaves once more.
@@ -236,9 +240,9 @@ class PermitOffice:
         if not permit.holds:  # the map follows what is asked for, granted or not
             tracked = None if reason else _followed(request, now)
             permit = self.permit = replace(permit, region=tracked)
+        if self.retreat is not None and not reason:
+            self._follow(now, self.retreat, request, snapshot)
         if permit.state == PermitState.WITHDRAWN:
-            if self.retreat is not None and not reason:
-                self._follow(now, self.retreat, request, snapshot)
             return
         if not reason and permit.holds:
             reason = self._against(now, permit, request, snapshot)
@@ -315,7 +319,8 @@ class PermitOffice:
         region, before = request.region, retreat.grant.region
         if region.exposure <= before.exposure or _jump(before, region) > 0.0:
             return
-        if region_refusal(region, request.kind, now):
+        at_rest = replace(region, velocity=np.zeros(3))  # too fast to be touched, not to be left
+        if region_refusal(at_rest, request.kind, now):
             return
         if snapshot is not None and not _seen_against(snapshot, region, request.kind):
             retreat.follow(region, now)

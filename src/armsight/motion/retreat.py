@@ -8,9 +8,9 @@ away from the region's centre and where it is pushed, by what the force sensor s
 agree to within a right angle (a sensor may lie).
 
 What is touched goes on, for :data:`FOLLOWED`, as it did when it was last seen, or as the task goes
-on to see it. The arm gives way to it that much faster: from a stand that comes at 6 cm/s, an arm
-that leaves with 4 would be pressed harder and harder. A thing that nobody sees any more may swing
-back into an arm that stands: from there it leaves by ten centimetres.
+on to see it. Where it comes, the arm goes along with it, and leaves from there: from a stand that
+comes at 6 cm/s, an arm that leaves with 4 would be pressed harder and harder. A thing that nobody
+sees any more may swing back into an arm that stands: from there it leaves by ten centimetres.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ PACE = 0.9
 """Share of the speed of an arm that counts as standing."""
 ARRIVED = 0.01
 """A place of the way back is reached within this [rad]."""
-CARRIED = 0.1
+CARRIED = 0.2
 """The target's velocity counts up to this [m/s]."""
 REACH = 0.3
 """Least lever by which a joint's speed counts, where no part moves [m]."""
@@ -123,7 +123,7 @@ class Retreat:
             leaves = float(step @ out) >= 0.5 * float(np.linalg.norm(step))
             if leaves and float(step @ out) >= 0.5 * straight:
                 way = back
-        coming = max(float(out @ self.carried), 0.0) * out
+        coming = self.carried - min(float(out @ self.carried), 0.0) * out  # sideways it rubs
         twist = np.concatenate([coming, np.zeros(3)])
         return np.asarray(way + J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), twist))
 

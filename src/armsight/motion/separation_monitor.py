@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armsight.arrays import Ints, JointVector, Poses
+from armsight.arrays import Ints, JointVector, Mask, Poses
 from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
 from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
@@ -93,15 +93,17 @@ class SeparationMonitor:
         times = np.linspace(0.0, float((np.abs(state.velocity) / brake).max()), PIECES + 1)
         law = self._law._replace(T_person=T_r)
 
-        def free(those: Hazards) -> bool:
-            return in_reach(those.blocks, places, self.body.radius, times, until, law) < 0
+        def free(those: Hazards, parts: Mask) -> bool:
+            at, radius = np.ascontiguousarray(places[:, parts]), self.body.radius[parts]
+            return in_reach(those.blocks, at, radius, times, until[parts], law) < 0
 
-        contact = self.contact
-        if isinstance(contact, GentleSpeed) and not contact.gentle(
-            self.body, state.position, state.velocity
-        ):
-            return free(hazards) and free(contact.touchable)
-        return free(hazards)
+        everything = np.ones(len(self.body.radius), bool)
+        if not free(hazards, everything):
+            return False
+        if isinstance(self.contact, GentleSpeed):
+            fast = ~self.contact.gentle(self.body, state.position, state.velocity)
+            return free(self.contact.touchable, fast)
+        return True
 
     def protective_distance(self, view: SeparationView, state: ArmState, hazards: Hazards) -> float:
         """S_p of the part nearest to a hazard at the arm's present velocity [m]; 0 without one."""

@@ -18,7 +18,6 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import DelayedArm
 from armsight.motion.collision import CollisionModel
-from armsight.motion.contact_speed import ContactSpeed
 from armsight.motion.escape import leaves
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards, SeparationView
@@ -86,7 +85,7 @@ class VelocityFilter:
     def ease(self, tick: Tick, wanted: JointVector) -> JointVector:
         """A wish (n,) [rad/s] as a contact permit lets it come to what it touches."""
         contact = self.monitor.contact
-        if not isinstance(contact, ContactSpeed):
+        if contact is None:
             return wanted
         law = self.monitor.law
         return contact.ease(self.monitor.body, tick.ahead.position, wanted, law)

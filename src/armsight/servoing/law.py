@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import JointVector, Vector3
+from armsight.arrays import JointVector
 from armsight.devices.data import JointState
 from armsight.motion.arm_model import DelayedArm
 from armsight.motion.data import GuardStatus
@@ -99,8 +99,8 @@ class VelocityLaw:
             now: time [s].
             joints: newest reading.
             aim: the goal.
-            most: speed of the tip [m/s]. What carries it along with the goal is kept and the rest
-                shrinks: the guard, which scales all of a motion, would let the goal run away.
+            most: speed of the tip [m/s] relative to the goal, whose own velocity is kept: the guard
+                asks for that near somebody, and a face that comes must be given way to.
         """
         q = self.ahead(joints, now)
         start = self._wanted
@@ -118,15 +118,6 @@ class VelocityLaw:
             along = joint_velocity(self.robot, wanted, aim.velocity, self.weights)
         if math.isfinite(most):
             J = tcp_jacobian(self.robot, q)[:3]
-            motion = _kept_share(J @ along, J @ motion, most) * motion
+            motion = min(1.0, most / max(float(np.linalg.norm(J @ motion)), 1e-9)) * motion
         motion = motion + along
         return np.asarray(motion / max(float((np.abs(motion) / self._velocity).max()), 1.0))
-
-
-def _kept_share(carried: Vector3, rest: Vector3, most: float) -> float:
-    """Greatest share s of 0..1 at which ``|carried + s rest| <= most``; a tenth at the least."""
-    a, b, c = float(rest @ rest), float(carried @ rest), float(carried @ carried) - most * most
-    if a + 2.0 * b + c <= 0.0 or a < 1e-12:
-        return 1.0
-    root = b * b - a * c
-    return max((math.sqrt(root) - b) / a, 0.1) if root > 0.0 else 0.1
