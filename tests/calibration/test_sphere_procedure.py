@@ -13,6 +13,8 @@ from armsight.errors import CalibrationError
 from armsight.experiments.calibration_sphere import papers_way
 from armsight.geometry.pose import exp, inverse, look_at, transform
 from armsight.robots import load_robot
+from armsight.tasks.calibrate_sphere import carrying_sphere
+from armsight.workcell.packaged import load
 
 R, HANGS = 0.075, np.array([0.0, 0.0, 0.25])
 
@@ -120,3 +122,12 @@ def test_vs_way_is_exact_where_nothing_is_biased(rng):
     result, _ = carry_out(setup, truth, HANGS, lambda z: 0.0, rng)
     for T, info in zip(papers_way(setup, result), truth):
         np.testing.assert_allclose(T, info.T_mount_camera, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["ur10_charging", "ur10_handover", "ur5_calibration"])
+def test_the_arm_carries_the_sphere_and_nothing_else(name):
+    """A plug, a gripper or a board in the cell's file is not on the arm meanwhile."""
+    cell = carrying_sphere(load(name))
+    assert cell.robot.tool == "sphere_marker"
+    assert (cell.board, cell.gripper, cell.plug, cell.held) == (None, None, None, ())
+    assert not any(camera.guard for camera in cell.camera)

@@ -41,9 +41,10 @@ FOUND = (56, 189, 248)
 
 
 def carrying_sphere(workcell: Workcell) -> Workcell:
-    """The cell with the marker on its arm, its cameras no evidence for the map."""
+    """The cell with the marker on its arm and nothing else, its cameras no evidence for the map."""
     robot = workcell.robot.model_copy(update={"tool": SPHERE_TOOL})
-    return to_calibrate(workcell).model_copy(update={"robot": robot, "board": None})
+    bare = {"robot": robot, "board": None, "gripper": None, "plug": None, "held": ()}
+    return to_calibrate(workcell).model_copy(update=bare)
 
 
 def sphere_setup(cell: Cell, mapping: MappingConfig, places: int, within: float) -> SphereSetup:
