@@ -4,6 +4,12 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same run twice is the same run; ``--hypothesis-profile search`` looks for new examples.
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("search", deadline=None)
+settings.load_profile("same")
 
 # As the command line has it (cli.py), before anything loads numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

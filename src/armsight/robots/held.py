@@ -56,7 +56,8 @@ def spheres_of(solid: Solid) -> tuple[Points, Floats]:
     """Spheres that together hold a solid: (k, 3) centres in its frame's frame and (k,) radii [m].
 
     A box, or a cylinder's own box, in equal cells, each in the sphere about it: what sticks out is
-    less than a cell's edge. A long cylinder is cut along its axis only.
+    less than a cell's diagonal. A slim cylinder is cut along its axis only, and cells at the
+    corners that a wide one does not reach are left out.
     """
     if solid.kind == "sphere":
         return solid.T_frame_solid[None, :3, 3].copy(), np.array([solid.size[0]])
@@ -75,4 +76,7 @@ def spheres_of(solid: Solid) -> tuple[Points, Floats]:
     index = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), -1)
     centers = (index.reshape(-1, 3) + 0.5) * cell - 0.5 * size
     around = float(np.hypot(radius, 0.5 * cell[2])) if slim else 0.5 * float(np.linalg.norm(cell))
+    if solid.kind == "cylinder":
+        nearest = np.maximum(np.abs(centers[:, :2]) - 0.5 * cell[:2], 0.0)
+        centers = centers[np.linalg.norm(nearest, axis=1) <= radius]
     return transform(solid.T_frame_solid, centers), np.full(len(centers), around)
