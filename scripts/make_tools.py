@@ -32,10 +32,9 @@ from armsight.charging.ports.meshes import surfaces
 from armsight.charging.ports.outline import sample_union
 from armsight.charging.ports.table import PORTS
 from armsight.geometry.pose import from_rpy, make_pose, transform
-from armsight.robots.fit_quality import measure, report
-from armsight.robots.fitting import fit_body
-from armsight.robots.link_body import FitOptions, NeighbourLinks, prepare
+from armsight.robots.link_body import FitOptions
 from armsight.robots.meshes import join_triangles
+from armsight.robots.own_tool import fit_tool
 
 TOOLS = DATA / "tools"
 ALUMINIUM, DARK, BLACK, WHITE = (
@@ -283,13 +282,7 @@ def write(tool: Draft, folder: Path) -> None:
         sphere_price=tool.sphere_price,
         capsule_price=tool.capsule_price,
     )
-    body = prepare(join_triangles(full), options, NeighbourLinks())
-    axes, radius = fit_body(body, options, "balls")
-    balls = np.column_stack([axes.start, radius])
-    ball_fit = report([measure(body, axes, radius, 0.002)])
-    axes, radius = fit_body(body, options, "segments")
-    rods = np.column_stack([axes.start, axes.end, radius])
-    rod_fit = report([measure(body, axes, radius, 0.002)])
+    shapes = fit_tool(join_triangles(full), options, 0.002)
     data = {
         "title": tool.title,
         "license": tool.license,
@@ -298,9 +291,9 @@ def write(tool: Draft, folder: Path) -> None:
         "mass": tool.mass,
         "center_of_mass": [round(float(v), 6) for v in tool.center_of_mass],
         "meshes": files,
-        "spheres": np.round(balls, 5).tolist(),
-        "capsules": np.round(rods, 5).tolist(),
-        "fit": {"spheres": asdict(ball_fit), "capsules": asdict(rod_fit)},
+        "spheres": np.round(shapes.balls, 5).tolist(),
+        "capsules": np.round(shapes.rods, 5).tolist(),
+        "fit": {"spheres": asdict(shapes.ball_fit), "capsules": asdict(shapes.rod_fit)},
     }
     lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in data.items()]
     text = "{\n" + ",\n".join(lines) + "\n}\n"
@@ -308,7 +301,8 @@ def write(tool: Draft, folder: Path) -> None:
     if tool.license_text:
         (folder / "LICENSE").write_text(tool.license_text)
     print(
-        f"{folder.name}: {len(balls)} spheres {ball_fit}\n  {len(rods)} capsules {rod_fit}",
+        f"{folder.name}: {len(shapes.balls)} spheres {shapes.ball_fit}\n"
+        f"  {len(shapes.rods)} capsules {shapes.rod_fit}",
         flush=True,
     )
 

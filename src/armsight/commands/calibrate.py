@@ -250,6 +250,7 @@ class Calibrate:
         from armsight.calibration import report, views_file
         from armsight.calibration.export import write_results
         from armsight.calibration.live.log import ProcedureOptions
+        from armsight.commands.calibrating import nobody_inside, result_of
         from armsight.commands.ending import EndsWhen
         from armsight.commands.running import INTERRUPTED, RunOptions, run_session
         from armsight.errors import CalibrationError
@@ -277,11 +278,7 @@ class Calibrate:
             "lenses": "kept" if self.keep_lenses else "solved",
         }
         with open_cell(workcell, self.seed, calibrated=False) as cell:
-            if not (cell.simulated or self.cell_is_empty):
-                raise CalibrationError(
-                    f"{workcell.name}: cameras that are being calibrated protect nobody; make sure "
-                    "that nobody is in the cell and stays out of it, then say --cell-is-empty"
-                )
+            nobody_inside(cell, self.cell_is_empty)
             mapping = unseen_is_empty(mapping_config(workcell, cell.T_world_base, cell.robot.reach))
             setup = calibration_setup(cell, mapping, self.keep_lenses)
             if self.fresh:
@@ -310,14 +307,10 @@ class Calibrate:
             )
             seconds = session.now()
             infos = {camera.info.name: camera.info for camera in cell.cameras}
-        if task.error is not None:
-            raise task.error
-        if session.task_failure:
-            raise CalibrationError(session.task_failure)
-        if task.result is None:
+        result = result_of(task, session)
+        if result is None:
             print(f"stopped; the views are in {log}: the same command goes on from them")
             return INTERRUPTED
-        result = task.result
         _say("")
         findings = result.findings
         print(f"{len(result.views)} views in {seconds:.0f} s of robot time: {result.stopped}")

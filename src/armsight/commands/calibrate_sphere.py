@@ -10,9 +10,6 @@ from armsight.commands.serving import Page
 if TYPE_CHECKING:
     from armsight.calibration.live.sphere import SphereResult, SphereSetup
 
-PLACES, WITHIN = 30, 0.15
-"""How many places; how far from where it is believed a camera may see the sphere [m]."""
-
 
 def calibrate_sphere(
     workcell_name: str, seed: int, write: bool, cell_is_empty: bool, page: Page | None
@@ -31,9 +28,9 @@ def calibrate_sphere(
     """
     import numpy as np
 
+    from armsight.commands.calibrating import nobody_inside, result_of
     from armsight.commands.ending import EndsWhen
     from armsight.commands.running import INTERRUPTED, RunOptions, run_session
-    from armsight.errors import CalibrationError
     from armsight.runtime.config import SessionConfig
     from armsight.runtime.configure import mapping_config
     from armsight.tasks.calibrate_sphere import (
@@ -50,13 +47,9 @@ def calibrate_sphere(
     original = load(workcell_name)
     workcell = carrying_sphere(original)
     with open_cell(workcell, seed, calibrated=False) as cell:
-        if not (cell.simulated or cell_is_empty):
-            raise CalibrationError(
-                f"{workcell.name}: cameras that are being calibrated protect nobody; make sure "
-                "that nobody is in the cell and stays out of it, then say --cell-is-empty"
-            )
+        nobody_inside(cell, cell_is_empty)
         mapping = unseen_is_empty(mapping_config(workcell, cell.T_world_base, cell.robot.reach))
-        setup = sphere_setup(cell, mapping, PLACES, WITHIN)
+        setup = sphere_setup(cell, mapping)
         task = CalibrateSphereTask(setup, np.random.default_rng(seed))
         session = run_session(
             cell,
@@ -70,14 +63,10 @@ def calibrate_sphere(
             ),
         )
         seconds = session.now()
-    if task.error is not None:
-        raise task.error
-    if session.task_failure:
-        raise CalibrationError(session.task_failure)
-    if task.result is None:
+    result = result_of(task, session)
+    if result is None:
         print("stopped; nothing was changed")
         return INTERRUPTED
-    result = task.result
     print(f"{len(result.places)} places in {seconds:.0f} s of robot time")
     _say(setup, result)
     entries = sphere_entries(original, setup, result)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -23,10 +24,12 @@ from armsight.simulation.scoring import systematic
 from armsight.simulation.world import SimulatedWorld
 from armsight.tasks.calibrate import CalibrateTask
 from armsight.tasks.calibration_cell import calibration_setup, to_calibrate, unseen_is_empty
+from armsight.tasks.procedure_task import ProcedureTask
 from armsight.workcell import Cell, open_cell
 from armsight.workcell.build import simulated_world
 from armsight.workcell.schema import Workcell
 
+Result = TypeVar("Result")
 FRAMES = 5
 """Exposures averaged in a photograph."""
 
@@ -71,12 +74,7 @@ class CalibrationCell:
         """
         task = CalibrateTask(self.setup, options, np.random.default_rng(seed))
         config = SessionConfig(mapping=self._mapping, patience=3600.0, planning_time=0.2)
-        session = Session(self.cell, task, seed=seed, config=config)
-        while not task.done and not session.task_failure:
-            session.run(1.0)
-        if task.result is None:
-            raise task.error or CalibrationError(session.task_failure)
-        return task.result, session.now()
+        return carried_out(Session(self.cell, task, seed=seed, config=config), task)
 
     def camera(self, rig: int) -> SimulatedCamera:
         """A camera with the truth about it."""
@@ -122,6 +120,19 @@ class CalibrationCell:
     def close(self) -> None:
         """Let the simulation go."""
         self.cell.close()
+
+
+def carried_out(session: Session, task: ProcedureTask[Result]) -> tuple[Result, float]:
+    """Run a session until its calibration has ended; the result and the robot time [s].
+
+    Raises:
+        ArmsightError: it failed; the message says why.
+    """
+    while not task.done and not session.task_failure:
+        session.run(1.0)
+    if task.result is None:
+        raise task.error or CalibrationError(session.task_failure)
+    return task.result, session.now()
 
 
 def open_calibration_cell(workcell: Workcell, seed: int = 0) -> CalibrationCell:

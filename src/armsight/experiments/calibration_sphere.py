@@ -16,9 +16,8 @@ from armsight.calibration.arm import flange_poses
 from armsight.calibration.live.sphere import SphereResult, SphereSetup
 from armsight.calibration.spheres import procrustes_ransac
 from armsight.devices.data import RgbdCameraInfo
-from armsight.errors import CalibrationError
-from armsight.experiments.cache import RunCache
-from armsight.experiments.calibration_cell import ray_points
+from armsight.experiments.calibration_cell import carried_out, ray_points
+from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.geometry.pose import inverse
@@ -37,35 +36,28 @@ from armsight.workcell import open_cell
 from armsight.workcell.build import simulated_world
 from armsight.workcell.packaged import load
 
-CELL, PLACES, WITHIN = "ur10_servoing", 30, 0.15
+CELL = "ur10_servoing"
 DEPTHS = (1.0, 1.5, 2.0)
 """Of the points whose error is told [m]."""
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` cells, each with errors of its own."""
-    cache = RunCache("calibration-sphere", seed, {"places": PLACES, "version": 1})
-    done = []
-    for k in range(runs):
-        progress(f"cell {seed + k}", k / runs)
-        done.append(cache.get(k, lambda k=k: one(seed + k)))  # type: ignore[misc]
-    return outcome(done)
+    settings = {"cell": CELL, "version": 2}
+    return outcome(run_episodes("calibration-sphere", one, range(runs), seed, settings, progress))
 
 
-def one(seed: int) -> dict[str, Any]:
+def one(first: int, run: int) -> dict[str, Any]:
     """One cell: true errors of each camera before and after, by ours and by V's way [m]."""
+    seed = first + run
     workcell = carrying_sphere(load(CELL))
     with open_cell(workcell, seed, calibrated=False) as cell:
         mapping = unseen_is_empty(mapping_config(workcell, cell.T_world_base, cell.robot.reach))
-        setup = sphere_setup(cell, mapping, PLACES, WITHIN)
+        setup = sphere_setup(cell, mapping)
         task = CalibrateSphereTask(setup, np.random.default_rng(seed))
         session = Session(cell, task, seed=seed, config=SessionConfig(mapping=mapping))
-        while not task.done and not session.task_failure:
-            session.run(1.0)
-        seconds = session.now()
-        if task.result is None:
-            raise task.error or CalibrationError(session.task_failure)
-        result, found = task.result, task.result.registration
+        result, seconds = carried_out(session, task)
+        found = result.registration
         world = {c.info.name: c for c in simulated_world(cell).cameras}
         cameras = []
         paper = papers_way(setup, result)

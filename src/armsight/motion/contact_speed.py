@@ -143,9 +143,9 @@ class GentleSpeed:
         way = self.middle - center
         way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
         most = np.maximum(self.speed + way @ self.velocity, 0.0)
-        closing = np.einsum("ij,ij->i", velocity, way) + spin
-        held = self.parts & (np.einsum("ij,ij->i", velocity, way) > 0.0)
-        out[held] = most[held] / np.maximum(closing[held], 1e-9)
+        toward = np.einsum("ij,ij->i", velocity, way)
+        held = self.parts & (toward > 0.0)
+        out[held] = most[held] / np.maximum((toward + spin)[held], 1e-9)
         return out
 
 

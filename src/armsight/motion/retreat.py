@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from armsight.arrays import Floats, JointPath, JointVector, Vector3
+from armsight.motion.contact_speed import carried_along
 from armsight.motion.executed import Executed
 from armsight.motion.nearest import MovingBody
 from armsight.motion.permitted import Grant
@@ -87,10 +88,7 @@ class Retreat:
         """What nobody has seen for long goes nowhere any more."""
         region = self.grant.region
         if now > self._until and region.speed > 0.0:
-            T = np.array(region.T_base_region, float)
-            T[:3, 3] = region.center(now)
-            still = replace(region, T_base_region=T, exposure=now, velocity=np.zeros(3))
-            self.grant = replace(self.grant, region=still)
+            self.grant = replace(self.grant, region=_at_rest(region, region.center(now), now))
 
     def motion(
         self,
@@ -124,8 +122,7 @@ class Retreat:
             if leaves and float(step @ out) >= 0.5 * straight:
                 way = back
         coming = self.carried - min(float(out @ self.carried), 0.0) * out  # sideways it rubs
-        twist = np.concatenate([coming, np.zeros(3)])
-        return np.asarray(way + J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), twist))
+        return np.asarray(way + carried_along(body, q, part, coming))
 
     def _paced(
         self, body: MovingBody, q: JointVector, way: JointVector, speed: float
@@ -143,10 +140,8 @@ class Retreat:
         self, body: MovingBody, q: JointVector, now: float, push: Vector3 | None
     ) -> tuple[int, Vector3]:
         """The deepest part, and the direction (3,) in which it leaves."""
-        parts = np.flatnonzero(self.grant.touching[body.moving])
-        center, _ = body.motion(q, np.zeros(len(q)))
-        deepest = int(parts[np.argmin(self.grant.region.distance(center[parts], now))])
-        way = center[deepest] - self.grant.region.center(now)
+        deepest, center = _deepest(self.grant, body, q, now)
+        way = center - self.grant.region.center(now)
         way = way / max(float(np.linalg.norm(way)), 1e-9)
         if push is not None and float(np.linalg.norm(push)) > PUSHED and float(push @ way) > 0.0:
             way = way + push / float(np.linalg.norm(push))
@@ -164,16 +159,27 @@ def behind(grant: Grant, body: MovingBody, q: JointVector, push: Vector3, now: f
 
     Where it was seen last says nothing any more: the region is put, at rest, where it is felt.
     """
-    parts = np.flatnonzero(grant.touching[body.moving])
-    center, _ = body.motion(q, np.zeros(len(q)))
     region = grant.region
-    part = int(parts[np.argmin(region.distance(center[parts], now))])
+    part, center = _deepest(grant, body, q, now)
     inside = -float(region.distance(region.center(now)[None], now)[0])
     out = push / float(np.linalg.norm(push))
+    there = center - (inside + float(body.radius[part])) * out
+    return replace(grant, region=_at_rest(region, there, now))
+
+
+def _at_rest(region: Region, center: Vector3, now: float) -> Region:
+    """A region put at a place, where it stays."""
     T = np.array(region.T_base_region, float)
-    T[:3, 3] = center[part] - (inside + float(body.radius[part])) * out
-    felt = replace(region, T_base_region=T, exposure=now, velocity=np.zeros(3), drift=0.0)
-    return replace(grant, region=felt)
+    T[:3, 3] = center
+    return replace(region, T_base_region=T, exposure=now, velocity=np.zeros(3), drift=0.0)
+
+
+def _deepest(grant: Grant, body: MovingBody, q: JointVector, now: float) -> tuple[int, Vector3]:
+    """Of the parts that may touch the one deepest in the region, and where its centre is (3,)."""
+    parts = np.flatnonzero(grant.touching[body.moving])
+    center, _ = body.motion(q, np.zeros(len(q)))
+    part = int(parts[np.argmin(grant.region.distance(center[parts], now))])
+    return part, np.asarray(center[part])
 
 
 def gap(body: MovingBody, grant: Grant, q: JointVector, when: float) -> float:

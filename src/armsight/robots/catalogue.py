@@ -8,6 +8,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 from armsight.errors import RobotError
+from armsight.robots import tools
 from armsight.robots.folder import load_arm, mark_of
 from armsight.robots.robot import Robot
 from armsight.robots.shapes import BodyShapes, read_shapes
@@ -73,7 +74,7 @@ def load_robot(model: str) -> Robot:
 
 def is_path(model: str) -> bool:
     """Whether a robot's model means a folder or a URDF, not a name of the catalogue."""
-    return "/" in model or "\\" in model or model.lower().endswith(".urdf")
+    return tools.is_path(model) or model.lower().endswith(".urdf")
 
 
 @cache

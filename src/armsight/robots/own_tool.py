@@ -9,22 +9,23 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from armsight.arrays import Pose
+from armsight.arrays import Floats, Pose
 from armsight.errors import RobotError
 from armsight.geometry.pose import from_rpy
 from armsight.robots.fit_cache import cache_folder
 from armsight.robots.fit_quality import measure, report
 from armsight.robots.fitting import fit_body
 from armsight.robots.folder import QUICK
-from armsight.robots.link_body import NeighbourLinks, prepare
+from armsight.robots.link_body import FitOptions, NeighbourLinks, prepare
 from armsight.robots.meshes import Triangles, geometry_triangles, join_triangles
+from armsight.robots.shapes import FitReport
 from armsight.robots.sheet import read_toml
 from armsight.robots.urdf import Geometry
 from armsight.writing import write_text
@@ -88,6 +89,33 @@ class _Sheet(_Table):
     box: tuple[_Box, ...] = ()
     cylinder: tuple[_Cylinder, ...] = ()
     sphere: tuple[_Sphere, ...] = ()
+
+
+@dataclass(frozen=True)
+class ToolShapes:
+    """What covers a tool, and how well.
+
+    Attributes:
+        balls: (k, 4) centres and radii [m]; rods: (m, 7) both ends and radii [m].
+        ball_fit, rod_fit: of each.
+    """
+
+    balls: Floats
+    rods: Floats
+    ball_fit: FitReport
+    rod_fit: FitReport
+
+
+def fit_tool(triangles: Triangles, options: FitOptions, spacing: float) -> ToolShapes:
+    """Spheres and capsules that cover a tool; the fit is measured every ``spacing`` metres."""
+    body = prepare(triangles, options, NeighbourLinks())
+    axes, radius = fit_body(body, options, "balls")
+    balls = np.column_stack([axes.start, radius])
+    ball_fit = report([measure(body, axes, radius, spacing)])
+    axes, radius = fit_body(body, options, "segments")
+    rods = np.column_stack([axes.start, axes.end, radius])
+    rod_fit = report([measure(body, axes, radius, spacing)])
+    return ToolShapes(balls, rods, ball_fit, rod_fit)
 
 
 def own_tool(folder: Path) -> Path:
@@ -163,13 +191,7 @@ def _make(folder: Path, made: Path, sheet: _Sheet, parts: list[Geometry]) -> Non
             )
         solids.append((vertices, faces))
     _log.info("Fitting shapes to %s, once.", folder)
-    body = prepare(join_triangles(solids), OPTIONS, NeighbourLinks())
-    axes, radius = fit_body(body, OPTIONS, "balls")
-    balls = np.column_stack([axes.start, radius])
-    ball_fit = report([measure(body, axes, radius, 0.003)])
-    axes, radius = fit_body(body, OPTIONS, "segments")
-    rods = np.column_stack([axes.start, axes.end, radius])
-    rod_fit = report([measure(body, axes, radius, 0.003)])
+    shapes = fit_tool(join_triangles(solids), OPTIONS, 0.003)
     tip = from_rpy(np.deg2rad(sheet.tip_rpy_deg), sheet.tip)
     meshes = []
     for index, (geometry, solid) in enumerate(zip(parts, solids)):
@@ -184,9 +206,9 @@ def _make(folder: Path, made: Path, sheet: _Sheet, parts: list[Geometry]) -> Non
         "mass": sheet.mass,
         "center_of_mass": list(sheet.center_of_mass),
         "meshes": meshes,
-        "spheres": balls.tolist(),
-        "capsules": rods.tolist(),
-        "fit": {"spheres": asdict(ball_fit), "capsules": asdict(rod_fit)},
+        "spheres": shapes.balls.tolist(),
+        "capsules": shapes.rods.tolist(),
+        "fit": {"spheres": asdict(shapes.ball_fit), "capsules": asdict(shapes.rod_fit)},
     }
     write_text(made / "tool.json", json.dumps(data, indent=1) + "\n", RobotError)
 

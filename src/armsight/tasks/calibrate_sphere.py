@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, DepthImage, Vector3
+from armsight.arrays import Bytes, DepthImage, Floats, Vector3
 from armsight.calibration.arm import flange_poses
 from armsight.calibration.live.sphere import (
     SpherePlace,
@@ -47,7 +47,7 @@ def carrying_sphere(workcell: Workcell) -> Workcell:
     return to_calibrate(workcell).model_copy(update=bare)
 
 
-def sphere_setup(cell: Cell, mapping: MappingConfig, places: int, within: float) -> SphereSetup:
+def sphere_setup(cell: Cell, mapping: MappingConfig) -> SphereSetup:
     """A cell as believed before its cameras are registered.
 
     Raises:
@@ -60,7 +60,7 @@ def sphere_setup(cell: Cell, mapping: MappingConfig, places: int, within: float)
     assert tool is not None
     free, _ = free_checks(cell, mapping)
     hangs = np.asarray(tool.T_flange_tcp[:3, 3], float)
-    return SphereSetup(cell.robot, fixed, RADIUS, hangs, free, places, within)
+    return SphereSetup(cell.robot, fixed, RADIUS, hangs, free)
 
 
 class CalibrateSphereTask(ProcedureTask[SphereResult]):
@@ -155,7 +155,7 @@ def sphere_entries(
     return tuple(out)
 
 
-def target_error(covariance: np.ndarray) -> float:
+def target_error(covariance: Floats) -> float:
     """Expected error of a point 1.25 m before a camera, by its pose's (6, 6) covariance [m]."""
     J = np.hstack([np.eye(3), -skew(TARGET)])
     return float(np.sqrt(np.trace(J @ covariance @ J.T)))

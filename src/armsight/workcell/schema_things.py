@@ -153,12 +153,17 @@ class ObjectSection(SolidSection):
 
     @model_validator(mode="after")
     def _center_named(self) -> ObjectSection:
-        if (self.path in ("free", "loose")) != (self.center is None):
-            raise ValueError(
-                f'path is "{self.path}" and center is {"missing" if self.center is None else "set"}'
-                ', expected a center with path "circle" or "line", and only then'
-            )
+        _check_center(self.path, self.center)
         return self
+
+
+def _check_center(path: str, center: Triple | None) -> None:
+    """A path about or to somewhere says where, and no other does."""
+    if (path in ("circle", "line")) != (center is not None):
+        raise ValueError(
+            f'path is "{path}" and center is {"missing" if center is None else "set"}, '
+            'expected a center with path "circle" or "line", and only then'
+        )
 
 
 class TargetSection(Section):
@@ -192,11 +197,7 @@ class TargetSection(Section):
 
     @model_validator(mode="after")
     def _center_named(self) -> TargetSection:
-        if (self.path in ("circle", "line")) != (self.center is not None):
-            raise ValueError(
-                f'path is "{self.path}" and center is {"set" if self.center else "missing"}, '
-                'expected a center with path "circle" or "line", and only then'
-            )
+        _check_center(self.path, self.center)
         return self
 
     @property
