@@ -38,6 +38,7 @@ class Recognise:
         every: of a video, one frame in so many.
         threads: of the CPU; 0 for all.
         extension: files of robots that the network learned later (armsight extend).
+        robot: the arms in the pictures are among these types; else any that it knows.
     """
 
     what: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="IMAGE|FOLDER|VIDEO")]
@@ -48,6 +49,7 @@ class Recognise:
     every: int = 1
     threads: int = 0
     extension: tuple[Path, ...] = ()
+    robot: tuple[str, ...] = ()
 
     def run(self) -> int:
         """Recognise; 1 if any picture could not be read."""
@@ -55,13 +57,16 @@ class Recognise:
         from armsight.recognition.inference.model import network_file
         from armsight.recognition.inference.pictures import VIDEOS, pictures_in
         from armsight.recognition.opening import open_recogniser
+        from armsight.robots.catalogue import is_path
 
         if self.camera is not None and self.intrinsics is not None:
             raise UsageError("recognise: give one of --camera and --intrinsics")
         if self.every < 1:
             raise UsageError(f"--every is {self.every}, expected at least 1")
         paths = pictures_in(self.what)
-        looks = open_recogniser(network_file(self.network), self.threads, self.extension)
+        robots = [str(Path(r).resolve()) if is_path(r) else r for r in self.robot]
+        network = network_file(self.network)
+        looks = open_recogniser(network, self.threads, self.extension, robots)
         if self.what.suffix.lower() in VIDEOS:
             return self._video(looks)
         lines: list[str] = []

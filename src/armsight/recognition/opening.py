@@ -13,7 +13,7 @@ from armsight.arrays import Bytes, ColorImage
 from armsight.errors import RecognitionError
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.any_arm import model as crops
-from armsight.recognition.any_arm.extension import Extension, read_extension
+from armsight.recognition.any_arm.extension import read_extension
 from armsight.recognition.inference.model import Model, read_network
 from armsight.recognition.inference.pictures import Picture
 
@@ -34,31 +34,38 @@ class Looks(Protocol):
         """What is seen in a picture through a camera; None where nobody says which."""
 
 
-def open_recogniser(file: Path, threads: int = 0, extensions: Sequence[Path] = ()) -> Looks:
+def open_recogniser(
+    file: Path, threads: int = 0, extensions: Sequence[Path] = (), robots: Sequence[str] = ()
+) -> Looks:
     """Whatever can look with the network in a file.
 
     Args:
         file: of the network.
         threads: of the CPU; 0 for onnxruntime's own choice.
         extensions: files of robots that it learned later.
+        robots: the arms in the pictures are among these; else they may be of any type.
 
     Raises:
         RecognitionError: it is missing, damaged, or no network of armsight's; an extension is
-            damaged or belongs to another one.
+            damaged or belongs to another one; it does not know one of the robots.
     """
     _, words = read_network(file)
     if words.get("format") == crops.FORMAT:
-        return _ours(file, threads, [read_extension(e) for e in extensions])
+        return _ours(
+            crops.CropModel(file, threads, [read_extension(e) for e in extensions]), robots
+        )
     if extensions:
         raise RecognitionError(f"{file}: is no crop network of armsight's; only these are extended")
+    if robots:
+        raise RecognitionError(f"{file}: is no crop network of armsight's; only these are told")
     return _papers(file, threads)
 
 
-def _ours(file: Path, threads: int, extensions: Sequence[Extension]) -> Looks:
+def _ours(model: crops.CropModel, robots: Sequence[str]) -> Looks:
     from armsight.recognition.any_arm.drawing import draw, mask_of
     from armsight.recognition.any_arm.recogniser import ArmRecogniser
 
-    recogniser = ArmRecogniser(crops.CropModel(file, threads, extensions))
+    recogniser = ArmRecogniser(model, robots)
 
     def look(picture: Picture, camera: PinholeCamera | None) -> Shown:
         found = recogniser.recognise(picture, camera)

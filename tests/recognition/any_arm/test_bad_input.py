@@ -163,3 +163,14 @@ def test_answers_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.onnx").write_bytes(bright_network(bright_card(), kind=kind))
     with pytest.raises(RecognitionError, match="another size"):
         CropModel(tmp_path / "a.onnx", 1).look(np.zeros((64, 64, 3), np.uint8))
+
+
+def test_a_robot_that_the_network_does_not_know_is_named(asked: Asked, tmp_path: Path) -> None:
+    Image.fromarray(lamp()).save(tmp_path / "lamp.png")
+    code, [found], _ = asked(tmp_path / "lamp.png", "--robot", "ur5")
+    assert code == 0
+    assert found["arms"][0]["robot"] == "ur5"
+    code, lines, said = asked(tmp_path / "lamp.png", "--robot", "iiwa")
+    assert code != 0
+    assert not lines
+    assert "does not know iiwa, only ur5" in said

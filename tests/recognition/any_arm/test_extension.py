@@ -23,8 +23,11 @@ from armsight.recognition.any_arm.learning import rows as fitting
 from armsight.recognition.any_arm.learning.extend import Wish, extend
 from armsight.recognition.any_arm.learning.rows import Shots, fit_rows
 from armsight.recognition.any_arm.model import CropModel
+from armsight.recognition.any_arm.recogniser import ArmRecogniser
+from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
 
+from .test_bad_input import lamp
 from .test_model import bright_card, bright_network
 
 SIDE = 8
@@ -151,29 +154,66 @@ def _extension(network: Path, kind: float) -> Extension:
     return Extension("iiwa", mark_of(network.read_bytes()), marks, rows, {"samples": 1})
 
 
-def test_old_answers_stay_bit_for_bit(network: Path, tmp_path: Path) -> None:
+KINDS = {"ur5": (3.0, 0.0, 0.0), "none": (0.0, 3.0, 0.0), "unknown": (0.0, 0.0, 3.0)}
+"""What the network without extensions says of every picture."""
+
+
+@pytest.mark.parametrize("said", KINDS)
+@pytest.mark.parametrize("claimed", [False, True])
+def test_an_extension_speaks_for_unknown_arms_alone(
+    tmp_path: Path, said: str, claimed: bool
+) -> None:
+    network = tmp_path / "crops.onnx"
+    network.write_bytes(bright_network(bright_card(), kind=np.array([KINDS[said]], np.float32)))
     write_extension(tmp_path / "e.safetensors", _extension(network, 0.1))
     extension = read_extension(tmp_path / "e.safetensors")
     plain, more = CropModel(network, 1), CropModel(network, 1, [extension])
     assert more.robots == ("ur5", "iiwa")
     rng = np.random.default_rng(3)
-    for top, claimed in ((20, False), (256, True)):
-        picture = rng.integers(0, top, (64, 96, 3), dtype=np.uint8)
-        old, new = plain.look(picture), more.look(picture)
-        for name in ("links", "coordinates", "spread"):
-            np.testing.assert_array_equal(
-                getattr(old.surface, name), getattr(new.surface_of("ur5"), name)
-            )
-        for name in ("mean", "covariance", "mass"):
-            np.testing.assert_array_equal(
-                getattr(old.places["ur5"], name), getattr(new.places["ur5"], name)
-            )
-        assert new.surface_of("iiwa").links.shape == old.surface.links.shape
-        assert sum(new.types.values()) == pytest.approx(1.0)
-        if claimed:
-            assert new.types["iiwa"] > 0.9
-        else:
-            assert new.types == old.types | {"iiwa": 0.0}
+    picture = rng.integers(0, 256 if claimed else 20, (64, 96, 3), dtype=np.uint8)
+    old, new = plain.look(picture), more.look(picture)
+    for name in ("links", "coordinates", "spread"):
+        np.testing.assert_array_equal(
+            getattr(old.surface, name), getattr(new.surface_of("ur5"), name)
+        )
+    for name in ("mean", "covariance", "mass"):
+        np.testing.assert_array_equal(
+            getattr(old.places["ur5"], name), getattr(new.places["ur5"], name)
+        )
+    assert new.surface_of("iiwa").links.shape == old.surface.links.shape
+    assert sum(new.types.values()) == pytest.approx(1.0)
+    if claimed and said == "unknown":
+        assert old.stranger
+        assert not new.stranger
+        assert new.types["iiwa"] > new.types["unknown"]
+        assert new.types["ur5"] == old.types["ur5"]
+    else:
+        assert new.types == old.types | {"iiwa": 0.0}
+    assert new.alike == (("iiwa",) if claimed and said == "ur5" else ())
+
+
+def test_a_new_robot_that_looks_like_an_old_one_is_named_and_changes_nothing(
+    network: Path,
+) -> None:
+    """The whole answer of the network alone, and a tie; whoever knows better may say so."""
+    extension = _extension(network, 0.1)
+    plain, more = CropModel(network, 1), CropModel(network, 1, [extension])
+    picture = Picture("lamp", lamp())
+    [old] = ArmRecogniser(plain).recognise(picture).arms
+    found = ArmRecogniser(more).recognise(picture)
+    [new] = found.arms
+    assert new.robot == old.robot == "ur5"
+    for name in ("mask", "T_camera_base", "q", "joints", "covariance"):
+        np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
+    assert (new.trust, new.believed, new.problem) == (old.trust, old.believed, old.problem)
+    assert new.alike == ("iiwa",)
+    assert any("may as well be of the type iiwa" in note for note in found.notes)
+    assert '"may_as_well_be": ["iiwa"]' in found.as_line()
+    [told] = ArmRecogniser(more, ["iiwa"]).recognise(picture).arms
+    assert told.robot == "iiwa"
+    assert told.alike == ()
+    with pytest.raises(RecognitionError, match="does not know iiwa, only ur5"):
+        ArmRecogniser(plain, ["iiwa"])
 
 
 @pytest.mark.parametrize(

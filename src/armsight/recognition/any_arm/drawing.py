@@ -43,7 +43,7 @@ def mask_of(found: Sighting, shape: tuple[int, ...]) -> Bytes:
 
 
 def _title(arm: Arm) -> str:
-    words = f"{arm.robot} {100 * arm.types.get(arm.robot, 0.0):.0f} %"
+    words = f"{' or '.join((arm.robot, *arm.alike))} {100 * arm.types.get(arm.robot, 0.0):.0f} %"
     if arm.T_camera_base is not None:
         words += f", base {float(np.linalg.norm(arm.base)):.2f} m away"
     return f"{words}; {arm.problem}" if arm.problem else f"{words}; trust {100 * arm.trust:.0f} %"

@@ -33,9 +33,6 @@ ARM = 0.5
 FOUND = 0.42
 """Mean probability of the landmarks' peaks that an arm must have which only a finer look shows;
 chosen on pictures of the training's renderer."""
-NONE, UNKNOWN = 0.5, 0.3
-"""Probabilities of "none" and of "unknown" from which it is said; on 70 frames of the training's
-renderer 0.3 finds two unknown arms in five and gives one known one in fifty away."""
 TYPES = 2
 """Likeliest types that are fitted."""
 RIVAL = 0.05
@@ -62,13 +59,23 @@ class ArmRecogniser:
 
     Args:
         model: the network.
+        robots: the arms in the pictures are among these; else they may be of any type.
 
     Raises:
-        RecognitionError: the network's card does not say how far to trust it.
+        RecognitionError: the network's card does not say how far to trust it, or it does not know
+            one of the robots.
     """
 
-    def __init__(self, model: CropModel) -> None:
+    def __init__(self, model: CropModel, robots: Sequence[str] = ()) -> None:
         self.model = model
+        self._told = bool(robots)
+        self.robots = tuple(dict.fromkeys(robots)) or model.robots
+        for name in self.robots:
+            if name not in model.robots:
+                raise RecognitionError(
+                    f"{model.name} does not know {name}, only {', '.join(model.robots)}; "
+                    "'armsight extend' adds a robot"
+                )
         try:
             self.trust = read_trust(model.card)
         except (KeyError, TypeError, ValueError):
@@ -107,6 +114,11 @@ class ArmRecogniser:
             notes.append(
                 "intrinsics assumed (65 deg across): distances scale with the focal length"
             )
+        notes += [
+            f"this {arm.robot} may as well be of the type {other}: they look alike"
+            for arm in arms
+            for other in arm.alike
+        ]
         arms.sort(key=lambda arm: (arm.believed, float(arm.mask.sum())), reverse=True)
         return Sighting(
             picture.name, tuple(arms), lens.K, np.array(lens.distortion), source, tuple(notes)
@@ -166,7 +178,7 @@ class ArmRecogniser:
         self, look: Look, crop: Crop, lens: PinholeCamera
     ) -> tuple[Arm | None, Floats | None]:
         types = look.types
-        if types["none"] > NONE or not (look.arm > ARM).any():
+        if look.empty or not (look.arm > ARM).any():
             return None, None
         sharp = at_edges(look.arm, crop.image)
         mask = mask_in_picture(crop, sharp, lens)
@@ -174,21 +186,24 @@ class ArmRecogniser:
             "unknown", types, mask, None, np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)),
             0.0, 0.0, False, "an arm that is none of the known ones",
         )  # fmt: skip
-        if types["unknown"] > UNKNOWN:
+        if look.stranger and not self._told:
             return nobody, None
-        known = sorted(self.model.robots, key=lambda name: -types[name])[:TYPES]
-        share = sum(types[name] for name in self.model.robots)
+        alike = () if self._told else look.alike
+        known = sorted(self.robots, key=lambda name: -types[name])[:TYPES]
+        share = sum(types[name] for name in self.robots)
         best: tuple[str, _Candidate] | None = None
         for name in known:
             if types[name] < RIVAL * share:
                 continue
-            found = self._candidate(look, sharp, crop, name, types[name] / max(share, 1e-6))
+            kind = 1.0 if len(self.robots) == 1 else types[name] / max(share, 1e-6)
+            found = self._candidate(look, sharp, crop, name, kind)
             if found is not None and (best is None or found.score < best[1].score):
                 best = name, found
         if best is None:
             nothing = Arm(
                 known[0], types, mask, None, np.empty(0), np.empty((0, 3)),
                 np.empty((0, 3, 3)), 0.0, 0.0, False, "too little of the arm is seen for a pose",
+                alike,
             )  # fmt: skip
             return nothing, None
         name, found = best
@@ -202,13 +217,13 @@ class ArmRecogniser:
         T = np.asarray(turned @ found.fit.T_camera_base)
         arm = Arm(
             name, types, mask, T, found.fit.q, joints, covariance, found.overlap, found.trust,
-            believed, problem,
+            believed, problem, alike,
         )  # fmt: skip
         return arm, found.features
 
     def _found(self, look: Look) -> float:
         """How surely the landmarks are seen of the likeliest robot, 0..1."""
-        name = max(self.model.robots, key=lambda robot: look.types[robot])
+        name = max(self.robots, key=lambda robot: look.types[robot])
         return float(look.places[name].mass.mean())
 
     def _robot(self, name: str) -> Robot:

@@ -28,6 +28,8 @@ class Arm:
         trust: probability that the mean joint error is below 100 mm.
         believed: whether ``trust`` is above the one threshold; otherwise: "I do not know".
         problem: why it is not believed, else empty.
+        alike: robots of extensions that it may as well be: they look like ``robot``, and what was
+            known first keeps its answer.
     """
 
     robot: str
@@ -41,6 +43,7 @@ class Arm:
     trust: float
     believed: bool
     problem: str
+    alike: tuple[str, ...] = ()
 
     @property
     def base(self) -> Floats:
@@ -95,6 +98,7 @@ class Sighting:
             "believed": arm.believed,
             "trust": round(arm.trust, 3),
             "problem": arm.problem or None,
+            "may_as_well_be": list(arm.alike),
             "T_camera_base": np.round(arm.T_camera_base, 5).tolist() if placed else None,  # type: ignore[arg-type]
             "joints_rad": [round(float(v), 4) for v in arm.q] if placed else None,
             "joints_camera_m": [[round(float(v), 4) for v in p] for p in arm.joints] or None,
