@@ -16,10 +16,13 @@ import numpy as np
 
 from armsight.arrays import Floats, Pose
 from armsight.charging.admittance import Admittance
+from armsight.charging.spiral import Spiral, SpiralOptions
 from armsight.geometry.pose import log
 
 TO_AXIS = 1.5
 """Gain with which the plug keeps to the believed axis until it touches [1/s]."""
+FACE_OFF = 0.003
+"""The face is where it is believed to be, but for this [m]."""
 
 
 class Phase(StrEnum):
@@ -45,14 +48,15 @@ class InsertOptions:
         depth: of the seat below the face [m].
         admittance: of mount and arm.
         touch_speed: [m/s]; touch_force: [N] that ends the touch.
-        search_force: pressed with while searching [N]; search_stiffness: of the spiral [N/m].
-        spiral_pitch: between turns; spiral_speed: along it; spiral_radius: of it [m], [m/s], [m];
-        spiral_rate: greatest, behind the delay [rad/s].
+        search_force: pressed with while searching [N]; spiral: of the search.
         hooked: bent by more than this, only one side of the plug is in [rad].
         search_turn, insert_turn: stiffness towards the attitude in which the sleeve lay flat on
             the inlet's face, while searching and inserting [N m/rad].
         captured: the plug is in when it is this deep [m].
         ramp: of the force [N/s]; push, pull: greatest [N].
+        shallow: above this a tilted plug can wedge (twice friction times radius) [m];
+            shallow_push: greatest there, since what is pressed into a wedge leaps when it comes
+            loose [N].
         axial_speed: of insertion [m/s].
         stuck: without progress for so long it is jammed [s].
         tries: before giving up.
@@ -68,11 +72,7 @@ class InsertOptions:
     touch_speed: float = 0.012
     touch_force: float = 5.0
     search_force: float = 10.0
-    search_stiffness: float = 3000.0
-    spiral_pitch: float = 0.002
-    spiral_speed: float = 0.016
-    spiral_radius: float = 0.0105
-    spiral_rate: float = 4.0
+    spiral: SpiralOptions = field(default_factory=SpiralOptions)
     hooked: float = float(np.deg2rad(6.0))
     search_turn: float = 25.0
     insert_turn: float = 5.0
@@ -80,6 +80,8 @@ class InsertOptions:
     ramp: float = 40.0
     push: float = 85.0
     pull: float = 105.0
+    shallow: float = 0.02
+    shallow_push: float = 30.0
     axial_speed: float = 0.02
     stuck: float = 0.5
     tries: int = 4
@@ -140,9 +142,9 @@ class Insertion:
         self._last = 0.0
         self._since = 0.0
         self._twist = np.zeros(6)
-        self._face = -np.inf  # depth at which the plug touched
-        self._angle = 0.0
-        self._center = np.zeros(2)
+        self._face = 0.0  # depth at which the sleeve lay flat
+        self._axis = np.zeros(2)  # where the socket is believed to be across
+        self._spiral: Spiral | None = None
         self._force = 0.0
         self._deepest = -np.inf
         self._progress = 0.0
@@ -164,7 +166,7 @@ class Insertion:
                 self._go(Phase.FAILED, felt.now, f"gave up after {o.seconds:.0f} s")
             else:
                 getattr(self, f"_{self.phase.value}")(felt, depth, dt)
-        twist = self._wish(felt, dt)
+        twist = self._wish(felt, depth)
         self._twist = o.admittance.limited(twist, self._twist, dt)
         return Answer(self._twist.copy(), self.phase, self.words, depth)
 
@@ -183,7 +185,6 @@ class Insertion:
         if depth > o.captured + 0.003:
             self._begin_insert(felt, "dropped in")
         elif felt.wrench[2] < -o.touch_force:
-            self._face = depth
             self._go(Phase.SETTLE, felt.now, "touched")
 
     def _settle(self, felt: Felt, depth: float, dt: float) -> None:
@@ -191,34 +192,31 @@ class Insertion:
         if self._is_in(felt, depth):
             self._begin_insert(felt, "dropped in")
             return
+        o = self.options
         moment = float(np.linalg.norm(felt.wrench[3:5]))
         waited = felt.now - self._since
         if waited > 1.5 or (waited > 0.4 and moment < 0.12):
-            self._center = felt.T_seat_plug[:2, 3].copy()
-            self._angle = 0.0
+            if self._tilt(felt) > 2.0 * o.hooked:
+                self._again(felt, -0.002, "no flat face found", "lay askew")
+                return
+            self._spiral = Spiral(o.spiral, felt.T_seat_plug[:2, 3])
             self._flat = felt.T_seat_plug[:3, :3].copy()
-            self._face = min(self._face, depth) if np.isfinite(self._face) else depth
+            self._face = float(np.clip(depth, -FACE_OFF, FACE_OFF))
             self._go(Phase.SEARCH, felt.now, "searching")
 
     def _search(self, felt: Felt, depth: float, dt: float) -> None:
-        o = self.options
+        assert self._spiral is not None
         if self._is_in(felt, depth):
             self._begin_insert(felt, "found")
-            return
-        radius = o.spiral_pitch * self._angle / (2 * np.pi)
-        if radius > o.spiral_radius:
-            self.tries += 1
-            if self.tries >= o.tries:
-                self._go(Phase.FAILED, felt.now, "no socket found by the spiral")
-            else:
-                self._retreat = -0.002
-                self._go(Phase.BACK, felt.now, "the spiral ended; once more")
-            return
-        self._angle += min(o.spiral_speed / max(radius, 1e-6), o.spiral_rate) * dt
+        elif self._spiral.ended:
+            self._again(felt, -0.002, "no socket found by the spiral", "the spiral ended")
+        else:
+            self._spiral.advance(depth - self._face, dt)
 
     def _insert(self, felt: Felt, depth: float, dt: float) -> None:
         o = self.options
-        self._force = min(self._force + o.ramp * dt, o.push)
+        most = o.shallow_push if depth < o.shallow else o.push
+        self._force = min(self._force + o.ramp * dt, most)
         if depth > self._deepest + 0.0003:
             self._deepest, self._progress = depth, felt.now
         there = depth > o.depth - o.depth_tolerance - o.port_depth
@@ -232,18 +230,25 @@ class Insertion:
                 self._go(Phase.SEATED, felt.now, f"seated at {1e3 * depth:.1f} mm")
             return
         self._good = 0.0
-        waiting = o.stuck if self._force >= o.push else 2.0
+        waiting = o.stuck if self._force >= o.push else 2.5
         hooked = depth < 0.012 and self._bent(felt) > 2.0 * o.hooked
         stuck = felt.now - self._progress > waiting and felt.now - self._since > 0.5
         if hooked or stuck:
-            self.tries += 1
-            at = f"{1e3 * depth:.1f} of {1e3 * o.depth:.1f} mm"
-            if self.tries >= o.tries:
-                why = "there, but bent" if there else "jammed"
-                self._go(Phase.FAILED, felt.now, f"{why} at {at}")
-            else:
-                self._retreat = depth - 0.003 if depth > 0.015 else -0.002
-                self._go(Phase.BACK, felt.now, f"stuck at {at}: back and again")
+            at = f"at {1e3 * depth:.1f} of {1e3 * o.depth:.1f} mm"
+            why = "there, but bent" if there else "jammed"
+            back = depth - 0.003 if depth > 0.015 else -0.002
+            if not hooked:
+                self._axis = felt.T_seat_plug[:2, 3].copy()
+            self._again(felt, back, f"{why} {at}", f"stuck {at}")
+
+    def _again(self, felt: Felt, back: float, given_up: str, why: str) -> None:
+        """Back to a depth [m] and once more, or given up."""
+        self.tries += 1
+        if self.tries >= self.options.tries:
+            self._go(Phase.FAILED, felt.now, given_up)
+        else:
+            self._retreat = back
+            self._go(Phase.BACK, felt.now, f"{why}: back and again")
 
     def _back(self, felt: Felt, depth: float, dt: float) -> None:
         """Back until it has come loose, or out where it hardly was in: it re-centres."""
@@ -252,6 +257,8 @@ class Insertion:
             if self._is_in(felt, depth):
                 self._begin_insert(felt, "again")
             else:
+                self._flat = None
+                self._face = 0.0
                 self._go(Phase.TOUCH, felt.now, "again")
 
     def _pull(self, felt: Felt, depth: float, dt: float) -> None:
@@ -264,15 +271,13 @@ class Insertion:
 
     def _is_in(self, felt: Felt, depth: float) -> bool:
         """Deep enough, and not hooked with one side only."""
-        deep = depth > min(self._face, 0.003) + self.options.captured
+        deep = depth > self._face + self.options.captured
         return deep and self._bent(felt) < self.options.hooked
 
     def _bent(self, felt: Felt) -> float:
         """Angle from the attitude in which the sleeve lay flat, the mount's give taken in [rad]."""
-        if self._flat is None:
-            return 0.0
         off = np.eye(4)
-        off[:3, :3] = self._flat.T @ felt.T_seat_plug[:3, :3]
+        off[:3, :3] = self._level().T @ felt.T_seat_plug[:3, :3]
         give = self.options.admittance.deflection(felt.wrench)[3:5]
         return float(np.linalg.norm(log(off)[3:5] + give))
 
@@ -287,15 +292,17 @@ class Insertion:
 
     # What is wished in each phase.
 
-    def _wish(self, felt: Felt, dt: float) -> Floats:
+    def _wish(self, felt: Felt, depth: float) -> Floats:
         o = self.options
         push = np.zeros(6)
+        across = felt.T_seat_plug[:2, :2]
         if self.phase in (Phase.APPROACH, Phase.FAILED, Phase.OUT):
             return np.zeros(6)
         if self.phase is Phase.TOUCH:
             twist = o.admittance.answer(felt.wrench, push)
             twist[2] = o.touch_speed
-            twist[3:] *= min(1.0, abs(felt.wrench[2]) / o.touch_force)
+            touched = min(1.0, abs(felt.wrench[2]) / o.touch_force)
+            twist[3:] = touched * twist[3:] + (1.0 - touched) * self._to_level(felt)
             twist[:2] += self._to_axis(felt)
             return twist
         if self.phase is Phase.BACK:
@@ -307,57 +314,55 @@ class Insertion:
         if self.phase is Phase.SETTLE:
             push[2] = o.search_force
         elif self.phase is Phase.SEARCH:
+            assert self._spiral is not None
             push[2] = o.search_force
-            push[:2] = self._spiral(felt)
+            push[:2] = across.T @ self._spiral.pull(felt.T_seat_plug[:2, 3])
             push[3:] = self._upright(felt, o.search_turn)
         elif self.phase is Phase.INSERT:
             push[2] = self._force
-            push[3:] = self._upright(felt, o.insert_turn)
+            push[3:] = self._upright(felt, o.insert_turn * max(0.0, 1.0 - depth / o.shallow))
         elif self.phase is Phase.SEATED:
             push[2] = 0.3 * o.push
         else:  # out
             push[2] = -self._force
         twist = o.admittance.answer(felt.wrench, push)
-        if self.phase is Phase.SEARCH:
-            twist[:2] += self._along(felt)
+        if self.phase is Phase.SEARCH and self._spiral is not None:
+            twist[:2] += across.T @ self._spiral.velocity()
         fast = 2.0 * o.axial_speed if self.phase is Phase.PULL else o.axial_speed
         twist[2] = float(np.clip(twist[2], -fast, o.axial_speed))
-        if self.phase in (Phase.INSERT, Phase.PULL) and self._last - self._progress > 0.35:
-            # wiggle what is stuck: half a degree about two axes, at 2 Hz
-            turn = 2 * np.pi * 2.0 * (self._last - self._since)
-            twist[3:5] += np.deg2rad(0.5) * 4 * np.pi * np.array([np.cos(turn), np.sin(turn)]) * 0.5
+        if self.phase in (Phase.INSERT, Phase.PULL):
+            twist[3:5] += self._wiggle(felt.now, depth)
         return twist
 
-    def _upright(self, felt: Felt, stiffness: float) -> Floats:
-        """(3,) moment back to the attitude in which the sleeve lay flat, in the plug's axes."""
-        if self._flat is None:
-            return np.zeros(3)
-        off = np.eye(4)
-        off[:3, :3] = felt.T_seat_plug[:3, :3].T @ self._flat
-        moment = stiffness * log(off)[3:]
-        return np.asarray(moment * min(1.0, 3.0 / max(float(np.linalg.norm(moment)), 1e-9)))
+    def _wiggle(self, now: float, depth: float) -> Floats:
+        """(2,) turning that loosens what is stuck: the axis goes round a cone."""
+        idle = now - self._progress
+        shallow = self.phase is Phase.INSERT and depth < self.options.shallow
+        wait, degrees, rate = (0.15, 2.0, 1.0) if shallow else (0.35, 0.25, 2.0)
+        if idle < wait:
+            return np.zeros(2)
+        turn = 2 * np.pi * rate * (now - self._since)
+        size = np.deg2rad(degrees) * 2 * np.pi * rate
+        return np.asarray(size * np.array([np.cos(turn), np.sin(turn)]))
 
-    def _spiral(self, felt: Felt) -> Floats:
-        """(2,) force towards where the spiral is now, in the plug's axes."""
-        radius = self.options.spiral_pitch * self._angle / (2 * np.pi)
-        at = self._center + radius * np.array([np.cos(self._angle), np.sin(self._angle)])
-        away = at - felt.T_seat_plug[:2, 3]
-        force = self.options.search_stiffness * away
-        size = float(np.linalg.norm(force))
-        force = force * min(1.0, 25.0 / max(size, 1e-9))
-        return np.asarray(felt.T_seat_plug[:2, :2].T @ force)
+    def _level(self) -> Floats:
+        """(3, 3) attitude in which the sleeve lay flat; before it did, the believed one."""
+        return np.eye(3) if self._flat is None else self._flat
+
+    def _to_level(self, felt: Felt) -> Floats:
+        """(3,) turning rate back to that attitude in free air, in the plug's axes."""
+        off = np.eye(4)
+        off[:3, :3] = felt.T_seat_plug[:3, :3].T @ self._level()
+        return np.asarray(TO_AXIS * log(off)[3:])
+
+    def _upright(self, felt: Felt, stiffness: float) -> Floats:
+        """(3,) moment towards that attitude, in the plug's axes."""
+        moment = stiffness / TO_AXIS * self._to_level(felt)
+        return np.asarray(moment * min(1.0, 3.0 / max(float(np.linalg.norm(moment)), 1e-9)))
 
     def _to_axis(self, felt: Felt) -> Floats:
         """(2,) velocity back to the believed axis: who commands may have let it slide aside."""
-        away = -TO_AXIS * felt.T_seat_plug[:2, 3]
+        away = TO_AXIS * (self._axis - felt.T_seat_plug[:2, 3])
         size = float(np.linalg.norm(away))
         away = away * min(1.0, self.options.touch_speed / max(size, 1e-9))
         return np.asarray(felt.T_seat_plug[:2, :2].T @ away)
-
-    def _along(self, felt: Felt) -> Floats:
-        """(2,) velocity of the spiral's point, in the plug's axes."""
-        o = self.options
-        radius = o.spiral_pitch * self._angle / (2 * np.pi)
-        speed = min(o.spiral_speed, o.spiral_rate * radius)
-        tangent = np.array([-np.sin(self._angle), np.cos(self._angle)])
-        return np.asarray(felt.T_seat_plug[:2, :2].T @ (speed * tangent))

@@ -15,7 +15,7 @@ from armsight.experiments.rows import Row, wilson
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 1
+VERSION = 2
 ABOUT = """
 A UR10 in MuJoCo (1 ms steps, drives with the URDF's torques, 60 ms from command to motion), a plug
 of 1.6 kg in a mount of 5 N/mm and 30 N m/rad with 10 to 30 N of cable, a force sensor with noise
