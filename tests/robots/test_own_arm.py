@@ -187,3 +187,18 @@ def test_meshes_of_other_kinds_and_hostile_ones_are_refused(tmp_path):
     (tmp_path / "a.stl").write_bytes(b"\0" * 80 + (2**31).to_bytes(4, "little") + b"\0" * 50)
     with pytest.raises(RobotError, match=r"a.stl (cannot be read|holds no triangles)"):
         read_mesh_file(tmp_path / "a.stl")
+
+
+def test_a_mesh_that_is_saved_anew_is_read_anew(tmp_path):
+    from armsight.robots.meshes import read_mesh_file
+
+    file = tmp_path / "link.obj"
+    file.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    first, _ = read_mesh_file(file)
+    assert read_mesh_file(file)[0] is first
+    file.write_text("v 0 0 0\nv 2 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
+    again, faces = read_mesh_file(file)
+    assert again.max() == 2.0
+    assert len(faces) == 2
+    with pytest.raises(ValueError, match="read-only"):
+        again[0] = 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
@@ -108,16 +109,26 @@ def _field(
     meshes: list[tuple[Floats, Ints]], capsules: list[tuple[Floats, Floats, float]]
 ) -> tuple[Floats32, Floats]:
     """Field and corner of one part, in the link's frame."""
-    lows = [v.min(axis=0) for v, _ in meshes] + [np.minimum(a, b) - r for a, b, r in capsules]
-    highs = [v.max(axis=0) for v, _ in meshes] + [np.maximum(a, b) + r for a, b, r in capsules]
-    field, corner = _empty(np.min(lows, axis=0), np.max(highs, axis=0))
-    if meshes:
-        vertices, faces = join_triangles(list(meshes))
-        _mesh_field(np.ascontiguousarray(vertices), np.ascontiguousarray(faces), corner, field)
-    for start, end, radius in capsules:
-        capsule_distance(
-            np.asarray(start, float), np.asarray(end, float), radius, corner, CELL, field
-        )
+    vertices, faces = join_triangles(list(meshes))
+    rods = np.array([[*a, *b, r] for a, b, r in capsules], float)
+    return _field_of(vertices.tobytes(), faces.tobytes(), rods.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _field_of(vertices: bytes, faces: bytes, capsules: bytes) -> tuple[Floats32, Floats]:
+    """The same from (n, 3) float64, (m, 3) int64 and (k, 7) float64: every map of an arm asks."""
+    points = np.frombuffer(vertices).reshape(-1, 3).copy()
+    triangles = np.frombuffer(faces, np.int64).reshape(-1, 3).copy()
+    rods = np.frombuffer(capsules).reshape(-1, 7).copy()
+    ends, radius = rods[:, :6].reshape(-1, 3), np.repeat(rods[:, 6:], 2, axis=0)
+    low = np.concatenate([points, ends - radius]).min(axis=0)
+    high = np.concatenate([points, ends + radius]).max(axis=0)
+    field, corner = _empty(low, high)
+    if len(points):
+        _mesh_field(points, triangles, corner, field)
+    for rod in rods:
+        capsule_distance(rod[:3], rod[3:6], rod[6], corner, CELL, field)
+    field.flags.writeable = corner.flags.writeable = False
     return field, corner
 
 

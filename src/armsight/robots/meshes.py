@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ def read_mesh(mesh: LinkMesh) -> Triangles:
 
 
 def read_mesh_file(path: Path) -> Triangles:
-    """Vertices and triangles of an OBJ, STL, PLY, OFF or (with pycollada) DAE file.
+    """Vertices and triangles of an OBJ, STL, PLY, OFF or (with pycollada) DAE file; read-only.
 
     Raises:
         RobotError: the file is missing, empty, or of a kind that cannot be read.
@@ -45,11 +46,18 @@ def read_mesh_file(path: Path) -> Triangles:
             f"mesh {path}: {path.suffix or 'no'} files are not read; expected one of "
             f"{', '.join(MESH_FORMATS)}"
         )
-    size = path.stat().st_size
+    stat = path.stat()
+    size = stat.st_size
     if size > LARGEST:
         raise RobotError(f"mesh {path}: {size / 1e6:.0f} MB, at most {LARGEST / 1e6:.0f} are read")
     if path.suffix.lower() == ".dae" and _has_doctype(path):
         raise RobotError(f"mesh {path}: a document type declaration is not allowed; remove it")
+    return _parsed(path, stat.st_mtime_ns, size)
+
+
+@lru_cache(maxsize=128)
+def _parsed(path: Path, _changed: int, _size: int) -> Triangles:
+    """What a file holds, read once as long as it does not change."""
     try:
         loaded = trimesh.load(path, process=False, force="mesh", skip_materials=True)
     except Exception as error:  # trimesh raises whatever its readers do
@@ -59,6 +67,7 @@ def read_mesh_file(path: Path) -> Triangles:
     faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), np.int64)
     if len(faces) == 0 or not np.isfinite(vertices).all():
         raise RobotError(f"mesh {path} holds no triangles, or numbers that are not finite")
+    vertices.flags.writeable = faces.flags.writeable = False
     return vertices, faces
 
 

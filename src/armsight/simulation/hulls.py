@@ -28,9 +28,21 @@ def convex_pieces(vertices: Points, faces: Ints, slices: int = 5) -> list[Points
     Returns:
         One (k, 3) array of hull vertices a piece [m]; at least one.
     """
+    return list(
+        _pieces(
+            np.asarray(vertices, float).tobytes(), np.asarray(faces, np.int64).tobytes(), slices
+        )
+    )
+
+
+@lru_cache(maxsize=256)
+def _pieces(vertex_data: bytes, face_data: bytes, slices: int) -> tuple[Points, ...]:
+    """The same from (v, 3) float64 and (f, 3) int64: every world with this body asks."""
+    vertices = np.frombuffer(vertex_data).reshape(-1, 3)
+    faces = np.frombuffer(face_data, np.int64).reshape(-1, 3)
     if slices < 2:
         whole = hull_vertices(vertices)
-        return [vertices if whole is None else whole]
+        return (vertices if whole is None else whole,)
     axis = int(np.argmax(np.ptp(vertices, axis=0)))
     lower, upper = vertices[:, axis].min(), vertices[:, axis].max()
     cuts = np.linspace(lower, upper, slices + 1)
@@ -47,7 +59,7 @@ def convex_pieces(vertices: Points, faces: Ints, slices: int = 5) -> list[Points
         hull = hull_vertices(points)
         if hull is not None:
             pieces.append(hull)
-    return pieces or [vertices]
+    return tuple(pieces) or (vertices,)
 
 
 def hull_vertices(points: Points) -> Points | None:

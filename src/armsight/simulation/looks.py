@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -155,6 +156,7 @@ def _sky(mj: Any) -> None:
     )
 
 
+@lru_cache(maxsize=4)
 def _concrete(size: int, seed: int) -> Bytes:
     """(size, size, 3) tiling grey noise with faint tile joints."""
     rng = np.random.default_rng(seed)
@@ -167,6 +169,7 @@ def _concrete(size: int, seed: int) -> Bytes:
     return _to_bytes(value[..., None] * np.array([1.0, 1.0, 0.985]))
 
 
+@lru_cache(maxsize=4)
 def _wood(size: int, seed: int) -> Bytes:
     """(size, size, 3) grain along one axis, nearly white."""
     rng = np.random.default_rng(seed)
@@ -176,6 +179,7 @@ def _wood(size: int, seed: int) -> Bytes:
     return _to_bytes(value[..., None] * np.ones(3))
 
 
+@lru_cache(maxsize=4)
 def _plaster(size: int, seed: int) -> Bytes:
     """(size, size, 3) fine and broad blotches, nearly white."""
     rng = np.random.default_rng(seed)
