@@ -136,11 +136,13 @@ def rounds(condition, executions, contacts=0):
 def test_ratio_is_of_means_and_budgets_are_ours_alone():
     by = {name: [rounds(name, [6.0, 6.0]), rounds(name, [6.0, 6.0])] for name in patrol.CONDITIONS}
     by["3 ours, moving"] = [rounds("", [6.0, 12.0]), rounds("", [9.0, 9.0], contacts=1)]
+    by["direct, nobody inside"] = [rounds("", [5.0, 5.0])]
     rows = patrol._rows(by, np.random.default_rng(0))
     assert len({(r.key, r.condition) for r in rows}) == len(rows)
     ratio = {r.condition: r for r in rows if r.key == "patrol_ratio"}
     assert ratio["3 ours, moving"].value == pytest.approx(1.5)
-    assert ratio["3 ours, moving"].met
+    assert ratio["3 ours, moving"].met is False
+    assert ratio["4 ours, static"].value == pytest.approx(1.2), "both have the word"
     assert ratio["1 reactive, static"].met is None
     contacts = {r.condition: r for r in rows if r.key == "contacts"}
     assert contacts["3 ours, moving"].value == 1

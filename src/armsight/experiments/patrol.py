@@ -58,8 +58,12 @@ CONDITIONS: dict[str, tuple[Method, Scene]] = {
     "1 reactive, static": ("reactive", "static"),
     "2 reactive, moving": ("reactive", "moving"),
     "3 ours, moving": ("ours", "moving"),
+    "4 ours, static": ("ours", "static"),
     "direct, free": ("ours", "free"),
+    "direct, nobody inside": ("ours", "free"),
 }
+NOBODY_INSIDE = ("4 ours, static", "direct, nobody inside")
+"""Somebody has said so, so what stands there is a thing, and nobody hides in unseen space."""
 PAPER: dict[str, tuple[float, float, float]] = {
     "1 reactive, static": (0.0183, 0.0178, 10.61),
     "2 reactive, moving": (0.0217, 0.0130, 26.67),
@@ -67,6 +71,8 @@ PAPER: dict[str, tuple[float, float, float]] = {
     "direct, free": (0.0145, 0.0006, 4.99),
 }
 """T2, table II: planning, optimisation, execution [s]."""
+BUDGET = {"3 ours, moving": (1.25, 1.1), "4 ours, static": (1.15, 1.05)}
+"""Most that a round may take over the direct one: must, aim."""
 
 ABOUT = """
 A-B-A in the packaged cell `ur5_four_cameras` without people, the arm outstretched. The obstacle
@@ -80,7 +86,9 @@ before the first one is not counted.
   room to stop from what it sees, halts when its path is blocked, and plans anew. It would not stop
   for a person in time.
 * **ours**: danger-aware paths, separation, reflex. It takes the obstacle for a person's hand, so it
-  keeps the protective distance; the paper's robot did not.
+  keeps the protective distance; the paper's robot did not. Where it stands from the start,
+  somebody has said that nobody is in the cell, and it is a thing; the direct rounds beside it have
+  that word, too.
 """
 
 
@@ -202,7 +210,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     from armsight.motion.collision import CollisionModel
     from armsight.motion.keep_out import SeparationPlanner
     from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
-    from armsight.runtime.config import SessionConfig
+    from armsight.runtime.config import SessionConfig, SessionMode
     from armsight.runtime.configure import guard_config
     from armsight.runtime.session import Session
     from armsight.tasks.patrol import PatrolTask
@@ -237,6 +245,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
             cell,
             task,
             seed=run,
+            mode=SessionMode(cell_is_empty=condition in NOBODY_INSIDE),
             config=replace(timing, guard=guard, planner=counted),
             observers=(watch, obstacle, rounds),
         )
@@ -264,7 +273,7 @@ def settings() -> dict[str, Any]:
         "stay": list(STAY),
         "goals": [q.tolist() for q in GOALS.values()],
         "places": [AWAY.tolist(), IN.tolist(), SPREAD.tolist()],
-        "version": 4,
+        "version": 5,
     }
 
 
@@ -296,14 +305,14 @@ def executions(results: list[dict[str, Any]]) -> list[float]:
 
 def _rows(by: dict[str, list[dict[str, Any]]], rng: np.random.Generator) -> list[Row]:
     rows = []
-    direct = float(np.mean(executions(by["direct, free"])))
+    direct = {name: float(np.mean(executions(by[name]))) for name in by if "direct" in name}
     for name, mine in by.items():
         figures = {
             "planning_s": [s for r in mine for s in r["planning"]],
             "optimisation_s": [s for r in mine for s in r["optimisation"]],
             "execution_s": executions(mine),
         }
-        for (key, values), paper in zip(figures.items(), PAPER[name]):
+        for (key, values), paper in zip(figures.items(), PAPER.get(name, (None,) * 3)):
             low, high = bootstrap(values, rng)
             mean = float(np.mean(values)) if values else math.nan
             rows.append(
@@ -319,28 +328,29 @@ def _rows(by: dict[str, list[dict[str, Any]]], rng: np.random.Generator) -> list
                     paper=paper,
                 )
             )
-        if name != "direct, free":
+        if name not in direct:
+            base = direct[NOBODY_INSIDE[1] if name in NOBODY_INSIDE else "direct, free"]
             times = executions(mine)
-            ours = name.startswith("3")
+            must, aim = BUDGET.get(name, (None, None))
             # Rounds of one run are not independent: runs are drawn, not rounds.
-            means = [float(np.mean(r["executions"])) / direct for r in mine]
+            means = [float(np.mean(r["executions"])) / base for r in mine]
             low, high = bootstrap(means, rng)
             rows.append(
                 Row(
                     "patrol_ratio",
                     "execution over the direct one, means",
                     name,
-                    float(np.mean(times)) / direct,
+                    float(np.mean(times)) / base,
                     n=len(times),
                     low=None if math.isnan(low) else low,
                     high=None if math.isnan(high) else high,
-                    paper=PAPER[name][2] / PAPER["direct, free"][2],
-                    must=1.5 if ours else None,
-                    aim=1.2 if ours else None,
+                    paper=PAPER[name][2] / PAPER["direct, free"][2] if name in PAPER else None,
+                    must=must,
+                    aim=aim,
                 )
             )
             contacts = sum(r["contacts"] for r in mine)
-            budget = 0.0 if ours else None
+            budget = None if must is None else 0.0
             rows.append(contact_row(contacts, "anything", name, len(times), budget))
             rows.append(
                 Row(
@@ -349,7 +359,7 @@ def _rows(by: dict[str, list[dict[str, Any]]], rng: np.random.Generator) -> list
                     name,
                     float(sum(r["reflexes"] for r in mine)),
                     n=len(times),
-                    paper=2.0 if ours else None,
+                    paper=2.0 if name.startswith("3") else None,
                 )
             )
     return rows
@@ -363,7 +373,8 @@ def _plot(by: dict[str, list[dict[str, Any]]]) -> Figure:
     axes = figure.subplots()
     axes.boxplot([executions(mine) for mine in by.values()])
     ticks = list(range(1, len(by) + 1))
-    axes.plot(ticks, [PAPER[name][2] for name in by], "D", color="tab:red", label="T2, mean")
+    paper = [PAPER[name][2] if name in PAPER else math.nan for name in by]
+    axes.plot(ticks, paper, "D", color="tab:red", label="T2, mean")
     axes.set_xticks(ticks, list(by))
     axes.set(ylabel="A-B-A [s]", ylim=(0, None))
     axes.legend()

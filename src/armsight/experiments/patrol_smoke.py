@@ -97,7 +97,7 @@ def _rows(logs: list[PatrolLog], factors: list[float]) -> list[Row]:
             n=n,
             low=spread[0],
             high=spread[1],
-            must=1.0,
+            must=1.5,
             aim=2.0,
             better="higher",
         ),
@@ -132,7 +132,7 @@ def _rows(logs: list[PatrolLog], factors: list[float]) -> list[Row]:
             n=len(map_ms),
             low=float(np.median(map_ms)),
             high=float(np.percentile(map_ms, 99)),
-            must=30.0,
+            must=25.0,
             aim=12.0,
         ),
     ]
