@@ -316,3 +316,12 @@ def test_depth_cameras_see_nearly_the_same_arm_in_fewer_triangles(name):
         for one, other in ((a, b), (b, a)):
             assert np.percentile(cKDTree(other).query(one[:4000])[0], 99.5) < 0.005, mesh.path
     assert coarse_total < 0.4 * fine_total
+
+
+def test_thinning_keeps_the_first_point_of_every_cell():
+    points = np.random.default_rng(3).uniform(-0.2, 0.2, (3000, 3))
+    first: dict[tuple[int, ...], int] = {}
+    for i, cell in enumerate(np.floor(points / 0.03).astype(int)):
+        first.setdefault(tuple(cell), i)
+    assert np.array_equal(thin(points, 0.03), points[sorted(first.values())])
+    assert thin(points[:0], 0.03).shape == (0, 3)
