@@ -35,7 +35,8 @@ def thin(points: Points, spacing: float) -> Points:
     cell = np.floor(points / spacing).astype(np.int64)
     cell -= cell.min(axis=0)
     # One number a cell: numpy sorts rows ten times as long.
-    _, first = np.unique(np.ravel_multi_index(tuple(cell.T), cell.max(axis=0) + 1), return_index=True)
+    number = np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1))
+    _, first = np.unique(number, return_index=True)
     return np.asarray(points[np.sort(first)])
 
 
