@@ -94,6 +94,17 @@ def test_a_blow_is_as_hard_as_two_masses_and_a_spring_make_it(robot):
         assert 0.3 * most < blow < most + speed * 0.35 * GIVING["left_hand"].hold
 
 
+def test_a_soft_cover_strikes_no_harder_than_its_spring(robot):
+    """A brush before a face: until November 2026 the mass of its skin struck thrice as hard."""
+    speed, soft, region = 0.1, 300.0, BODY_REGIONS["face"]
+    spec = ball_before(robot, 0.005, 0.09, mass=region.mass, surface=soft, hold=4000.0)
+    with SimulatedWorld(cell(robot, objects=(spec,))) as world:
+        while not world.truth.contacts:
+            drive(world, robot, speed, 0.004)
+        drive(world, robot, speed, 0.03)
+        assert world.truth.contacts[0].force < 1.2 * soft * speed * 0.038
+
+
 def test_a_persons_hand_follows_and_gives_way_and_the_truth_names_the_region(robot):
     tip = tcp_pose(robot, robot.home)[:3, 3]
     hand = PersonSpec("h", "hand", from_rpy((0, 0, np.pi), tip + np.array([0.3, 0.0, -0.05])))

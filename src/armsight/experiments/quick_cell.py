@@ -113,7 +113,7 @@ class QuickCell:
         self.state = np.full(self.grid.shape, FREE, np.uint8)
         self.field = np.full(self.grid.shape, 0.3, np.float32)
         self._never = np.full(self.grid.shape, -np.inf, np.float32)
-        self.guard = Guard(self.robot, [self.info], (), self.config)
+        self.guard = Guard(self.robot, [self.info], self.config)
         speed, acceleration = self.config.planned
         speeds = PlannerConfig(speed=speed, acceleration=acceleration)
         planner = RrtConnectPlanner(self.robot, CollisionModel(self.robot), speeds)

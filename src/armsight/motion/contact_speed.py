@@ -25,6 +25,8 @@ from armsight.motion.regions import Region
 
 EASINGS = 8
 """Halvings of the share by which a wish is eased: to less than a hundredth of it."""
+PRESSED = 1.5
+"""A body that is pressed by less than this [N] goes its own way."""
 BISECTIONS = 24
 """Halvings of the share of a motion: to less than a millionth."""
 
@@ -227,6 +229,23 @@ class ContactSpeed:
             else:
                 out[i] = _share_within(velocity[i], moves, spin[i], most)
         return out
+
+
+def own_motion(velocity: Vector3, push: Vector3 | None) -> Vector3:
+    """(3,) what a body does by itself of a velocity (3,) [m/s] that was seen while it was pressed.
+
+    What is pressed gives way as fast as the arm comes: an arm that took this for the body's own
+    motion, and went along with it, would press on for ever. So away from the arm nothing counts.
+
+    Args:
+        velocity: as seen.
+        push: (3,) force of the body on the arm [N]; None where nobody feels any.
+    """
+    strength = 0.0 if push is None else float(np.linalg.norm(push))
+    if push is None or strength < PRESSED:
+        return velocity
+    out = push / strength
+    return np.asarray(velocity - min(float(velocity @ out), 0.0) * out)
 
 
 def carried_along(body: MovingBody, q: JointVector, part: int, velocity: Vector3) -> JointVector:

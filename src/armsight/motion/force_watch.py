@@ -26,10 +26,11 @@ STALE = 0.02
 TARED_OVER = 0.5
 """The sensor's error is the mean over this time without contact [s]."""
 LEAD = 0.15
-"""What presses on a thing or a face and grows is judged by what it will be after this time [s]:
-until a command has acted (a tick, the drives, the filters) and the arm has come to rest."""
-GIVING = 0.06
-"""The same of a hand [s], which gives way after the first blow."""
+"""What presses and grows is judged by what it will be after this time [s]: until a command has
+acted (a tick, the drives, the filters) and the arm has come to rest."""
+GIVING, LASTING = 0.06, 0.1
+"""A hand gives way after the first blow, whose growth counts for this time ahead only [s]; what has
+grown for LASTING [s] is no blow: it goes on growing until the arm stands, or the hand does."""
 SMOOTH = 0.15
 """Share of a new rate of the force in the one that is used: readings are noisy."""
 SAMPLES = 10
@@ -76,6 +77,7 @@ class ForceWatch:
         self._stamp = -math.inf
         self._mean = (-math.inf, 0.0)
         self._rate = 0.0
+        self._rates: deque[tuple[float, float]] = deque()
         self._push: Vector3 | None = None
 
     @property
@@ -124,6 +126,9 @@ class ForceWatch:
             passed = self._mean[0] - before[0]
             rate = (self._mean[1] - before[1]) / passed if 1e-4 < passed < 0.1 else 0.0
             self._rate += SMOOTH * (rate - self._rate)
+            self._rates.append((self._mean[0], self._rate))
+            while self._rates[0][0] < self._mean[0] - LASTING:
+                self._rates.popleft()
 
     def _tare(self, mean: Floats) -> None:
         """The error goes to (6,) what was left over lately, as far as it may have drifted."""
@@ -155,13 +160,16 @@ class ForceWatch:
 
         A force that grows counts as it will be when the arm could stand.
         """
+        grows = LEAD * self._rate
+        if permit.kind == "hand":
+            lasting = min((rate for _, rate in self._rates), default=0.0)
+            grows = max(GIVING * self._rate, LEAD * lasting)
         for felt in self._new:
             force, torque = float(np.linalg.norm(felt.force)), float(np.linalg.norm(felt.torque))
-            lead = GIVING if permit.kind == "hand" else LEAD
-            soon = force + lead * max(self._rate, 0.0)
+            soon = force + max(grows, 0.0)
             if soon > permit.force:
-                grows = f", soon {soon:.1f}" if force <= permit.force else ""
-                return f"pressed with {force:.1f} N{grows}; at most {permit.force:g}"
+                says = f", soon {soon:.1f}" if force <= permit.force else ""
+                return f"pressed with {force:.1f} N{says}; at most {permit.force:g}"
             if torque > permit.torque:
                 return f"turned with {torque:.2f} N m; at most {permit.torque:g}"
         return ""

@@ -32,11 +32,11 @@ from dataclasses import replace
 import numpy as np
 
 from armsight.devices.data import JointState, RgbdCameraInfo, Wrench
-from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import ArmState
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import GuardMode
+from armsight.motion.evasion import Evasion
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.faults import FaultWatch, Severity, Verdict
 from armsight.motion.following import RouteFollower
@@ -49,7 +49,6 @@ from armsight.motion.nearest import MovingBody
 from armsight.motion.permit_office import PermitOffice
 from armsight.motion.plan import Plan
 from armsight.motion.reflex import Reflex, ReflexStage
-from armsight.motion.retreat import Retreat
 from armsight.motion.route import Route
 from armsight.motion.status_writer import StatusWriter
 from armsight.motion.steering import Steering
@@ -70,8 +69,6 @@ class Guard:
     Args:
         robot: the arm with its tool; needs link spheres.
         cameras: whose pictures must be fresh.
-        static: declared solids in ``base``. The map holds them too; the planner's proof of the
-            path keeps away from them (v_h = 0). Here they only give names to what blocks a goal.
         config: settings.
         model: collision checks; made for the robot if left out.
 
@@ -83,13 +80,11 @@ class Guard:
         self,
         robot: Robot,
         cameras: Sequence[RgbdCameraInfo],
-        static: Sequence[Solid] = (),
         config: GuardConfig | None = None,
         model: CollisionModel | None = None,
     ) -> None:
         self.config = config = config or GuardConfig()
         self.robot = robot
-        self.static = tuple(static)
         self._model = model or CollisionModel(robot)
         self._filter = VelocityFilter(robot, cameras, config, self._model)
         self._follower = RouteFollower(self._filter, config)
@@ -99,6 +94,9 @@ class Guard:
         self._wishes = Wishes(robot, self._goals, self._steering)
         self._reflex = Reflex(config, robot.limits.scaled(*config.planned))
         self._executed = Executed()
+        self._evasion = Evasion(
+            self._reflex, self._filter, self._follower, self._steering, self._executed
+        )
         self._permits = PermitOffice(robot, self._filter.monitor.body, config, self._executed)
         self._writer = StatusWriter(
             self._filter, self._goals, self._wishes, self._executed, self._reflex, self._permits
@@ -220,7 +218,9 @@ class Guard:
             self._come_to_rest(tick, GuardMode.STOPPED, tick.verdict.reason)
             return
         if self._permits.retreat is not None:
-            self._back_out(tick, self._permits.retreat)
+            self._route, self._joining, self._coasting = None, False, False
+            self._evasion.back_out(tick, self._permits.retreat, self._permits.push)
+            self._goals.drop_request()
             return
         if reflex.active:
             self._react(tick)
@@ -360,65 +360,15 @@ class Guard:
         """Whether the arm has waited for separation so long that another way should be sought."""
         return now - self._waiting_since >= self.config.patience
 
-    def _back_out(self, tick: Tick, retreat: Retreat) -> None:
-        """Out of a contact whose permit was withdrawn: brake, then back the way it came."""
-        self._route, self._joining, self._coasting = None, False, False
-        self._reflex.end()
-        self._goals.drop_request()
-        retreat.braked = retreat.braked or tick.at_rest or self._steering.moving
-        if retreat.braked:
-            speed = self.config.retreat_speed
-            push = self._permits.push
-            motion = retreat.motion(self.body, tick.ahead.position, tick.now, speed, push)
-            self._steering.pursue(tick, motion)
-        else:
-            self._follower.brake(tick, None)
-        tick.mode, tick.reason = GuardMode.REFLEX, f"backs out of contact: {retreat.reason}"
-
-    # -- reflex ---------------------------------------------------------------------------------
-
     def _react(self, tick: Tick) -> None:
-        """T2's reflex: come to rest, retrace or leave, hold until the danger is over."""
-        reflex = self._reflex
-        distance = tick.near.least
-        if reflex.stage == ReflexStage.STOPPING:
-            if not tick.at_rest:
-                self._come_to_rest(tick, GuardMode.REFLEX, "")
-            elif tick.snapshot is not None:
-                self._route = None
-                reflex.choose(
-                    tick.here.position,
-                    self._executed,
-                    self._filter.monitor,
-                    self._filter.hazards,
-                    self._model,
-                    tick.snapshot,
-                )
-                self._follower.scale.reset()
-        if reflex.stage == ReflexStage.RETRACE and reflex.route is not None:
-            self._follower.follow(tick, reflex.route, 1.0, self._goal_speed())
-            blocked = math.isfinite(reflex.route.blocked_at)
-            if tick.at_rest and (reflex.route.done or blocked):
-                reflex.hold()
-        elif reflex.stage == ReflexStage.FLEE:
-            self._flee(tick)
-        tick.mode = GuardMode.REFLEX
-        tick.reason = f"{reflex.stage.value}: {self._filter.who(tick.view)}"
-        stuck = reflex.stage != ReflexStage.STOPPING and reflex.stuck(tick.now, tick.at_rest)
-        if reflex.over(tick.now, distance) and tick.at_rest:
-            reflex.end()
-        elif stuck:
-            reflex.try_other(distance)
-        if not reflex.active:
+        """T2's reflex, until the danger is over."""
+        if self._reflex.stage == ReflexStage.STOPPING and not tick.at_rest:
+            self._come_to_rest(tick, GuardMode.REFLEX, "")
+        elif self._evasion.begin(tick):
+            self._route = None
+        self._evasion.react(tick, self._goal_speed())
+        if not self._reflex.active:
             self._goals.drop_request()
-
-    def _flee(self, tick: Tick) -> None:
-        """Away from what is nearest, while there is something and a proven way."""
-        near = tick.near
-        if near.nearest[near.closest] < 0 or self._reflex.over(tick.now, near.least):
-            return
-        if not self._follower.flee(tick) and tick.at_rest:
-            self._reflex.hold()
 
     # -- saying ---------------------------------------------------------------------------------
 

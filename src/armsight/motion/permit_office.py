@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import JointVector, Mask, Points, Vector3
+from armsight.arrays import JointVector, Points, Vector3
 from armsight.devices.data import Wrench
-from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.tracked import SURE
-from armsight.motion.contact_limits import contact_speed, effective_mass
-from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
+from armsight.motion.contact_speed import ContactSpeed, GentleSpeed, own_motion
 from armsight.motion.executed import Executed
-from armsight.motion.force_watch import STALE, ForceWatch
+from armsight.motion.force_watch import ForceWatch
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards, MovingBody
+from armsight.motion.permit_grounds import followed, jump, seen_against
+from armsight.motion.permit_law import NOTICED, gentle_speed, pressing_speed
 from armsight.motion.permits import (
     Permit,
     PermitRequest,
@@ -27,38 +27,22 @@ from armsight.motion.permits import (
     granted,
     region_refusal,
     request_fault,
+    touching,
 )
-from armsight.motion.permitted import (
-    Grant,
-    PermittedSnapshot,
-    outside_the_map,
-    permitted,
-    somebody_beside,
-)
+from armsight.motion.permitted import Grant, PermittedSnapshot, permitted
 from armsight.motion.regions import Region
-from armsight.motion.retreat import AHEAD, CLEAR, Retreat, behind, gap
-from armsight.robots.kinematics import tcp_pose
+from armsight.motion.retreat import AHEAD, CLEAR, Retreat, behind, gap, gap_to_seen
 from armsight.robots.robot import Robot
 
 ARM_ERROR = 0.003
 """A part that comes to touch, slowly, is this close to where the joints say [m]."""
-NOTICED = 0.5
-"""Less force than this is noise [N]."""
 FREE = 0.5
 """More than this share of what is asked for must not be felt before it is granted."""
 LATTICE = 0.03
 """A face is where its region is, seen or not: points at this distance stand for it [m]."""
-MUSCLES = 1000.0
-"""No hand or head resists a push with more than this, save against something firm [N/m]."""
-SHARE = 0.6
-"""Share of the force that may be left to be used up while the arm stops."""
-LEAST = 0.002
-"""The arm may always move this slowly in contact: back, if nothing else [m/s]."""
 AGAIN, QUIET, PUSHED = 10.0, 1.5, 2.5
 """For this long after a retreat [s] the arm gives way to a push that grows from less than QUIET to
 more than PUSHED [N]."""
-JUMP = 0.03
-"""A target cannot be farther than this [m], beyond what is unsure, from where it was expected."""
 
 
 class PermitOffice:
@@ -171,12 +155,13 @@ class PermitOffice:
             speed = self._config.retreat_speed
         if not grant.person:
             stiffness = 0.0 if self._request is None else self._request.stiffness
-            speed = min(speed, self._pressing_speed(permit, stiffness))
+            speed = min(speed, pressing_speed(self._config, permit, stiffness))
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
             parts, region = grant.touching[self._body.moving], grant.region
             return ContactSpeed(name, parts, region, when, speed, margin)
         if self.retreat is None and q is not None and permit is not None:
-            speed = min(speed, self._gentle_speed(permit, grant.region, when, q))
+            middle = grant.region.center(when)
+            speed = min(speed, gentle_speed(self._robot, self._config, permit, middle, q))
         touchable: Points = np.empty((0, 3))
         if isinstance(seen, PermittedSnapshot):
             touchable = seen.touchable.astype(float)
@@ -184,10 +169,10 @@ class PermitOffice:
             touchable = np.concatenate([touchable, grant.region.lattice(when, LATTICE)])
         radius = 0.0 if seen is None else seen.hazard_radius
         region, parts = grant.region, grant.touching[self._body.moving]
+        velocity = own_motion(region.velocity, self._force.push)
         return GentleSpeed(
-            name, Hazards.at(touchable, radius), speed, region.velocity, parts,
-            region.center(when),
-        )  # fmt: skip
+            name, Hazards.at(touchable, radius), speed, velocity, parts, region.center(when)
+        )
 
     def _give_way(self, now: float) -> None:
         """What was touched comes back and pushes an arm that has left it: it leaves once more.
@@ -238,7 +223,7 @@ class PermitOffice:
             permit = self.permit = Permit(name, kind, PermitState.REFUSED)
         reason = request_fault(request, self._robot, now)
         if not permit.holds:  # the map follows what is asked for, granted or not
-            tracked = None if reason else _followed(request, now)
+            tracked = None if reason else followed(request, now)
             permit = self.permit = replace(permit, region=tracked)
         if self.retreat is not None and not reason:
             self._follow(now, self.retreat, request, snapshot)
@@ -267,7 +252,7 @@ class PermitOffice:
             return "there is no map yet"
         if self.retreat is not None:
             return f"the arm still backs out: {self.retreat.reason}"
-        if not self._touching(request).any():
+        if not touching(self._robot, request).any():
             return (
                 f"no sphere of {', '.join(request.parts)} is within {request.reach:g} m of the TCP"
             )
@@ -279,7 +264,7 @@ class PermitOffice:
             return f"the force sensor feels {self._force.pressed:.1f} N before anything is touched"
         if request.kind == "face" and not self._config.soft > 0.0:
             return "the tool's tip is not declared soft (guard.soft_tip_n_per_mm)"
-        return region_refusal(request.region, request.kind, now) or _seen_against(
+        return region_refusal(request.region, request.kind, now) or seen_against(
             snapshot, request.region, request.kind
         )
 
@@ -292,7 +277,7 @@ class PermitOffice:
             return "its time is over; ask for it anew"
         region = permit.region
         if request.region.exposure > region.exposure:
-            away = _jump(region, request.region)
+            away = jump(region, request.region)
             if away > 0.0:
                 return f"it jumped by {away:.2f} m"
             region = request.region
@@ -301,7 +286,7 @@ class PermitOffice:
             return reason
         same = snapshot is self._looked and region is permit.region
         if snapshot is not None and not same:
-            reason = _seen_against(snapshot, region, permit.kind)
+            reason = seen_against(snapshot, region, permit.kind)
             if reason:
                 return reason
         if region is not permit.region:
@@ -317,43 +302,19 @@ class PermitOffice:
     ) -> None:
         """The arm backs out of what goes on to be seen: from where it is, not from where it was."""
         region, before = request.region, retreat.grant.region
-        if region.exposure <= before.exposure or _jump(before, region) > 0.0:
+        if region.exposure <= before.exposure or jump(before, region) > 0.0:
             return
         at_rest = replace(region, velocity=np.zeros(3))  # too fast to be touched, not to be left
         if region_refusal(at_rest, request.kind, now):
             return
-        if snapshot is not None and not _seen_against(snapshot, region, request.kind):
+        if snapshot is not None and not seen_against(snapshot, region, request.kind):
             retreat.follow(region, now)
 
     def _grant(self, permit: Permit, region: Region) -> Grant:
         ceiling = self._ceiling if permit.kind == "hand" else None
-        return Grant(region, self._touching(), permit.kind != "thing", ceiling)
-
-    def _pressing_speed(self, permit: Permit | None, stiffness: float) -> float:
-        """Speed [m/s] from which the arm stops before what it touches is pressed too hard.
-
-        Until it stands it goes on for the time of the reading, of a late tick and of the drives;
-        the stiffness [N/m] pushes back all the way.
-        """
-        if permit is None or not permit.holds or not stiffness > 0.0:
-            return self._config.retreat_speed
-        late = STALE + 2.0 * self._config.period + self._config.start_delay
-        pressed = 0.0 if math.isnan(permit.pressed) else permit.pressed
-        room = permit.force - (pressed if pressed > NOTICED else 0.0)
-        return max(SHARE * room / (stiffness * late), LEAST)
-
-    def _gentle_speed(self, permit: Permit, region: Region, when: float, q: JointVector) -> float:
-        """Speed [m/s] at which the arm may meet a part of a body, by power and force limiting."""
-        body = BODY_REGIONS["hand" if permit.kind == "hand" else "face"]
-        tip = tcp_pose(self._robot, q)[:3, 3]
-        way = region.center(when) - tip
-        away = float(np.linalg.norm(way))
-        way = way / away if away > 1e-6 else np.array([0.0, 0.0, 1.0])
-        mass = effective_mass(self._robot, q, self._robot.n, tip, way)
-        soft = self._config.soft if self._config.soft > 0.0 else math.inf
-        blow = contact_speed(body, mass, min(permit.force, body.force), soft)
-        # After the blow the body is held by its own muscles only, or by what covers the tool.
-        return min(blow, self._pressing_speed(permit, min(MUSCLES, soft)))
+        assert self._request is not None
+        parts = touching(self._robot, self._request)
+        return Grant(region, parts, permit.kind != "thing", ceiling)
 
     def _near(self, now: float) -> bool:
         """Whether what is felt may be contact: the map need not show it, where the arm hides it."""
@@ -379,56 +340,4 @@ class PermitOffice:
             return True
         if not grant.person or self._looked is None:
             return False
-        return _nearest(self._body, grant, q, self._looked)
-
-    def _touching(self, request: PermitRequest | None = None) -> Mask:
-        """(k,) bool, the spheres of the robot that a request names."""
-        request = request or self._request
-        assert request is not None
-        robot = self._robot
-        spheres, tool = robot.spheres, robot.tool
-        out = np.isin(
-            spheres.link,
-            [k for k, name in enumerate(robot.link_names) if k and name in request.parts],
-        )
-        if "tool" in request.parts and tool is not None:
-            out[len(spheres.link) - len(tool.spheres.radius) :] = True
-        if math.isfinite(request.reach):
-            T_last_tcp = robot.T_last_flange @ (np.eye(4) if tool is None else tool.T_flange_tcp)
-            away = np.linalg.norm(spheres.center - T_last_tcp[:3, 3], axis=1)
-            out &= (np.asarray(spheres.link) == robot.n) & (away <= request.reach)
-        return out
-
-
-def _followed(request: PermitRequest, now: float) -> Region | None:
-    """The region of a well-formed request, if it may be touched at all."""
-    refused = region_refusal(request.region, request.kind, now)
-    return None if refused else request.region
-
-
-def _jump(before: Region, now: Region) -> float:
-    """How far [m] a target is from where it was expected; 0 where that may be."""
-    when = now.exposure
-    away = float(np.linalg.norm(now.center(when) - before.center(when)))
-    unsure = SURE * (before.deviation(when) + now.deviation(when))
-    return away if away > JUMP + unsure else 0.0
-
-
-def _seen_against(snapshot: WorkspaceSnapshot, region: Region, kind: str) -> str:
-    """What of the map speaks against touching something, in words; empty when nothing does."""
-    if not math.isfinite(snapshot.stamp):
-        return "no camera has sent a picture yet"
-    if outside_the_map(snapshot, region):
-        return "its region leaves the mapped box: nobody is looked for there"
-    return somebody_beside(snapshot, region) if kind == "thing" else ""
-
-
-def _nearest(body: MovingBody, grant: Grant, q: JointVector, snapshot: WorkspaceSnapshot) -> bool:
-    """Whether a part that may touch is within reach of what is in a person's region."""
-    touchable = permitted(snapshot, grant).touchable
-    parts = np.flatnonzero(grant.touching[body.moving])
-    if not len(touchable) or not len(parts):
-        return False
-    center, _ = body.motion(q, np.zeros(len(q)))
-    away = np.linalg.norm(touchable[None] - center[parts][:, None], axis=2)
-    return bool((away.min(axis=1) - body.radius[parts] - snapshot.hazard_radius).min() < CLEAR)
+        return gap_to_seen(self._body, grant, q, self._looked) < CLEAR

@@ -14,6 +14,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Literal, TypeAlias
 
+import numpy as np
+
+from armsight.arrays import Mask
 from armsight.motion.regions import Region, region_fault
 from armsight.robots.robot import Robot
 
@@ -204,3 +207,19 @@ def granted(
         min(request.torque, limits.torque),
         now + min(request.seconds, limits.seconds),
     )
+
+
+def touching(robot: Robot, request: PermitRequest) -> Mask:
+    """(k,) bool, those of a robot's spheres that a request names."""
+    spheres, tool = robot.spheres, robot.tool
+    out = np.isin(
+        spheres.link,
+        [k for k, name in enumerate(robot.link_names) if k and name in request.parts],
+    )
+    if "tool" in request.parts and tool is not None:
+        out[len(spheres.link) - len(tool.spheres.radius) :] = True
+    if math.isfinite(request.reach):
+        T_last_tcp = robot.T_last_flange @ (np.eye(4) if tool is None else tool.T_flange_tcp)
+        away = np.linalg.norm(spheres.center - T_last_tcp[:3, 3], axis=1)
+        out &= (np.asarray(spheres.link) == robot.n) & (away <= request.reach)
+    return np.asarray(out)

@@ -20,10 +20,11 @@ from dataclasses import replace
 import numpy as np
 
 from armsight.arrays import Floats, JointPath, JointVector, Vector3
+from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.contact_speed import carried_along
 from armsight.motion.executed import Executed
 from armsight.motion.nearest import MovingBody
-from armsight.motion.permitted import Grant
+from armsight.motion.permitted import Grant, permitted
 from armsight.motion.regions import Region
 
 CLEAR = 0.02
@@ -190,3 +191,16 @@ def gap(body: MovingBody, grant: Grant, q: JointVector, when: float) -> float:
     center, _ = body.motion(q, np.zeros(len(q)))
     away = grant.region.distance(center[parts], when) - body.radius[parts]
     return float(away.min())
+
+
+def gap_to_seen(
+    body: MovingBody, grant: Grant, q: JointVector, snapshot: WorkspaceSnapshot
+) -> float:
+    """Distance [m] from the parts that may touch to what is seen in a person's region."""
+    seen = permitted(snapshot, grant).touchable
+    parts = np.flatnonzero(grant.touching[body.moving])
+    if not len(seen) or not len(parts):
+        return np.inf
+    center, _ = body.motion(q, np.zeros(len(q)))
+    away = np.linalg.norm(seen[None] - center[parts][:, None], axis=2)
+    return float((away.min(axis=1) - body.radius[parts] - snapshot.hazard_radius).min())

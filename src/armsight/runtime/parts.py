@@ -61,7 +61,7 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
         return (
             WorkspaceMap(cell.robot, infos, cell.static, mapping),
             planner,
-            Guard(cell.robot, infos, cell.static, guard),
+            Guard(cell.robot, infos, guard),
         )
 
     workspace, planner, made_guard = make()

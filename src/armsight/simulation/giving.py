@@ -23,8 +23,10 @@ from armsight.simulation.gl import mujoco
 from armsight.simulation.kernels import follow_leaders
 from armsight.simulation.model_parts import set_inertia
 
-SKIN = (0.3, 0.1)
-"""Mass of a skin: a share of the body's, and the most [kg]: a heavy one would strike by itself."""
+SKIN = (0.3, 0.1, 860.0)
+"""Mass of a skin: a share of the body's, the most [kg], and no more than what swings this fast on
+its spring [rad/s], which steps of 1 ms resolve: a heavy skin would strike by itself, and one of
+0.1 kg on the 300 N/m of a brush struck with 5 N where the spring says 3."""
 SKIN_DAMPING = 0.5
 """Damping ratio of a skin on its spring."""
 GYRATION = 0.05
@@ -89,7 +91,7 @@ def add_giving(world: Any, name: str, give: Give, center: Vector3, T: Pose) -> t
     """
     body = world.add_body(name=f"{name}/led", pos=T[:3, 3], gravcomp=1.0)
     body.add_freejoint(name=f"{name}/led")
-    light = min(SKIN[0] * give.mass, SKIN[1])
+    light = min(SKIN[0] * give.mass, SKIN[1], give.surface / SKIN[2] ** 2)
     mass = give.mass - light
     set_inertia(body, mass, np.asarray(center, float), np.eye(3) * mass * GYRATION**2)
     skin = body.add_body(name=f"{name}/skin", gravcomp=1.0)

@@ -1,0 +1,73 @@
+"""How fast the arm may come to what it is permitted to touch, and press it.
+
+Two bounds. The blow: two masses and a spring (:mod:`armsight.motion.contact_limits`), for a hand or
+a face. The press: until the arm stands it goes on for the time of the reading, of a late tick and
+of the drives, and what gives way pushes back by its stiffness all the way.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from armsight.arrays import JointVector, Vector3
+from armsight.geometry.body_regions import BODY_REGIONS
+from armsight.motion.contact_limits import contact_speed, effective_mass
+from armsight.motion.force_watch import STALE
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.permits import Permit
+from armsight.robots.kinematics import tcp_pose
+from armsight.robots.robot import Robot
+
+NOTICED = 0.5
+"""Less force than this is noise [N]."""
+MUSCLES = 1000.0
+"""No hand or head resists a push with more than this, save against something firm [N/m]."""
+UNSEEN = 0.01
+"""Arm and target may come together faster than is counted by this [m/s]: drives overshoot by
+5 mm/s, and a hand that sways (0.07 m/s2) is another 5 mm/s faster than when it was seen."""
+SHARE = 0.6
+"""Share of the force that may be left to be used up while the arm stops."""
+LEAST = 0.002
+"""The arm may always move this slowly in contact: back, if nothing else [m/s]."""
+
+
+def pressing_speed(config: GuardConfig, permit: Permit | None, stiffness: float) -> float:
+    """Speed [m/s] from which the arm stops before what it touches is pressed too hard.
+
+    Args:
+        config: of the guard.
+        permit: what holds, with what is felt; None for an arm that leaves.
+        stiffness: of what is touched [N/m].
+    """
+    if permit is None or not permit.holds or not stiffness > 0.0:
+        return config.retreat_speed
+    late = STALE + 2.0 * config.period + config.start_delay
+    pressed = 0.0 if math.isnan(permit.pressed) else permit.pressed
+    room = permit.force - (pressed if pressed > NOTICED else 0.0)
+    return max(SHARE * room / (stiffness * late), LEAST)
+
+
+def gentle_speed(
+    robot: Robot, config: GuardConfig, permit: Permit, middle: Vector3, q: JointVector
+) -> float:
+    """Speed [m/s] at which the arm may meet a part of a body, by power and force limiting.
+
+    Args:
+        robot: with its tool.
+        config: of its guard.
+        permit: for a hand or a face.
+        middle: (3,) centre of its region [m].
+        q: (n,) where the arm is [rad].
+    """
+    body = BODY_REGIONS["hand" if permit.kind == "hand" else "face"]
+    tip = tcp_pose(robot, q)[:3, 3]
+    way = middle - tip
+    away = float(np.linalg.norm(way))
+    way = way / away if away > 1e-6 else np.array([0.0, 0.0, 1.0])
+    mass = effective_mass(robot, q, robot.n, tip, way)
+    soft = config.soft if config.soft > 0.0 else math.inf
+    blow = contact_speed(body, mass, min(permit.force, body.force), soft) - UNSEEN
+    # After the blow the body is held by its own muscles only, or by what covers the tool.
+    return max(min(blow, pressing_speed(config, permit, min(MUSCLES, soft))), LEAST)
