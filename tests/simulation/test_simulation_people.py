@@ -11,14 +11,17 @@ from hypothesis.extra.numpy import arrays
 from simulation_cells import person
 
 from armsight.errors import ArmsightError, UsageError
-from armsight.geometry.pose import from_rpy
+from armsight.geometry.pose import from_rpy, make_pose
+from armsight.geometry.shapes import Solid
+from armsight.simulation.carrier import Carrier
 from armsight.simulation.clips import PERSON, load_clip
 from armsight.simulation.hulls import convex_pieces, hull_vertices
 from armsight.simulation.motion import finish, hand_speeds, smooth_step
-from armsight.simulation.movers import Person
+from armsight.simulation.movers import Person, make_objects
 from armsight.simulation.people import hand_body, person_body
 from armsight.simulation.scripts import SCRIPTS, ScriptOptions, script_joints
 from armsight.simulation.skeleton import INDEX, JOINTS, PARTS, Proportions, bend, standing
+from armsight.simulation.spec import MovingObjectSpec, PersonSpec
 
 P = Proportions(1.75)
 TARGET = np.array([0.6, -0.1, 1.05])
@@ -332,3 +335,44 @@ def test_lost_markers_are_bridged(tmp_path):
     assert np.isfinite(clip.joints).all()
     assert 0.0 < clip.lost < 0.1
     assert np.allclose(clip.joints[5, INDEX["left_elbow"]], clip.joints[12, INDEX["left_elbow"]])
+
+
+def test_who_carries_brings_a_thing_puts_it_down_and_goes():
+    """No thing moves but in a hand, and nobody jumps."""
+    table = Solid("table", "box", (1.4, 1.4, 0.75), make_pose(None, (0.35, 0.0, 0.375)))
+    home = np.array([3.2, -0.45])
+    box = MovingObjectSpec(
+        Solid("box", "box", (0.18, 0.18, 0.18), make_pose(None, (2.75, -0.45, 0.95))),
+        carried_by="mia",
+    )
+    mia = PersonSpec("mia", "carry", from_rpy((0, 0, np.pi), (*home, 0.0)), distance=1.8)
+    carrier = Carrier(mia, [box], [table])
+    bodies = np.zeros((len(PARTS), 3)), np.zeros((len(PARTS), 4))
+    upper = [i for name, i in INDEX.items() if not name.endswith(("knee", "ankle", "toe"))]
+    wishes = {100: (0.9, -0.45, 1.2), 1300: (0.9, 0.2, 1.0), 1340: (0.95, 0.3, 1.0)}
+    before = moved = None
+    for k in range(2700):
+        if k in wishes:
+            carrier.bring("box", np.array(wishes[k]))
+        carrier.update(0.01 * k, *bodies)
+        joints, place = carrier.joints.copy(), carrier.place("box").copy()
+        if before is not None:
+            assert np.linalg.norm(joints[upper] - before[upper], axis=1).max() < 0.02, "2 m/s"
+            assert np.linalg.norm(place - moved) < 0.02
+            if (place != moved).any():
+                assert np.linalg.norm(joints[INDEX["right_hand"]] - place) < 0.11
+        before, moved = joints, place
+        for side in ("left", "right"):
+            for bone, length in BONES.items():
+                assert lengths(joints[None], side, bone) == pytest.approx(length, abs=0.02)
+        if k == 1250:
+            assert place == pytest.approx([0.9, -0.45, 0.84], abs=0.01), "on the table"
+            assert joints[INDEX["pelvis"]][:2] == pytest.approx(home, abs=0.01)
+    assert place == pytest.approx([0.95, 0.3, 0.84], abs=0.02), "where it was wished to be last"
+    assert joints[INDEX["pelvis"]][:2] == pytest.approx(home, abs=0.01)
+
+
+def test_a_thing_is_carried_by_who_carries():
+    box = MovingObjectSpec(Solid("box", "box", (0.1,) * 3, np.eye(4)), carried_by="ann")
+    with pytest.raises(UsageError, match=r"box is carried by 'ann'; who carries .* nobody"):
+        make_objects([box], [], 0)

@@ -12,14 +12,19 @@ SWING = 0.36
 """Seconds that a foot is in the air [s]."""
 LIFT = 0.07
 """Height of a step [m]."""
+TOES_OUT = 0.15
+"""Feet point outwards by this [rad]."""
 STRAY, TURN = 0.14, 0.5
 """A foot steps when it is this far [m], or turned this much [rad], from where it belongs."""
 
 
-def add_legs(joints: Floats, p: Proportions, rate: float = RATE) -> None:
+def add_legs(
+    joints: Floats, p: Proportions, rate: float = RATE, start: Floats | None = None
+) -> None:
     """Fill hips, knees, ankles and toes of (k, 19, 3) ``joints`` in place, from the pelvis.
 
-    The floor is z = 0; the person faces across the line between the hips (or the shoulders).
+    The floor is z = 0; the person faces across the line between the hips (or the shoulders). Feet
+    begin where they belong, or where they stand in a posture (19, 3) ``start``.
     """
     pelvis = joints[:, INDEX["pelvis"]]
     left = joints[:, INDEX["left_shoulder"]] - joints[:, INDEX["right_shoulder"]]
@@ -29,11 +34,11 @@ def add_legs(joints: Floats, p: Proportions, rate: float = RATE) -> None:
     ground = pelvis * np.array([1.0, 1.0, 0.0])
     signs = {"left": 1.0, "right": -1.0}
     homes = {s: ground + signs[s] * 1.15 * p.hip_half * side for s in signs}
-    feet = _walk(homes, heading, rate)
+    feet = _walk(homes, heading, rate, None if start is None else _feet(start))
     for name, sign in signs.items():
         hip = pelvis + sign * p.hip_half * side - np.array([0.0, 0.0, 0.02])
         place, yaw = feet[name]
-        toes_out = yaw + sign * 0.15
+        toes_out = yaw + sign * TOES_OUT
         along = np.stack([np.cos(toes_out), np.sin(toes_out), np.zeros_like(yaw)], axis=1)
         ankle = place + np.array([0.0, 0.0, p.ankle])
         knee, ankle = bend(hip, ankle, p.thigh, p.shin, along)
@@ -43,14 +48,30 @@ def add_legs(joints: Floats, p: Proportions, rate: float = RATE) -> None:
             joints[:, INDEX[f"{name}_{joint}"]] = value
 
 
+def _feet(posture: Floats) -> dict[str, tuple[Floats, float]]:
+    """Place (3,) on the floor and yaw of each foot of (19, 3) joints."""
+    out = {}
+    for name, sign in (("left", 1.0), ("right", -1.0)):
+        ankle, toe = (posture[INDEX[f"{name}_{joint}"]] for joint in ("ankle", "toe"))
+        x, y, _ = toe - ankle
+        out[name] = (ankle * np.array([1.0, 1.0, 0.0]), float(np.arctan2(y, x)) - sign * TOES_OUT)
+    return out
+
+
 def _walk(
-    homes: dict[str, Floats], heading: Floats, rate: float
+    homes: dict[str, Floats],
+    heading: Floats,
+    rate: float,
+    start: dict[str, tuple[Floats, float]] | None,
 ) -> dict[str, tuple[Floats, Floats]]:
     """Place (k, 3) and yaw (k,) of each foot; one swings at a time, to where it will belong."""
     k = len(heading)
     swing = max(2, round(SWING * rate))
     place = {s: np.repeat(homes[s][:1], k, axis=0) for s in homes}
     yaw = {s: np.full(k, heading[0]) for s in homes}
+    for s, (foot, turned) in (start or {}).items():
+        place[s][:] = foot
+        yaw[s][:] = heading[0] + (turned - heading[0] + np.pi) % (2.0 * np.pi) - np.pi
     i = 0
     while i < k - 1:
         soon = min(i + swing // 2, k - 1)  # a walker steps before the foot is left behind

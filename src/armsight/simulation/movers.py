@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from armsight.arrays import Floats, Vector3
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid, Surface
+from armsight.simulation.carrier import CarriedThing, Carrier
 from armsight.simulation.clips import load_clip
 from armsight.simulation.kernels import part_poses
 from armsight.simulation.motion import Motion, finish
@@ -220,9 +221,42 @@ class MovingObject:
         return np.asarray(start)
 
 
-def make_person(spec: PersonSpec) -> Person | Hand:
-    """The person of a cell's description."""
-    return Hand(spec) if spec.motion == "hand" else Person(spec)
+def make_people(
+    people: Sequence[PersonSpec], objects: Sequence[MovingObjectSpec], static: Sequence[Solid]
+) -> tuple[Person | Hand | Carrier, ...]:
+    """The people of a cell's description, among its things and what stands there."""
+    return tuple(
+        Hand(spec)
+        if spec.motion == "hand"
+        else Carrier(spec, [o for o in objects if o.carried_by == spec.name], static)
+        if spec.motion == "carry"
+        else Person(spec)
+        for spec in people
+    )
+
+
+def make_objects(
+    objects: Sequence[MovingObjectSpec], people: Sequence[Person | Hand | Carrier], seed: int
+) -> tuple[MovingObject | CarriedThing, ...]:
+    """What of a cell's things is led along a path or brought by somebody.
+
+    Raises:
+        UsageError: who is to bring a thing does not carry.
+    """
+    carriers = {p.name: p for p in people if isinstance(p, Carrier)}
+    out: list[MovingObject | CarriedThing] = []
+    for i, item in enumerate(objects):
+        if item.carried_by and item.carried_by not in carriers:
+            known = ", ".join(sorted(carriers)) or "nobody"
+            raise UsageError(
+                f"{item.solid.name} is carried by '{item.carried_by}'; who carries "
+                f"(motion = 'carry') in this cell: {known}"
+            )
+        if item.carried_by:
+            out.append(CarriedThing(item.solid.name, carriers[item.carried_by]))
+        elif not item.held_by and item.path != "loose":
+            out.append(MovingObject(item, (seed, 60, i)))
+    return tuple(out)
 
 
 def towards(position: Vector3, goal: Vector3, room: float) -> Vector3:
@@ -269,5 +303,6 @@ __all__ = [
     "Person",
     "drawn_bodies",
     "drawn_solids",
-    "make_person",
+    "make_objects",
+    "make_people",
 ]

@@ -126,8 +126,9 @@ class PersonSpec:
 
     Attributes:
         name: unique in the cell.
-        motion: ``script`` (a built-in one by name), ``clip`` (a recorded clip) or ``hand`` (a lone
-            forearm and hand that the page or a search moves).
+        motion: ``script`` (a built-in one by name), ``clip`` (a recorded clip), ``hand`` (a lone
+            forearm and hand that the page or a search moves) or ``carry`` (waits, and brings what
+            is theirs where it is dragged).
         script: name of the built-in script, such as ``reach_in``, ``walk_by``, ``stand``.
         clip: folder/number of a motion clip, with its file.
         T_world_person: where the motion's frame lies. A script starts at its origin on the floor,
@@ -140,11 +141,11 @@ class PersonSpec:
         height: of the person [m].
         target: where a script's hand goes, in the script's frame [m]; a place at bench height an
             arm's length ahead if absent.
-        distance: how far a script's walk goes [m].
+        distance: how far a script's walk, or one who carries, goes [m].
     """
 
     name: str
-    motion: Literal["script", "clip", "hand"]
+    motion: Literal["script", "clip", "hand", "carry"]
     T_world_person: Pose
     script: str = "reach_in"
     clip: Path | None = None
@@ -174,6 +175,7 @@ class MovingObjectSpec:
         mass: [kg]; surface, hold: stiffness of its surface and of its stand [N/m], in cells where
             contact pushes.
         held_by: who holds it, such as ``anna/right_hand``; empty for nobody.
+        carried_by: who brings it where it is dragged, puts it down and goes; empty for nobody.
     """
 
     solid: Solid
@@ -187,6 +189,7 @@ class MovingObjectSpec:
     surface: float = 20e3
     hold: float = 2000.0
     held_by: str = ""
+    carried_by: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,11 +27,11 @@ from armsight.simulation.loose import LooseThings
 from armsight.simulation.model import build_model
 from armsight.simulation.movers import (
     Hand,
-    MovingObject,
     Trajectory,
     drawn_bodies,
     drawn_solids,
-    make_person,
+    make_objects,
+    make_people,
 )
 from armsight.simulation.parked_car import ParkedCar, port_surfaces
 from armsight.simulation.photographer import Photographer
@@ -69,13 +69,8 @@ class SimulatedWorld:
         self.spec = spec
         self.seed = seed
         self.clock = SimulatedClock()
-        self._people = tuple(make_person(person) for person in spec.people)
-        led = [
-            MovingObject(item, (seed, 60, i))
-            for i, item in enumerate(spec.objects)
-            if not item.held_by and item.path != "loose"
-        ]
-        self._objects = tuple(led)
+        self._people = make_people(spec.people, spec.objects, spec.static)
+        self._objects = make_objects(spec.objects, self._people, seed)
         self.car = None if spec.socket is None else ParkedCar(spec.socket, seed)
         cars = () if self.car is None else (self.car,)
         self._movers = {mover.name: mover for mover in (*self._people, *self._objects, *cars)}

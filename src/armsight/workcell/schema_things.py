@@ -94,8 +94,10 @@ class PersonSection(Section):
     """Someone in the simulated cell, moved by a script, by a recorded clip, or by the page."""
 
     name: Name = key(..., "Unique in the cell.")
-    motion: Literal["script", "clip", "hand"] = key(
-        "script", "`script`, `clip` (a motion clip file), or `hand` (a lone forearm for the page)."
+    motion: Literal["script", "clip", "hand", "carry"] = key(
+        "script",
+        "`script`, `clip` (a motion clip file), `hand` (a lone forearm for the page), or `carry`: "
+        "they wait, and bring what they carry (an object's `carried_by`) where the page drags it.",
     )
     script: Name = key("reach_in", "Name of the built-in script, such as `reach_in`, `walk_by`.")
     clip: Text | None = key(None, "File of a motion clip, relative to this file.")
@@ -109,7 +111,9 @@ class PersonSection(Section):
         "a place at bench height if left out.",
         "m",
     )
-    distance: Positive = key(2.5, "How far a script's walk goes.", "m", le=10.0)
+    distance: Positive = key(
+        2.5, "How far a script's walk goes, or one who carries at most.", "m", le=10.0
+    )
     speed_scale: Positive = key(1.0, "Time scale of the motion.", le=10.0)
     max_hand_speed: Positive = key(2.0, "Caps the hands' speed.", "m/s", le=20.0)
     mirror: Switch = key(False, "Left and right exchanged.")
@@ -151,9 +155,19 @@ class ObjectSection(SolidSection):
         "from the wrist to the knuckles, x out of the back of the hand.",
     )
 
+    carried_by: Text | None = key(
+        None,
+        "Who brings it where the page drags it, puts it down and goes: a person with "
+        '`motion = "carry"`.',
+    )
+
     @model_validator(mode="after")
     def _center_named(self) -> ObjectSection:
         _check_center(self.path, self.center)
+        if self.carried_by is not None and (self.path != "free" or self.held_by is not None):
+            raise ValueError(
+                f'it is carried by {self.carried_by}: expected path = "free" and no held_by'
+            )
         return self
 
 

@@ -155,6 +155,7 @@ def _object(section: ObjectSection) -> MovingObjectSpec:
         surface=1e3 * section.surface_n_per_mm,
         hold=1e3 * section.hold_n_per_mm,
         held_by=section.held_by or "",
+        carried_by=section.carried_by or "",
     )
 
 

@@ -1,0 +1,265 @@
+"""Somebody who brings what the mouse moves: they fetch it, put it down there, let go and leave.
+
+A thing that flew through the cell by itself would be nothing that the map has a word for but
+"somebody". So what the page drags may belong to a person (``carried_by``): they wait at their place
+until something of theirs is to be elsewhere, walk there, take it, carry it and set it on whatever
+is below; after a second without another wish they let go and walk back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from armsight.arrays import Floats, Vector3
+from armsight.geometry.shapes import Solid
+from armsight.simulation.kernels import part_poses
+from armsight.simulation.legs import add_legs
+from armsight.simulation.motion import RATE, smooth_step
+from armsight.simulation.people import PersonBody, person_body
+from armsight.simulation.scripts import reach
+from armsight.simulation.skeleton import (
+    INDEX,
+    PART_END,
+    PART_START,
+    PART_TURN,
+    Proportions,
+    standing,
+)
+from armsight.simulation.spec import MovingObjectSpec, PersonSpec
+
+APART = 0.5
+"""A carrier stands this far from what they reach for [m], or farther where they must."""
+HELD = (0.45, -0.10, 1.05)
+"""Where they carry it: ahead, to the left, above the floor [m]."""
+WALKS, REACHES, TURNS = 0.7, 0.6, 1.2
+"""Mean speeds of walking [m/s], of a hand [m/s], of turning [rad/s]."""
+LEAST = 0.6
+"""No part of a trip is shorter [s]."""
+TAKEN = 0.08
+"""What the hand comes this near to, it takes [m]."""
+WAITS = 1.0
+"""What was put down is held for so long, in case it is to go on [s]."""
+STEP = 0.005
+"""Steps in which it is looked for what a thing can stand on [m]."""
+
+Hand: TypeAlias = Literal["down", "held"] | Vector3
+"""Where the right hand is: hanging, at the carrying place, or at a point of the world (3,) [m]."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """A moment of a trip: (x, y, yaw) on the floor [m], [rad], and the right hand."""
+
+    base: Vector3
+    hand: Hand = "down"
+
+
+class Carrier:
+    """The person.
+
+    Args:
+        spec: of a person whose motion is ``carry``; they walk ``distance`` at most.
+        things: what is theirs.
+        static: what stands in the cell, in world.
+    """
+
+    def __init__(
+        self, spec: PersonSpec, things: Sequence[MovingObjectSpec], static: Sequence[Solid]
+    ) -> None:
+        self.name = spec.name
+        self.proportions = Proportions(spec.height)
+        self.body: PersonBody = person_body(spec.name, self.proportions)
+        self._distance, self._static = spec.distance, tuple(static)
+        self._things = {item.solid.name: item.solid for item in things}
+        T = spec.T_world_person
+        self._home: Vector3 = np.array([*T[:2, 3], np.arctan2(T[1, 0], T[0, 0])])
+        self.reset()
+
+    def reset(self) -> None:
+        """At home, with empty hands."""
+        self._places = {name: s.T_frame_solid[:3, 3].copy() for name, s in self._things.items()}
+        self._wish: tuple[str, Vector3] | None = None
+        self._holding = self._fetching = ""
+        self._here = Key(self._home)
+        self._began = 0.0
+        self._trip = self._way([self._here, self._here], None)
+        self.joints = self._trip[0]
+        self._doing: Literal["wait", "fetch", "carry", "leave"] = "leave"
+
+    def place(self, name: str) -> Vector3:
+        """(3,) centre of one of their things in world [m]."""
+        return self._places[name]
+
+    def bring(self, name: str, target: Vector3 | None) -> None:
+        """Wish that a thing of theirs be at a point of the world [m]."""
+        self._wish = None if target is None else (name, np.asarray(target, float))
+
+    def drag(self, target: Vector3 | None) -> None:
+        """They go by themselves: only their things can be dragged."""
+
+    def update(self, now: float, position: Floats, quaternion: Floats) -> None:
+        """See :class:`.Mover`."""
+        at = max(now - self._began, 0.0) * RATE
+        if at >= len(self._trip) - 1 and (self._doing != "leave" or self._wish is not None):
+            self._next(now)
+            at = 0.0
+        i = min(int(at), len(self._trip) - 2)
+        share = min(at - i, 1.0)
+        self.joints = (1.0 - share) * self._trip[i] + share * self._trip[i + 1]
+        left = self.joints[INDEX["left_shoulder"]] - self.joints[INDEX["right_shoulder"]]
+        left = left * np.array([1.0, 1.0, 0.0])
+        left /= max(float(np.linalg.norm(left)), 1e-9)
+        if self._holding:
+            self._places[self._holding] = self._in_hand(left)
+        part_poses(self.joints, PART_START, PART_END, PART_TURN, left, position, quaternion)
+
+    # -- what they do ---------------------------------------------------------------------------
+
+    def _next(self, now: float) -> None:
+        """A trip is over: what comes then."""
+        done, here = self._doing, self._here
+        if done == "fetch" and self._within_reach(self._fetching):
+            self._holding = self._fetching
+        if self._wish is not None and self._holding == self._wish[0]:
+            (name, target), self._wish = self._wish, None
+            target = self._set_down(name, target)
+            there = self._before(target)
+            put = self._grip(name, target, there)
+            base = self._here.base
+            keys = [here, Key(base, "held"), Key(there, "held"), Key(there, put)]
+            self._begin(now, "carry", keys)
+        elif self._wish is not None and done == "fetch":
+            self._wish = None  # they cannot reach it
+            self._begin(now, "wait", [here, here], WAITS)
+        elif self._wish is not None:
+            name, self._holding = self._wish[0], ""
+            self._fetching, place = name, self._places[name]
+            there = self._before(place)
+            grip = self._grip(name, place, there)
+            self._begin(now, "fetch", [here, Key(here.base), Key(there), Key(there, grip)])
+        elif done == "carry":
+            self._begin(now, "wait", [here, here], WAITS)
+        else:
+            self._holding = ""
+            keys = [here, Key(here.base), Key(self._home)] if done == "wait" else [here, here]
+            self._begin(now, "leave", keys)
+
+    def _begin(
+        self,
+        now: float,
+        doing: Literal["wait", "fetch", "carry", "leave"],
+        keys: Sequence[Key],
+        seconds: float = 0.0,
+    ) -> None:
+        self._doing, self._began, self._here = doing, now, keys[-1]
+        self._trip = self._way(keys, self._trip[-1], seconds)
+
+    def _before(self, place: Vector3) -> Vector3:
+        """(x, y, yaw) where they stand to reach a place."""
+        way = place[:2] - self._home[:2]
+        away = max(float(np.linalg.norm(way)), 1e-9)
+        walked = min(max(away - APART, 0.0), self._distance)
+        return np.array([*(self._home[:2] + walked / away * way), np.arctan2(way[1], way[0])])
+
+    def _set_down(self, name: str, target: Vector3) -> Vector3:
+        """(3,) the highest place under a wish [m] at which a thing stands on something."""
+        half = self._half(name)[2]
+        for z in np.arange(target[2], half, -STEP):
+            under = np.array([[target[0], target[1], z - half]])
+            if any(float(solid.distance(under)[0]) <= 0.0 for solid in self._static):
+                return np.array([target[0], target[1], z])
+        return np.array([target[0], target[1], half])
+
+    def _grip(self, name: str, place: Vector3, base: Vector3) -> Vector3:
+        """(3,) where the hand is that holds a thing at a place, from where they stand [m]."""
+        ahead = np.array([np.cos(base[2]), np.sin(base[2]), 0.0])
+        return np.asarray(place - self._half(name)[0] * ahead)
+
+    def _within_reach(self, name: str) -> bool:
+        hand = self.joints[INDEX["right_hand"]]
+        away = float(np.linalg.norm(hand - self._grip(name, self._places[name], self._here.base)))
+        return away < TAKEN
+
+    def _in_hand(self, left: Vector3) -> Vector3:
+        """(3,) centre of what is held [m]."""
+        ahead = np.array([left[1], -left[0], 0.0])
+        return np.asarray(self.joints[INDEX["right_hand"]] + self._half(self._holding)[0] * ahead)
+
+    def _half(self, name: str) -> Vector3:
+        """(3,) half a thing's extent along its axes [m]; it is carried as it stands."""
+        solid = self._things[name]
+        a, b, c = solid.size
+        if solid.kind == "box":
+            return 0.5 * np.array([a, b, c])
+        return np.array([a, a, 0.5 * b if solid.kind == "cylinder" else a])
+
+    # -- how they move --------------------------------------------------------------------------
+
+    def _way(self, keys: Sequence[Key], start: Floats | None, seconds: float = 0.0) -> Floats:
+        """(k, 19, 3) joints at :data:`.RATE` in world [m] through some keys, at rest in each."""
+        parts = [self._leg(a, b, seconds) for a, b in pairwise(keys)]
+        joints = np.concatenate([parts[0][:1], *(part[1:] for part in parts)])
+        add_legs(joints, self.proportions, start=start)
+        return joints
+
+    def _leg(self, a: Key, b: Key, seconds: float) -> Floats:
+        """(k, 19, 3) joints from one key to the next, legs unset."""
+        turn = (b.base[2] - a.base[2] + np.pi) % (2.0 * np.pi) - np.pi
+        ends = [self._hand(key.base[None], key.hand)[0] for key in (a, b)]
+        length = max(
+            float(np.linalg.norm(b.base[:2] - a.base[:2])) / WALKS,
+            float(np.linalg.norm(ends[1] - ends[0])) / REACHES if a.hand is not b.hand else 0.0,
+            abs(turn) / TURNS,
+            seconds or LEAST,
+        )
+        w = smooth_step(np.linspace(0.0, 1.0, max(round(length * RATE), 1) + 1))[:, None]
+        step = np.append(b.base[:2] - a.base[:2], turn)
+        base = a.base + w * step
+        pose = standing(self.proportions)
+        c, s = np.cos(base[:, 2])[:, None], np.sin(base[:, 2])[:, None]
+        joints: Floats = np.repeat(np.asarray(pose, float)[None], len(w), axis=0)
+        joints[..., 0] = c * pose[:, 0] - s * pose[:, 1] + base[:, :1]
+        joints[..., 1] = s * pose[:, 0] + c * pose[:, 1] + base[:, 1:2]
+        hand = (1.0 - w) * self._hand(base, a.hand) + w * self._hand(base, b.hand)
+        reach(joints, "right", hand, self.proportions)
+        return joints
+
+    def _hand(self, base: Floats, hand: Hand) -> Floats:
+        """(k, 3) a hand's place in world [m] for (k, 3) places of the feet."""
+        if not isinstance(hand, str):
+            return np.repeat(np.asarray(hand, float)[None], len(base), axis=0)
+        hanging = standing(self.proportions)[INDEX["right_hand"]]
+        x, y, z = hanging if hand == "down" else HELD
+        c, s = np.cos(base[:, 2]), np.sin(base[:, 2])
+        return np.stack(
+            [base[:, 0] + c * x - s * y, base[:, 1] + s * x + c * y, np.full(len(base), z)], axis=1
+        )
+
+
+class CarriedThing:
+    """What a carrier brings where it is dragged."""
+
+    def __init__(self, name: str, carrier: Carrier) -> None:
+        self.name = name
+        self._carrier = carrier
+
+    @property
+    def position(self) -> Vector3:
+        """(3,) its centre in world [m]."""
+        return self._carrier.place(self.name)
+
+    def reset(self) -> None:
+        """Its carrier keeps its place."""
+
+    def drag(self, target: Vector3 | None) -> None:
+        """Have it brought to a point of the world [m]."""
+        self._carrier.bring(self.name, target)
+
+    def update(self, now: float, position: Floats, quaternion: Floats) -> None:
+        """See :class:`.Mover`; people have moved before."""
+        position[0] = self.position
