@@ -69,9 +69,9 @@ def _walk(
     swing = max(2, round(SWING * rate))
     place = {s: np.repeat(homes[s][:1], k, axis=0) for s in homes}
     yaw = {s: np.full(k, heading[0]) for s in homes}
-    for s, (foot, turned) in (start or {}).items():
-        place[s][:] = foot
-        yaw[s][:] = heading[0] + (turned - heading[0] + np.pi) % (2.0 * np.pi) - np.pi
+    for name, (ankle, turned) in (start or {}).items():
+        place[name][:] = ankle
+        yaw[name][:] = heading[0] + (turned - heading[0] + np.pi) % (2.0 * np.pi) - np.pi
     i = 0
     while i < k - 1:
         soon = min(i + swing // 2, k - 1)  # a walker steps before the foot is left behind
