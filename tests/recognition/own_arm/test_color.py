@@ -7,7 +7,8 @@ from tests.recognition.own_arm.synthetic import LENS, T_BASE_CAMERA, corners, ro
 
 from armsight.geometry.pose import exp, inverse, transform
 from armsight.recognition.own_arm.answer import ColorView
-from armsight.recognition.own_arm.color import ColorOptions, register_color
+from armsight.recognition.own_arm.color import register_color
+from armsight.recognition.own_arm.color_scene import ColorOptions
 from armsight.recognition.own_arm.color_search import search_color
 from armsight.recognition.own_arm.surface import arm_surface
 

@@ -87,7 +87,7 @@ def test_outline_finds_the_edge_and_its_equations_lead_there() -> None:
     z = np.array([1.0, 1.2, 1.1, 0.9, 1.3])
     points = np.stack([(u - 39.5) / 80 * z, (v - 29.5) / 80 * z, z], axis=1)
     normals = np.tile([1.0, 0.0], (5, 1))
-    H, g, found = np.zeros((6, 6)), np.zeros((1, 6)), np.empty(5)
+    H, g, found = np.zeros((1, 6, 6)), np.zeros((1, 6)), np.empty(5)
     group = np.zeros(5, np.int64)
     used = outline_equations(
         np.eye(4), points, normals, group, edge_image(), lens, 8, 50.0, 20.0, H, g, found
@@ -102,13 +102,13 @@ def test_outline_finds_the_edge_and_its_equations_lead_there() -> None:
         d[k] = step
         moved = transform(exp(d), points)
         J[:, k] = (80 * moved[:, 0] / moved[:, 2] + 39.5 - u) / step
-    assert np.allclose(H, weight * J.T @ J, rtol=0.02, atol=1e-3)
+    assert np.allclose(H[0], weight * J.T @ J, rtol=0.02, atol=1e-3)
     assert np.allclose(g[0], -weight * J.T @ found, rtol=0.02, atol=1e-4)
 
 
 def test_no_edge_is_no_equation() -> None:
     flat = np.full((60, 80, 4), 90, np.float32)
-    H, g, found = np.zeros((6, 6)), np.zeros((1, 6)), np.empty(1)
+    H, g, found = np.zeros((1, 6, 6)), np.zeros((1, 6)), np.empty(1)
     point, normal = np.array([[0.0, 0.0, 1.0]]), np.array([[1.0, 0.0]])
     lens = np.array([80.0, 80.0, 39.5, 29.5])
     used = outline_equations(

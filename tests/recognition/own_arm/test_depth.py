@@ -9,7 +9,6 @@ from armsight.geometry.pose import exp, inverse
 from armsight.recognition.own_arm.answer import DepthView
 from armsight.recognition.own_arm.depth import (
     DepthOptions,
-    clustered_covariance,
     register_depth,
     without_edges,
 )
@@ -96,20 +95,6 @@ def test_views_are_asked_for() -> None:
         register_depth(arm_surface(robot()), LENS, NOISE, [], T_BASE_CAMERA)
     with pytest.raises(ValueError, match="at least 3"):
         search_depth(arm_surface(robot()), LENS, NOISE, [])
-
-
-def test_clusters_that_err_alike_promise_less() -> None:
-    """A mean of 20 groups of 50 equal errors is as sure as one of 20 numbers."""
-    rng = np.random.default_rng(3)
-    means = []
-    for _ in range(400):
-        values = np.repeat(rng.standard_normal(20), 50)
-        estimate = values.mean()
-        H = np.array([[1000.0]])
-        g = -(values - estimate).reshape(20, 50).sum(1)[:, None]
-        means.append((estimate, clustered_covariance(H, g)[0, 0]))
-    truth = np.var([m for m, _ in means])
-    assert np.isclose(np.mean([v for _, v in means]), truth, rtol=0.2)
 
 
 def test_edges_are_left_out() -> None:

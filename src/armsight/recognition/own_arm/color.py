@@ -1,6 +1,5 @@
 """A camera's pose from colour pictures of the moving arm: what moved, then the arm's outline.
 
-The median of the pictures is the room; what differs from it moved: the arm, people, their shadows.
 An arm drawn at a pose must explain what moved, and its outline must lie on edges of the picture.
 The first is wide and finds the pose to centimetres, the second is exact.
 """
@@ -8,144 +7,22 @@ The first is wide and finds the pose to centimetres, the second is exact.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from armsight.arrays import ColorImage, Floats, Floats32, Ints, Points, Pose, Poses, Vector3
+from armsight.arrays import Floats, Ints, Points, Pose, Poses
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, inverse, transform
 from armsight.recognition.own_arm.answer import ColorView, OwnArmPose, spread
-from armsight.recognition.own_arm.color_kernels import outline_equations, silhouette_agreement
-from armsight.recognition.own_arm.depth import clustered_covariance
+from armsight.recognition.own_arm.arm_errors import in_camera, link_errors, link_places
+from armsight.recognition.own_arm.color_kernels import outline_equations
+from armsight.recognition.own_arm.color_scene import ColorOptions, ColorScene, color_scene
+from armsight.recognition.own_arm.covariance import clustered_covariance, considered
 from armsight.recognition.own_arm.kernels import lens_array
-from armsight.recognition.own_arm.search import need_views
 from armsight.recognition.own_arm.starts import Narrowing, beam, best_apart, scattered
-from armsight.recognition.own_arm.surface import SPACING, ArmSurface, render
-
-Masks = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class ColorOptions:
-    """How the registration works.
-
-    Attributes:
-        shift, turn: how far an old pose may be off at the arm [m] and in direction [rad].
-        starts: poses that are tried about an old one; followed: of these, to the end.
-        width: of the pictures that are worked on [px].
-        cell: edge of the cells in which what moved is compared, the coarse and the fine ones [px].
-        moved: least difference from the median picture, grey levels.
-        edge: least strength of an edge, grey levels.
-        reaches: how far edges are looked for, one an iteration [px].
-        least_score, least_seen, most_apart, most_sigma: what an answer must reach to be believed:
-            share of what moved that it explains, share of the outline that lies on edges,
-            disagreement of the two halves of the views [m], standard deviation [m].
-    """
-
-    shift: float = 0.16
-    turn: float = 0.14
-    starts: int = 2500
-    followed: int = 4
-    width: int = 640
-    cell: tuple[int, int] = (8, 4)
-    moved: float = 14.0
-    edge: float = 24.0
-    reaches: tuple[int, ...] = (16, 14, 12, 10, 8, 7, 6, 5, 4, 4, 3, 3, 3)
-    least_score: float = 0.3
-    least_seen: float = 0.75
-    most_apart: float = 0.03
-    most_sigma: float = 0.015
-
-
-@dataclass(frozen=True)
-class Patches:
-    """What moved, in cells.
-
-    Attributes:
-        cells: (f, h, w) number of the patch, 0 for none. areas: (f, p) cells of each that are no
-            shadow.
-        lens: of the cells: fx, fy, cx, cy.
-    """
-
-    cells: Ints
-    areas: Ints
-    lens: Floats
-
-
-@dataclass
-class ColorScene:
-    """Colour views of the arm by one standing camera, ready to be compared with poses of it.
-
-    Attributes:
-        surface: of the arm. options: how.
-        lens: straight, of the pictures that are worked on.
-        images: (f, h, w, 4) red, green, blue, and how far it differs from the median picture.
-        coarse, fine: what moved.
-        corners: of each view, the arm's triangles in ``base``.
-        points: (f, m, 3) of the arm's surface in ``base``.
-        pivot: (3,) the middle of the arm in ``base``.
-    """
-
-    surface: ArmSurface
-    options: ColorOptions
-    lens: PinholeCamera
-    images: Floats32
-    coarse: Patches
-    fine: Patches
-    corners: list[Points]
-    points: Points
-    pivot: Vector3 = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.pivot = self.points.reshape(-1, 3).mean(axis=0)
-
-    def agreement(self, poses: Poses, fine: bool, points: int) -> Floats:
-        """(k,) how well (k, 4, 4) poses explain what moved, by about so many points a view."""
-        patches = self.fine if fine else self.coarse
-        step = max(self.points.shape[1] // points, 1)
-        spacing = SPACING * float(np.sqrt(step))
-        some = np.ascontiguousarray(self.points[:, ::step], np.float64)
-        return silhouette_agreement(
-            np.ascontiguousarray(poses), some, patches.cells, patches.areas, patches.lens, spacing
-        )
-
-
-def color_scene(
-    surface: ArmSurface,
-    lens: PinholeCamera,
-    views: Sequence[ColorView],
-    options: ColorOptions | None = None,
-) -> ColorScene:
-    """Rectify the pictures and see what moved in them.
-
-    Args:
-        surface: of the arm.
-        lens: of the pictures.
-        views: of one standing camera, the arm in different poses.
-        options: how.
-
-    Raises:
-        ValueError: there are fewer than three views.
-    """
-    need_views(views, "colour views")
-    o = options or ColorOptions()
-    straight = PinholeCamera(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy)
-    small = straight.scaled(o.width / lens.width)
-    colors = np.stack([_rectified(v.color, lens, small) for v in views])
-    median = np.median(colors, axis=0).astype(np.float32)
-    moved = np.abs(colors - median).max(axis=-1)
-    images = np.concatenate([colors, np.minimum(2.0 * moved, 255.0)[..., None]], axis=-1)
-    noise = 1.48 * float(np.median(moved))
-    mask = moved > max(o.moved, 5.0 * noise)
-    solid = mask & ~_shadowed(colors, median)
-    coarse, fine = (_patches(mask, solid, small, cell) for cell in o.cell)
-    posed = np.stack([surface.posed_points(v.joints)[0] for v in views])
-    corners = [surface.posed(v.joints) for v in views]
-    images = np.ascontiguousarray(images, np.float32)
-    return ColorScene(surface, o, small, images, coarse, fine, corners, posed)
+from armsight.recognition.own_arm.surface import ArmSurface, render
 
 
 def register_color(
@@ -228,7 +105,10 @@ def follow(scene: ColorScene, starts: Sequence[Pose]) -> OwnArmPose:
 
 @dataclass(frozen=True)
 class _End:
-    """Where a start led to: pose, what it explains, share of the outline on edges, equations."""
+    """Where a start led to: pose, what it explains, share of the outline on edges, equations.
+
+    Those are (v links, 6, 6) and (v links, 6).
+    """
 
     T: Pose
     score: float
@@ -242,10 +122,10 @@ def _refined(scene: ColorScene, start: Pose, frames: Sequence[int]) -> _End:
     T, o = start.copy(), scene.options
     links = scene.surface.robot.n + 1
     lens = lens_array(scene.lens)
-    H, g = np.zeros((6, 6)), np.zeros((len(scene.images) * links, 6))
+    H, g = np.zeros((len(scene.images) * links, 6, 6)), np.zeros((len(scene.images) * links, 6))
     on, of = 0, 1
     for reach in o.reaches:
-        H, g, on, of = np.zeros((6, 6)), np.zeros_like(g), 0, 0
+        H, g, on, of = np.zeros_like(H), np.zeros_like(g), 0, 0
         used = 0
         for k in frames:
             points, normals, owner = outline(scene, k, T)
@@ -272,7 +152,9 @@ def _refined(scene: ColorScene, start: Pose, frames: Sequence[int]) -> _End:
             of += len(points)
         if used < 40:
             break
-        step = np.linalg.solve(H + 1e-3 * np.diag(np.diag(H)) + 1e-9 * np.eye(6), -g.sum(axis=0))
+        whole = H.sum(axis=0)
+        damped = whole + 1e-3 * np.diag(np.diag(whole)) + 1e-9 * np.eye(6)
+        step = np.linalg.solve(damped, -g.sum(axis=0))
         length = float(np.linalg.norm(step[:3]) + np.linalg.norm(step[3:]))
         T = exp(step * min(1.0, 0.15 / max(length, 1e-9))) @ T
     score = float(scene.agreement(T[None], True, 1000)[0])
@@ -315,17 +197,19 @@ def _judged(scene: ColorScene, end: _End) -> OwnArmPose:
     o, views = scene.options, len(scene.images)
     points = scene.points.reshape(-1, 3)[:: max(scene.points.size // 600, 1)]
     nothing = np.full((6, 6), np.nan)
-    if np.linalg.matrix_rank(end.H) < 6:
+    whole = end.H.sum(axis=0)
+    if np.linalg.matrix_rank(whole) < 6:
         problem = "the arm's outline is hardly seen"
         return OwnArmPose(inverse(end.T), nothing, np.inf, end.score, end.seen, 0.0, views, problem)
     halves = [_refined(scene, end.T, range(k, views, 2)) for k in (0, 1)]
     a, b = (transform(h.T, points) for h in halves)
     apart = float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))
-    covariance = clustered_covariance(end.H, end.g)
-    sigma = spread(covariance, end.T, points)
+    covariance = clustered_covariance(whole, end.g)
     # What half of the views say apart is an error that no pixel knows of.
-    grown = max(1.0, 0.5 * apart / max(sigma, 1e-9))
-    covariance, sigma = covariance * grown**2, sigma * grown
+    grown = max(1.0, 0.5 * apart / max(spread(covariance, end.T, points), 1e-9))
+    moved = np.einsum("vlab,vlbm->am", end.H.reshape(views, -1, 6, 6), _unseen(scene, end.T))
+    covariance = covariance * grown**2 + considered(whole, moved)
+    sigma = spread(covariance, end.T, points)
     problem = ""
     if end.score < o.least_score:
         problem = f"only {100 * end.score:.0f} % of what moves agrees with the arm"
@@ -338,48 +222,16 @@ def _judged(scene: ColorScene, end: _End) -> OwnArmPose:
     return OwnArmPose(inverse(end.T), covariance, sigma, end.score, end.seen, 0.0, views, problem)
 
 
-def _rectified(color: ColorImage, lens: PinholeCamera, small: PinholeCamera) -> Floats32:
-    """(h, w, 3) the picture through a straight lens of the working size."""
-    K, distortion = lens.K, np.array(lens.distortion)
-    picture = color if lens.is_ideal else cv2.undistort(color, K, distortion, None, K)
-    size = (small.width, small.height)
-    how = cv2.INTER_AREA if small.width < lens.width else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(picture, size, interpolation=how), np.float32)
+def _unseen(scene: ColorScene, T: Pose) -> Floats:
+    """(v, links, 6, m) errors of the arm and of the lens as twists in the camera's frame.
 
-
-def _shadowed(colors: Floats32, median: Floats32) -> Masks:
-    """(f, h, w) where a picture is as the median one, only darker: an arm's shadow, most likely."""
-    ratio = (colors + 4.0) / (median + 4.0)
-    middle = ratio.mean(axis=-1)
-    return np.asarray((np.ptp(ratio, axis=-1) < 0.08) & (middle < 0.95) & (middle > 0.35))
-
-
-def _patches(mask: Masks, solid: Masks, lens: PinholeCamera, cell: int) -> Patches:
-    """What moved, in cells of so many pixels; patches of a cell or two are noise.
-
-    Shadows may be the arm or not: their cells need not be explained, so areas are of the rest.
+    A picture that is shifted or too large shows each link as if it stood elsewhere.
     """
-    h, w = -(-lens.height // cell), -(-lens.width // cell)
-    cells = np.zeros((len(mask), h, w), np.int64)
-    tables: list[Ints] = []
-    for k, moved in enumerate(mask):
-        padded = np.zeros((h * cell, w * cell), np.float32)
-        padded[: lens.height, : lens.width] = moved
-        share = padded.reshape(h, cell, w, cell).mean(axis=(1, 3))
-        count, label = cv2.connectedComponents((share > 0.35).astype(np.uint8))
-        padded[: lens.height, : lens.width] = solid[k]
-        asked = padded.reshape(h, cell, w, cell).mean(axis=(1, 3)) > 0.35
-        area = np.bincount(label[asked], minlength=count).astype(np.int64)
-        small = np.flatnonzero(area < 3)
-        label[np.isin(label, small)] = 0
-        area[small] = 0
-        cells[k] = label
-        tables.append(area)
-    areas = np.zeros((len(mask), max(len(t) for t in tables)), np.int64)
-    for k, table in enumerate(tables):
-        areas[k, : len(table)] = table
-    middle = (cell - 1) / 2.0
-    straight = np.array(
-        [lens.fx / cell, lens.fy / cell, (lens.cx - middle) / cell, (lens.cy - middle) / cell]
-    )
-    return Patches(cells, areas, straight)
+    robot, o, lens = scene.surface.robot, scene.options, scene.lens
+    place = link_places(robot, scene.joints, T)
+    shown = np.zeros((*place.shape[:2], 6, 3))
+    shown[..., 0, 0] = o.middle * place[..., 2] / lens.fx
+    shown[..., 1, 1] = o.middle * place[..., 2] / lens.fy
+    shown[..., :2, 2] = o.focal * place[..., :2]
+    arm = in_camera(link_errors(robot, scene.joints, o.arm), T)
+    return np.concatenate([arm, shown], axis=-1)

@@ -140,7 +140,7 @@ def outline_equations(
         reach: how far edges are looked for [px].
         scale: of the distances, for Cauchy's weights [px].
         least: weaker edges are none, grey levels.
-        H: (6, 6), added to.
+        H: (clusters, 6, 6), added to.
         g: (clusters, 6), added to.
         found: (m,) written: distance of the edge [px], NaN for none.
 
@@ -203,6 +203,6 @@ def outline_equations(
         for a in range(6):
             g[group[i], a] -= weight * J[a] * at
             for b in range(6):
-                H[a, b] += weight * J[a] * J[b]
+                H[group[i], a, b] += weight * J[a] * J[b]
         used += 1
     return used

@@ -14,14 +14,8 @@ from armsight.arrays import Floats, Poses
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse
 from armsight.recognition.own_arm.answer import ColorView, OwnArmPose
-from armsight.recognition.own_arm.color import (
-    ColorOptions,
-    ColorScene,
-    color_scene,
-    follow,
-    narrowed_starts,
-    near,
-)
+from armsight.recognition.own_arm.color import follow, narrowed_starts, near
+from armsight.recognition.own_arm.color_scene import ColorOptions, ColorScene, color_scene
 from armsight.recognition.own_arm.search import (
     attempted,
     moving_points,

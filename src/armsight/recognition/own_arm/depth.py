@@ -9,7 +9,7 @@ usual size, so that the answer's covariance holds it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +19,29 @@ from armsight.devices.data import DepthNoise
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, inverse, transform
 from armsight.recognition.own_arm.answer import DepthView, OwnArmPose, spread
+from armsight.recognition.own_arm.arm_errors import (
+    TYPICAL,
+    ArmErrors,
+    in_camera,
+    link_errors,
+    link_places,
+)
+from armsight.recognition.own_arm.covariance import clustered_covariance, considered
 from armsight.recognition.own_arm.kernels import agreement, lens_array, normal_equations
 from armsight.recognition.own_arm.starts import best_apart, climb, scattered
 from armsight.recognition.own_arm.surface import ArmSurface, Rendered, render
+
+UNSEEN = "the arm is hardly seen"
+WARPS: tuple[Callable[[Floats, Floats, Floats], Floats], ...] = (
+    lambda x, y, z: x,
+    lambda x, y, z: y,
+    lambda x, y, z: 2.0 * (x * x + y * y),
+    lambda x, y, z: z - 1.5,
+    lambda x, y, z: np.sin(2.0 * np.pi * z / 0.9),
+    lambda x, y, z: np.cos(2.0 * np.pi * z / 0.9),
+)
+"""How a depth error differs over the picture and with the distance: tilts, corners, scale, and the
+wave of a modulated light (of 0.9 m in a Kinect v2)."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +51,8 @@ class DepthOptions:
     Attributes:
         bias: standard deviation of what the camera reads too much or too little [m]; 0.02 for one
             that was never calibrated.
+        warp: share of it by which that differs from place to place, in each of :data:`WARPS`.
+        arm: how far the arm is from what it says.
         shift, turn: how far an old pose may be off at the arm [m] and in direction [rad].
         starts: poses that are tried about an old one; followed: of these, to the end.
         windows: distances beyond which a reading is no part of the arm, one an iteration [m].
@@ -40,6 +62,8 @@ class DepthOptions:
     """
 
     bias: float = 0.004
+    warp: float = 0.25
+    arm: ArmErrors = TYPICAL
     shift: float = 0.10
     turn: float = 0.09
     starts: int = 1500
@@ -184,11 +208,12 @@ def _refined(scene: DepthScene, T_camera_base: Pose) -> OwnArmPose:
     T, bias, o = T_camera_base.copy(), 0.0, scene.options
     links = scene.surface.robot.n + 1
     count = len(scene.views)
-    H: Floats = np.zeros((7, 7))
+    whole: Floats = np.zeros((7, 7))
+    H: Floats = np.zeros((count * links, 7, 7))
     g: Floats = np.zeros((count * links, 7))
     used = 0
     for window in o.windows:
-        H, g, used = np.zeros((7, 7)), np.zeros((count * links, 7)), 0
+        H, g, used = np.zeros_like(H), np.zeros_like(g), 0
         for k in range(count):
             drawn = scene.drawn(k, T)
             if not len(drawn.points):
@@ -208,26 +233,26 @@ def _refined(scene: DepthScene, T_camera_base: Pose) -> OwnArmPose:
                 g,
             )
             used += n
-        H[6, 6] += 1.0 / o.bias**2
+        whole = H.sum(axis=0)
+        whole[6, 6] += 1.0 / o.bias**2
         gradient = g.sum(axis=0)
         gradient[6] += bias / o.bias**2
         if used < 60:
             break
-        step = np.linalg.solve(H + 1e-6 * np.diag(np.diag(H)) + 1e-9 * np.eye(7), -gradient)
+        damped = whole + 1e-6 * np.diag(np.diag(whole)) + 1e-9 * np.eye(7)
+        step = np.linalg.solve(damped, -gradient)
         T = exp(step[:6]) @ T
         bias += float(step[6])
-    return _judged(scene, T, bias, H, g, used)
-
-
-def _judged(scene: DepthScene, T: Pose, bias: float, H: Floats, g: Floats, used: int) -> OwnArmPose:
-    """The answer with its covariance, and whether it is to be believed."""
-    o = scene.options
-    nothing = np.full((6, 6), np.nan)
     if used < 60:
-        return OwnArmPose(
-            inverse(T), nothing, np.inf, -1.0, 0.0, bias, len(scene.views), "the arm is hardly seen"
-        )
-    covariance = clustered_covariance(H, g)[:6, :6]
+        nothing = np.full((6, 6), np.nan)
+        return OwnArmPose(inverse(T), nothing, np.inf, -1.0, 0.0, bias, count, UNSEEN)
+    covariance = clustered_covariance(whole, g)[:6, :6] + _considered(scene, T, H, whole)
+    return _judged(scene, T, bias, covariance)
+
+
+def _judged(scene: DepthScene, T: Pose, bias: float, covariance: Floats) -> OwnArmPose:
+    """The answer, and whether it is to be believed."""
+    o = scene.options
     found = confirmation(scene, T, bias)
     points = scene.points.reshape(-1, 3)[:: max(scene.points.size // 600, 1)]
     sigma = spread(covariance, T, points)
@@ -244,21 +269,17 @@ def _judged(scene: DepthScene, T: Pose, bias: float, H: Floats, g: Floats, used:
     )
 
 
-def clustered_covariance(H: Floats, g: Floats) -> Floats:
-    """(p, p) covariance of a least-squares estimate whose residuals are alike within clusters.
-
-    The sandwich of Liang and Zeger 1986, beside the one for independent residuals: neighbouring
-    pixels err alike, and thousands of them would promise micrometres.
-
-    Args:
-        H: (p, p) normal matrix.
-        g: (c, p) gradient of each cluster at the estimate.
-    """
-    inverse_H = np.linalg.pinv(H)
-    full = g[np.any(g != 0.0, axis=1)]
-    c = max(len(full), 1)
-    middle = full.T @ full * (c / max(c - 1, 1))
-    return np.asarray(inverse_H + inverse_H @ middle @ inverse_H)
+def _considered(scene: DepthScene, T: Pose, H: Floats, whole: Floats) -> Floats:
+    """(6, 6) what errors of the arm and of the sensor add that no pixel knows of."""
+    robot, o = scene.surface.robot, scene.options
+    joints = [view.joints for view in scene.views]
+    H = H.reshape(len(joints), -1, 7, 7)
+    twists = in_camera(link_errors(robot, joints, o.arm), T)
+    arm = np.einsum("vlab,vlbm->am", H[..., :6], twists)
+    x, y, z = np.moveaxis(link_places(robot, joints, T), -1, 0)
+    shapes = np.stack([shape(x / z, y / z, z) for shape in WARPS], axis=-1)
+    warp = o.warp * o.bias * np.einsum("vla,vlm->am", H[..., 6], shapes)
+    return considered(whole, np.hstack([arm, warp]))[:6, :6]
 
 
 @dataclass(frozen=True)

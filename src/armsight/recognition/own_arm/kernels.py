@@ -167,7 +167,7 @@ def normal_equations(
         lens: its own.
         window: readings farther than this from their point belong to something else [m].
         sigma: (3,) of a + b z + c z^2, standard deviation of a reading [m].
-        H: (7, 7), added to.
+        H: (clusters, 7, 7), added to.
         g: (clusters, 7), added to: the gradient of each cluster.
 
     Returns:
@@ -211,7 +211,7 @@ def normal_equations(
         for a in range(7):
             g[group[i], a] += weight * J[a] * r
             for b in range(7):
-                H[a, b] += weight * J[a] * J[b]
+                H[group[i], a, b] += weight * J[a] * J[b]
         cost += weight * r * r
         used += 1
     return cost, used
