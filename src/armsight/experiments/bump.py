@@ -149,7 +149,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
 
 def settings() -> dict[str, Any]:
     """All that changes a run, besides its seed."""
-    return {"bump": [SHIFT, TURN_DEG, *CALIBRATED, *BEGINS, SECONDS, AFTER], "version": 1}
+    return {"bump": [SHIFT, TURN_DEG, *CALIBRATED, *BEGINS, SECONDS, AFTER], "version": 2}
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:

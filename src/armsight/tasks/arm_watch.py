@@ -29,10 +29,11 @@ LEAST, MOST = 3, 8
 """Views from which a camera is placed, and that are kept."""
 STILL = 5.0
 """The arm does not move in its view, perhaps for want of this camera: fewer views must do [s]."""
-GOOD = 0.006
-"""Standard deviation on the arm from which a pose is taken [m]."""
-MOVED = 0.02
-"""A camera that places the arm so far off was moved [m]."""
+GOOD = 0.010
+"""Standard deviation on the arm from which a pose is taken at once [m]: of a sensor whose depth
+nobody has calibrated most of it is what that may be wrong by."""
+MOVED, SURE = 0.02, 2.0
+"""A camera was moved that places the arm so far off [m], and so many standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -133,15 +134,15 @@ class ArmWatch:
         self._tried[name] = len(views)
         self._answers.pop(name, None)
         answer = find_camera(self._robot, info, views)
-        if answer.believed and answer.sigma <= GOOD:
-            self._answers[name] = answer, stamp
+        if answer.believed:
             off = self._off(info, answer.T_base_camera)
-            if name not in self._moved and off > MOVED:
+            if name not in self._moved and off > max(MOVED, SURE * answer.sigma):
                 self._moved[name] = (
                     f"was moved since it was calibrated: it sees the arm {1e3 * off:.0f} mm off; "
                     "it is calibrated again as the arm moves in its view"
                 )
-            if len(views) >= LEAST:
+            self._answers[name] = answer, stamp
+            if len(views) >= LEAST and answer.sigma <= GOOD:
                 self._conclude(info, answer)
                 return
         if len(views) == MOST:  # perhaps it was moved once more meanwhile

@@ -11,12 +11,15 @@ from armsight.recognition.drawing import draw_skeleton, draw_words, thickness
 
 _TINTS = ((255, 170, 0), (0, 190, 255), (160, 110, 255), (90, 220, 90))
 SURE = 0.5
+GUESS = 0.2
+"""Trust from which a skeleton is drawn: one that is hardly ever right would look certain."""
 
 
 def draw(image: ColorImage, found: Sighting) -> ColorImage:
     """(h, w, 3) copy with each arm's mask, skeleton, type and how sure it is.
 
-    Joints are red and the base is magenta; a skeleton that is not believed is grey.
+    Joints are red and the base is magenta; a skeleton that is not believed is grey, and one that is
+    hardly a guess is not drawn.
     """
     out = np.ascontiguousarray(image).copy()
     thick = thickness(out)
@@ -28,7 +31,7 @@ def draw(image: ColorImage, found: Sighting) -> ColorImage:
         outline, _ = cv2.findContours(seen, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.drawContours(out, outline, -1, tint, thick)
     for arm in found.arms:
-        if arm.T_camera_base is not None:
+        if arm.T_camera_base is not None and arm.trust >= GUESS:
             draw_skeleton(out, found.pixels(arm), arm.believed)
     draw_words(out, [*(_title(arm) for arm in found.arms), *found.notes], 1700)
     return out
@@ -43,7 +46,10 @@ def mask_of(found: Sighting, shape: tuple[int, ...]) -> Bytes:
 
 
 def _title(arm: Arm) -> str:
-    words = f"{' or '.join((arm.robot, *arm.alike))} {100 * arm.types.get(arm.robot, 0.0):.0f} %"
-    if arm.T_camera_base is not None:
+    share = arm.types.get(arm.robot, 0.0)
+    words = f"{' or '.join((arm.robot, *arm.alike))} {100 * share:.0f} %"
+    if share < SURE:
+        words = f"an arm, perhaps {words}"
+    if arm.T_camera_base is not None and arm.trust >= GUESS:
         words += f", base {float(np.linalg.norm(arm.base)):.2f} m away"
     return f"{words}; {arm.problem}" if arm.problem else f"{words}; trust {100 * arm.trust:.0f} %"

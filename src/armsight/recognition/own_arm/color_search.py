@@ -27,7 +27,10 @@ from armsight.recognition.own_arm.surface import ArmSurface
 
 ROTATIONS = 1500
 ATTEMPTS = 2
-"""Searches with other rotations while the answer is not believed."""
+"""Searches while the answer is not believed: among cameras that are held upright before an arm that
+stands, as most are, and then among all."""
+UPRIGHT = (0.4, 0.1)
+"""Of the direction up in the camera's frame: to a side and downwards at most."""
 DISTANCES = (0.8, 1.1, 1.5, 2.0, 2.7, 3.6)
 """Of the arm's middle from the camera that are tried [m]."""
 LEAST_SEEN = 0.85
@@ -62,6 +65,9 @@ def search_color(
 ) -> OwnArmPose:
     """The pose of a colour camera from pictures of the arm in different poses, with no start.
 
+    Poses in which the arm stands and the camera is upright are tried first: there are four times
+    fewer of them, so that they are tried more closely.
+
     Args:
         surface: of the arm.
         lens: of the pictures.
@@ -76,8 +82,9 @@ def search_color(
     if not scene.coarse.areas[:, 1:].any():
         return nothing_moves(len(views), 0.0)
 
-    def attempt(rng: np.random.Generator) -> OwnArmPose:
-        poses = _proposed(scene, all_rotations(ROTATIONS, rng))
+    def attempt(rng: np.random.Generator, number: int) -> OwnArmPose:
+        rotations = upright_rotations(rng) if number == 0 else all_rotations(ROTATIONS, rng)
+        poses = _proposed(scene, rotations)
         scores = scene.agreement(poses, False, 60)
         poses = poses[np.argsort(-scores, kind="stable")[:WIDTH]]
         found = follow(scene, narrowed_starts(scene, poses, BEAM, rng, FOLLOWED))
@@ -85,6 +92,13 @@ def search_color(
         return near(scene, inverse(found.T_base_camera), *POLISH, rng)
 
     return attempted(ATTEMPTS, seed, attempt, lambda a: a.score * a.seen**2)
+
+
+def upright_rotations(rng: np.random.Generator) -> Floats:
+    """(ROTATIONS, 3, 3) ``R_camera_base`` of cameras held upright, evenly at random."""
+    every = all_rotations(8 * ROTATIONS, rng)
+    aside, down = every[:, 0, 2], every[:, 1, 2]
+    return every[(np.abs(aside) < UPRIGHT[0]) & (down < UPRIGHT[1])][:ROTATIONS]
 
 
 def _proposed(scene: ColorScene, rotations: Floats) -> Poses:

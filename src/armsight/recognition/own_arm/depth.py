@@ -84,7 +84,7 @@ class DepthOptions:
     drawn: int = 256
     least_score: float = 0.6
     least_seen: float = 0.2
-    most_sigma: float = 0.012
+    most_sigma: float = 0.015
 
 
 @dataclass(frozen=True)

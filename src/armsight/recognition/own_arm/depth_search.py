@@ -94,7 +94,7 @@ def search_depth(
     return attempted(
         ATTEMPTS,
         seed,
-        lambda rng: _searched(scene, lumps, images, rng),
+        lambda rng, _: _searched(scene, lumps, images, rng),
         lambda a: a.score * a.seen,
     )
 

@@ -34,7 +34,7 @@ def need_views(views: Sequence[object], kind: str) -> None:
 def attempted(
     attempts: int,
     seed: int,
-    attempt: Callable[[np.random.Generator], OwnArmPose],
+    attempt: Callable[[np.random.Generator, int], OwnArmPose],
     worth: Callable[[OwnArmPose], float],
 ) -> OwnArmPose:
     """The first answer that believes itself, or the one that is worth most.
@@ -42,12 +42,12 @@ def attempted(
     Args:
         attempts: at most; each tries other rotations.
         seed: of these.
-        attempt: one search.
+        attempt: one search, with a source of randomness and its number.
         worth: of an answer that is not believed.
     """
     answers: list[OwnArmPose] = []
     for number in range(attempts):
-        answers.append(attempt(np.random.default_rng([seed, number])))
+        answers.append(attempt(np.random.default_rng([seed, number]), number))
         if answers[-1].believed:
             return answers[-1]
     return max(answers, key=worth)
