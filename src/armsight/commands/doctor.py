@@ -86,6 +86,7 @@ def findings(port: int) -> Iterator[MachineFinding]:
         ("armsight", _version),
         ("Python", _python),
         ("cores", _cores),
+        ("priority", _priority),
         ("memory", _memory),
         ("disk", _disk),
         ("packages", _packages),
@@ -139,6 +140,21 @@ def _cores() -> MachineFinding:
             "slow", "cores", found, "other programs keep this machine busy; end them"
         )
     return MachineFinding("good", "cores", found)
+
+
+def _priority() -> MachineFinding:
+    from armsight.runtime.priority import offered
+
+    found, real_time, share = offered()
+    if real_time and share:
+        return MachineFinding("good", "priority", found)
+    return MachineFinding(
+        "info",
+        "priority",
+        found,
+        "for a real arm on a machine that has other work: as root, put '@YOUR_GROUP - rtprio 50' "
+        "and '@YOUR_GROUP - nice -10' into /etc/security/limits.d/armsight.conf; log in anew",
+    )
 
 
 def _memory() -> MachineFinding:

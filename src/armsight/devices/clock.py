@@ -63,5 +63,10 @@ class WallClock:
             if self._paused_at is not None:
                 self._paused_at = 0.0
 
+    def follow(self, now: float, host: float) -> None:
+        """Say ``now`` [s] when the source says ``host``: the time of another process's clock."""
+        with self._lock:
+            self._origin, self._paused_at = host - now, None
+
     def _now(self) -> float:
         return self._source() - self._origin if self._paused_at is None else self._paused_at

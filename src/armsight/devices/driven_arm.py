@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +26,20 @@ BEYOND = 0.2
 """Joints may read so far outside their limits [rad]: an arm may have been pushed there."""
 JUMP = (0.05, 2.0)
 """Between two readings joints move less than this [rad] and so many times their greatest speed."""
+
+
+@dataclass(frozen=True)
+class ArmRecipe:
+    """All that it takes to open an arm, here or in another process; see :class:`DrivenArm`."""
+
+    settings: ArmSettings
+    limits: JointLimits
+    opener: Callable[[ArmSettings], ArmDriver]
+    latency: float = 0.0
+
+    def open(self, clock: WallClock) -> DrivenArm:
+        """Open the arm; errors as of :class:`DrivenArm`."""
+        return DrivenArm(self.settings, self.limits, self.opener, clock, self.latency)
 
 
 class DrivenArm:
@@ -56,6 +71,7 @@ class DrivenArm:
             DeviceError: it cannot be opened.
         """
         self.name = f"arm {settings.name}"
+        self.recipe = ArmRecipe(settings, limits, opener, latency)
         self._settings = settings
         self._limits = limits
         self._clock = clock

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 NAMES: dict[str, str] = {
     "patrol-smoke": "60 simulated seconds of guarded patrol, a person reaching in",
+    "wall-loop": "commands under the wall clock: how evenly they come, alone and beside others",
     "danger-map": "T2: danger of three circles, decay at any rate, forecast of the next 2 s",
     "patrol": "T2: A-B-A, reactive beside ours, the same obstacle for all",
     "approach": "people reach in at up to 2 m/s; a search tries to force a contact",

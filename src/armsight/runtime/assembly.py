@@ -11,9 +11,11 @@ from armsight.errors import UsageError
 from armsight.motion.perception import Perceiver
 from armsight.motion.task import Task
 from armsight.runtime.channels import Channels
+from armsight.runtime.command_messages import Begin
+from armsight.runtime.command_relay import CommandRelay
 from armsight.runtime.component import Component
 from armsight.runtime.components import GuardComponent, MappingComponent, PlanningComponent
-from armsight.runtime.config import SessionConfig
+from armsight.runtime.config import SessionConfig, SessionMode
 from armsight.runtime.latency import Latency
 from armsight.runtime.parts import MakeParts, Parts
 from armsight.runtime.perceiver_component import PerceiverComponent
@@ -36,7 +38,7 @@ class Wanted:
         cell: open; task, perceivers, observers: of the caller.
         seed: of the planner's randomness.
         config: periods and latencies; make: builds map, planner and guard.
-        supervise: called by a loop in real time, beside its rounds.
+        supervise: called by a loop in real time, beside its rounds; mode: of the session.
         speed: simulated seconds a second.
     """
 
@@ -48,6 +50,7 @@ class Wanted:
     config: SessionConfig
     make: MakeParts
     supervise: Callable[[], None]
+    mode: SessionMode
     speed: float
 
 
@@ -65,7 +68,7 @@ class Assembly:
     parts: Parts
     loop: SimulatedLoop | WallLoop
     sensing: SensingComponent
-    guard: GuardComponent
+    guard: GuardComponent | CommandRelay
     task: TaskComponent | None
     components: tuple[Component, ...]
 
@@ -84,6 +87,7 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
 
     channels = Channels()
     parts = wanted.make(cell, config)
+    link = devices.command_link(wanted.mode) if parts.elsewhere is not None else None
     sensing = SensingComponent(
         channels, devices.arm, devices.cameras, devices.sensors, config.sensing_period
     )
@@ -102,14 +106,20 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
     infos = {c.info.name: c.info for c in devices.cameras}
     perceivers = _perceivers(wanted, infos, channels, latency)
     task = _task(wanted, devices, infos, channels, perceivers, latency)
-    guard = GuardComponent(
-        channels,
-        parts.guard,
-        devices.arm,
-        task.intent if task is not None else lambda now: None,
-        latency(config.guard_latency),
-        config.guard_period,
-    )
+    guard: GuardComponent | CommandRelay
+    if link is not None and parts.elsewhere is not None:
+        told = ("", 0.0) if task is None else (task.task.name, task.silent_after)
+        order = Begin(parts.elsewhere, config.sensing_period, config.guard_period, *told)
+        guard = CommandRelay(channels, link, order, devices.clock.now)
+    else:
+        guard = GuardComponent(
+            channels,
+            parts.guard,
+            devices.arm,
+            task.intent if task is not None else lambda now: None,
+            latency(config.guard_latency),
+            config.guard_period,
+        )
     foreign: list[PerceiverComponent | TaskComponent] = [*perceivers]
     if task is not None:
         foreign.append(task)
@@ -127,6 +137,7 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
     else:
         assert devices.advance is not None
         loop = SimulatedLoop(cell.clock.now, devices.advance, components, wanted.speed)
+        assert isinstance(guard, GuardComponent)
         guard.call_at = loop.call_at
         if charge == "declared":
             mapping.beside = planning.beside = loop.beside

@@ -12,7 +12,7 @@ from armsight.devices.history import JointHistory
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, PlanRequest
 from armsight.motion.face import ShownFace
-from armsight.motion.intents import Intent
+from armsight.motion.intents import Intent, Rest
 from armsight.runtime.posing import NewestFrames
 from armsight.runtime.slot import Slot
 
@@ -138,6 +138,25 @@ class TaskWord:
     stamp: float
     intent: Intent | None
     fault: str = ""
+
+
+def pursued(word: TaskWord | None, now: float, name: str, silent_after: float) -> Intent | None:
+    """What the guard is to pursue at ``now`` [s]: a task's word, or rest with the reason.
+
+    Args:
+        word: its newest, or None before the first.
+        now: time [s].
+        name: of the task, for the reason.
+        silent_after: when a word has become too old to be taken [s].
+    """
+    if word is None:
+        return None
+    if word.fault:
+        return Rest(word.fault, fault=True)
+    age = now - word.stamp
+    if age > silent_after:
+        return Rest(f"task {name} has said nothing for {age:.2f} s", fault=True)
+    return word.intent
 
 
 class Channels:

@@ -22,12 +22,15 @@ class SessionMode:
         cell_is_empty: somebody has looked, and nobody is in the cell when it starts: what stands
             there is no person, see ``docs/guard.md``.
         look_only: send no command to the arm at all, not even to stop.
+        own_process: let the command path (arm, guard) run in a process of its own, as far as the
+            arm is behind a driver whose class another process can import. See ``docs/loop.md``.
     """
 
     wall: bool = False
     exclusive: bool | None = None
     cell_is_empty: bool = False
     look_only: bool = False
+    own_process: bool = True
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,12 @@ class HealthMeter:
         with self._lock:
             self._problem = text
 
+    @property
+    def last(self) -> float:
+        """When the last round was done [s]; -inf before the first."""
+        with self._lock:
+            return self._last
+
     def report(self) -> ComponentHealth:
         """The figures so far."""
         with self._lock:

@@ -23,22 +23,22 @@ from armsight.motion.data import GuardStatus
 from armsight.motion.perception import Perceiver
 from armsight.motion.task import Task, perceivers_of
 from armsight.runtime.assembly import Wanted, assemble
+from armsight.runtime.command_relay import CommandRelay
 from armsight.runtime.component import Component
+from armsight.runtime.components import GuardComponent
 from armsight.runtime.config import SessionConfig, SessionMode
 from armsight.runtime.lock import cell_lock
 from armsight.runtime.parts import MakeParts, make_parts
+from armsight.runtime.priority import larger_share
 from armsight.runtime.session_devices import SessionDevices
 from armsight.runtime.signals import orderly_signals
 from armsight.runtime.simulated_loop import SimulatedLoop
 from armsight.runtime.view import ComponentHealth, SessionView
-from armsight.runtime.wall_loop import WallLoop
+from armsight.runtime.wall_loop import WallLoop, watch_heart
 from armsight.runtime.warm_up import Progress
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell
-
-HEARTBEAT = 0.25
-"""The arm is stopped when the guard has been silent for longer under the wall clock [s]."""
 
 
 class Session:
@@ -147,6 +147,8 @@ class Session:
         reports = []
         for component in self._components:
             report = self._loop.meters[component.name].report()
+            if isinstance(component, CommandRelay):  # of the guard itself, not of who passes it on
+                report = component.report() or report
             problem = report.problem or str(getattr(component, "problem", ""))
             reports.append(replace(report, problem=problem))
         return tuple(reports)
@@ -275,11 +277,17 @@ class Session:
             progress: told the stage and the share done, 0..1.
         """
         if not self._warm:
+            remote = self._guard if isinstance(self._guard, CommandRelay) else None
+            if remote is not None:
+                remote.begin()
             self._parts.warm_up(progress)
             for perceiver in self.perceivers:
                 if hasattr(perceiver, "warm_up"):
                     progress(f"preparing {perceiver.name}", 0.95)
                     perceiver.warm_up()
+            if remote is not None:
+                progress("preparing the guard's process", 0.98)
+                remote.wait_ready()
             self._warm = True
         progress("ready", 1.0)
 
@@ -301,8 +309,12 @@ class Session:
             stack.callback(setattr, self, "_loop_thread", None)
             self._loop_thread = threading.get_ident()
             stack.enter_context(orderly_signals(self.stop))
-            stack.push(self._stop_at_end)  # runs first on the way out, whatever the way
+            if self._devices.real:
+                stack.enter_context(larger_share())
+            stack.push(self._stop_at_end)  # on the way out, whatever the way
             stack.enter_context(self._devices.running(self._held))
+            if isinstance(self._guard, CommandRelay):
+                stack.enter_context(self._guard.running())
             self._say_empty()
             self._loop.run(None if seconds is None else self.now() + seconds)
             while self._reset_wanted and not self.ended_by:
@@ -340,6 +352,7 @@ class Session:
             self.config,
             self._make,
             self._supervise,
+            self._mode,
             self._speed,
         )
         made = assemble(wanted, self._devices)
@@ -408,9 +421,5 @@ class Session:
                 if self.cell.show_joints is not None and joints is not None:
                     self.cell.show_joints(joints.position)
                 devices.advance(now)
-        last = self._loop.meters["guard"].report().last
-        if math.isfinite(last) and now - last > HEARTBEAT:
-            try:
-                self._devices.arm.stop()
-            except DeviceError:  # it is told again, and heard, when the run has ended
-                self._loop.stop()
+        if isinstance(self._guard, GuardComponent):
+            watch_heart(self._loop, now, self._devices.arm.stop)

@@ -8,9 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from armsight.devices.clock import WallClock
+from armsight.devices.driven_arm import DrivenArm
 from armsight.devices.protocols import Arm, Clock, RgbdCamera
 from armsight.devices.world import MovingSolid, MovingSurfaces
+from armsight.runtime.command_link import CommandLink, movable
 from armsight.runtime.config import SessionMode
+from armsight.runtime.remote_arm import RemoteArm
 from armsight.runtime.sensing import Sensor
 from armsight.runtime.shared_devices import UntouchedArm, shared_arm, shared_camera, shared_sensors
 
@@ -53,6 +56,20 @@ class SessionDevices:
             self.sensors = shared_sensors(cell.sensors, self.lock)
         if mode.look_only:
             self.arm = UntouchedArm(self.arm)
+
+    def command_link(self, mode: SessionMode) -> CommandLink | None:
+        """The process of the command path, in which the arm is from now on; None to stay here.
+
+        Raises:
+            DeviceError: the arm cannot be opened there.
+        """
+        arm, clock = self._cell.arm, self._cell.clock
+        if not (self.wall and mode.own_process) or mode.look_only:
+            return None
+        if isinstance(arm, DrivenArm) and isinstance(clock, WallClock) and movable(arm.recipe):
+            arm.close()
+            arm = self._cell.arm = self.arm = RemoteArm(CommandLink(arm.recipe, clock))
+        return arm.link if isinstance(arm, RemoteArm) else None
 
     @contextlib.contextmanager
     def running(self, held: bool) -> Iterator[None]:

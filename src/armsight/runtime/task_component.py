@@ -14,10 +14,10 @@ from armsight.devices.data import ArmStatus, GripperState, RgbdCameraInfo, Stere
 from armsight.errors import DeviceError, UsageError
 from armsight.geometry.shapes import Solid
 from armsight.motion.face import Curve, ShownFace, Trace, face_fault
-from armsight.motion.intents import Intent, Rest
+from armsight.motion.intents import Intent
 from armsight.motion.task import Observation, Perceived, Task
 from armsight.robots.robot import Robot
-from armsight.runtime.channels import Channels, TaskWord
+from armsight.runtime.channels import Channels, TaskWord, pursued
 from armsight.runtime.foreign import ForeignThread, Outcome
 from armsight.runtime.latency import Latency
 from armsight.runtime.perceiver_component import (
@@ -120,15 +120,7 @@ class TaskComponent:
         """What the guard is to pursue at ``now`` [s]: the task's word, or rest with the reason."""
         if self.held:
             return None
-        word = self._channels.word.read(now)
-        if word is None:
-            return None
-        if word.fault:
-            return Rest(word.fault, fault=True)
-        age = now - word.stamp
-        if age > self.silent_after:
-            return Rest(f"task {self.task.name} has said nothing for {age:.2f} s", fault=True)
-        return word.intent
+        return pursued(self._channels.word.read(now), now, self.task.name, self.silent_after)
 
     def update(self, now: float) -> None:
         """Begin a round."""

@@ -14,12 +14,16 @@ from armsight.devices.clock import WallClock
 from armsight.devices.protocols import Clock
 from armsight.errors import DeviceError, LoopError
 from armsight.runtime.component import Component
-from armsight.runtime.loop import Inbox, do_round, make_meters, short_pauses
+from armsight.runtime.loop import Inbox, Loop, do_round, make_meters, short_pauses
 
 NAP = 0.004
 """Longest sleep of the supervising thread [s]."""
 JOIN_SECONDS = 2.0
 """How long the end of a run waits for its threads [s]; one that hangs is left to itself."""
+
+
+HEARTBEAT = 0.25
+"""The arm is stopped when the guard has been silent for longer [s]."""
 
 
 class WallLoop:
@@ -161,3 +165,13 @@ class WallLoop:
                 with contextlib.suppress(DeviceError):  # told again, and heard, when the run ends
                     self._on_failure()
                 return
+
+
+def watch_heart(loop: Loop, now: float, stop: Callable[[], None]) -> None:
+    """Stop the arm of a loop whose guard has been silent for :data:`HEARTBEAT` at ``now`` [s]."""
+    last = loop.meters["guard"].last
+    if math.isfinite(last) and now - last > HEARTBEAT:
+        try:
+            stop()
+        except DeviceError:  # it is told again, and heard, when the run has ended
+            loop.stop()
