@@ -7,9 +7,10 @@ from painted_ports import LENS, PAIR, facing, paint
 from armsight.charging.find import FindOptions, find_ports
 from armsight.charging.fit import fit, turned
 from armsight.charging.looks import look
+from armsight.charging.matches import mirrored
 from armsight.charging.plane_fit import paper_pose
 from armsight.charging.ports.table import PORTS
-from armsight.charging.pose import fit_pose, locate, mirrored
+from armsight.charging.pose import fit_pose, locate
 from armsight.charging.rehearsal import rehearse
 from armsight.charging.windows import dark_windows
 from armsight.errors import UsageError

@@ -16,6 +16,7 @@ from armsight.charging.visit import Seen, State, StationOptions
 from armsight.devices.data import JointState, Wrench
 from armsight.experiments.station_bench import StationBench, charging_cell
 from armsight.geometry.pose import inverse, make_pose
+from armsight.motion.ik import solve_ik
 from armsight.motion.intents import Rest, VelocityIntent
 from armsight.motion.permits import Permit, PermitState
 from armsight.robots.kinematics import flange_pose
@@ -134,9 +135,7 @@ def test_a_look_from_before_the_arm_rested_is_not_taken(cell):
 
 
 def before(stub, cell, distance):
-    """Puts the arm where its plug is so far before the port, and the station before plugging in."""
-    from armsight.motion.ik import solve_ik
-
+    """Puts the arm where its plug is so far before the port, with leave to touch it."""
     port = seen_port(cell)
     T = before_port(port.T_base_port, distance)
     stub.q = solve_ik(stub.robot, T, stub.q, np.random.default_rng(0))[0]
@@ -147,29 +146,34 @@ def before(stub, cell, distance):
     stub.guard = type("Word", (), {"permit": granted, "reason": "", "reached": False, "goal": ""})()
 
 
+def stub_in(cell, state=None, distance=0.015, file=None, wrench=True, **options):
+    """A stub whose plug is so far before the port, its station in a state [m]."""
+    stub = Stub(cell, station(cell, file, **options))
+    stub.rest(0.1, wrench=wrench)
+    before(stub, cell, distance)
+    if state is State.INSERT:  # it tares first
+        stub.station._go(State.TARE, stub.now)
+        stub.rest(1.0)
+        assert stub.station.state is State.INSERT
+    elif state is not None:
+        stub.station._go(state, stub.now)
+    return stub
+
+
 def test_nothing_goes_in_that_could_not_be_written_down(cell, tmp_path):
     (tmp_path / "no").write_text("a file where the folder should be")
-    stub = Stub(cell, station(cell, tmp_path / "no" / "journal.json"))
-    stub.rest(0.1)
-    before(stub, cell, 0.015)
-    stub.station._go(State.TARE, stub.now)
+    stub = stub_in(cell, State.TARE, file=tmp_path / "no" / "journal.json")
     stub.rest(1.0)
     assert stub.station.state is State.LEAVE
     assert "does not plug in" in stub.station.outcome.problem
 
 
 def test_nothing_goes_in_without_a_force_sensor_or_leave_to_touch(cell):
-    stub = Stub(cell, station(cell))
-    stub.rest(0.1, wrench=False)
-    before(stub, cell, 0.015)
-    stub.station._go(State.TARE, stub.now)
+    stub = stub_in(cell, State.TARE, wrench=False)
     stub.rest(1.0, wrench=False)
     assert "nobody would feel" in stub.station.outcome.problem
-    stub = Stub(cell, station(cell))
-    stub.rest(0.1)
-    before(stub, cell, 0.015)
+    stub = stub_in(cell, State.TARE)
     stub.guard.permit = replace(stub.guard.permit, state=PermitState.REFUSED, reason="somebody")
-    stub.station._go(State.TARE, stub.now)
     wish = stub.rest(2.0)
     assert stub.station.state is State.TARE
     assert isinstance(wish.intent, Rest)
@@ -177,12 +181,7 @@ def test_nothing_goes_in_without_a_force_sensor_or_leave_to_touch(cell):
 
 
 def test_a_permit_that_is_lost_in_contact_lets_go_and_comes_out(cell):
-    stub = Stub(cell, station(cell))
-    stub.rest(0.1)
-    before(stub, cell, 0.015)
-    stub.station._go(State.TARE, stub.now)
-    stub.rest(1.0)
-    assert stub.station.state is State.INSERT
+    stub = stub_in(cell, State.INSERT)
     stub.guard.permit = replace(stub.guard.permit, state=PermitState.WITHDRAWN, reason="a hand")
     wish = stub.step()
     assert stub.station.state is State.HELD
@@ -196,12 +195,7 @@ def test_a_permit_that_is_lost_in_contact_lets_go_and_comes_out(cell):
 
 
 def test_a_force_sensor_that_dies_is_said_and_nothing_is_pulled_by_feel(cell):
-    stub = Stub(cell, station(cell))
-    stub.rest(0.1)
-    before(stub, cell, 0.015)
-    stub.station._go(State.TARE, stub.now)
-    stub.rest(1.0)
-    assert stub.station.state is State.INSERT
+    stub = stub_in(cell, State.INSERT)
     stub.rest(0.6, wrench=False)
     assert stub.station.state is State.LEAVE  # not in yet
     assert stub.station.outcome.problem == "the force sensor is silent"
@@ -216,9 +210,7 @@ def test_a_force_sensor_that_dies_is_said_and_nothing_is_pulled_by_feel(cell):
 
 def test_what_fails_again_and_again_ends(cell):
     """A sensor that could not be tared sent the arm back and forth for ever."""
-    stub = Stub(cell, station(cell, tries=3))
-    stub.rest(0.1)
-    before(stub, cell, 0.10)
+    stub = stub_in(cell, distance=0.10, tries=3)
     states = []
     for _ in range(3):
         stub.station.visits.blame("the force sensor is silent or noisy")
@@ -230,9 +222,7 @@ def test_what_fails_again_and_again_ends(cell):
 
 
 def test_a_plug_that_does_not_come_out_is_somebodys_to_help(cell):
-    stub = Stub(cell, station(cell, patience=2.0))
-    stub.rest(0.1)
-    before(stub, cell, -0.03)
+    stub = stub_in(cell, distance=-0.03, patience=2.0)
     stub.station._begin_unplug(Seen(stub.now, JointState(stub.now, stub.q, np.zeros(6))))
     stub.station.feeling.tare = np.zeros(6)
     stub.rest(2.5)
@@ -254,10 +244,7 @@ def test_a_port_of_a_car_that_is_not_expected_is_left_alone(cell):
 
 def test_a_car_that_moves_is_left(cell):
     car = SimulatedCar()
-    stub = Stub(cell, station(cell, car=car))
-    stub.rest(0.1)
-    before(stub, cell, 0.05)
-    stub.station._go(State.ALIGN, stub.now)
+    stub = stub_in(cell, State.ALIGN, distance=0.05, car=car)
     stub.step()
     car.parked = False
     stub.step()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from viser import _messages as wire
 
 from armsight.devices.world import MovingSurfaces
 from armsight.errors import UsageError
+from armsight.geometry.pose import make_pose
 from armsight.geometry.shapes import Surface
 from armsight.motion.data import GuardMode
 from armsight.recording.no_robot import no_robot
@@ -211,6 +213,15 @@ def test_dragging_reaches_the_session(page: LivePage, session: FakeSession) -> N
     assert session.asked == [("drag", "ball", (0.5, 0.25, 1.0))]
     page._choose_dragged("")
     assert page._gizmo is None
+
+
+def test_the_arrows_stand_where_the_dragged_car_is_led_from(page: LivePage) -> None:
+    """They stood in the middle of its body, so that a touch made it leap by 30 cm."""
+    T = make_pose(None, (0.92, 0.05, 0.85))
+    page._cell.world.car = SimpleNamespace(name="car", T_world_socket=T)
+    page._choose_dragged("car")
+    assert page._gizmo is not None
+    assert page._gizmo.position == pytest.approx(T[:3, 3])
 
 
 def test_a_refused_drag_is_told_not_raised(

@@ -48,13 +48,15 @@ class FindOptions:
     Attributes:
         ports: names of the types.
         distance: nearest and farthest [m].
-        least_score: what is below is not reported.
+        least_score: what is below is not reported; least_together: mean of both pictures of a
+            pair that agree on it (:mod:`armsight.charging.pairs`).
         seeds: per size of the picture; rings, guesses: how many go on to each stage.
     """
 
     ports: tuple[str, ...] = (*INLETS, "type2_plug")
     distance: tuple[float, float] = (0.25, 2.8)
     least_score: float = 0.55
+    least_together: float = 0.5
     seeds: int = 60
     rings: int = 480
     guesses: int = 10
@@ -106,14 +108,14 @@ def find_ports(
     options = options or FindOptions()
     check_picture(image, lens)
     if windows is None:
-        return _merge(_find(image, lens, options))
+        return search(pyramid(image), lens, options)
     found: list[Detection] = []
     for top, bottom, left, right in windows:
         part = np.ascontiguousarray(image[top:bottom, left:right])
         own = replace(
             lens, width=right - left, height=bottom - top, cx=lens.cx - left, cy=lens.cy - top
         )
-        for d in _find(part, own, options):
+        for d in _found(pyramid(part), own, options):
             found.append(replace(d, pixel=d.pixel + np.array([left, top])))
     return _merge(found)
 
@@ -141,11 +143,17 @@ def check_picture(image: Bytes, lens: PinholeCamera) -> None:
         )
 
 
-def _find(image: Bytes, lens: PinholeCamera, options: FindOptions) -> list[Detection]:
-    levels = pyramid(image)
+def search(
+    levels: Sequence[Level], lens: PinholeCamera, options: FindOptions
+) -> tuple[Detection, ...]:
+    """As :func:`find_ports`, of a picture whose sizes are there already."""
+    return _merge(_found(levels, lens, options))
+
+
+def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -> list[Detection]:
     largest = lens.fx * 0.050 / options.distance[0]
     # a window holds fewer things that are no port
-    share = float(np.clip(3.0 * image.size / WHOLE, 0.3, 1.0))
+    share = float(np.clip(3.0 * levels[0].gx.size / WHOLE, 0.3, 1.0))
     rings = find_rings(levels, largest, round(share * options.seeds), round(share * options.rings))
     guesses = guess_types(levels, lens, rings, options.ports, options.distance, options.guesses)
     tried = [m for g in guesses for m in _matches(levels, lens, g)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Ints, Pose
 from armsight.charging.kernels.rigid import fit_rigid
@@ -89,6 +90,19 @@ def match(
         tuple(rim.name for rim in model.rims),
         np.asarray(np.linalg.pinv(H + 1e-9 * np.eye(6)) / level.scale**2, np.float64),
     )
+
+
+def mirrored(T: Pose) -> Pose:
+    """The pose with the port's axis mirrored at the line of sight."""
+    sight = -T[:3, 3] / np.linalg.norm(T[:3, 3])
+    axis = T[:3, 2]
+    turn = np.cross(axis, sight)
+    angle = float(np.arctan2(np.linalg.norm(turn), axis @ sight))
+    out = T.copy()
+    if angle > 1e-6:
+        about = Rotation.from_rotvec(2 * angle * turn / np.linalg.norm(turn)).as_matrix()
+        out[:3, :3] = about @ T[:3, :3]
+    return out
 
 
 @lru_cache(maxsize=32)

@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Bytes, Floats, Pose
 from armsight.charging.coarse_to_fine import fit_coarse_to_fine
-from armsight.charging.find import Detection, FindOptions, find_ports
+from armsight.charging.find import FindOptions
 from armsight.charging.fit import MISSING, Fit, turned
+from armsight.charging.matches import mirrored
+from armsight.charging.pairs import find_in_pair
 from armsight.charging.ports.table import PORTS
-from armsight.charging.windows import dark_windows
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse
 from armsight.geometry.stereo import StereoPair
@@ -82,30 +82,19 @@ def locate(
     Raises:
         UsageError: a picture is not as it has to be.
     """
-    seen = [
-        find_ports(image, lens, options, dark_windows(image) if windows else None)
-        for image, lens in zip(images, (pair.left, pair.right))
-    ]
+    options = options or FindOptions()
     lenses = (pair.left, pair.right)
     T_lens_ref = (np.eye(4), inverse(pair.T_left_right))
-    starts: list[tuple[str, Pose]] = []
-    taken: set[int] = set()
-    for left in seen[0]:
-        match = _partner(left, seen[1], pair, taken)
-        if match is not None:
-            taken.add(match)
-            starts.append((left.port, _start(left, seen[1][match], pair)))
-        else:  # missed in the other picture: the joint fit looks there, too
-            starts.append((left.port, left.T_camera_port))
-    alone = (d for i, d in enumerate(seen[1]) if i not in taken)
-    starts += [(d.port, pair.T_left_right @ d.T_camera_port) for d in alone]
+    starts = [(d.port, d.T_left_port) for d in find_in_pair(images, pair, options, windows)]
     # a type may be the upper half of one that holds it; together the pictures tell
-    names = (options or FindOptions()).ports
     starts += [
-        (name, T) for held, T in tuple(starts) for name in names if PORTS[name].contains == held
+        (name, T)
+        for held, T in tuple(starts)
+        for name in options.ports
+        if PORTS[name].contains == held
     ]
     found = [fit_pose(images, lenses, T_lens_ref, name, T) for name, T in starts]
-    found = [p for p in found if p.score >= (options or FindOptions()).least_score]
+    found = [p for p in found if p.score >= options.least_together]
     found.sort(key=lambda p: -_likelihood_gain(p))
     out: list[PortPose] = []
     for p in found:
@@ -118,33 +107,6 @@ def locate(
 def _likelihood_gain(p: PortPose) -> float:
     """How much better a port explains the pictures than clutter would: compares types."""
     return float(0.5 * MISSING * p.fit.points - p.fit.cost)
-
-
-def _partner(
-    left: Detection, right: Sequence[Detection], pair: StereoPair, taken: set[int]
-) -> int | None:
-    """The detection in the other picture that can be the same port: both rays meet there."""
-    best, choice = np.inf, None
-    for i, other in enumerate(right):
-        if i in taken or other.port != left.port:
-            continue
-        point = pair.triangulate(left.pixel[None], other.pixel[None])
-        if not 0.1 < point[0, 2] < 10.0:
-            continue
-        miss = float(np.linalg.norm(pair.left.project(point)[0] - left.pixel))
-        size = left.T_camera_port[2, 3] / point[0, 2]
-        if miss < 6.0 and 0.8 < size < 1.25 and miss < best:
-            best, choice = miss, i
-    return choice
-
-
-def _start(left: Detection, right: Detection, pair: StereoPair) -> Pose:
-    """Place by triangulation, attitude from the picture that fits better."""
-    T = left.T_camera_port.copy()
-    if right.score > left.score:
-        T = pair.T_left_right @ right.T_camera_port
-    T[:3, 3] = pair.triangulate(left.pixel[None], right.pixel[None])[0]
-    return T
 
 
 def fit_pose(
@@ -189,16 +151,3 @@ def _likelihood(found: Fit) -> float:
     if found.points == 0:
         return -np.inf
     return -0.5 * found.cost / INDEPENDENT
-
-
-def mirrored(T: Pose) -> Pose:
-    """The pose with the port's axis mirrored at the line of sight."""
-    sight = -T[:3, 3] / np.linalg.norm(T[:3, 3])
-    axis = T[:3, 2]
-    turn = np.cross(axis, sight)
-    angle = float(np.arctan2(np.linalg.norm(turn), axis @ sight))
-    out = T.copy()
-    if angle > 1e-6:
-        about = Rotation.from_rotvec(2 * angle * turn / np.linalg.norm(turn)).as_matrix()
-        out[:3, :3] = about @ T[:3, :3]
-    return out

@@ -241,12 +241,24 @@ class LivePage:
             self._gizmo = None
         if not name:
             return
-        parts = [m for m in self._session.view().movers if _belongs(m.name, name)]
-        place = np.mean([m.T_world_solid[:3, 3] for m in parts], axis=0) if parts else np.zeros(3)
         self._gizmo = self._server.scene.add_transform_controls(
-            "/drag", scale=0.25, disable_rotations=True, position=place, depth_test=False
+            "/drag",
+            scale=0.25,
+            disable_rotations=True,
+            position=self._dragged_from(name),
+            depth_test=False,
         )
         self._gizmo.on_update(lambda _: self._move_dragged(name))
+
+    def _dragged_from(self, name: str) -> Vector3:
+        """Where a thing is that the person may drag: what follows the arrows, in world [m]."""
+        car = getattr(self._cell.world, "car", None)
+        if car is not None and car.name == name:  # its port follows them, not its body's middle
+            return np.asarray(car.T_world_socket[:3, 3])
+        parts = [m for m in self._session.view().movers if _belongs(m.name, name)]
+        if not parts:
+            return np.zeros(3)
+        return np.asarray(np.mean([m.T_world_solid[:3, 3] for m in parts], axis=0))
 
     def _move_dragged(self, name: str) -> None:
         if self._gizmo is None:

@@ -1,0 +1,157 @@
+"""Ports that both pictures of a pair show, judged together.
+
+A port's size in one picture says how far it is, and so where on one line of the other picture it
+must be, and how large. Clutter that looks like a port in one picture seldom does in the other, and
+its size seldom agrees with where the two rays meet; so much less has to be asked of each picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armsight.arrays import Bytes, Pose
+from armsight.charging.find import Detection, FindOptions, check_picture, find_ports, search
+from armsight.charging.matches import Match, match, mirrored
+from armsight.charging.ports.table import PORTS
+from armsight.charging.pyramid import Level, pyramid
+from armsight.charging.windows import dark_windows
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse
+from armsight.geometry.stereo import StereoPair
+
+FIRST = 0.4
+"""What a picture alone scores less is not looked for in the other."""
+PARTNERS = 3
+"""How many of the fits in the other picture go on."""
+WEAKER = 0.3
+"""The picture that shows it worse scores this at least."""
+MISS, STRETCH = 0.25, 0.12
+"""Rays that pass each other by more than this share of the mouth's radius see two things; so do
+pictures in which its size and the rays tell distances that differ by more than this share."""
+FARTHER = np.geomspace(0.87, 1.15, 9)
+"""How much farther or nearer than its size says a port may be: it is tilted, and makes differ."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairDetection:
+    """A port in both pictures, or in one where the other does not look there.
+
+    Attributes:
+        port: its type.
+        score: mean of the pictures' shares of edges that were seen, 0..1.
+        T_left_port: its pose; place by triangulation, attitude by the picture that fits better.
+        matches: one a picture that shows it, left before right.
+    """
+
+    port: str
+    score: float
+    T_left_port: Pose
+    matches: tuple[Match, ...]
+
+    @property
+    def evidence(self) -> float:
+        """How much more was found than chance would find, in edges."""
+        return sum(m.evidence for m in self.matches)
+
+
+def find_in_pair(
+    images: tuple[Bytes, Bytes],
+    pair: StereoPair,
+    options: FindOptions | None = None,
+    windows: bool = False,
+) -> tuple[PairDetection, ...]:
+    """Ports that a pair sees, the surest first.
+
+    Args:
+        images: left and right, grey.
+        pair: that took them.
+        options: what to look for.
+        windows: look first at the darker-than-average regions only.
+
+    Raises:
+        UsageError: a picture is not as it has to be.
+    """
+    options = options or FindOptions()
+    lenses = (pair.left, pair.right)
+    for image, lens in zip(images, lenses):
+        check_picture(image, lens)
+    levels = [pyramid(image) for image in images]
+    first = replace(options, least_score=min(FIRST, options.least_score))
+    found: list[PairDetection] = []
+    for side in (0, 1):
+        other = 1 - side
+        T_left_this = pair.T_left_right if side else np.eye(4)
+        T_other_this = pair.T_left_right if side else inverse(pair.T_left_right)
+        if windows:
+            alone = find_ports(images[side], lenses[side], first, dark_windows(images[side]))
+        else:
+            alone = search(levels[side], lenses[side], first)
+        for seen in alone:
+            partners = _partners(levels[other], lenses[other], seen, T_other_this)
+            both = [(p, seen.match) if side else (seen.match, p) for p in partners]
+            together = [joined for b in both if (joined := _joined(b, pair)) is not None]
+            found += [d for d in together if d.score >= options.least_together]
+            if not partners and seen.score >= options.least_score:
+                T = np.asarray(T_left_this @ seen.T_camera_port)
+                found.append(PairDetection(seen.port, seen.score, T, (seen.match,)))
+    return _best(found)
+
+
+def _partners(
+    levels: Sequence[Level], lens: PinholeCamera, seen: Detection, T_other_this: Pose
+) -> list[Match]:
+    """What may be the same port in the other picture; nothing where that does not look there."""
+    if not _in_view(lens, T_other_this @ seen.T_camera_port, PORTS[seen.port].radius):
+        return []
+    tried = []
+    for attitude in (seen.T_camera_port, mirrored(seen.T_camera_port)):
+        for farther in FARTHER:
+            T = attitude.copy()
+            T[:3, 3] *= farther
+            tried.append(match(levels, lens, seen.port, T_other_this @ T))
+    tried.sort(key=lambda m: -m.evidence)
+    return [match(levels, lens, m.port, m.T_camera_port, finer=True) for m in tried[:PARTNERS]]
+
+
+def _in_view(lens: PinholeCamera, T: Pose, radius: float) -> bool:
+    """Whether a lens sees at least most of what has a radius [m] about a pose."""
+    if T[2, 3] < 0.05:
+        return False
+    (u, v), margin = lens.project(T[None, :3, 3])[0], 0.5 * lens.fx * radius / T[2, 3]
+    return bool(margin <= u <= lens.width - margin and margin <= v <= lens.height - margin)
+
+
+def _joined(matches: tuple[Match, Match], pair: StereoPair) -> PairDetection | None:
+    """Both pictures' matches as one port; None where they cannot be the same."""
+    if min(m.score for m in matches) < WEAKER:
+        return None
+    name, T = matches[0].port, [m.T_camera_port for m in matches]
+    lenses = (pair.left, pair.right)
+    left, right = (lens.project(pose[None, :3, 3]) for lens, pose in zip(lenses, T))
+    place = pair.triangulate(left, right)[0]
+    deep = (float(place[2]), float((inverse(pair.T_left_right) @ np.append(place, 1.0))[2]))
+    if min(deep) < 0.05:
+        return None
+    radius = pair.left.fx * PORTS[name].radius / deep[0]
+    miss = float(np.linalg.norm(pair.left.project(place[None])[0] - left[0])) / radius
+    stretch = max(abs(float(np.log(z / pose[2, 3]))) for z, pose in zip(deep, T))
+    if miss > MISS or stretch > STRETCH:
+        return None
+    by_left = matches[0].score >= matches[1].score
+    T_left_port = np.array(T[0] if by_left else pair.T_left_right @ T[1])
+    T_left_port[:3, 3] = place
+    score = 0.5 * (matches[0].score + matches[1].score)
+    return PairDetection(name, score, T_left_port, matches)
+
+
+def _best(found: Sequence[PairDetection]) -> tuple[PairDetection, ...]:
+    """One detection a place: the type for which there is most evidence."""
+    out: list[PairDetection] = []
+    for d in sorted(found, key=lambda d: -d.evidence):
+        apart = (np.linalg.norm(d.T_left_port[:3, 3] - k.T_left_port[:3, 3]) for k in out)
+        if all(gap > PORTS[d.port].radius for gap in apart):
+            out.append(d)
+    return tuple(sorted(out, key=lambda d: -d.score))
