@@ -66,6 +66,11 @@ def test_a_port_that_only_one_picture_looks_at_is_still_found() -> None:
     assert len(seen.matches) == 1
 
 
+def test_exchanged_pictures_show_no_port(left) -> None:
+    """Cameras that were swapped: better no port than one at a wrong place."""
+    assert find_in_pair((_right(), left), PAIR, ONLY) == ()
+
+
 def test_a_picture_of_another_size_is_refused(left) -> None:
     with pytest.raises(UsageError, match="its lens 640x480"):
         find_in_pair((left, left[:240]), PAIR)

@@ -11,7 +11,7 @@ from armsight.charging.insert import InsertOptions
 from armsight.charging.journal import Entry, Journal, JournalError
 from armsight.charging.moves import before_port
 from armsight.charging.station import Station
-from armsight.charging.vehicle import SimulatedCar
+from armsight.charging.vehicle import SimulatedCar, VehicleStatus
 from armsight.charging.visit import Seen, State, StationOptions
 from armsight.devices.data import JointState, Wrench
 from armsight.experiments.station_bench import StationBench, charging_cell
@@ -250,6 +250,58 @@ def test_a_car_that_moves_is_left(cell):
     stub.step()
     assert stub.station.state is State.LEAVE
     assert "moves" in stub.station.outcome.problem
+
+
+class OddCar(SimulatedCar):
+    """Says what a test wants it to say."""
+
+    says = None
+
+    def status(self, now):
+        return self.says
+
+
+def test_a_silent_car_is_waited_for_and_said(cell):
+    stub = Stub(cell, station(cell, car=OddCar()))
+    stub.station.begin()
+    stub.rest(0.5)
+    assert stub.station.state is State.STAND_BY
+    assert "nothing is heard of the car" in stub.station.words
+
+
+def test_a_car_that_goes_silent_while_it_charges_leaves_the_end_to_people(cell):
+    stub = stub_in(cell, State.CHARGE, distance=-PLUG_DEPTH, car=OddCar())
+    stub.rest(0.2)
+    assert stub.station.state is State.CHARGE
+    assert "end by hand" in stub.station.words
+    stub.station.end()
+    stub.rest(0.2)
+    assert stub.station.state is State.UNPLUG
+
+
+def test_a_car_that_has_enough_and_does_not_unlock_is_not_pulled_at(cell):
+    """It says two things at once; 105 N against a lock would break it."""
+    car = OddCar()
+    car.says = VehicleStatus(parked=True, locked=True, charging=True, enough=True)
+    stub = stub_in(cell, State.CHARGE, distance=-PLUG_DEPTH, car=car, patience=1.0)
+    states = set()
+    for _ in range(20):
+        stub.rest(0.1)
+        states.add(stub.station.state)
+    assert states == {State.CHARGE, State.STUCK}
+    assert "unlock it at the car" in stub.station.words
+    assert "unlock it at the car" in stub.station.outcome.problem
+
+
+def test_of_two_ports_the_surer_one_is_taken(cell):
+    stub = Stub(cell, station(cell))
+    stub.station.begin()
+    stub.rest(0.7)
+    ports = (seen_port(cell, score=0.7, away=0.1), seen_port(cell, score=0.9))
+    stub.looks = (PortLook(stub.now, "post", ports, np.zeros((4, 4, 3), np.uint8)),)
+    stub.rest(0.1)
+    assert stub.station.state is State.LOOK
+    assert stub.station.port is ports[1]
 
 
 def test_a_journal_of_another_plug_or_a_broken_one_stops_the_station(cell, tmp_path):

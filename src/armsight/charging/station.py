@@ -115,6 +115,8 @@ class Station(StationCore):
             self.port = self._hand.answer = None
             self.visits.begin(Outcome(began=seen.now))
             self._go(State.FIND, seen.now)
+        elif self._wanted and car is None:
+            self.words = "waits: nothing is heard of the car"
         elif self._wanted and car is not None and not car.parked:
             self.words = "waits until the car is parked"
         # on the way home from a port its dark pocket is still the port's
@@ -253,13 +255,18 @@ class Station(StationCore):
         if enough or problem or self._ending:
             if self._told != "stop":
                 self.vehicle.tell("stop", seen.now)
-                self._told = "stop"
+                self._told, self._told_at = "stop", seen.now
             problem = problem or ("ended by hand" if self._ending else "")
             self.visits.note(charged=enough)
             self.visits.blame(problem)
             if car is None or not car.locked:
                 self._told = ""
                 self._begin_unplug(seen)
+            elif seen.now - self._told_at > self.options.patience:
+                words = "the car still locks the plug: unlock it at the car"
+                self._go(State.STUCK, seen.now, words)
+        elif car is None:
+            self.words = "charges; nothing is heard of the car: end by hand"
         elif car is not None and not car.charging and self._in_state(seen) > RELAX:
             self.vehicle.tell("plugged", seen.now)  # it has not heard; or we were killed meanwhile
         if self._in_state(seen) < RELAX and self._hand.law is not None:

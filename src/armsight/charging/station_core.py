@@ -81,7 +81,7 @@ class StationCore:
         self._wanted = self._ending = False
         self._since: float | None = None
         self._looked = self._side = self._tries = self._again = self._goals = 0
-        self._told = ""
+        self._told, self._told_at = "", 0.0
 
     @property
     def outcomes(self) -> list[Outcome]:
