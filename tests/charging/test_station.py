@@ -1,6 +1,7 @@
 """The station in contact physics: whole visits, killed and started again, and what it refuses."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -143,7 +144,7 @@ def before(stub, cell, distance):
     stub.station.permission.see(port, stub.now, 0.002)
     permit = stub.station.permission.ask(stub.now, None)
     granted = Permit(permit.name, "thing", PermitState.GRANTED)
-    stub.guard = type("Word", (), {"permit": granted, "reason": "", "reached": False, "goal": ""})()
+    stub.guard = SimpleNamespace(permit=granted, reason="", reached=False, goal="", speed_scale=1.0)
 
 
 def stub_in(cell, state=None, distance=0.015, file=None, wrench=True, **options):
@@ -192,6 +193,21 @@ def test_a_permit_that_is_lost_in_contact_lets_go_and_comes_out(cell):
     assert stub.station.state is State.LEAVE
     assert isinstance(wish.intent, VelocityIntent)
     assert stub.station.outcome.problem == "a hand"
+
+
+def test_somebody_who_comes_between_is_no_jam(cell):
+    """The guard held the arm for a visitor, and the law gave up: no progress."""
+    short = replace(OPTIONS.insert, seconds=2.0)
+    stub = stub_in(cell, State.INSERT, insert=short)
+    stub.rest(0.5)
+    stub.guard.speed_scale = 0.0
+    stub.rest(6.0)
+    assert stub.station.state is State.INSERT
+    stub.guard.speed_scale = 1.0
+    stub.rest(1.0)
+    assert stub.station.state is State.INSERT
+    stub.rest(1.0)
+    assert stub.station.outcome.problem == "plugging in: gave up after 2 s"
 
 
 def test_a_force_sensor_that_dies_is_said_and_nothing_is_pulled_by_feel(cell):

@@ -24,6 +24,8 @@ IN = 0.002
 """A plug that is deeper than this may be held by the socket [m]."""
 LASTS = 0.15
 """A velocity is good for so long [s]."""
+HELD = 0.02
+"""The guard holds the arm still where it leaves it less of its speed than this."""
 ASIDE = 0.05
 """A plug farther from the port's axis is not in it [m]."""
 
@@ -48,6 +50,12 @@ class PlugHand:
         self.feeling = Feeling(robot.tool.T_flange_tcp, options.insert.admittance)
         self.law: Insertion | PaperInsertion | None = None
         self.answer: Answer | None = None
+        self._stepped = -math.inf  # when the law was asked last [s]
+        self._held = 0.0  # for how long the guard held the arm in all [s]
+
+    def begin(self, law: Insertion | PaperInsertion) -> None:
+        """Another law is at work from now on."""
+        self.law, self.answer = law, None
 
     def plug(self, seen: Seen) -> Pose:
         """``T_base_plug`` by the joints and by how the plug hangs."""
@@ -72,14 +80,24 @@ class PlugHand:
         return self._moving(seen, twist, name)
 
     def by_force(self, seen: Seen, name: str, face: Pose) -> tuple[Answer | None, Wish]:
-        """One step of the law; no answer where nobody feels."""
+        """One step of the law; no answer where nobody feels.
+
+        Its clock stands while the guard holds the arm: somebody who comes between is no jam.
+        """
         assert self.law is not None
         wrench = self.feeling.contact(seen.now)
         if wrench is None:
             permit = self._permission.ask(seen.now, seen.guard)
             return None, Wish(Rest("the force sensor is silent", True, permit))
-        seat = face @ make_pose(None, (0.0, 0.0, self._depth))
-        answer = self.law.step(Felt(seen.now, inverse(seat) @ self.plug(seen), wrench))
+        waited, self._stepped = seen.now - self._stepped, seen.now
+        held = seen.guard is not None and seen.guard.speed_scale < HELD
+        if held and self.answer is not None and math.isfinite(waited):
+            self._held += waited
+            answer = self.answer
+        else:
+            seat = face @ make_pose(None, (0.0, 0.0, self._depth))
+            now = seen.now - self._held
+            answer = self.law.step(Felt(now, inverse(seat) @ self.plug(seen), wrench))
         self.answer = answer
         if answer.depth > IN:
             self._permission.felt(seen.now)

@@ -227,7 +227,7 @@ class Station(StationCore):
                 self._fail(seen, f"does not plug in: {problem}")
             else:
                 law = PaperInsertion if o.mode == "paper" else Insertion
-                self._hand.law = law(self._law_options)
+                self._hand.begin(law(self._law_options))
                 self._tries += 1
                 self.visits.note(out=False, tries=self._tries)
                 self._go(State.INSERT, seen.now)

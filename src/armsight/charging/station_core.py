@@ -140,7 +140,7 @@ class StationCore:
         self._go(State.STAND_BY, seen.now, self.outcome.problem)
 
     def _begin_unplug(self, seen: Seen) -> None:
-        self._hand.law = Insertion(self._law_options, out=True)
+        self._hand.begin(Insertion(self._law_options, out=True))
         self._go(State.UNPLUG, seen.now, self.words)
 
     def _out(self, seen: Seen) -> None:
