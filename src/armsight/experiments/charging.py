@@ -20,7 +20,7 @@ from armsight.workcell.schema import Workcell
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 2
+VERSION = 3
 ABOUT = """
 The packaged charging cell in contact physics (`experiments/station_bench.py`): the station, its
 law, the arm with its errors, the plug in its soft mount with cable, the force sensor. *Not* in it:

@@ -20,7 +20,7 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, wilson
 from armsight.experiments.station_bench import StationBench, charging_cell
 
-VERSION = 3
+VERSION = 4
 ABOUT = """
 The packaged charging cell in contact physics (`experiments/station_bench.py`: no guard, looks drawn
 from the pairs' errors). In each phase of a visit, at a random moment of it, everything that the
