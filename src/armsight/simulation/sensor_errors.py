@@ -36,7 +36,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Mask, Pose
 from armsight.devices.camera_models import camera_model
@@ -376,7 +376,7 @@ def structured(info: RgbdCameraInfo) -> bool:
 @lru_cache(maxsize=1)
 def _normals() -> Floats32:
     """(65536,) normal deviates at equal steps of probability: a 16-bit draw looks one up."""
-    table = norm.ppf((np.arange(65536) + 0.5) / 65536)
+    table = ndtri((np.arange(65536) + 0.5) / 65536)
     return np.asarray(table, np.float32)
 
 
