@@ -7,7 +7,7 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, look_at, transform
 from armsight.geometry.shapes import Solid
 from armsight.mapping.backdrop import Backdrop
-from armsight.mapping.kernels.image import VALID
+from armsight.mapping.kernels.pixels import VALID
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.snapshot import VoxelGrid
 from armsight.mapping.static_geometry import rasterise

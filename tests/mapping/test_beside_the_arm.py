@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armsight.mapping.kernels.image import NOTHING, ROBOT, VALID, trusted
+from armsight.mapping.kernels.pixels import NOTHING, ROBOT, VALID, trusted
 
 LIKE, EXACT, NEED = 0.05, 0.03, 3
 

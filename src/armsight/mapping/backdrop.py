@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from armsight.arrays import Bytes, Floats, Floats32, Pose
-from armsight.mapping.kernels.image import VALID, trace_solids, unexplained
+from armsight.mapping.kernels.pixels import VALID
+from armsight.mapping.kernels.solids import trace_solids, unexplained
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.static_geometry import StaticGeometry
 

@@ -16,7 +16,8 @@ from armsight.mapping.carving import Carver
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import Looker
 from armsight.mapping.kernels.depth import correct_depth
-from armsight.mapping.kernels.image import VALID, collect_hits, grade_hits, label_valid
+from armsight.mapping.kernels.hits import collect_hits, grade_hits
+from armsight.mapping.kernels.pixels import VALID, label_valid
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.mounting import Mounting
 from armsight.mapping.occupancy import Sight

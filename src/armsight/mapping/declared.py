@@ -20,7 +20,8 @@ from armsight.arrays import Bytes, Floats, Floats32, Mask, Pose
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
-from armsight.mapping.kernels.image import VALID, trace_solids
+from armsight.mapping.kernels.pixels import VALID
+from armsight.mapping.kernels.solids import trace_solids
 from armsight.mapping.snapshot import Declared, VoxelGrid
 from armsight.mapping.static_geometry import KINDS, StaticGeometry, rasterise
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Shorts
 from armsight.geometry.camera import PinholeCamera
-from armsight.mapping.kernels.image import LEVELS, build_tables, gather, pool, to_units
+from armsight.mapping.kernels.pooling import LEVELS, build_tables, gather, pool, to_units
 
 
 class DepthLens:

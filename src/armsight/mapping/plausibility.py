@@ -24,8 +24,9 @@ from armsight.arrays import Bytes, Floats32, Points, Pose
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
-from armsight.mapping.kernels.image import VALID, trace_solids
+from armsight.mapping.kernels.pixels import VALID
 from armsight.mapping.kernels.sightlines import count_through
+from armsight.mapping.kernels.solids import trace_solids
 from armsight.mapping.self_filter import BodyFields, BodyPose
 from armsight.mapping.static_geometry import StaticGeometry
 

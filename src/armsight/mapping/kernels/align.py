@@ -9,7 +9,7 @@ from numba import njit
 
 from armsight.arrays import Floats, Points, Pose
 from armsight.mapping.kernels.body import interpolate
-from armsight.mapping.kernels.image import solid_distance
+from armsight.mapping.kernels.solids import solid_distance
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Points, Poses, Vector3
-from armsight.mapping.kernels.image import ROBOT, VALID
+from armsight.mapping.kernels.pixels import ROBOT, VALID
 
 
 @njit(cache=True, nogil=True)

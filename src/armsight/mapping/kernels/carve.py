@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Shorts
-from armsight.mapping.kernels.image import level_of, window_least, window_most
+from armsight.mapping.kernels.pooling import level_of, window_least, window_most
 
 TOP = 8
 """Edge of the largest cubes judged, in voxels."""

@@ -50,7 +50,7 @@ from armsight.mapping.kernels.carve import (
     narrow_eye,
     view_of_cube,
 )
-from armsight.mapping.kernels.image import level_of, window_least, window_most
+from armsight.mapping.kernels.pooling import level_of, window_least, window_most
 
 NODE = 11
 """Numbers that describe a cube."""

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Bytes, Floats, Floats32, Ints
-from armsight.mapping.kernels.image import NOTHING
+from armsight.mapping.kernels.pixels import NOTHING
 
 
 @njit(cache=True, nogil=True)
