@@ -80,6 +80,23 @@ def test_a_ball_on_a_stand_pushes_back_as_its_springs_say(robot):
         assert back == pytest.approx(spec.solid.T_frame_solid[:3, 3], abs=1e-3)
 
 
+def test_what_is_seen_of_a_thing_goes_back_by_its_stand_not_by_its_skin(robot):
+    """A straw bends by 7 mm a newton, and that is in the skin; the face behind it hardly moves."""
+    spec = ball_before(robot, 0.01, mass=4.4, surface=150.0, hold=3000.0)
+    with SimulatedWorld(cell(robot, objects=(spec,))) as world:
+        free = drive(world, robot, 0.0, 0.3)[-1].force
+        start, ball = world.truth.tip_position(), world._pose("ball")[:3, 3]
+        drive(world, robot, 0.05, 0.6)
+        felt = drive(world, robot, 0.0, 0.8)[-1].force - free
+        pushed = np.linalg.norm(world.truth.tip_position() - start) - 0.01
+        moved = np.linalg.norm(world._pose("ball")[:3, 3] - ball)
+        shown = next(m for m in world.movers() if m.name == "ball").T_world_solid[:3, 3]
+        assert pushed > 0.01
+        assert felt[2] == pytest.approx(-pushed / (1 / 150.0 + 1 / 3000.0), rel=0.1)
+        assert moved == pytest.approx(-felt[2] / 3000.0, rel=0.15)
+        assert np.linalg.norm(shown - ball) == pytest.approx(moved)
+
+
 def test_a_blow_is_as_hard_as_two_masses_and_a_spring_make_it(robot):
     """A free hand hit by the arm: v sqrt(mu k) bounds it, and the muscles come on top."""
     speed = 0.2

@@ -79,8 +79,8 @@ class Giver:
     center: Vector3
 
 
-def add_giving(world: Any, name: str, give: Give, center: Vector3, T: Pose) -> tuple[str, Any]:
-    """The two bodies of one that gives way: name of the led one, and the skin to hang shapes on.
+def add_giving(world: Any, name: str, give: Give, center: Vector3, T: Pose) -> tuple[Any, Any]:
+    """The two bodies of one that gives way: the led one, and the skin to hang shapes on.
 
     Args:
         world: MuJoCo's world body.
@@ -105,7 +105,7 @@ def add_giving(world: Any, name: str, give: Give, center: Vector3, T: Pose) -> t
             damping=2.0 * SKIN_DAMPING * np.sqrt(give.surface * light),
             limited=mujoco.mjtLimited.mjLIMITED_FALSE,
         )
-    return f"{name}/led", skin
+    return body, skin
 
 
 class Followers:

@@ -20,6 +20,7 @@ from armsight.simulation.model_parts import (
     LOOSE,
     PUSHING,
     SEEN,
+    SEEN_ONLY,
     TOUCH_ONLY,
     TOUCHED,
     Builder,
@@ -87,7 +88,8 @@ class Movers:
             give = GIVING.get(part.name) if self._pushes else None
             body, touch = leader, TOUCHED
             if give is not None:
-                body, touch = self._giving(name, give, _middle(part), np.eye(4)), PUSHING
+                _, body = self._giving(name, give, _middle(part), np.eye(4))
+                touch = PUSHING
             self._shapes[name] = body
             _body_part(self._builder, body, person.name, part, touch)
         return f"person/{person.name}/{person.parts[0].name}"
@@ -95,7 +97,7 @@ class Movers:
     def add_object(self, item: MovingObjectSpec) -> None:
         """A thing that moves: led, held or loose."""
         name, T = item.solid.name, item.solid.T_frame_solid
-        add, place = self._builder.solid, np.eye(4)
+        place = np.eye(4)
         touch = PUSHING if self._pushes else TOUCH_ONLY
         if item.held_by:
             if item.held_by not in self._shapes:
@@ -110,12 +112,24 @@ class Movers:
             body = self._leader(name, f"object/{name}", T[:3, 3], T)
             if self._pushes:
                 give = Give(item.mass, item.surface, item.hold)
-                body = self._giving(name, give, np.zeros(3), T)
-            self._shapes[name] = body
-        body = self._shapes[name]
-        add(body, item.solid, place, "object", **touch)
+                led, skin = self._giving(name, give, np.zeros(3), T)
+                # What is seen is the thing, not its dented skin: where the tool is what bends, its
+                # bending is in the skin, too, and no camera may take that for the thing's motion.
+                self._shapes[name] = led
+                self._solids(item, skin, place, {**touch, "group": CONTACT})
+                touch = SEEN_ONLY
+            else:
+                self._shapes[name] = body
+        self._solids(item, self._shapes[name], place, touch)
+
+    def _solids(
+        self, item: MovingObjectSpec, body: Any, place: Pose, options: dict[str, Any]
+    ) -> None:
+        """The shapes of a thing, at a pose in a body."""
+        add, name = self._builder.solid, item.solid.name
+        add(body, item.solid, place, "object", **options)
         for part in item.parts:
-            add(body, part, place @ part.T_frame_solid, "object", name, **touch)
+            add(body, part, place @ part.T_frame_solid, "object", name, **options)
 
     def _add_loose(self, item: MovingObjectSpec) -> Any:
         """A thing with a weight of its own that lies on others."""
@@ -134,10 +148,11 @@ class Movers:
         self._leaders[name] = leader
         return leader
 
-    def _giving(self, name: str, give: Give, center: Vector3, T: Pose) -> Any:
+    def _giving(self, name: str, give: Give, center: Vector3, T: Pose) -> tuple[Any, Any]:
+        """The body that follows the leader, and its skin."""
         led, skin = add_giving(self._builder.mj.worldbody, name, give, center, T)
-        self._givers.append((name, Giver(-1, led, give, center)))
-        return skin
+        self._givers.append((name, Giver(-1, led.name, give, center)))
+        return led, skin
 
 
 def half_extent(solid: Solid) -> Points:

@@ -46,6 +46,8 @@ _FIRM: dict[str, Any] = {
 }
 PUSHING: dict[str, Any] = {"contype": OTHER, "conaffinity": ARM, **_FIRM}
 """Shapes of bodies that give way: firm themselves, their springs are what gives."""
+SEEN_ONLY: dict[str, Any] = {"contype": 0, "conaffinity": 0}
+"""What is seen of a body whose skin is what touches."""
 LOOSE: dict[str, Any] = {"contype": OTHER | LIES, "conaffinity": ARM | LIES, **_FIRM}
 """Things that lie somewhere, and are pushed and gripped."""
 MATERIALS = ("plain", "black_plastic", "shiny")
