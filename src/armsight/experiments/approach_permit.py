@@ -9,7 +9,7 @@ import numpy as np
 from armsight.arrays import Vector3
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.experiments.quick_cell import Ball, QuickCell, felt
 from armsight.experiments.rows import Row, contact_row, wilson
 from armsight.experiments.touch_cell import pointing_arm
 from armsight.geometry.pose import make_pose
@@ -120,20 +120,8 @@ def _wish(cell: QuickCell, place: Vector3, kind: ContactKind, size: float) -> Ve
     seen = cell.now - 0.09
     region = Region("sphere", (size, 0.0, 0.0), make_pose(None, place), seen, drift=0.02)
     permit = PermitRequest("ball", kind, region, ("tool",), 0.12, 0.25, 30.0, 5.0, 30.0)
-    cell.guard.feel(_felt(cell))
+    cell.guard.feel(felt(cell))
     return VelocityIntent("touch", velocity, "base", seen, cell.now + 0.1, permit)
-
-
-def _felt(cell: QuickCell) -> list[Any]:
-    """What a force sensor says in which nothing but the tool's weight pulls."""
-    from armsight.devices.data import Wrench
-    from armsight.robots.kinematics import flange_pose
-
-    tool = cell.robot.tool
-    assert tool is not None
-    weight = flange_pose(cell.robot, cell.q)[:3, :3].T @ np.array([0.0, 0.0, -9.81 * tool.mass])
-    torque = np.cross(tool.center_of_mass, weight)
-    return [Wrench(cell.now - 0.008 + 0.002 * k, weight, torque) for k in range(4)]
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import JointVector, Points, Vector3
-from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo
+from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo, Wrench
 from armsight.geometry.camera import PinholeCamera
 from armsight.mapping.snapshot import FREE, CameraStatus, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
@@ -27,6 +27,7 @@ from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.motion.pose_planner import PosePlanner
 from armsight.motion.tick import GuardDecision
 from armsight.robots import load_robot
+from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 from armsight.simulation.kernels import drive_step
 
@@ -268,3 +269,20 @@ class QuickCell:
             self.margins.append(touch)
             if touch.distance < 0.0:
                 self.touches.append(touch)
+
+
+def felt(cell: QuickCell, push: Vector3 | None = None) -> list[Wrench]:
+    """What an ideal force sensor has said since the last tick, at 500 Hz.
+
+    Args:
+        cell: whose tool it carries.
+        push: (3,) force on the tip in ``base`` [N]; None for nothing but the tool's weight.
+    """
+    tool = cell.robot.tool
+    assert tool is not None
+    R = flange_pose(cell.robot, cell.q)[:3, :3]
+    weight = R.T @ (-9.81 * tool.mass * np.asarray(cell.config.up, float))
+    force = weight if push is None else weight + R.T @ push
+    torque = np.cross(tool.center_of_mass, weight)
+    torque = torque + np.cross(tool.T_flange_tcp[:3, 3], force - weight)
+    return [Wrench(cell.now - 0.008 + 0.002 * k, force, torque) for k in range(1, 5)]

@@ -12,6 +12,7 @@ import numpy as np
 from armsight.arrays import JointVector, Vector3
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.quick_cell import felt
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
 from armsight.experiments.servo_rows import harm_row, median_row
@@ -20,6 +21,7 @@ from armsight.experiments.servo_world import (
     MOVING,
     PAPERS,
     Errors,
+    Eyes,
     Setup,
     make_eyes,
     make_task,
@@ -39,6 +41,8 @@ LIMIT = 12.0
 REACHED, MARKED, SETTLES = 0.005, 0.001, 0.4
 """V: the tip came within 5 mm. It marks the plate within 1 mm, or where it is this much later
 [m], [m], [s]."""
+PLATE = 5e3
+"""Stiffness of the plate and what holds it [N/m]."""
 PLACES = ((0.80, 0.0, 1.20), (0.72, 0.35, 1.10), (0.72, -0.35, 1.30))
 """V's three places of the target, in this cell's world [m]; V does not say where they were."""
 RUNS = 24
@@ -95,16 +99,17 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
     near, harm, mark = math.inf, 0, None
     while cell.now < LIMIT:
         now = cell.now
+        depth = max(-_height(eyes, cell, place, normal), 0.0)
+        cell.guard.feel(felt(cell, PLATE * depth * normal))
         status = tick(cell, eyes, task, status)
-        tip = tcp_pose(eyes.true_robot, cell.q)[:3, 3]
-        height = float((tip - place) @ normal)
-        beside = float(np.linalg.norm(tip - place - height * normal))
+        height = _height(eyes, cell, place, normal)
         speed = float(np.linalg.norm((tcp_jacobian(eyes.true_robot, cell.q) @ cell.v)[:3]))
         held = status.permit is not None and status.permit.holds
-        harm += height < 0.0 and beside < 0.1 and speed > MOVING and not held
-        if height < REACHED and beside < 0.1:
+        harm += height < 0.0 and speed > MOVING and not held
+        if height < REACHED:
             near = min(near, now)
         if height < MARKED or now > near + SETTLES:
+            tip = tcp_pose(eyes.true_robot, cell.q)[:3, 3]
             mark = R[:, :2].T @ (tip - place)
             break
     return {
@@ -115,6 +120,14 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
         "harm": int(harm),
         "last": cell.log[-1].reason,
     }
+
+
+def _height(eyes: Eyes, cell: SurfaceCell, place: Vector3, normal: Vector3) -> float:
+    """How far the tip truly is before the plate [m]; inf beside it."""
+    away = tcp_pose(eyes.true_robot, cell.q)[:3, 3] - place
+    height = float(away @ normal)
+    beside = float(np.linalg.norm(away - height * normal))
+    return height if beside < 0.1 else math.inf
 
 
 def _start(setup: Setup, place: Vector3, which: int, up: Vector3, front: Vector3) -> JointVector:

@@ -15,7 +15,7 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose, Vector3
 from armsight.devices.data import JointState
-from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.experiments.quick_cell import Ball, QuickCell, felt
 from armsight.geometry.pose import exp, inverse
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.task import Observation, Perceived
@@ -35,6 +35,8 @@ MOVING = 0.05
 """A contact counts when the tip is faster than this [m/s]."""
 ASLANT = 0.25
 """A print is not found by who sees it more aslant: cosine with its normal [1]."""
+STAND = 2e3
+"""Stiffness of what holds the ball [N/m], that of a simulated one."""
 Path = Callable[[float], Vector3]
 """(3,) place in ``base`` [m] at a time [s]."""
 
@@ -363,6 +365,7 @@ class Trial:
             now, cell.robot, joints, self._status, perceived=self.eyes.arrived(now)
         )
         intent = self.task.update(observation)
+        cell.guard.feel(felt(cell, self._push()))
         decision = cell.tick(goal=intent)
         self._status = decision.status
         self._note(decision.command)
@@ -375,6 +378,12 @@ class Trial:
             if until is not None and until(self.course):
                 break
         return self.course
+
+    def _push(self) -> Vector3:
+        """(3,) how the ball on its stand pushes the tip back, which does not move it here [N]."""
+        away = tcp_pose(self.eyes.true_robot, self.cell.q)[:3, 3] - self.ball(self.now)
+        length = float(np.linalg.norm(away))
+        return np.asarray(STAND * max(RADIUS - length, 0.0) * away / max(length, 1e-6))
 
     def _note(self, command: JointVector) -> None:
         course, cell = self.course, self.cell

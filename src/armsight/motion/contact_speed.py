@@ -191,19 +191,34 @@ class ContactSpeed:
     def ease(self, body: MovingBody, q: JointVector, wanted: JointVector, law: Law) -> JointVector:
         """The motion nearest to a wanted one (n,) [rad/s] that keeps this law, at (n,) [rad].
 
-        What carries the parts along with the region is kept, the rest of the motion is scaled:
-        scaled as a whole, a motion would lag behind a region that moves, which is contact, too.
+        What carries the parts along with the region is kept: scaled as a whole, a motion would lag
+        behind a region that moves, which is contact, too. Of the rest what closes in is slowed
+        first, so that a part still comes to lie before its place while it comes slowly; where that
+        is not enough, all of the rest is.
         """
         own = np.flatnonzero(self.parts)
         if len(own) == 0:
             return wanted
         along = carried_along(body, q, int(own[-1]), self.region.velocity)
 
-        def kept(share: float) -> bool:
-            motion = along + share * (wanted - along)
+        def kept(motion: JointVector) -> bool:
             return bool(self.allowed(body.still_view(q, motion), body, q, motion, law).min() >= 1.0)
 
-        return eased(along, wanted, kept)
+        closing = self._closing(body, q, wanted - along)
+        beside = wanted - closing
+        if closing.any() and kept(beside):
+            return eased(beside, wanted, lambda s: kept(beside + s * closing))
+        return eased(along, wanted, lambda s: kept(along + s * (wanted - along)))
+
+    def _closing(self, body: MovingBody, q: JointVector, motion: JointVector) -> JointVector:
+        """(n,) what of a motion [rad/s] brings the nearest part to the region."""
+        own = np.flatnonzero(self.parts)
+        center, _ = body.motion(q, motion)
+        gap = self.region.distance(center[own], self.when) - body.radius[own]
+        part = int(own[np.argmin(gap)])
+        towards = self.region.towards(center[part][None], self.when)[0]
+        speed = float(towards @ (body.jacobian(q, part)[:3] @ motion))
+        return carried_along(body, q, part, max(speed, 0.0) * towards)
 
     def allowed(
         self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law

@@ -24,6 +24,8 @@ from armsight.servoing.targets.palm import Palm
 
 Direction: TypeAlias = Literal["facing", "normal", "down"]
 """How the tool points: towards the operator's side, against the target's normal, or down."""
+SURE = 0.01
+"""The place of a thing is never surer than if it drifted so fast [m/s]."""
 DOCK_NAMES: tuple[str, ...] = ("ball", "bullseye", "straw", "hand")
 
 
@@ -66,7 +68,8 @@ class Docking:
         reach: that much of the tool, from its tip, may touch [m].
         gentle: speed of the tip near somebody's part [m/s]: what the guard allows there.
         speed: of the touch [m/s]; force: [N]; stiffness: of the target and what holds it [N/m].
-        drift: how fast its place becomes unsure while nobody sees it [m/s].
+        drift: how fast its place becomes unsure while nobody sees it, at most [m/s]; a thing's less
+            where its velocity is known better.
         scale: of the fixed cameras' colour pictures: a ring of 15 mm needs all of their pixels.
     """
 
@@ -111,7 +114,7 @@ class Docking:
             seen.stamp,
             seen.velocity,
             seen.covariance,
-            max(seen.drift, self.drift),
+            min(max(seen.drift, SURE), self.drift) if self.permit == "thing" else self.drift,
         )
         return PermitRequest(
             self.name, self.permit, region, reach=self.reach, speed=self.speed, force=self.force,
@@ -138,9 +141,10 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
         KeyError: there is no such task.
     """
     return {
+        # A ball in somebody's hand or on a light stand.
         "ball": Docking(
             "ball", lambda: Ball(ball_radius), radius=ball_radius, size=(ball_radius, 0.0, 0.0),
-            scale=0.5,
+            stiffness=2.5e3, scale=0.5,
         ),
         # Its plate has 16 cm; how it is turned about its middle nobody knows.
         "bullseye": Docking(

@@ -198,9 +198,9 @@ class OurChase:
         e = self.filter.estimate
         if e is None:
             return None
-        P = e.covariance[:3, :3]
+        P, drift = e.covariance, math.sqrt(max(np.linalg.eigvalsh(e.covariance[3:, 3:])[-1], 0.0))
         return Touchable(
-            e.stamp, e.position, e.velocity, P, drift=0.0, normal=e.normal, along=e.along
+            e.stamp, e.position, e.velocity, P[:3, :3], drift=drift, normal=e.normal, along=e.along
         )
 
     def _tell(self, now: float, estimate: TargetEstimate) -> None:

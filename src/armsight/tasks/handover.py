@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from armsight.motion.face import Face
-from armsight.motion.intents import Intent, Rest, VelocityIntent
+from armsight.motion.intents import Intent, PoseIntent, Rest, VelocityIntent
 from armsight.motion.task import Observation
 from armsight.robots.kinematics import tcp_pose
 from armsight.tasks.servo_task import ServoTask
@@ -56,7 +56,7 @@ class HandoverTask(ServoTask):
             return Rest("the item has been handed over")
         intent = super().update(observation)
         self._go_on(observation, now)
-        if self.phase in ("let go", "leave") and isinstance(intent, VelocityIntent | Rest):
+        if self.phase in ("let go", "leave") and isinstance(intent, VelocityIntent | PoseIntent | Rest):
             return replace(intent, width=self.opening)
         return intent
 

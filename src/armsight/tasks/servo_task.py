@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 from armsight.devices.data import JointState
@@ -17,11 +18,12 @@ from armsight.motion.face import (
     Picture,
     PointsMark,
 )
-from armsight.motion.intents import Intent, Rest, VelocityIntent
+from armsight.motion.intents import Intent, PoseIntent, Rest, VelocityIntent
 from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
+from armsight.servoing.detour import BEFORE, Detour
 from armsight.servoing.docking import Docking
 from armsight.servoing.eyes import Eye, WristEye
 from armsight.servoing.modes import Chase, ChaseConfig, tool_direction
@@ -70,12 +72,14 @@ class ServoTask:
         self.dock, self.mode, self.chase = dock, mode, chase
         self.config, self.standoff = config, standoff
         self.perceivers = tuple(eyes)
+        self.detour = Detour(f"way to {dock.name}")
         self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
         self.reset()
 
     def reset(self) -> None:
         """Nothing has been seen."""
         self.chase.reset()
+        self.detour.reset()
         self._looks: dict[str, Look] = {}
         self.touches: list[float] = []
         self._touching = False
@@ -101,6 +105,9 @@ class ServoTask:
         if wish is None:
             return Rest(self.chase.reason)
         permit = None if self.standoff > 0.0 else self._permit(observation)
+        around = self._around(now, observation.guard)
+        if around is not None:
+            return replace(around, permit=permit)
         return VelocityIntent(
             self.dock.name,
             wish.velocity,
@@ -109,6 +116,15 @@ class ServoTask:
             wish.exposure + wish.lasts,
             permit,
         )
+
+    def _around(self, now: float, guard: GuardStatus | None) -> PoseIntent | None:
+        """A planned way, where the own one is blocked."""
+        seen = self.chase.touchable()
+        if self.mode != "ours" or seen is None:
+            return None
+        axis, down = tool_direction(self.config, seen.position, seen.normal)
+        gap = max(self.chase.config.funnel.gap, BEFORE) + self.config.radius
+        return self.detour.update(now, guard, seen.position, (seen.position - gap * axis, axis, down))
 
     def _permit(self, observation: Observation) -> PermitRequest | None:
         """Asks to touch the target, as far as anybody knows where it is.

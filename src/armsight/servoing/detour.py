@@ -1,0 +1,94 @@
+"""A planned way to before the target, where the law's own way is blocked.
+
+The law leads the joints straight to its goal. Where the arm itself, the edge of what is mapped or
+something that stands there is on that way, the guard keeps room to stop and the arm stands: then
+the guard's planner is asked for a way to a place before the target, and the law goes on from there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from armsight.arrays import Pose, Vector3
+from armsight.geometry.pose import make_pose
+from armsight.motion.data import GuardStatus
+from armsight.motion.intents import PoseIntent
+
+HELD, PACE, MOVES = 0.3, 0.1, 0.2
+"""The way is blocked when for so long [s] less than this share is driven of a wish, of at least
+so much [rad/s]."""
+BEFORE = 0.07
+"""It leads to this far before the target's surface [m]."""
+LONGEST, GONE = 4.0, 0.06
+"""It is given up after this [s], or when the target has moved by this much [m]."""
+PAUSE = 1.0
+"""Before the next one [s]."""
+
+
+class Detour:
+    """Whether one is under way, and where to.
+
+    Args:
+        name: of the goal, for the page and the log.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.reset()
+
+    def reset(self) -> None:
+        """The way is not blocked."""
+        self._held = self._began = math.inf
+        self._next = -math.inf
+        self._goal: PoseIntent | None = None
+        self._target = np.zeros(3)
+
+    def update(
+        self,
+        now: float,
+        guard: GuardStatus | None,
+        target: Vector3,
+        before: tuple[Vector3, Vector3, Vector3],
+    ) -> PoseIntent | None:
+        """The goal to be driven to instead of the law's velocities, or None.
+
+        Args:
+            now: time [s].
+            guard: what it did in its newest tick.
+            target: (3,) where the target is [m].
+            before: where the tool should wait before it (3,) [m], where its z should point and
+                where its y (3,), unit.
+        """
+        if guard is None:
+            return None
+        if self._goal is not None:
+            arrived = guard.reached and guard.goal == self.name
+            moved = float(np.linalg.norm(target - self._target)) > GONE
+            if arrived or moved or now > self._began + LONGEST:
+                self._goal, self._held, self._next = None, math.inf, now + PAUSE
+            return self._goal
+        if not _held(guard):
+            self._held = math.inf
+            return None
+        self._held = min(self._held, now)
+        if now < self._held + HELD or now < self._next:
+            return None
+        self._began, self._target = now, np.array(target)
+        self._goal = PoseIntent(self.name, _pose(*before), tolerance=0.01, tolerance_rad=0.05)
+        return self._goal
+
+
+def _held(guard: GuardStatus) -> bool:
+    """Whether the arm does next to nothing of a velocity that is wanted, and nobody is the cause."""
+    wanted = 0.0 if guard.wanted is None else float(np.abs(guard.wanted).max())
+    free = guard.permit is not None and guard.permit.holds
+    return free and wanted > MOVES and float(np.abs(guard.command).max()) < PACE * wanted
+
+
+def _pose(place: Vector3, axis: Vector3, down: Vector3) -> Pose:
+    """``T_base_tcp`` of a tool at a place with its z along an axis and its y down, if it can."""
+    y = down - axis * float(axis @ down)
+    y = y / max(float(np.linalg.norm(y)), 1e-9)
+    return make_pose(np.stack([np.cross(y, axis), y, axis], axis=1), place)
