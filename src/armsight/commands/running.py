@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -41,6 +41,7 @@ class RunOptions:
         seconds: how long on the cell's clock [s], None until interrupted.
         page: where it is served, or None for none.
         record: file to record into, or None.
+        pictures: how they are recorded: `whole`, or `small`.
         seed: of everything random.
         speed: simulated seconds a second; inf as fast as possible.
         observers: more components that look on.
@@ -53,6 +54,7 @@ class RunOptions:
     seconds: float | None = None
     page: Page | None = field(default_factory=Page)
     record: Path | None = None
+    pictures: Literal["small", "whole"] = "small"
     seed: int = 0
     speed: float = 1.0
     observers: Sequence[Component] = ()
@@ -84,7 +86,9 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
         if wanted.record is not None:
             from armsight.recording.recorder import Recorder
 
-            recorder = Recorder(wanted.record, cell, wait=not session.wall)
+            recorder = Recorder(
+                wanted.record, cell, pictures=wanted.pictures, wait=not session.wall
+            )
             stack.callback(lambda: say(f"recorded {recorder.close()}"))
             session.observe(recorder)
         if wanted.page is not None:
@@ -136,6 +140,7 @@ def ran(
             seconds=asked.seconds,
             page=None if asked.headless else asked.page,
             record=asked.record,
+            pictures=asked.pictures,
             seed=asked.seed,
             speed=speed_of(asked.speed, asked.headless),
             observers=observers,

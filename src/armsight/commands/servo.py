@@ -28,6 +28,7 @@ class Servo:
         headless: no page, and as fast as the machine can.
         json: write the run's figures here; `-` is standard output.
         record: record everything into this new file (.mcap).
+        pictures: of a recording: `small`, less than 100 MB a minute; `whole`, bit for bit.
         seed: of everything random.
         speed: simulated seconds a second; 0 for as fast as the machine can.
         page: where the live page is served.
@@ -42,6 +43,7 @@ class Servo:
     headless: bool = False
     json: Path | None = None
     record: Path | None = None
+    pictures: Literal["small", "whole"] = "small"
     seed: int = 0
     speed: float | None = None
     page: Page = field(default_factory=Page)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -22,6 +22,7 @@ class ViewCommand:
         seconds: how long on the cell's clock; until Ctrl-C if left out.
         headless: no page, and as fast as the machine can.
         record: record everything into this new file (.mcap).
+        pictures: of a recording: `small`, less than 100 MB a minute; `whole`, bit for bit.
         seed: of everything random.
         speed: simulated seconds a second; 0 for as fast as the machine can.
         page: where the live page is served.
@@ -31,6 +32,7 @@ class ViewCommand:
     seconds: float | None = None
     headless: bool = False
     record: Path | None = None
+    pictures: Literal["small", "whole"] = "small"
     seed: int = 0
     speed: float | None = None
     page: Page = field(default_factory=Page)
@@ -50,6 +52,7 @@ class ViewCommand:
                 seconds=self.seconds,
                 page=None if self.headless else self.page,
                 record=self.record,
+                pictures=self.pictures,
                 seed=self.seed,
                 speed=speed_of(self.speed, self.headless),
                 look_only=True,

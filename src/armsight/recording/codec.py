@@ -33,11 +33,18 @@ class Message:
 
 @dataclass(frozen=True)
 class Known:
-    """What codecs need to know of the cell: joint names, and its cameras and pairs by name."""
+    """What codecs need to know.
+
+    Attributes:
+        joint_names: of the arm.
+        cameras, stereo: of the cell, by name.
+        small: pictures are compressed.
+    """
 
     joint_names: tuple[str, ...]
     cameras: Mapping[str, RgbdCameraInfo]
     stereo: Mapping[str, StereoInfo]
+    small: bool = False
 
 
 @dataclass
@@ -50,7 +57,7 @@ class Decoding:
         shift: subtracted from every time [s].
         tree: newest transforms.
         moved: frames whose transforms were recorded while it ran.
-        pictures: newest (stamp, picture) of a topic that waits for its fellow.
+        pictures: newest (stamp, picture) of a camera that waits for its fellow.
         counts: readings of a camera so far.
     """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,8 +17,15 @@ from armsight.recording import messages
 from armsight.recording.description import CellDescription, from_metadata
 from armsight.recording.mcap_file import McapReader
 from armsight.recording.no_robot import NAME as NO_ROBOT
-from armsight.recording.topics import color_topic, depth_frame, depth_topic, stereo_topic
+from armsight.recording.topics import (
+    color_topic,
+    depth_frame,
+    depth_topic,
+    small,
+    stereo_topic,
+)
 
+V = TypeVar("V")
 LOOK = 400
 """Messages of a foreign recording that are looked at to learn what is in it."""
 
@@ -96,16 +103,23 @@ def layout_of(reader: McapReader) -> Layout:
     cameras = description.cameras
     return Layout(
         description,
-        {depth_topic(info): info.name for info in cameras},
-        {color_topic(info.name): info.name for info in cameras},
+        _either({depth_topic(info): info.name for info in cameras}),
+        _either({color_topic(info.name): info.name for info in cameras}),
         "/joint_states",
         {info.name: depth_frame(info.name) for info in cameras},
-        stereo={
-            stereo_topic(pair.name, side): (pair.name, side)
-            for pair in description.stereo
-            for side in ("left", "right")
-        },
+        stereo=_either(
+            {
+                stereo_topic(pair.name, side): (pair.name, side)
+                for pair in description.stereo
+                for side in ("left", "right")
+            }
+        ),
     )
+
+
+def _either(topics: Mapping[str, V]) -> dict[str, V]:
+    """Topics of pictures, and where the same lie compressed."""
+    return {**topics, **{small(topic): value for topic, value in topics.items()}}
 
 
 def _foreign(reader: McapReader) -> Layout:

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from armsight.arrays import ColorImage, DepthImage
 from armsight.devices.data import RgbdFrame, StereoFrame
 from armsight.geometry.camera import PinholeCamera
-from armsight.recording import messages
+from armsight.recording import messages, small_pictures
 from armsight.recording.codec import Decoding, Known, Message, Stream
 from armsight.recording.messages import to_seconds
 from armsight.recording.topics import (
@@ -17,6 +18,7 @@ from armsight.recording.topics import (
     color_topic,
     depth_frame,
     depth_topic,
+    small,
     stereo_frame,
     stereo_topic,
 )
@@ -41,18 +43,44 @@ def encode_frame(frame: RgbdFrame, known: Known) -> Iterator[Message]:
     if frame.color is not None and info.color is not None:
         where, to = color_frame(info.name), color_topic(info.name)
         yield _lens(to, info.color, stamp, where)
-        data = messages.encode_color(frame.color, stamp, where)
-        yield Message(to, messages.IMAGE, data, stamp, frame.sequence)
+        yield _picture(to, frame.color, stamp, where, frame.sequence, known)
     # Depth comes last: when a reader meets it, everything else of the exposure is there.
+    if known.small:
+        data = small_pictures.encode_depth(frame.depth, stamp, place)
+        yield Message(small(topic), messages.COMPRESSED, data, stamp, frame.sequence)
+        return
     data = messages.encode_depth(frame.depth, stamp, place)
     yield Message(topic, messages.IMAGE, data, stamp, frame.sequence)
+
+
+def _picture(
+    topic: str, color: ColorImage, stamp: float, frame: str, sequence: int, known: Known
+) -> Message:
+    """A colour picture, whole or compressed."""
+    if known.small:
+        data = small_pictures.encode_color(color, stamp, frame)
+        return Message(small(topic), messages.COMPRESSED, data, stamp, sequence)
+    data = messages.encode_color(color, stamp, frame)
+    return Message(topic, messages.IMAGE, data, stamp, sequence)
+
+
+def _color(message: Any) -> ColorImage:
+    """(h, w, 3) uint8 RGB of either."""
+    decode = small_pictures if hasattr(message, "format") else messages
+    return decode.decode_color(message)
+
+
+def _depth(message: Any) -> DepthImage:
+    """(h, w) float32 depth [m] of either."""
+    decode = small_pictures if hasattr(message, "format") else messages
+    return decode.decode_depth(message)
 
 
 def decode_frame(topic: str, message: Any, record: Any, memory: Decoding) -> RgbdFrame | None:
     """The exposure whose depth this is; colour waits for it."""
     layout, stamp = memory.layout, messages.stamp_of(message)
     if topic in layout.color:
-        memory.pictures[layout.color[topic]] = (stamp, messages.decode_color(message))
+        memory.pictures[layout.color[topic]] = (stamp, _color(message))
         return None
     camera = layout.depth[topic]
     color_stamp, color = memory.pictures.pop(camera, (np.nan, None))
@@ -65,7 +93,7 @@ def decode_frame(topic: str, message: Any, record: Any, memory: Decoding) -> Rgb
         memory.count(camera, record.sequence),
         stamp - memory.shift,
         to_seconds(record.log_time) - memory.shift,
-        messages.decode_depth(message),
+        _depth(message),
         color if color_stamp == stamp else None,
         pose,
     )
@@ -80,18 +108,17 @@ def encode_pair(frame: StereoFrame, known: Known) -> Iterator[Message]:
     ):
         place, topic = stereo_frame(info.name, side), stereo_topic(info.name, side)
         yield _lens(topic, lens, stamp, place)
-        data = messages.encode_color(picture, stamp, place)
-        yield Message(topic, messages.IMAGE, data, stamp, frame.sequence)
+        yield _picture(topic, picture, stamp, place, frame.sequence, known)
 
 
 def decode_pair(topic: str, message: Any, record: Any, memory: Decoding) -> StereoFrame | None:
     """The pair whose right picture this is; the left one waits for it."""
     camera, side = memory.layout.stereo[topic]
-    stamp, picture = messages.stamp_of(message), messages.decode_color(message)
+    stamp, picture = messages.stamp_of(message), _color(message)
     if side == "left":
-        memory.pictures[topic] = (stamp, picture)
+        memory.pictures[f"{camera}/left"] = (stamp, picture)
         return None
-    left_stamp, left = memory.pictures.pop(stereo_topic(camera, "left"), (np.nan, picture))
+    left_stamp, left = memory.pictures.pop(f"{camera}/left", (np.nan, picture))
     if left_stamp != stamp:
         return None
     return StereoFrame(

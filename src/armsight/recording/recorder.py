@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from armsight.devices.data import JointState
 from armsight.errors import RecordingError
@@ -22,6 +22,7 @@ from armsight.recording.byte_queue import ByteQueue
 from armsight.recording.changes import Changes
 from armsight.recording.mcap_file import McapWriter
 from armsight.recording.session_writer import Scribe
+from armsight.recording.small_pictures import Thinning
 from armsight.recording.streams import BY_READING
 from armsight.runtime.view import SessionView
 
@@ -59,6 +60,7 @@ class Recorder:
     Args:
         path: ends in ``.mcap``; never overwritten.
         cell: what is recorded.
+        pictures: ``whole``, bit for bit; or ``small``: fewer, and compressed.
         cloud_period: between point clouds and voxels [s].
         waiting_bytes: what may wait for the disk; see ``wait``.
         wait: when that is reached, hold the session up (right under the simulated clock, which has
@@ -72,6 +74,7 @@ class Recorder:
         path: str | Path,
         cell: Cell,
         *,
+        pictures: Literal["small", "whole"] = "whole",
         period: float = 1.0 / 30.0,
         cloud_period: float = 0.2,
         waiting_bytes: int = WAITING_BYTES,
@@ -94,7 +97,8 @@ class Recorder:
         self._failure = ""
         self._changes = Changes()
         self._writer = McapWriter(Path(path))
-        self._scribe = Scribe(cell, self._writer)
+        self._scribe = Scribe(cell, self._writer, pictures == "small")
+        self._thinning = Thinning() if pictures == "small" else None
         self._queue = ByteQueue(waiting_bytes)
         try:
             self._scribe.describe()
@@ -121,7 +125,7 @@ class Recorder:
                 return
             self._joints = reading.stamp
         stream = BY_READING.get(type(reading))
-        if stream is None:
+        if stream is None or (self._thinning is not None and not self._thinning.keeps(reading)):
             return
         if not self._put(stream.size(reading), lambda: self._scribe.reading(reading, now), now):
             self.dropped += 1

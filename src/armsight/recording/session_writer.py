@@ -34,6 +34,7 @@ from armsight.recording.markers import encode_looks, encode_movers, encode_solid
 from armsight.recording.mcap_file import McapWriter
 from armsight.recording.messages import to_ns
 from armsight.recording.robot_description import robot_description
+from armsight.recording.small_pictures import thinned
 from armsight.recording.status_messages import guard_to_status, health_to_statuses
 from armsight.recording.streams import BY_READING
 from armsight.recording.topics import color_frame, depth_frame, stereo_frame
@@ -59,18 +60,22 @@ class Scribe:
 
     Every method takes the time at which the session had its news: the message's log time.
 
+    Args:
+        cell: what is recorded; writer: into what.
+        small: pictures are compressed, and there are fewer (:mod:`.small_pictures`).
+
     Attributes:
         newest: log time of the newest message written [s].
     """
 
-    def __init__(self, cell: Cell, writer: McapWriter) -> None:
+    def __init__(self, cell: Cell, writer: McapWriter, small: bool = False) -> None:
         self.newest = 0.0
         self._cell = cell
         self._robot = cell.robot
         self._writer = writer
         self._infos = {camera.info.name: camera.info for camera in cell.cameras}
         self._pairs = {pair.info.name: pair.info for pair in cell.stereo}
-        self._known = Known(cell.robot.joint_names, self._infos, self._pairs)
+        self._known = Known(cell.robot.joint_names, self._infos, self._pairs, small)
         self._changes = Changes()
         self._marked = False
 
@@ -187,16 +192,16 @@ class Scribe:
 
     def describe(self) -> None:
         """Everything that does not change: metadata, the cell file, fixed transforms, the robot."""
-        cell, robot = self._cell, self._robot
+        cell, robot, small = self._cell, self._robot, self._known.small
         description = CellDescription(
             robot.name if cell.workcell is None else cell.workcell.robot.model,
             _tool_of(cell),
             cell.T_world_base,
             robot.joint_names,
-            tuple(self._infos.values()),
+            tuple(map(thinned, self._infos.values()) if small else self._infos.values()),
             cell.static,
             datetime.now(UTC).isoformat(timespec="seconds"),
-            tuple(self._pairs.values()),
+            tuple(map(thinned, self._pairs.values()) if small else self._pairs.values()),
             wrench=cell.wrench is not None,
             gripper=None if cell.gripper is None else cell.gripper.opening,
         )

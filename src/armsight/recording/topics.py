@@ -30,6 +30,11 @@ def color_topic(camera: str) -> str:
     return f"/{camera}/color/image_raw"
 
 
+def small(topic: str) -> str:
+    """Where the same pictures lie compressed, as image_transport has it."""
+    return topic + ("/compressedDepth" if "/depth/" in topic else "/compressed")
+
+
 def stereo_topic(camera: str, side: str) -> str:
     """Topic of the ``left`` or ``right`` pictures of a stereo pair."""
     return f"/{camera}/{side}/image_raw"

@@ -16,9 +16,9 @@ from armsight.geometry.pose import make_pose
 from armsight.motion.data import GuardStatus
 from armsight.motion.intents import PoseIntent
 
-HELD, PACE, MOVES = 0.3, 0.1, 0.2
-"""The way is blocked when for so long [s] less than this share is driven of a wish, of at least
-so much [rad/s]."""
+HELD, PACE, MOVES = 0.2, 0.2, 0.2
+"""The way is blocked when of wishes of at least so much [rad/s] less than this share is driven, in
+the mean over about so long [s]."""
 BEFORE = 0.07
 """It leads to this far before the target's surface [m]."""
 LONGEST, GONE = 4.0, 0.06
@@ -40,7 +40,7 @@ class Detour:
 
     def reset(self) -> None:
         """The way is not blocked."""
-        self._held = self._began = math.inf
+        self._share, self._told, self._began = 1.0, -math.inf, math.inf
         self._next = -math.inf
         self._goal: PoseIntent | None = None
         self._target = np.zeros(3)
@@ -67,24 +67,23 @@ class Detour:
             arrived = guard.reached and guard.goal == self.name
             moved = float(np.linalg.norm(target - self._target)) > GONE
             if arrived or moved or now > self._began + LONGEST:
-                self._goal, self._held, self._next = None, math.inf, now + PAUSE
+                self._goal, self._share, self._next = None, 1.0, now + PAUSE
             return self._goal
-        if not _held(guard):
-            self._held = math.inf
-            return None
-        self._held = min(self._held, now)
-        if now < self._held + HELD or now < self._next:
+        passed, self._told = min(max(guard.stamp - self._told, 0.0), HELD), guard.stamp
+        self._share += (_driven(guard) - self._share) * passed / HELD
+        if self._share > PACE or now < self._next:
             return None
         self._began, self._target = now, np.array(target)
         self._goal = PoseIntent(self.name, _pose(*before), tolerance=0.01, tolerance_rad=0.05)
         return self._goal
 
 
-def _held(guard: GuardStatus) -> bool:
-    """Whether the arm does next to nothing of a velocity that is wanted, and nobody is the cause."""
+def _driven(guard: GuardStatus) -> float:
+    """Share of a wish that is driven; 1 where little is wanted, or a permit is waited for."""
     wanted = 0.0 if guard.wanted is None else float(np.abs(guard.wanted).max())
-    free = guard.permit is not None and guard.permit.holds
-    return free and wanted > MOVES and float(np.abs(guard.command).max()) < PACE * wanted
+    if wanted < MOVES or guard.permit is None or not guard.permit.holds:
+        return 1.0
+    return min(float(np.abs(guard.command).max()) / wanted, 1.0)
 
 
 def _pose(place: Vector3, axis: Vector3, down: Vector3) -> Pose:

@@ -56,7 +56,9 @@ class HandoverTask(ServoTask):
             return Rest("the item has been handed over")
         intent = super().update(observation)
         self._go_on(observation, now)
-        if self.phase in ("let go", "leave") and isinstance(intent, VelocityIntent | PoseIntent | Rest):
+        if self.phase in ("let go", "leave") and isinstance(
+            intent, VelocityIntent | PoseIntent | Rest
+        ):
             return replace(intent, width=self.opening)
         return intent
 

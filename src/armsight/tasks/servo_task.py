@@ -124,7 +124,9 @@ class ServoTask:
             return None
         axis, down = tool_direction(self.config, seen.position, seen.normal)
         gap = max(self.chase.config.funnel.gap, BEFORE) + self.config.radius
-        return self.detour.update(now, guard, seen.position, (seen.position - gap * axis, axis, down))
+        return self.detour.update(
+            now, guard, seen.position, (seen.position - gap * axis, axis, down)
+        )
 
     def _permit(self, observation: Observation) -> PermitRequest | None:
         """Asks to touch the target, as far as anybody knows where it is.
