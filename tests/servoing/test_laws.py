@@ -191,7 +191,8 @@ class Word:
     """The part of the guard's word that the law reads."""
 
     def __init__(self, stamp, command):
-        self.stamp, self.command = stamp, command
+        self.stamp, self.command, self.wanted = stamp, command, None
+        self.goal, self.reached, self.permit = "", False, None
 
 
 def chase(target, seconds, delay=0.056, **settings):

@@ -8,12 +8,13 @@ import pytest
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse
 from armsight.motion.face import face_fault
-from armsight.motion.intents import Rest, VelocityIntent, refusal
+from armsight.motion.intents import PoseIntent, Rest, VelocityIntent, refusal
 from armsight.motion.permits import Permit, PermitState
 from armsight.motion.task import Observation
 from armsight.robots import load_robot
 from armsight.runtime.session import Session
 from armsight.servoing.approach import Funnel
+from armsight.servoing.detour import BEFORE
 from armsight.servoing.docking import docking
 from armsight.servoing.modes import ChaseConfig, make_chase
 from armsight.servoing.sighting import Look
@@ -83,7 +84,6 @@ def observe(now, q=HOME, command=None):
     guard = None
     if command is not None:
         guard = Word(now - 0.008, command)
-        guard.permit = None
     return Observation(now, UR10, JointState(now, np.array(q), np.zeros(6)), guard)
 
 
@@ -149,6 +149,32 @@ def test_the_mark_on_the_tool_keeps_no_target_alive():
     assert isinstance(intent, Rest)
     assert "not seen" in intent.reason
     assert np.isfinite(near).all()
+
+
+def test_where_its_own_way_is_blocked_it_asks_for_a_planned_one_and_goes_on_from_there():
+    """The guard drives nothing of what is wanted, though it may touch: half a second is enough."""
+    place, began = np.array([0.8, 0.1, 0.7]), None
+    for blocked in (False, True):
+        task, kinds = task_of(), []
+        for k in range(200):
+            now = 1.0 + 0.008 * k
+            task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), place, now - 0.02))
+            observed = observe(now, command=np.full(6, 0.0 if blocked else 0.4))
+            observed.guard.wanted = np.full(6, 0.5)
+            observed.guard.permit = Permit("ball", "thing", PermitState.GRANTED)
+            if began is not None and k > began + 60:
+                observed.guard.goal, observed.guard.reached = "way to ball", True
+            intent = task.update(observed)
+            kinds.append(type(intent))
+            if isinstance(intent, PoseIntent):
+                began = began if began is not None else k
+                assert refusal(intent, UR10, now) == ""
+                away = place - intent.T_base_tcp[:3, 3]
+                assert np.linalg.norm(away) == pytest.approx(0.04 + BEFORE, abs=0.01)
+                assert away @ intent.T_base_tcp[:3, 2] == pytest.approx(np.linalg.norm(away))
+        assert (PoseIntent in kinds) == blocked
+    assert 20 < began < 80
+    assert kinds[began + 61 : began + 100] == [VelocityIntent] * 39
 
 
 def test_the_tip_gives_way_to_what_presses_and_to_nothing_below_it():

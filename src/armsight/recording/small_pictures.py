@@ -2,7 +2,7 @@
 
 Whole pictures of four depth cameras take 2.5 GB a minute, of which depth is nine tenths: noise does
 not compress. Small ones take less than 100 MB: each camera's exposures no more often than every
-0.4 s; colour as JPEG; depth in steps that grow with its square, as the sensors' noise does
+0.5 s; colour as JPEG; depth in steps that grow with its square, as the sensors' noise does
 (``compressedDepth``: inverse depth in 16 bits, as PNG). A reader needs nothing of ours for either.
 """
 
@@ -21,7 +21,7 @@ from armsight.errors import RecordingError
 from armsight.recording import messages
 
 Info = TypeVar("Info", RgbdCameraInfo, StereoInfo)
-PERIOD = 0.4
+PERIOD = 0.5
 """Between two pictures of a camera that are kept [s]."""
 WAITS = 0.3
 """A picture without colour is kept only so much later [s], of a camera that shows colour at all."""

@@ -21,6 +21,8 @@ HELD, PACE, MOVES = 0.2, 0.2, 0.2
 the mean over about so long [s]."""
 BEFORE = 0.07
 """It leads to this far before the target's surface [m]."""
+TICK = 0.02
+"""A word of the guard counts for this long at most [s]."""
 LONGEST, GONE = 4.0, 0.06
 """It is given up after this [s], or when the target has moved by this much [m]."""
 PAUSE = 1.0
@@ -69,7 +71,7 @@ class Detour:
             if arrived or moved or now > self._began + LONGEST:
                 self._goal, self._share, self._next = None, 1.0, now + PAUSE
             return self._goal
-        passed, self._told = min(max(guard.stamp - self._told, 0.0), HELD), guard.stamp
+        passed, self._told = min(max(guard.stamp - self._told, 0.0), TICK), guard.stamp
         self._share += (_driven(guard) - self._share) * passed / HELD
         if self._share > PACE or now < self._next:
             return None

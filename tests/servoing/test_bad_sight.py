@@ -1,0 +1,75 @@
+"""What eyes may say wrongly: swapped lenses, one camera alone, frozen pictures, clocks that lie."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armsight.servoing.targets.ball import Ball
+
+from .test_estimate import filter_, look
+from .traced import frame, pair
+
+BALL, COLOR = Ball(0.04), (205, 30, 25)
+CENTER = np.array([0.01, 0.0, 0.27])
+
+
+def test_a_pair_with_swapped_lenses_says_nothing_rather_than_something_wrong():
+    view = pair([(CENTER, 0.04, COLOR)], np.eye(4))
+    assert BALL.in_pair(view), "it is seen by a pair whose lenses are right"
+    swapped = replace(view.frame, left=view.frame.right, right=view.frame.left)
+    swapped_view = replace(view, frame=swapped)
+    for seen in BALL.in_pair(swapped_view):
+        assert np.linalg.norm(seen.position - CENTER) < 0.005
+
+
+def test_a_ball_beside_the_arm_is_told_from_clothes_of_its_colour():
+    """A red sleeve, long and large, beside the ball: one is found, and it is the ball."""
+    ball = np.array([0.1, 0.0, 2.0])
+    sleeve = [(np.array([-0.35 + 0.03 * k, 0.2, 2.0]), 0.06, COLOR) for k in range(8)]
+    found = BALL.in_frame(
+        frame([(ball, 0.04, COLOR), *sleeve], np.eye(4), np.random.default_rng(0))
+    )
+    assert [s for s in found if np.linalg.norm(s.position - ball) < 0.01]
+    assert not [s for s in found if np.linalg.norm(s.position - ball) > 0.02]
+
+
+def test_one_camera_alone_must_do_and_is_as_unsure_as_it_may_be_wrong():
+    f = filter_()
+    for k in range(40):
+        f.add(look("a", 0.2 * k, (0.7 + 0.006, 0.1, 0.8)))  # its own error is 6 mm
+    e = f.estimate
+    off = e.position - (0.7, 0.1, 0.8)
+    assert np.linalg.norm(off) < 0.008
+    assert off @ np.linalg.solve(e.covariance[:3, :3], off) < 9.0
+
+
+def test_a_picture_that_comes_again_and_again_is_seen_once():
+    """A camera that freezes repeats its last exposure: the target grows old."""
+    f = filter_()
+    for k in range(10):
+        f.add(look("a", 0.1 * k, (0.7, 0.0, 0.8)))
+    seen = f.estimate.seen
+    for _ in range(20):
+        f.add(look("a", 0.9, (0.7, 0.0, 0.8)))
+    assert f.estimate.seen == seen == pytest.approx(0.9)
+
+
+def test_a_clock_that_lies_by_20_ms_costs_what_the_target_moves_meanwhile():
+    """At 0.25 m/s those are 5 mm, of which the camera's bias takes its part."""
+    worst = {}
+    for lie in (0.0, 0.020):
+        f, off = filter_(), []
+        for k in range(120):
+            t = 0.05 * k
+            for camera, late in (("a", lie), ("b", 0.0), ("wrist", 0.0)):
+                at = (0.7, 0.25 * (t - 3.0), 0.8)
+                f.add(look(camera, t + late, at, 0.0005 if camera == "wrist" else 0.002))
+            if t > 2.0:
+                now, _ = f.estimate.at(t)
+                off.append(float(np.linalg.norm(now - at)))
+        worst[lie] = max(off)
+    assert worst[0.0] < 0.003
+    assert worst[0.020] < 0.008
