@@ -17,6 +17,7 @@ from armsight.charging.visit import Seen, State, StationOptions
 from armsight.devices.data import JointState, Wrench
 from armsight.experiments.station_bench import StationBench, charging_cell
 from armsight.geometry.pose import inverse, make_pose
+from armsight.motion.data import GuardMode
 from armsight.motion.ik import solve_ik
 from armsight.motion.intents import Rest, VelocityIntent
 from armsight.motion.permits import Permit, PermitState
@@ -144,7 +145,9 @@ def before(stub, cell, distance):
     stub.station.permission.see(port, stub.now, 0.002)
     permit = stub.station.permission.ask(stub.now, None)
     granted = Permit(permit.name, "thing", PermitState.GRANTED)
-    stub.guard = SimpleNamespace(permit=granted, reason="", reached=False, goal="", speed_scale=1.0)
+    stub.guard = SimpleNamespace(
+        permit=granted, reason="", reached=False, goal="", mode=GuardMode.VELOCITY
+    )
 
 
 def stub_in(cell, state=None, distance=0.015, file=None, wrench=True, **options):
@@ -200,14 +203,22 @@ def test_somebody_who_comes_between_is_no_jam(cell):
     short = replace(OPTIONS.insert, seconds=2.0)
     stub = stub_in(cell, State.INSERT, insert=short)
     stub.rest(0.5)
-    stub.guard.speed_scale = 0.0
+    stub.guard.mode = GuardMode.STOPPED
     stub.rest(6.0)
     assert stub.station.state is State.INSERT
-    stub.guard.speed_scale = 1.0
+    stub.guard.mode = GuardMode.VELOCITY
     stub.rest(1.0)
     assert stub.station.state is State.INSERT
     stub.rest(1.0)
     assert stub.station.outcome.problem == "plugging in: gave up after 2 s"
+
+
+def test_a_stop_before_the_law_has_moved_does_not_hold_it_for_ever(cell):
+    """It begins at rest: nothing that it asks for is held, and nothing would tell it to go on."""
+    stub = stub_in(cell, State.INSERT)
+    stub.guard.mode = GuardMode.STOPPED
+    stub.rest(0.5)
+    assert "approach" not in stub.station.words
 
 
 def test_a_force_sensor_that_dies_is_said_and_nothing_is_pulled_by_feel(cell):

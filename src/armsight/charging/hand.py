@@ -16,6 +16,7 @@ from armsight.charging.permission import Permission
 from armsight.charging.ports.table import PORTS
 from armsight.charging.visit import Seen, State, StationOptions, Wish
 from armsight.geometry.pose import inverse, make_pose
+from armsight.motion.data import GuardMode
 from armsight.motion.intents import Rest, VelocityIntent
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
@@ -24,8 +25,6 @@ IN = 0.002
 """A plug that is deeper than this may be held by the socket [m]."""
 LASTS = 0.15
 """A velocity is good for so long [s]."""
-HELD = 0.02
-"""The guard holds the arm still where it leaves it less of its speed than this."""
 ASIDE = 0.05
 """A plug farther from the port's axis is not in it [m]."""
 
@@ -90,10 +89,11 @@ class PlugHand:
             permit = self._permission.ask(seen.now, seen.guard)
             return None, Wish(Rest("the force sensor is silent", True, permit))
         waited, self._stepped = seen.now - self._stepped, seen.now
-        held = seen.guard is not None and seen.guard.speed_scale < HELD
-        if held and self.answer is not None and math.isfinite(waited):
+        answer, stopped = self.answer, False
+        if answer is not None and seen.guard is not None and answer.twist.any():
+            stopped = seen.guard.mode is GuardMode.STOPPED
+        if answer is not None and stopped:
             self._held += waited
-            answer = self.answer
         else:
             seat = face @ make_pose(None, (0.0, 0.0, self._depth))
             now = seen.now - self._held
