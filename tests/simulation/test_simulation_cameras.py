@@ -10,7 +10,7 @@ from armsight.devices.camera_models import CAMERA_MODELS, camera_info, camera_mo
 from armsight.devices.data import StereoFrame
 from armsight.errors import DeviceError, UsageError
 from armsight.geometry.pose import angle_between, inverse, look_at
-from armsight.simulation.cameras import Fault
+from armsight.simulation.camera_faults import Fault
 from armsight.simulation.spec import WorldSpec
 from armsight.simulation.units import misplaced
 from armsight.simulation.world import SimulatedWorld

@@ -108,7 +108,7 @@ class _Bump:
 def episode(seed: int, run: int) -> dict[str, Any]:
     """One run; module-level, so that worker processes can import it."""
     from armsight.runtime.session import Session
-    from armsight.simulation.cameras import Fault
+    from armsight.simulation.camera_faults import Fault
     from armsight.tasks.patrol import PatrolTask
     from armsight.workcell import open_cell, simulated_world
 

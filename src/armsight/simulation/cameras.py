@@ -1,12 +1,11 @@
-"""Simulated cameras: when they expose, what goes wrong, what is delivered and when it arrives."""
+"""Simulated cameras: what they see, and what is told of it."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,8 +13,10 @@ from armsight.arrays import Bytes, ColorImage, DepthImage, Pose
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
+from armsight.simulation.camera_faults import Fault, Faults
 from armsight.simulation.clock import SimulatedClock
-from armsight.simulation.lies import LIES, Liar, LieKind
+from armsight.simulation.delivery import Deliveries, Delivery, Timing
+from armsight.simulation.lies import LIES, Liar
 from armsight.simulation.photographer import Photographer
 from armsight.simulation.render_thread import RenderThread
 from armsight.simulation.rendering import DepthPicture, Shot
@@ -24,133 +25,7 @@ from armsight.simulation.spec import CameraSpec
 from armsight.simulation.units import draw_camera
 
 _Develop = Callable[[], Bytes] | None
-FaultKind = Literal["fail", "lost", "freeze", "delay", "drop", "empty"] | LieKind
 Frame = TypeVar("Frame", RgbdFrame, StereoFrame)
-
-
-@dataclass(frozen=True)
-class Fault:
-    """Something that goes wrong with a camera for a while, for tests and experiments.
-
-    Attributes:
-        kind: ``fail`` no frames; ``lost`` no frames and reading raises; ``freeze`` the same picture
-            again and again with fresh stamps; ``delay`` frames arrive later by ``amount`` seconds;
-            ``drop`` each frame is lost with probability ``amount``; ``empty`` no returns at all;
-            lies of depth cameras: see :data:`~armsight.simulation.lies.LieKind`.
-        start, end: [s].
-        amount: see ``kind``.
-    """
-
-    kind: FaultKind
-    start: float = 0.0
-    end: float = float("inf")
-    amount: float = 0.0
-
-    def active(self, now: float) -> bool:
-        """Whether it is at work at ``now`` [s]."""
-        return self.start <= now < self.end
-
-
-class Faults:
-    """Faults of one device; they stay over a reset of the world."""
-
-    def __init__(self) -> None:
-        self._faults: list[Fault] = []
-
-    def add(self, fault: Fault) -> None:
-        """From now on this goes wrong as well."""
-        self._faults.append(fault)
-
-    def clear(self) -> None:
-        """All is well again."""
-        self._faults.clear()
-
-    @property
-    def memory(self) -> float | None:
-        """How far back a picture may be told again [s]; None when none may."""
-        return max((f.amount for f in self._faults if f.kind == "old"), default=None)
-
-    def find(self, kind: FaultKind, now: float) -> Fault | None:
-        """The active fault of a kind, the latest added first."""
-        active = (f for f in reversed(self._faults) if f.kind == kind and f.active(now))
-        return next(active, None)
-
-
-@dataclass
-class _Delivery:
-    """A frame on its way."""
-
-    sequence: int
-    stamp: float
-    arrival: float
-    picture: Future[Any]
-
-
-class _Deliveries:
-    """Frames on their way to the computer; a reader gets the newest that has arrived."""
-
-    def __init__(self) -> None:
-        self._queue: deque[_Delivery] = deque()
-        self._read = -1
-
-    def add(self, delivery: _Delivery, now: float, cancel: bool) -> None:
-        """Send a frame; those that nobody will read any more are forgotten."""
-        while len(self._queue) > 1 and self._queue[1].arrival <= now:
-            stale = self._queue.popleft()
-            if cancel:
-                stale.picture.cancel()
-        self._queue.append(delivery)
-
-    def newest(self, now: float) -> _Delivery | None:
-        """The newest frame that has arrived and is newer than the last one read."""
-        arrived = [d for d in self._queue if d.arrival <= now + 1e-9 and d.sequence > self._read]
-        if not arrived:
-            return None
-        best = max(arrived, key=lambda d: d.sequence)
-        self._read = best.sequence
-        self._queue = deque(d for d in self._queue if d.sequence > best.sequence)
-        return best
-
-
-class _Timing:
-    """Exposure times, stamps and arrivals of a camera, with the faults that change them."""
-
-    def __init__(self, spec: CameraSpec, clock: SimulatedClock, seed: tuple[int, ...]) -> None:
-        self.spec = spec
-        self.clock = clock
-        self.faults = Faults()
-        self._seed = seed
-        self.reset()
-
-    def reset(self) -> None:
-        """Back to time 0."""
-        self.sequence = 0
-        self._rng = np.random.default_rng(self._seed)
-
-    @property
-    def next_exposure(self) -> float:
-        """When the shutter opens next [s]."""
-        return self.spec.phase + self.sequence / self.spec.info.rate
-
-    def expose(self, now: float) -> tuple[int, float, float] | None:
-        """Number, stamp and arrival of an exposure at ``now`` [s], or None when it is lost."""
-        sequence = self.sequence
-        self.sequence += 1
-        chance, jitter = self._rng.uniform(-1.0, 1.0, 2)
-        if self.faults.find("fail", now) or self.faults.find("lost", now):
-            return None
-        drop = self.faults.find("drop", now)
-        if drop is not None and 0.5 * (chance + 1.0) < drop.amount:
-            return None
-        delay = self.faults.find("delay", now)
-        late = delay.amount if delay is not None else 0.0
-        stamp = now + self.spec.stamp_jitter * jitter
-        return sequence, stamp, now + self.spec.info.latency + late
-
-    def check(self) -> None:
-        """Raise when the camera is lost."""
-        if self.faults.find("lost", self.clock.now()):
-            raise DeviceError(f"camera '{self.spec.info.name}' is lost (no answer on its bus)")
 
 
 class SimulatedCamera:
@@ -166,7 +41,7 @@ class SimulatedCamera:
     ) -> None:
         self._spec = spec
         self._number = seed[-1]
-        self._timing = _Timing(spec, clock, (*seed, 1))
+        self._timing = Timing(spec, clock, (*seed, 1))
         self.faults = self._timing.faults
         self.unit = draw_camera(spec, seed)
         truth = replace(spec.info, depth=self.unit.depth)
@@ -185,7 +60,7 @@ class SimulatedCamera:
         """Back to time 0; faults stay."""
         self._timing.reset()
         self.liar.reset()
-        self._deliveries = _Deliveries()
+        self._deliveries = Deliveries()
         self._frozen: Future[Any] | None = None
         self._color_rate, self._color_scale = 0.0, 1.0
         self._color_due = -np.inf
@@ -285,7 +160,7 @@ class SimulatedCamera:
             )
             self._frozen = picture
         keep = bool(self.rivals) or picture is self._frozen
-        self._deliveries.add(_Delivery(sequence, stamp, arrival, picture), now, cancel=not keep)
+        self._deliveries.add(Delivery(sequence, stamp, arrival, picture), now, cancel=not keep)
 
     def snap(
         self,
@@ -397,7 +272,7 @@ class SimulatedStereo:
 
     def __init__(self, spec: CameraSpec, clock: SimulatedClock, seed: tuple[int, ...]) -> None:
         self._spec = spec
-        self._timing = _Timing(spec, clock, (*seed, 1))
+        self._timing = Timing(spec, clock, (*seed, 1))
         self.faults = self._timing.faults
         self.unit = draw_camera(spec, seed)
         info = spec.info
@@ -418,7 +293,7 @@ class SimulatedStereo:
     def reset(self) -> None:
         """Back to time 0; faults stay."""
         self._timing.reset()
-        self._deliveries = _Deliveries()
+        self._deliveries = Deliveries()
         self._wanted = False
 
     @property
@@ -462,7 +337,7 @@ class SimulatedStereo:
             return
         shot = take(T_world_camera, self.unit.depth, "color")
         picture = renders.submit(lambda: self._develop(renders, shot, T_world_camera))
-        self._deliveries.add(_Delivery(*times, picture), now, cancel=True)
+        self._deliveries.add(Delivery(*times, picture), now, cancel=True)
 
     def _develop(self, renders: RenderThread, shot: Shot, T: Pose) -> tuple[ColorImage, ColorImage]:
         unit = self.unit
