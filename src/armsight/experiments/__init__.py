@@ -38,6 +38,7 @@ NAMES: dict[str, str] = {
     "extend": "a robot that the shipped network never saw, from some hundred crops",
     "recognition": "T4 to T7: the robot in one colour image, the papers' four networks",
     "calibration-strangers": "calibration on other people's data: layouts, mistakes, honesty",
+    "servo-registration": "V: errors of points over the table, fixed cameras registered",
     "servo-accuracy": "V: accuracy of the fixed cameras at a moving ball, tracking, gaps, switches",
     "servo-straw": "V: a straw to a mouth that moves, with contact, ours beside V's mode",
     "servo-handover": "V: an item let go above a palm that moves, ours beside V's two modes",

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, Pose
+from armsight.arrays import Floats, Points, Pose
 from armsight.calibration.arm import flange_poses
 from armsight.calibration.live.sphere import SphereResult, SphereSetup
 from armsight.calibration.spheres import procrustes_ransac
@@ -20,7 +20,7 @@ from armsight.experiments.calibration_cell import carried_out, ray_points
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
-from armsight.geometry.pose import inverse
+from armsight.geometry.pose import inverse, transform
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.configure import mapping_config
 from armsight.runtime.session import Session
@@ -43,8 +43,13 @@ DEPTHS = (1.0, 1.5, 2.0)
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` cells, each with errors of its own."""
-    settings = {"cell": CELL, "version": 2}
-    return outcome(run_episodes("calibration-sphere", one, range(runs), seed, settings, progress))
+    return outcome(cells(runs, seed, progress))
+
+
+def cells(runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
+    """Cells with errors of their own, registered; kept as they end."""
+    settings = {"cell": CELL, "version": 3}
+    return run_episodes("calibration-sphere", one, range(runs), seed, settings, progress)
 
 
 def one(first: int, run: int) -> dict[str, Any]:
@@ -61,6 +66,12 @@ def one(first: int, run: int) -> dict[str, Any]:
         world = {c.info.name: c for c in simulated_world(cell).cameras}
         cameras = []
         paper = papers_way(setup, result)
+        T_base_world = np.asarray(inverse(cell.T_world_base))
+        lower, upper = np.array(workcell.mapping.lower), np.array(workcell.mapping.upper)
+        places = {
+            "table": transform(T_base_world, over_table(lower, upper)),
+            "corners": transform(T_base_world, corners_of(lower, upper)),
+        }
         for k, info in enumerate(setup.cameras):
             camera = world[info.name]
             T_true = np.asarray(inverse(cell.T_world_base) @ camera.T_mount_camera)
@@ -70,6 +81,10 @@ def one(first: int, run: int) -> dict[str, Any]:
                     "after": _off(info, found.T_base_camera[k], camera, T_true),
                     "paper": _off(info, paper[k], camera, T_true),
                     "stated": target_error(found.covariance[k]),
+                    **{
+                        name: _off_at(info, found.T_base_camera[k], camera, T_true, points)
+                        for name, points in places.items()
+                    },
                 }
             )
     return {"cameras": cameras, "seconds": seconds, "places": len(result.places)}
@@ -104,6 +119,35 @@ def _off(info: RgbdCameraInfo, T: Pose, camera: SimulatedCamera, T_true: Pose) -
         z = np.full(len(pixel), depth)
         off.append(ray_points(lens, T, pixel, z) - ray_points(camera.unit.depth, T_true, pixel, z))
     return float(np.sqrt(np.mean(np.sum(np.concatenate(off) ** 2, axis=1))))
+
+
+def over_table(lower: Floats, upper: Floats) -> Points:
+    """(75, 3) points of the world over the mapped table, up to half a metre [m]."""
+    x, y = (np.linspace(lower[i], upper[i], 5) for i in range(2))
+    grid = np.meshgrid(x, y, lower[2] + np.array([0.1, 0.3, 0.5]), indexing="ij")
+    return np.stack(grid, axis=-1).reshape(-1, 3)
+
+
+def corners_of(lower: Floats, upper: Floats) -> Points:
+    """(4, 3) corners of the mapped box, 0.2 m over the table, in the world [m]."""
+    low, high = lower[2] + 0.2, (lower[0], upper[0])
+    return np.array([(x, y, low) for x in high for y in (lower[1], upper[1])])
+
+
+def _off_at(
+    info: RgbdCameraInfo, T: Pose, camera: SimulatedCamera, T_true: Pose, points: Points
+) -> list[float | None]:
+    """Error of points (k, 3) of ``base`` by a camera's lens and pose as believed [m].
+
+    None where it does not see them.
+    """
+    lens = camera.unit.depth
+    seen = np.asarray(transform(inverse(T_true), points), np.float64)
+    pixel = lens.project(seen)
+    inside = (seen[:, 2] > 0.5) & ((pixel >= 0) & (pixel < (lens.width, lens.height))).all(axis=1)
+    away = ray_points(info.depth, T, pixel, seen[:, 2]) - points
+    off = np.linalg.norm(away, axis=1)
+    return [float(o) if ok else None for o, ok in zip(off, inside)]
 
 
 def outcome(done: list[dict[str, Any]]) -> Outcome:
