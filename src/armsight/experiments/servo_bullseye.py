@@ -70,7 +70,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     results: dict[str, list[dict[str, Any]]] = {}
     for i, (prefix, mode, errors, shares) in enumerate(plan):
         setup = set_up(*shares)
-        cache = RunCache("servo-bullseye", seed, {"settings": [mode, asdict(errors), shares, 1]})
+        cache = RunCache("servo-bullseye", seed, {"settings": [mode, asdict(errors), shares, 2]})
         results[prefix] = []
         for k in range(runs):
             results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))
