@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import tyro
+from typing import TYPE_CHECKING, Any, Literal
 
 from armsight.commands.ending import EndsWhen
-from armsight.commands.serving import Page
+from armsight.commands.live import Working
 
 if TYPE_CHECKING:
     from armsight.charging.visit import Outcome
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Charge:
+class Charge(Working):
     """Find a parked car's charging port, plug in, charge, unplug, stand by.
 
     Example: armsight charge ur10_charging
@@ -27,38 +25,19 @@ class Charge:
     station needs to come out again is kept in a file: killed and started again, it knows.
 
     Attributes:
-        workcell: a workcell file, or the name of a packaged cell.
         inlet: what the car has; `auto` looks.
         mode: `ours`; `paper`: one look, a plane through the contacts, halted by force.
         visits: how many; 0: by the page's button alone.
         charging: how long a simulated car charges [s].
         state: the station's file; CELL.station.json in the working folder if left out.
         seconds: at most, on the cell's clock; 180 a visit if left out and nobody watches.
-        cell_is_empty: you have looked, and nobody is in the cell: what stands there is no person.
-        headless: no page, and as fast as the machine can.
-        json: write the run's figures here; `-` is standard output.
-        record: record everything into this new file (.mcap).
-        pictures: of a recording: `small`, less than 100 MB a minute; `whole`, bit for bit.
-        seed: of everything random.
-        speed: simulated seconds a second; 0 for as fast as the machine can.
-        page: where the live page is served.
     """
 
-    workcell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")]
     inlet: Literal["auto", "type1", "type2", "ccs1", "ccs2"] = "auto"
     mode: Literal["ours", "paper"] = "ours"
     visits: int = 1
     charging: float = 5.0
     state: Path | None = None
-    seconds: float | None = None
-    cell_is_empty: bool = False
-    headless: bool = False
-    json: Path | None = None
-    record: Path | None = None
-    pictures: Literal["small", "whole"] = "small"
-    seed: int = 0
-    speed: float | None = None
-    page: Page = field(default_factory=Page)
 
     def run(self) -> int:
         """Charge; prints how each visit went; 1 where one went wrong."""

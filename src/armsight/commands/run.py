@@ -3,55 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import dataclass, fields, make_dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import tyro
+from typing import TYPE_CHECKING, Any
 
 from armsight.commands.ending import EndsWhen
+from armsight.commands.live import Working
 from armsight.commands.serving import Page
 
 if TYPE_CHECKING:
-    from armsight.commands.servo import Servo
     from armsight.motion.task import Task
     from armsight.runtime.session import Session
     from armsight.workcell import Cell
 
 
-@dataclass(frozen=True)
-class RunCommand:
+@dataclass(frozen=True, kw_only=True)
+class RunCommand(Working):
     """Run a task in a cell, guarded. The task's own options follow: run CELL --task NAME --help.
 
     Example: armsight run ur5_four_cameras --task patrol --dwell 1 --seconds 60 --headless
 
     Attributes:
-        workcell: a workcell file, or the name of a packaged cell.
         task: name of a task, or module:Class of one of your own; `patrol` comes with armsight.
-        seconds: how long on the cell's clock; until Ctrl-C if left out.
-        cell_is_empty: you have looked, and nobody is in the cell: what stands there is no person,
-            and the arm works around it.
-        headless: no page, and as fast as the machine can.
-        json: write the run's figures here; `-` is standard output.
-        record: record everything into this new file (.mcap).
-        pictures: of a recording: `small`, less than 100 MB a minute; `whole`, bit for bit.
-        seed: of everything random.
-        speed: simulated seconds a second; 0 for as fast as the machine can.
-        page: where the live page is served.
     """
 
-    workcell: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="WORKCELL")]
     task: str
-    seconds: float | None = None
-    cell_is_empty: bool = False
-    headless: bool = False
-    json: Path | None = None
-    record: Path | None = None
-    pictures: Literal["small", "whole"] = "small"
-    seed: int = 0
-    speed: float | None = None
-    page: Page = field(default_factory=Page)
 
     def run(self) -> int:
         """Run the task; prints how it ended."""
@@ -64,7 +40,7 @@ class RunCommand:
         return run_and_tell(self, lambda cell: make_task(self.task, options, cell))
 
 
-def run_and_tell(asked: RunCommand | Servo, make: Callable[[Cell], Task]) -> int:
+def run_and_tell(asked: Working, make: Callable[[Cell], Task]) -> int:
     """Run the task that is made for the open cell, print how it ended; the exit code."""
     from armsight.commands.running import exit_code, ran, say, write_summary
 

@@ -14,14 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from armsight.commands.live import Working
 from armsight.commands.serving import Page
 from armsight.errors import TaskError
 
 if TYPE_CHECKING:
-    from armsight.commands.charge import Charge
-    from armsight.commands.patrol import Patrol
-    from armsight.commands.run import RunCommand
-    from armsight.commands.servo import Servo
     from armsight.motion.task import Task
     from armsight.runtime.component import Component
     from armsight.runtime.config import SessionConfig
@@ -115,7 +112,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
 
 @contextmanager
 def ran(
-    asked: Charge | Patrol | RunCommand | Servo,
+    asked: Working,
     make: Callable[[Cell], tuple[Task, Sequence[Component]]],
 ) -> Iterator[Session]:
     """Open the cell, run the task in it to the end; the cell is open while figures are taken.
