@@ -10,7 +10,7 @@ from armsight.geometry.pose import from_rpy, make_pose
 from armsight.geometry.shapes import Solid
 from armsight.robots import load_robot, load_tool
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
-from armsight.simulation.giving import GIVING
+from armsight.simulation.giving import DENT, GIVING
 from armsight.simulation.kernels import rotation_between, turn
 from armsight.simulation.spec import (
     ArmSpec,
@@ -95,6 +95,21 @@ def test_what_is_seen_of_a_thing_goes_back_by_its_stand_not_by_its_skin(robot):
         assert felt[2] == pytest.approx(-pushed / (1 / 150.0 + 1 / 3000.0), rel=0.1)
         assert moved == pytest.approx(-felt[2] / 3000.0, rel=0.15)
         assert np.linalg.norm(shown - ball) == pytest.approx(moved)
+
+
+def test_a_straw_bends_by_some_centimetres_and_no_more(robot):
+    """What is pushed on beyond that pushes the head itself: it cannot pass through the cup."""
+    spec = ball_before(robot, 0.01, mass=0.6, surface=100.0, hold=400.0)
+    with SimulatedWorld(cell(robot, objects=(spec,))) as world:
+        drive(world, robot, 0.0, 0.1)
+        start, ball = world.truth.tip_position(), world._pose("ball")[:3, 3]
+        drive(world, robot, 0.1, 1.0)
+        drive(world, robot, 0.0, 0.4)
+        pushed = np.linalg.norm(world.truth.tip_position() - start) - 0.01
+        moved = np.linalg.norm(world._pose("ball")[:3, 3] - ball)
+        assert pushed > 0.08
+        assert moved > 0.01
+        assert DENT < pushed - moved < np.sqrt(3.0) * DENT, "along each of its axes by so much"
 
 
 def test_a_blow_is_as_hard_as_two_masses_and_a_spring_make_it(robot):

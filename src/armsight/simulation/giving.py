@@ -27,6 +27,8 @@ SKIN = (0.3, 0.1, 860.0)
 """Mass of a skin: a share of the body's, the most [kg], and no more than what swings this fast on
 its spring [rad/s], which steps of 1 ms resolve: a heavy skin would strike by itself, and one of
 0.1 kg on the 300 N/m of a brush struck with 5 N where the spring says 3."""
+DENT = 0.05
+"""No skin is dented by more along an axis [m]: a straw that bends on has its cup before it."""
 SKIN_DAMPING = 0.5
 """Damping ratio of a skin on its spring."""
 GYRATION = 0.05
@@ -103,7 +105,8 @@ def add_giving(world: Any, name: str, give: Give, center: Vector3, T: Pose) -> t
             axis=np.eye(3)[k],
             stiffness=give.surface,
             damping=2.0 * SKIN_DAMPING * np.sqrt(give.surface * light),
-            limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            range=(-DENT, DENT),
         )
     return body, skin
 
