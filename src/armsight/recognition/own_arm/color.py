@@ -117,14 +117,29 @@ class _End:
     g: Floats
 
 
-def _refined(scene: ColorScene, start: Pose, frames: Sequence[int]) -> _End:
+def promising(scene: ColorScene, poses: Sequence[Pose], most: int) -> list[Pose]:
+    """Where a short pursuit leads, the best few: some views, large steps.
+
+    What moved may be explained better by a wrong pose, which takes people for the arm; edges under
+    its whole outline are not there then.
+    """
+    views = range(0, len(scene.images), 2)
+    ends = [_refined(scene, T, views, scene.options.reaches[::3]) for T in poses]
+    worth = np.array([e.score * e.seen**2 for e in ends])
+    found = np.stack([e.T for e in ends])
+    return [found[k] for k in best_apart(found, worth, scene.pivot, most)]
+
+
+def _refined(
+    scene: ColorScene, start: Pose, frames: Sequence[int], reaches: Sequence[int] = ()
+) -> _End:
     """Gauss-Newton on the outline from one start."""
     T, o = start.copy(), scene.options
     links = scene.surface.robot.n + 1
     lens = lens_array(scene.lens)
     H, g = np.zeros((len(scene.images) * links, 6, 6)), np.zeros((len(scene.images) * links, 6))
     on, of = 0, 1
-    for reach in o.reaches:
+    for reach in reaches or o.reaches:
         H, g, on, of = np.zeros_like(H), np.zeros_like(g), 0, 0
         used = 0
         for k in frames:

@@ -14,7 +14,7 @@ from armsight.arrays import Floats, Poses
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse
 from armsight.recognition.own_arm.answer import ColorView, OwnArmPose
-from armsight.recognition.own_arm.color import follow, narrowed_starts, near
+from armsight.recognition.own_arm.color import follow, narrowed_starts, near, promising
 from armsight.recognition.own_arm.color_scene import ColorOptions, ColorScene, color_scene
 from armsight.recognition.own_arm.search import (
     attempted,
@@ -41,17 +41,16 @@ PATCHES = 3
 """Of each view, the largest ones."""
 WIDTH = 2500
 """Proposals with which the beam begins."""
-FOLLOWED = 10
-"""Of the beam, to the end."""
+PURSUED, FOLLOWED = 100, 8
+"""Of the beam: for some steps, and to the end."""
 THINNED = 12
 """One in so many points of the surface says where its middle is."""
 BEAM = (
-    Narrowing(0.15, 0.20, 0.0, 120, 900, 16),
-    Narrowing(0.10, 0.15, 0.0, 150, 350, 20),
-    Narrowing(0.07, 0.10, 0.0, 200, 150, 24),
-    Narrowing(0.045, 0.06, 0.0, 300, 70, 30),
-    Narrowing(0.03, 0.04, 1.0, 400, 50, 24),
-    Narrowing(0.015, 0.02, 1.0, 500, 40, 24),
+    Narrowing(0.15, 0.20, 0.0, 120, 900, 16, apart=True),
+    Narrowing(0.10, 0.15, 0.0, 150, 450, 20, apart=True),
+    Narrowing(0.07, 0.10, 0.0, 200, 200, 24, apart=True),
+    Narrowing(0.045, 0.06, 0.0, 300, 100, 30, apart=True),
+    Narrowing(0.03, 0.04, 1.0, 400, 100, 24, apart=True),
 )
 """Stages with a tolerance compare in the fine cells."""
 
@@ -87,7 +86,8 @@ def search_color(
         poses = _proposed(scene, rotations)
         scores = scene.agreement(poses, False, 60)
         poses = poses[np.argsort(-scores, kind="stable")[:WIDTH]]
-        found = follow(scene, narrowed_starts(scene, poses, BEAM, rng, FOLLOWED))
+        starts = narrowed_starts(scene, poses, BEAM, rng, PURSUED)
+        found = follow(scene, promising(scene, starts, FOLLOWED))
         # A beam from everywhere ends near the answer, and often on a lower hill beside it.
         return near(scene, inverse(found.T_base_camera), *POLISH, rng)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armsight.arrays import Floats, Pose, Poses, Vector3
+from armsight.arrays import Floats, Mask, Pose, Poses, Vector3
 from armsight.geometry.pose import transform
 
 Score = Callable[[Poses], Floats]
@@ -51,6 +51,7 @@ class Narrowing:
         shift, turn: standard deviations of the changes that are tried [m], [rad].
         tolerance: of the comparison, the scene's affair; points: of the surface, a view.
         kept, children: see :func:`narrowed`.
+        apart: of poses within the changes' size of each other only the best remains.
     """
 
     shift: float
@@ -59,6 +60,7 @@ class Narrowing:
     points: int
     kept: int
     children: int
+    apart: bool = False
 
 
 def beam(
@@ -83,23 +85,14 @@ def beam(
         def compare(candidates: Poses, stage: Narrowing = stage) -> Floats:
             return score(candidates, stage)
 
-        poses, scores = narrowed(
-            poses, pivot, compare, stage.shift, stage.turn, stage.kept, stage.children, rng
-        )
+        poses, scores = narrowed(poses, pivot, compare, stage, rng)
     return poses, scores
 
 
 def narrowed(
-    poses: Poses,
-    pivot: Vector3,
-    score: Score,
-    shift: float,
-    turn: float,
-    kept: int,
-    children: int,
-    rng: np.random.Generator,
+    poses: Poses, pivot: Vector3, score: Score, stage: Narrowing, rng: np.random.Generator
 ) -> tuple[Poses, Floats]:
-    """The best ``kept`` poses of a beam after each has tried some changes of itself.
+    """The best of a beam after each pose has tried some changes of itself.
 
     Each pose is followed by its own best change only, so that one hill does not crowd out the rest.
 
@@ -107,19 +100,16 @@ def narrowed(
         poses: (k, 4, 4) ``T_camera_base``.
         pivot: see :func:`scattered`.
         score: of poses.
-        shift: standard deviation of the changes [m].
-        turn: standard deviation of the changes [rad].
-        kept: how many remain.
-        children: changes of each.
+        stage: how large the changes are, how many each tries, and how many poses remain.
         rng: source of randomness.
 
     Returns:
         (kept, 4, 4) poses, the best first, and their scores.
     """
-    count = len(poses)
-    R = Rotation.from_rotvec(turn * rng.standard_normal((count * children, 3))).as_matrix()
+    count, children = len(poses), stage.children
+    R = Rotation.from_rotvec(stage.turn * rng.standard_normal((count * children, 3))).as_matrix()
     R = R.reshape(count, children, 3, 3)
-    t = shift * rng.standard_normal((count, children, 3))
+    t = stage.shift * rng.standard_normal((count, children, 3))
     R[:, 0], t[:, 0] = np.eye(3), 0.0
     center = poses[:, :3, :3] @ pivot + poses[:, :3, 3]
     tried = np.tile(np.eye(4), (count, children, 1, 1))
@@ -129,8 +119,31 @@ def narrowed(
     scores = score(tried.reshape(-1, 4, 4)).reshape(count, children)
     own = np.argmax(scores, axis=1)
     best, value = tried[np.arange(count), own], scores[np.arange(count), own]
-    order = np.argsort(-value, kind="stable")[:kept]
-    return best[order], value[order]
+    order = np.argsort(-value, kind="stable")
+    best, value = best[order], value[order]
+    if stage.apart:
+        alone = _alone(best, pivot, stage)
+        best, value = best[alone], value[alone]
+    return best[: stage.kept], value[: stage.kept]
+
+
+def _alone(poses: Poses, pivot: Vector3, stage: Narrowing) -> Mask:
+    """(k,) which poses have no better one near, the best first: many ways lead up one hill."""
+    places = poses[:, :3, :3] @ pivot + poses[:, :3, 3]
+    alone = np.ones(len(poses), bool)
+    found = 0
+    for k in range(len(poses)):
+        if not alone[k]:
+            continue
+        found += 1
+        if found > stage.kept:
+            alone[k:] = False
+            break
+        rest = slice(k + 1, None)
+        cosine = 0.5 * (np.einsum("nij,ij->n", poses[rest, :3, :3], poses[k, :3, :3]) - 1.0)
+        near = np.linalg.norm(places[rest] - places[k], axis=1) < stage.shift
+        alone[rest] &= ~(near & (cosine > np.cos(stage.turn)))
+    return alone
 
 
 def best_apart(poses: Poses, scores: Floats, pivot: Vector3, count: int) -> list[int]:
