@@ -132,6 +132,27 @@ def test_a_wedge_is_not_pressed_hard_and_the_axis_goes_round() -> None:
     assert np.ptp(np.cumsum(turns, axis=0) * 0.008, axis=0).min() > np.deg2rad(2.0)
 
 
+def test_an_arm_that_was_slowed_does_not_leap_when_it_is_let_go() -> None:
+    """Slowed for a visitor it felt 10 N while 105 were wanted; let go, 100 N came in an instant."""
+    law = Insertion(InsertOptions(depth=0.035), out=True)
+    for i in range(500):
+        answer = law.step(_felt(0.008 * i, -0.002, 10.0))
+    assert -0.03 < answer.twist[2] < -0.01
+
+
+def test_an_arm_that_is_held_still_is_no_jam() -> None:
+    law = Insertion(InsertOptions(depth=0.035, tries=1, seconds=3.0))
+    law.phase = Phase.INSERT
+    for i in range(1000):
+        felt = _felt(0.008 * i, -0.015, -15.0)
+        law.step(Felt(felt.now, felt.T_seat_plug, felt.wrench, held=i > 20))
+    assert law.phase is Phase.INSERT
+    for i in range(1000, 1400):
+        law.step(_felt(0.008 * i, -0.015, -15.0))
+    assert law.phase is Phase.FAILED
+    assert "jammed" in law.words
+
+
 def test_the_papers_way_halts_where_it_is_pressed() -> None:
     law = PaperInsertion()
     assert law.step(_felt(0.0, -0.03, -10.0)).phase is Phase.INSERT

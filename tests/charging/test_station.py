@@ -213,14 +213,6 @@ def test_somebody_who_comes_between_is_no_jam(cell):
     assert stub.station.outcome.problem == "plugging in: gave up after 2 s"
 
 
-def test_a_stop_before_the_law_has_moved_does_not_hold_it_for_ever(cell):
-    """It begins at rest: nothing that it asks for is held, and nothing would tell it to go on."""
-    stub = stub_in(cell, State.INSERT)
-    stub.guard.mode = GuardMode.STOPPED
-    stub.rest(0.5)
-    assert "approach" not in stub.station.words
-
-
 def test_a_force_sensor_that_dies_is_said_and_nothing_is_pulled_by_feel(cell):
     stub = stub_in(cell, State.INSERT)
     stub.rest(0.6, wrench=False)

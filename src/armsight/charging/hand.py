@@ -49,8 +49,6 @@ class PlugHand:
         self.feeling = Feeling(robot.tool.T_flange_tcp, options.insert.admittance)
         self.law: Insertion | PaperInsertion | None = None
         self.answer: Answer | None = None
-        self._stepped = -math.inf  # when the law was asked last [s]
-        self._held = 0.0  # for how long the guard held the arm in all [s]
 
     def begin(self, law: Insertion | PaperInsertion) -> None:
         """Another law is at work from now on."""
@@ -81,23 +79,16 @@ class PlugHand:
     def by_force(self, seen: Seen, name: str, face: Pose) -> tuple[Answer | None, Wish]:
         """One step of the law; no answer where nobody feels.
 
-        Its clock stands while the guard holds the arm: somebody who comes between is no jam.
+        It is told where the guard holds the arm: somebody who comes between is no jam.
         """
         assert self.law is not None
         wrench = self.feeling.contact(seen.now)
         if wrench is None:
             permit = self._permission.ask(seen.now, seen.guard)
             return None, Wish(Rest("the force sensor is silent", True, permit))
-        waited, self._stepped = seen.now - self._stepped, seen.now
-        answer, stopped = self.answer, False
-        if answer is not None and seen.guard is not None and answer.twist.any():
-            stopped = seen.guard.mode is GuardMode.STOPPED
-        if answer is not None and stopped:
-            self._held += waited
-        else:
-            seat = face @ make_pose(None, (0.0, 0.0, self._depth))
-            now = seen.now - self._held
-            answer = self.law.step(Felt(now, inverse(seat) @ self.plug(seen), wrench))
+        held = seen.guard is not None and seen.guard.mode is GuardMode.STOPPED
+        seat = face @ make_pose(None, (0.0, 0.0, self._depth))
+        answer = self.law.step(Felt(seen.now, inverse(seat) @ self.plug(seen), wrench, held))
         self.answer = answer
         if answer.depth > IN:
             self._permission.felt(seen.now)

@@ -23,6 +23,8 @@ TO_AXIS = 1.5
 """Gain with which the plug keeps to the believed axis until it touches [1/s]."""
 FACE_OFF = 0.003
 """The face is where it is believed to be, but for this [m]."""
+AHEAD = 20.0
+"""The wanted force runs ahead of the felt one by this at most [N]."""
 
 
 class Phase(StrEnum):
@@ -104,11 +106,13 @@ class Felt:
         T_seat_plug: where the plug would be if its mount did not give way, by the joints and by
             what is believed of the port.
         wrench: (6,) of the surroundings on the plug, tared, about its origin, in its axes.
+        held: somebody else holds the arm still: nothing is a jam, no time passes.
     """
 
     now: float
     T_seat_plug: Pose
     wrench: Floats
+    held: bool = False
 
 
 @dataclass(frozen=True)
@@ -157,11 +161,15 @@ class Insertion:
         o = self.options
         if self._begun is None:
             self._begun = self._last = self._since = self._progress = felt.now
-        dt = min(max(felt.now - self._last, 0.0), 0.05)
+        passed = max(felt.now - self._last, 0.0)
+        dt = min(passed, 0.05)
         self._last = felt.now
         give = o.admittance.deflection(felt.wrench)
         depth = o.depth + float(felt.T_seat_plug[2, 3]) + float(give[2])
-        if self.phase not in (Phase.SEATED, Phase.OUT, Phase.FAILED):
+        if felt.held:
+            self._begun, self._since = self._begun + passed, self._since + passed
+            self._progress += passed
+        elif self.phase not in (Phase.SEATED, Phase.OUT, Phase.FAILED):
             if felt.now - self._begun > o.seconds:
                 self._go(Phase.FAILED, felt.now, f"gave up after {o.seconds:.0f} s")
             else:
@@ -216,7 +224,7 @@ class Insertion:
     def _insert(self, felt: Felt, depth: float, dt: float) -> None:
         o = self.options
         most = o.shallow_push if depth < o.shallow else o.push
-        self._force = min(self._force + o.ramp * dt, most)
+        self._ramp(-float(felt.wrench[2]), most, dt)
         if depth > self._deepest + 0.0003:
             self._deepest, self._progress = depth, felt.now
         there = depth > o.depth - o.depth_tolerance - o.port_depth
@@ -263,11 +271,18 @@ class Insertion:
 
     def _pull(self, felt: Felt, depth: float, dt: float) -> None:
         o = self.options
-        self._force = min(self._force + o.ramp * dt, o.pull)
+        self._ramp(float(felt.wrench[2]), o.pull, dt)
         if depth < -0.01:
             self._go(Phase.OUT, felt.now, "unplugged")
         elif felt.now - self._since > 0.75 * o.seconds:
             self._go(Phase.FAILED, felt.now, f"stuck at {1e3 * depth:.1f} mm on the way out")
+
+    def _ramp(self, felt: float, most: float, dt: float) -> None:
+        """What is wanted rises, but not far above what is felt.
+
+        An arm that the guard slows lags behind; it would leap when it is let go.
+        """
+        self._force = min(self._force + self.options.ramp * dt, most, max(felt, 0.0) + AHEAD)
 
     def _is_in(self, felt: Felt, depth: float) -> bool:
         """Deep enough, and not hooked with one side only."""

@@ -13,11 +13,12 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Pose
+from armsight.arrays import Bytes, Pose
 from armsight.charging.ports.meshes import Surface, surfaces
 from armsight.charging.ports.pocket import flank
 from armsight.charging.ports.table import MM, PORTS, Port, drawn
 from armsight.experiments.port_surroundings import DECOYS, decoy
+from armsight.experiments.port_weather import Style, expose, weather, window_about_port
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, inverse, look_at, make_pose
 from armsight.geometry.stereo import StereoPair
@@ -164,7 +165,7 @@ class PortStudio:
             color = renderer.color(shot, lens)
             renderer.give_back(shot)
             gray = np.asarray(cv2.cvtColor(color, cv2.COLOR_RGB2GRAY), np.float32)
-            seen.append((_expose(_weather(gray, lens, pose, style), style, rng), lens, pose))
+            seen.append((expose(weather(gray, lens, pose, style), style, rng), lens, pose))
         images, lenses, poses = zip(*seen)
         return PortPicture(images, lenses, poses)
 
@@ -189,7 +190,7 @@ class PortStudio:
 
 def cut(lens: PinholeCamera, T_camera_port: Pose, reach: float) -> PinholeCamera:
     """The part of a lens's picture about the port, as a lens of its own."""
-    window = _window(lens, T_camera_port, reach)
+    window = window_about_port(lens, T_camera_port, reach)
     if window is None:
         return lens
     top, bottom, left, right = window
@@ -284,20 +285,6 @@ def _add_mesh(mj: Any, body: Any, name: str, surface: Surface, material: str) ->
         contype=0,
         conaffinity=0,
     )
-
-
-@dataclass(frozen=True)
-class Style:
-    """What is laid over a picture; see :func:`_weather` and :func:`_expose`."""
-
-    gain: float
-    noise: float
-    blur: float
-    dirt: float
-    wet: float
-    mirror: float
-    shade: float
-    seed: int
 
 
 def _dress(model: Any, view: PortView, rng: np.random.Generator) -> Style:
@@ -396,75 +383,6 @@ def _set_lights(model: Any, light: Light, rng: np.random.Generator) -> None:
     ambient = {"indoor": 0.35, "dim": 0.35, "low_sun": 0.25, "overcast": 0.7, "glare": 0.5}[light]
     model.vis.headlight.ambient[:] = ambient * float(rng.uniform(0.7, 1.2))
     model.vis.headlight.diffuse[:] = float(rng.uniform(0.0, 0.25))
-
-
-def _weather(gray: Floats32, lens: PinholeCamera, T_camera_port: Pose, style: Style) -> Floats32:
-    """Dirt that sticks to the port's plane, drops, a mirrored sky, a straight shadow."""
-    window = _window(lens, T_camera_port, 0.16)
-    if window is None:
-        return gray
-    top, bottom, left, right = window
-    rng = np.random.default_rng((style.seed, 13))
-    v, u = np.mgrid[top:bottom, left:right].astype(np.float32)
-    rays = np.stack([(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, np.ones_like(u)], -1)
-    n, origin = T_camera_port[:3, 2].astype(np.float32), T_camera_port[:3, 3].astype(np.float32)
-    distance = (n @ origin) / (rays @ n)
-    local = (rays * distance[..., None] - origin) @ T_camera_port[:3, :3].astype(np.float32)
-    x, y = np.asarray(local[..., 0], np.float32), np.asarray(local[..., 1], np.float32)
-    near = np.clip((0.15 - np.hypot(x, y)) / 0.03, 0.0, 1.0)
-    out = gray.copy()
-    part = out[top:bottom, left:right].copy()
-    if style.dirt > 0:
-        cloud = _field(rng, x, y, 0.012) + 0.6 * _field(rng, x, y, 0.004)
-        dust = np.clip(cloud - 0.4, 0.0, 1.0) * style.dirt * near
-        part = np.asarray(part * (1 - dust) + 95.0 * dust, np.float32)
-    if style.mirror > 0:
-        # The sky moves with the view, so each camera mirrors another part of it.
-        shift = 0.3 * origin[0]
-        part += (
-            style.mirror
-            * near
-            * np.clip(_field(rng, np.asarray(x + shift, np.float32), y, 0.05), 0.0, 1.5)
-        )
-    if style.wet > 0:
-        drops = _field(rng, x, y, 0.0022)
-        part += near * style.wet * np.where(drops > 2.3, 40.0, 0.0)
-        part -= near * style.wet * np.where(drops < -2.3, 8.0, 0.0)
-    if style.shade < 1.0:
-        a, offset = rng.uniform(-np.pi, np.pi), rng.uniform(-0.03, 0.03)
-        side = x * np.cos(a) + y * np.sin(a) - offset
-        part *= np.where(side > 0, style.shade + (1 - style.shade) * (1 - near), 1.0)
-    out[top:bottom, left:right] = part
-    return out
-
-
-def _window(lens: PinholeCamera, T: Pose, reach: float) -> tuple[int, int, int, int] | None:
-    if T[2, 3] < 0.05:
-        return None
-    middle = lens.project(T[None, :3, 3])[0]
-    r = reach * lens.fx / T[2, 3]
-    left, right = int(max(0, middle[0] - r)), int(min(lens.width, middle[0] + r))
-    top, bottom = int(max(0, middle[1] - r)), int(min(lens.height, middle[1] + r))
-    return (top, bottom, left, right) if right > left and bottom > top else None
-
-
-def _field(rng: np.random.Generator, x: Floats32, y: Floats32, size: float) -> Floats32:
-    """Smooth noise of unit variance over the plane, features about ``size`` [m] wide."""
-    table = cv2.GaussianBlur(rng.standard_normal((256, 256), np.float32), (0, 0), 1.2)
-    table = (table / table.std()).astype(np.float32)
-    at_x, at_y = (x / np.float32(0.5 * size) + 128, y / np.float32(0.5 * size) + 128)
-    return np.asarray(
-        cv2.remap(table, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT), np.float32
-    )
-
-
-def _expose(gray: Floats32, style: Style, rng: np.random.Generator) -> Bytes:
-    """Lens blur, exposure, shot and read noise, eight bits."""
-    image = cv2.GaussianBlur(gray, (0, 0), style.blur)
-    image = image * np.float32(style.gain)
-    noise = rng.standard_normal(image.shape, np.float32)
-    image += noise * np.sqrt(0.25 * style.noise**2 + 0.012 * np.maximum(image, 0) * style.noise)
-    return np.asarray(np.clip(image + 0.5, 0, 255), np.uint8)
 
 
 __all__ = ["LIGHTS", "MM", "PortPicture", "PortStudio", "PortView", "made_port", "random_view"]
