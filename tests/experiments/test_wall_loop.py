@@ -82,7 +82,7 @@ def test_a_drawn_picture_is_what_the_simulator_shows(lab, tmp_path):
     goals = list(one.goals.values())
     q = 0.5 * (goals[0] + goals[-1])
     with open_cell(one, 0) as cell:
-        record(cell, (goals[0], goals[-1]), 1, tmp_path)
+        record(cell, goals[0], 1, tmp_path)
         world = simulated_world(cell)
         seen = None
         for _ in range(100):

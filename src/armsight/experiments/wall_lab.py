@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -41,6 +40,8 @@ from armsight.writing import write_text
 
 COMMANDS = 400_000
 """Commands that can be noted: 40 minutes at the highest rate that was seen."""
+DIRECTIONS = 4
+"""In which the arm stands in turn while the cell is recorded."""
 SETTLE = 2
 """First pictures that still show the arm where it was."""
 NOISE = 1 << 20
@@ -242,21 +243,23 @@ def _body(robot: Robot) -> tuple[list[tuple[int, Points]], Ints]:
     return parts, np.concatenate(faces)
 
 
-def record(cell: Cell, goals: Sequence[JointVector], count: int, folder: Path) -> None:
+def record(cell: Cell, stance: JointVector, count: int, folder: Path) -> None:
     """Record pictures of a simulated cell without its arm, and what the cameras say they are.
 
-    The arm stands once here, once there; of every pixel the farther return is kept, and none where
-    one of the two is missing: it may have been the wall behind, out of range.
+    The arm stands in four directions in turn. Of every pixel the farthest return is kept; none
+    where more than one is missing: what lies behind the arm may be out of range.
 
     Args:
         cell: simulated.
-        goals: (n,) [rad] where the arm stands, far from each other.
+        stance: (n,) the arm with its first joint at 0, reaching out [rad].
         count: pictures a camera.
         folder: where to.
     """
     world = simulated_world(cell)
     taken: list[dict[str, list[DepthImage]]] = []
-    for q in goals:
+    for turn in range(DIRECTIONS):
+        q = np.array(stance, float)
+        q[0] = 2.0 * np.pi * turn / DIRECTIONS
         pictures: dict[str, list[DepthImage]] = {c.info.name: [] for c in cell.cameras}
         world.show_joints(q)
         while min(len(p) for p in pictures.values()) < count + SETTLE:
@@ -269,8 +272,10 @@ def record(cell: Cell, goals: Sequence[JointVector], count: int, folder: Path) -
         taken.append(pictures)
     for camera in cell.cameras:
         info = camera.info
-        stacks = [np.stack(p[info.name][SETTLE : SETTLE + count]) for p in taken]
-        np.save(folder / f"{info.name}.npy", np.maximum.reduce(stacks))
+        stacks = np.stack([p[info.name][SETTLE : SETTLE + count] for p in taken])
+        seen = np.isfinite(stacks).sum(axis=0) >= DIRECTIONS - 1
+        farthest = np.where(seen, np.fmax.reduce(stacks), np.float32(np.nan))
+        np.save(folder / f"{info.name}.npy", farthest)
         about = {
             "lens": asdict(info.depth),
             "noise": asdict(info.noise),

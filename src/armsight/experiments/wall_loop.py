@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 SECONDS = 20.0
 """A run of the experiment adds so much to each row [s]."""
-PICTURES = 24
+PICTURES = 12
 """Recorded pictures a camera, played again and again."""
 THREADS = 3
 """Runs of the rows with threads at most: a baseline."""
@@ -51,9 +51,10 @@ The packaged cell `ur5_four_cameras` under the wall clock, nobody in it, with ar
 drivers as real ones are: recorded pictures of its four Kinect v2 at their 15 Hz, into which the
 arm is drawn where it is (`experiments/wall_lab.py`), and an arm that notes when commands reach it.
 The arm patrols; map, planner and guard do all their work. A run is {SECONDS:g} s more of one
-session. Counted are the times between one command and the next, from {SKIPPED:g} s after the first.
-`busy` is the same beside {BUSY} processes that take all the processor time they get. `threads` are
-the same rows with everything in one process, as before the command path had one of its own.
+session. Counted are the times between one command and the next, from {SKIPPED:g} s after the first
+to the run's end. `busy` is the same beside {BUSY} processes that take all the processor time they
+get. `threads` are the same rows with everything in one process, as before the command path had one
+of its own, but with the priority that the session's threads have now.
 """
 
 
@@ -119,9 +120,8 @@ def record_pictures(folder: str) -> None:
     from armsight.workcell import open_cell
 
     workcell = _empty()
-    goals = list(workcell.goals.values())
     with open_cell(workcell, 0) as cell:
-        record(cell, (goals[0], goals[-1]), PICTURES, Path(folder))
+        record(cell, next(iter(workcell.goals.values())), PICTURES, Path(folder))
 
 
 def patrol(folder: str, seconds: float, seed: int, process: bool) -> Window:
@@ -148,7 +148,7 @@ def patrol(folder: str, seconds: float, seed: int, process: bool) -> Window:
         except ArmsightError as error:
             failure = str(error)
     at = arm.commands()
-    at = at[at >= at[0] + SKIPPED] if len(at) else at
+    at = at[(at >= at[0] + SKIPPED) & (at < at[0] + seconds)] if len(at) else at
     arm.close()
     block.close()
     return Window(seconds, np.diff(at), task.visits, failure, os.getloadavg()[0])

@@ -133,7 +133,8 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
     )
     loop: SimulatedLoop | WallLoop
     if devices.wall:
-        loop = WallLoop(devices.clock, components, wanted.supervise, devices.arm.stop)
+        urgent = (sensing.name, mapping.name, guard.name) if devices.real else ()
+        loop = WallLoop(devices.clock, components, wanted.supervise, devices.arm.stop, urgent)
     else:
         assert devices.advance is not None
         loop = SimulatedLoop(cell.clock.now, devices.advance, components, wanted.speed)

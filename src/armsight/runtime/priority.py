@@ -1,7 +1,9 @@
 """Who goes first on a busy machine, as far as the system grants it.
 
-The command path's process asks for real-time priority, the session's own (map, planner, task) for a
-larger share of the processor than other programs have.
+The command path's process asks for real-time priority. So do, behind it, those of the session's
+threads through which evidence comes to it (cameras, sensing, map): a picture that waits for a core
+grows old, and the arm slows down. The rest of the session (planner, task, page) asks for a larger
+share of the processor than other programs have.
 """
 
 from __future__ import annotations
@@ -9,13 +11,17 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
 LINUX = sys.platform == "linux"
 """Elsewhere a thread's number is none that these calls would understand."""
 FIFO = 20
 """Before every ordinary program, behind what the system itself runs at real time (50 and above)."""
+EVIDENCE = 10
+"""That of the threads through which evidence comes, behind the command path."""
+BRINGERS = ("armsight-camera ", "armsight-wrench", "armsight-link", "armsight-wire")
+"""How the names of such threads begin, besides those of the loop's components."""
 NICE = -10
 """About nine times the share of an ordinary program."""
 
@@ -35,6 +41,13 @@ def raise_priority() -> str:
     return f"real-time priority (SCHED_FIFO {FIFO})"
 
 
+def go_first() -> None:
+    """Let this thread, and those that it begins, go before other programs, where it is granted."""
+    if LINUX:
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(EVIDENCE))
+
+
 def lower_priority() -> None:
     """Back to that of every other program."""
     if LINUX and os.sched_getscheduler(0) == os.SCHED_FIFO:
@@ -42,19 +55,22 @@ def lower_priority() -> None:
 
 
 @contextmanager
-def larger_share() -> Iterator[None]:
+def favoured() -> Iterator[None]:
     """The threads of this process, and those that they begin, are favoured where that is granted.
 
-    Where it is refused nothing happens.
+    Those that bring evidence go before other programs. Where it is refused nothing happens.
     """
     if not LINUX:
         yield
         return
     before = {thread: os.getpriority(os.PRIO_PROCESS, thread) for thread in _threads()}
     _nice({thread: min(NICE, nice) for thread, nice in before.items()})
+    bringers = [t.native_id for t in threading.enumerate() if t.name.startswith(BRINGERS)]
+    _real_time(bringers, os.SCHED_FIFO, EVIDENCE)
     try:
         yield
     finally:
+        _real_time(bringers, os.SCHED_OTHER, 0)
         usual = before.get(threading.get_native_id(), 0)
         _nice({thread: before.get(thread, usual) for thread in _threads()})
 
@@ -82,8 +98,8 @@ def offered() -> tuple[str, bool, bool]:
     thread.join()
     real_time, share = granted
     words = (
-        f"real-time priority {'granted' if real_time else 'refused'} to the command path, "
-        f"a larger share of the processor {'granted' if share else 'refused'} to map and planner"
+        f"real-time priority {'granted' if real_time else 'refused'} to command path and evidence, "
+        f"a larger share of the processor {'granted' if share else 'refused'} to the rest"
     )
     return words, real_time, share
 
@@ -91,6 +107,13 @@ def offered() -> tuple[str, bool, bool]:
 def _schedule(policy: int, priority: int) -> None:
     for thread in _threads():
         os.sched_setscheduler(thread, policy, os.sched_param(priority))
+
+
+def _real_time(threads: Iterable[int | None], policy: int, priority: int) -> None:
+    for thread in threads:
+        if thread is not None:
+            with suppress(OSError):  # refused, or the thread has ended
+                os.sched_setscheduler(thread, policy, os.sched_param(priority))
 
 
 def _nice(wanted: dict[int, int]) -> None:

@@ -29,7 +29,7 @@ from armsight.runtime.components import GuardComponent
 from armsight.runtime.config import SessionConfig, SessionMode
 from armsight.runtime.lock import cell_lock
 from armsight.runtime.parts import MakeParts, make_parts
-from armsight.runtime.priority import larger_share
+from armsight.runtime.priority import favoured
 from armsight.runtime.session_devices import SessionDevices
 from armsight.runtime.signals import orderly_signals
 from armsight.runtime.simulated_loop import SimulatedLoop
@@ -310,7 +310,7 @@ class Session:
             self._loop_thread = threading.get_ident()
             stack.enter_context(orderly_signals(self.stop))
             if self._devices.real:
-                stack.enter_context(larger_share())
+                stack.enter_context(favoured())
             stack.push(self._stop_at_end)  # on the way out, whatever the way
             stack.enter_context(self._devices.running(self._held))
             if isinstance(self._guard, CommandRelay):

@@ -8,13 +8,14 @@ import itertools
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from armsight.devices.clock import WallClock
 from armsight.devices.protocols import Clock
 from armsight.errors import DeviceError, LoopError
 from armsight.runtime.component import Component
 from armsight.runtime.loop import Inbox, Loop, do_round, make_meters, short_pauses
+from armsight.runtime.priority import go_first
 
 NAP = 0.004
 """Longest sleep of the supervising thread [s]."""
@@ -35,6 +36,7 @@ class WallLoop:
         supervise: called every few milliseconds in the thread that called :meth:`run`; a simulated
             world is advanced here, and the guard's heartbeat is watched.
         on_failure: called at once, in the thread of a component that failed; stops the arm.
+        urgent: names of components whose threads go before other programs, where that is granted.
     """
 
     def __init__(
@@ -43,12 +45,14 @@ class WallLoop:
         components: Sequence[Component],
         supervise: Callable[[], None] = lambda: None,
         on_failure: Callable[[], None] = lambda: None,
+        urgent: Collection[str] = (),
     ) -> None:
         self.clock = clock
         self.meters = make_meters(components)
         self._components = tuple(components)
         self._supervise = supervise
         self._on_failure = on_failure
+        self._urgent = urgent
         self._bells = {c.name: threading.Event() for c in components}
         self._stop = threading.Event()
         self._threads_stop = threading.Event()
@@ -140,6 +144,8 @@ class WallLoop:
         bell = self._bells[component.name]
         due = self.clock.now()
         last = -math.inf
+        if component.name in self._urgent:
+            go_first()
         while not self._threads_stop.is_set():
             now = self.clock.now()
             rung = bell.is_set()
