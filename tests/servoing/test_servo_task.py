@@ -12,6 +12,7 @@ from armsight.motion.intents import PoseIntent, Rest, VelocityIntent, refusal
 from armsight.motion.permits import Permit, PermitState
 from armsight.motion.task import Observation
 from armsight.robots import load_robot
+from armsight.robots.kinematics import tcp_pose
 from armsight.runtime.session import Session
 from armsight.servoing.approach import Funnel
 from armsight.servoing.detour import BEFORE
@@ -175,6 +176,22 @@ def test_where_its_own_way_is_blocked_it_asks_for_a_planned_one_and_goes_on_from
         assert (PoseIntent in kinds) == blocked
     assert 20 < began < 80
     assert kinds[began + 61 : began + 100] == [VelocityIntent] * 39
+
+
+@pytest.mark.parametrize(("dock", "away"), [("straw", 0.3), ("bullseye", 0.08)])
+def test_what_the_permits_own_law_slows_is_no_blocked_way(dock, away):
+    """Near a face every motion is slow, and so are the last centimetres before a thing: a planned
+    way to 7 cm before it would lead there again and again."""
+    task = task_of(dock=dock)
+    tip = tcp_pose(UR10, HOME)[:3, 3]
+    for k in range(120):
+        now = 1.0 + 0.008 * k
+        place = tip + np.array([away, 0.0, 0.0])
+        task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), place, now - 0.02))
+        observed = observe(now, command=np.zeros(6))
+        observed.guard.wanted = np.full(6, 0.5)
+        observed.guard.permit = Permit(dock, task.dock.permit, PermitState.GRANTED)
+        assert not isinstance(task.update(observed), PoseIntent)
 
 
 def test_the_tip_gives_way_to_what_presses_and_to_nothing_below_it():

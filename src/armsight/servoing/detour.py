@@ -47,6 +47,11 @@ class Detour:
         self._goal: PoseIntent | None = None
         self._target = np.zeros(3)
 
+    @property
+    def going(self) -> bool:
+        """Whether one is under way."""
+        return self._goal is not None
+
     def update(
         self,
         now: float,

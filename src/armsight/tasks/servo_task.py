@@ -30,6 +30,8 @@ from armsight.servoing.modes import Chase, ChaseConfig, tool_direction
 from armsight.servoing.sighting import Look, Looks
 
 Mode = Literal["ours", "paper", "fixed"]
+NEAR = 0.03
+"""So near to where a planned way would lead none is asked for [m]."""
 TOUCH = 0.005
 """The tip touches when it is this near the surface (V's criterion) [m]."""
 ASK_WITHIN = 2.0
@@ -119,9 +121,11 @@ class ServoTask:
 
     def _around(self, now: float, guard: GuardStatus | None) -> PoseIntent | None:
         """A planned way, where the own one is blocked."""
-        seen = self.chase.touchable()
-        if self.mode != "ours" or seen is None:
+        seen, far = self.chase.touchable(), self.chase.distance > BEFORE + NEAR
+        if self.mode != "ours" or self.dock.permit != "thing" or seen is None:
             return None
+        if not far and not self.detour.going:
+            return None  # what holds the arm here is the permit's own law
         axis, down = tool_direction(self.config, seen.position, seen.normal)
         gap = max(self.chase.config.funnel.gap, BEFORE) + self.config.radius
         return self.detour.update(
