@@ -153,7 +153,7 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
         ),
         # The head behind and above the mouth; a straw bends before anything gives way.
         "straw": Docking(
-            "straw", Mouth, "normal", gap=-0.004, permit="face", size=(0.17, 0.0, 0.0),
+            "straw", Mouth, "normal", gap=-0.012, permit="face", size=(0.17, 0.0, 0.0),
             offset=(-0.06, 0.045, 0.0), reach=0.08, gentle=0.09, speed=0.1, force=5.0,
             stiffness=150.0,
         ),
