@@ -53,7 +53,7 @@ def main() -> None:
     ):
         ms = np.array(seconds[WARM:]) * 1e3
         low, high = (float(x) for x in np.percentile(ms, [10, 90]))
-        budget = {"command_latency": "<= 15", "velocity_tick": "<= 4"}.get(name)
+        budget = {"command_latency": "<= 12", "velocity_tick": "<= 4"}.get(name)
         report.add(f"{name}_p50_ms", float(np.median(ms)), "ms", spread=(low, high))
         report.add(f"{name}_p99_ms", float(np.percentile(ms, 99)), "ms", must=budget)
     report.finish()

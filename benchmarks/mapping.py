@@ -90,7 +90,7 @@ def map_and_field(report: Report, cell, rounds: int) -> tuple[float, list[RgbdFr
         "map_field_p99_ms",
         float(np.percentile(ms, 99)),
         "ms",
-        must="<= 30",
+        must="<= 25",
         aim="<= 12",
         note=note,
     )
