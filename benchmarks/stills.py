@@ -89,7 +89,8 @@ class Stills:
         """Set the arm, and the ball's centre in world [m]."""
         data = self.world._data
         data.qpos[: len(q)] = q
-        data.mocap_pos[self.world._cell.object_bodies[0]] = ball
+        data.mocap_pos[self.world._cell.movers.leaders["ball"]] = ball
+        self.world._followers.reset(data)
         self.world._settle()
 
     def ball_beside(self, q: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
