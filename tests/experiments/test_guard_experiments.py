@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from toy_episode import doubled
 
-from armsight.experiments import approach, episodes, false_stops, hand_search, patrol
+from armsight.experiments import (
+    approach_episode,
+    approach_people,
+    approach_use,
+    episodes,
+    false_stops,
+    hand_search,
+    patrol,
+)
+from armsight.experiments.approach_rows import contact_rows
 from armsight.experiments.cache import RunCache
 from armsight.motion.data import GuardMode, GuardStatus
 from armsight.motion.guard_config import GuardConfig
@@ -154,11 +163,13 @@ def test_ratio_is_of_means_and_budgets_are_ours_alone():
 
 @pytest.mark.parametrize("run", range(12))
 def test_visitors_come_from_the_seed_and_stand_clear_of_the_base(run):
-    cap = approach.CAPS[run % 2]
-    first = approach._visitor(np.random.default_rng((0, run)), run, cap)
-    assert first == approach._visitor(np.random.default_rng((0, run)), run, cap)
+    cap = approach_episode.CAPS[run % 2]
+    first = approach_people.visitor(np.random.default_rng((0, run)), run, cap)
+    assert first == approach_people.visitor(np.random.default_rng((0, run)), run, cap)
     assert first.max_hand_speed == cap
-    assert first.start_s < approach.SECONDS
+    assert first.start_s < approach_people.SECONDS
+    if approach_people.from_afar(run):
+        assert np.hypot(*first.position[:2]) > 3.0
     if first.motion == "script":
         assert np.hypot(*first.position[:2]) > 0.9
     else:
@@ -188,7 +199,7 @@ def test_contacts_are_counted_by_cap_and_a_single_one_misses():
     hunts = [
         {"cap": c, "margin": 0.1, "genes": [], "contacts": 0, "trials": 60} for c in (1.6, 2.0)
     ]
-    rows = approach._rows([seen(), seen(cap=2.0), seen(contacts=1, cap=2.0)], hunts)
+    rows = contact_rows([seen(), seen(cap=2.0), seen(contacts=1, cap=2.0)], hunts)
     assert len({(r.key, r.condition) for r in rows}) == len(rows)
     found = {(r.key, r.condition): r for r in rows}
     assert found["contacts", "all episodes"].met is False
@@ -197,6 +208,44 @@ def test_contacts_are_counted_by_cap_and_a_single_one_misses():
     assert share.value == pytest.approx(1 / 3)
     assert share.low < 1 / 3 < share.high
     assert found["search_contacts", "hand at 2.0 m/s"].met
+
+
+def looked_at(distance, speed, around, afar, goals=1):
+    return {
+        "distance": [distance] * 100,
+        "tip_speed": [speed] * 100,
+        "around": [around] * 100,
+        "from_afar": afar,
+        "goals": goals,
+    }
+
+
+def test_what_an_arm_is_good_for_is_counted_beside_what_others_would_allow():
+    """Reckoned by hand: K + v_h T_r is 0.25 m for T_r = 0.1 s and 0.47 m for the baselines."""
+    alone = [{"goals": 2, "speed": 0.5, "top": 0.9, "reach": 0.7}]
+    rows = approach_use.use_rows(
+        [
+            looked_at(0.2, 0.0, 0.6, False),  # too near for anybody
+            looked_at(0.40, 0.3, 1.0, False),  # the arm goes on; distance alone would stop it
+            looked_at(1.2, 0.0, 1.8, True),  # it could, and does not
+            looked_at(3.0, 0.5, 3.5, True, goals=3),  # nobody is near
+        ],
+        alone,
+        15.0,
+    )
+    found = {(r.key, r.condition): r.value for r in rows}
+    assert found["never_moved", "somebody near from the start"] == 0.5
+    assert found["never_moved", "nobody near at first"] == 0.5
+    assert found["moving_share_near", "all episodes"] == 0.5
+    assert found["goals_per_minute", "all episodes"] == pytest.approx(1.5 * 15.0)
+    assert found["empty_goals_per_minute", "all episodes"] == 30.0
+    # S_p of the full speed: 2.0 (0.21 + 0.3) + 0.9 * 0.21 + 0.135 + 0.05 = 1.394 m beyond 0.7 m.
+    assert found["zone_goals_per_minute", "all episodes"] == pytest.approx(0.25 * 30.0)
+    slow = approach_use.distance_alone([looked_at(0.76, 0.0, 1.0, False)], 0.5)
+    v = 0.5 * slow
+    there = approach_use.Separation().protective_distance(v, 0.21, approach_use.BRAKE)
+    assert there == pytest.approx(0.76)
+    assert found["ssm_goals_per_minute", "all episodes"] == pytest.approx(0.5 * 30.0)
 
 
 def test_a_hunting_hand_keeps_to_its_speed():
@@ -218,7 +267,7 @@ def test_a_hunting_hand_keeps_to_its_speed():
 @pytest.mark.slow
 def test_an_episode_of_each_kind_touches_nobody(gl):
     for run in (3, 5):
-        found = approach.episode(1000, run)
+        found = approach_episode.episode(1000, run)
         assert found["contacts"] == 0
         assert found["moved"] > 0.2
     assert found["led"]

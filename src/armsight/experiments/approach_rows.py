@@ -1,0 +1,108 @@
+"""What ``approach`` reports of contacts, and of the search for one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from armsight.experiments.approach_episode import CAPS
+from armsight.experiments.rows import Row, contact_row, wilson
+
+
+def contact_rows(episodes: list[dict[str, Any]], hunts: list[dict[str, Any]]) -> list[Row]:
+    """Contacts in all episodes and by the speed of the hands, and what the search found."""
+    rows = []
+    for cap in (None, *CAPS):
+        mine = [e for e in episodes if cap in (None, e["cap"])]
+        if not mine:
+            continue
+        condition = "all episodes" if cap is None else f"hands up to {cap} m/s"
+        contacts = sum(e["contacts"] for e in mine)
+        rows.append(contact_row(contacts, "a person", condition, len(mine)))
+        touched = sum(e["contacts"] > 0 for e in mine)
+        low, high = wilson(touched, len(mine))
+        rows.append(
+            Row(
+                "contact_share",
+                "share of episodes with such a contact, and its 95 % interval (Wilson)",
+                condition,
+                touched / len(mine),
+                n=len(mine),
+                low=low,
+                high=high,
+            )
+        )
+        near = [e["least_moving"] for e in mine]
+        rows.append(
+            Row(
+                "least_moving_m",
+                "least true distance to a person while the arm moved, 5 % quantile beside it",
+                condition,
+                min(near),
+                "m",
+                n=len(mine),
+                low=min(near),
+                high=float(np.quantile(near, 0.05)),
+                paper=0.02 if cap is None else None,
+            )
+        )
+    other = sum(e["other_contacts"] for e in episodes)
+    rows.append(
+        Row(
+            "other_contacts",
+            "contacts of the moving arm with anything that is no person",
+            "all episodes",
+            float(other),
+            n=len(episodes),
+        )
+    )
+    rows.append(
+        Row(
+            "moving_share",
+            "share of the time in which the arm followed a path, mean: a guard that never lets it "
+            "move touches nobody either",
+            "all episodes",
+            float(np.mean([e["moved"] for e in episodes])),
+            n=len(episodes),
+            better="higher",
+        )
+    )
+    rows.append(
+        Row(
+            "standing_contacts",
+            "contacts with an arm that stood or moved at less than 0.05 m/s: people touch it",
+            "all episodes",
+            float(sum(e["standing_contacts"] for e in episodes)),
+            n=len(episodes),
+        )
+    )
+    for cap in CAPS:
+        mine = [h for h in hunts if h["cap"] == cap]
+        if not mine:
+            continue
+        touched = sum(h["contacts"] for h in mine)
+        rows.append(
+            Row(
+                "search_contacts",
+                "contacts of the moving arm that the search forced, in all its trials",
+                f"hand at {cap} m/s",
+                float(touched),
+                n=sum(h["trials"] for h in mine),
+                must=0.0,
+                aim=0.0,
+            )
+        )
+        margins = [h["margin"] for h in mine]
+        rows.append(
+            Row(
+                "search_margin_m",
+                "least distance to the moving arm that the search found",
+                f"hand at {cap} m/s",
+                min(margins),
+                "m",
+                n=sum(h["trials"] for h in mine),
+                better="higher",
+            )
+        )
+    return rows
