@@ -156,7 +156,7 @@ def test_a_hands_blow_is_let_pass_and_what_goes_on_growing_is_not():
         watch.take([load(q, (0, 0, force), stamp=1.0 + 0.008 * k)], q, True)
         if watch.excess(permit):
             break
-    assert 20.0 < watch.pressed < 26.5, "0.12 s and 3.6 N before the limit at least"
+    assert 10.0 < watch.pressed < 16.7, "where it slips, up to 1.8 times as much is felt"
 
 
 def test_a_sensor_that_cannot_be_believed_says_why():
@@ -387,7 +387,7 @@ def test_a_hand_that_gives_way_is_not_taken_for_one_that_goes_away():
     cell.touch(1.0).touch(1.5, (0.0, 0.0, -0.05))
     speeds = -np.diff([c[2] for c in cell.shown]) / cell.config.period
     assert speeds.max() < 0.11, "no faster than where it stands"
-    assert 15.0 < max(force for _, force in cell.pushed) < 30.0
+    assert 8.0 < max(force for _, force in cell.pushed) < 20.0
     assert cell.log[-1].permit.state == PermitState.WITHDRAWN
 
 

@@ -31,6 +31,9 @@ acted (a tick, the drives, the filters) and the arm has come to rest."""
 GIVING, LASTING = 0.06, 0.1
 """A hand gives way after the first blow, whose growth counts for this time ahead only [s]; what has
 grown for LASTING [s] is no blow: it goes on growing until the arm stands, or the hand does."""
+SLIPS = 0.8
+"""Friction of a bare tip on skin. Where it slips, what held it sideways is let go of at once, and
+rings: up to (1 + SLIPS) times what it was pressed with. A hand is held with that much less."""
 SMOOTH = 0.15
 """Share of a new rate of the force in the one that is used: readings are noisy."""
 SAMPLES = 10
@@ -40,6 +43,11 @@ DRIFTS = (0.3, 0.03)
 slowly on what the map does not show would else be taken for one."""
 BIAS = (60.0, 6.0)
 """A sensor that errs by more than this cannot be believed: force [N], torque [N m]."""
+
+
+def held_force(force: float) -> float:
+    """With how much [N] a hand may be pressed for long so that a slip stays below a force [N]."""
+    return force / (1.0 + SLIPS)
 
 
 @dataclass(frozen=True)
@@ -77,7 +85,7 @@ class ForceWatch:
         self._stamp = -math.inf
         self._mean = (-math.inf, 0.0)
         self._rate = 0.0
-        self._rates: deque[tuple[float, float]] = deque()
+        self._rates: deque[tuple[float, float, float]] = deque()
         self._push: Vector3 | None = None
 
     @property
@@ -126,7 +134,7 @@ class ForceWatch:
             passed = self._mean[0] - before[0]
             rate = (self._mean[1] - before[1]) / passed if 1e-4 < passed < 0.1 else 0.0
             self._rate += SMOOTH * (rate - self._rate)
-            self._rates.append((self._mean[0], self._rate))
+            self._rates.append((self._mean[0], self._rate, self._mean[1]))
             while self._rates[0][0] < self._mean[0] - LASTING:
                 self._rates.popleft()
 
@@ -162,8 +170,14 @@ class ForceWatch:
         """
         grows = LEAD * self._rate
         if permit.kind == "hand":
-            lasting = min((rate for _, rate in self._rates), default=0.0)
+            lasting = max(min((rate for _, rate, _ in self._rates), default=0.0), 0.0)
             grows = max(GIVING * self._rate, LEAD * lasting)
+            held = min((force for _, _, force in self._rates), default=0.0)
+            if held + LEAD * lasting > held_force(permit.force):
+                return (
+                    f"pressed with {held:.1f} N for {LASTING:g} s, soon "
+                    f"{held + LEAD * lasting:.1f}; at most {held_force(permit.force):.1f}"
+                )
         for felt in self._new:
             force, torque = float(np.linalg.norm(felt.force)), float(np.linalg.norm(felt.torque))
             soon = force + max(grows, 0.0)

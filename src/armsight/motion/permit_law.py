@@ -8,13 +8,14 @@ of the drives, and what gives way pushes back by its stiffness all the way.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from armsight.arrays import JointVector, Vector3
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.motion.contact_limits import contact_speed, effective_mass
-from armsight.motion.force_watch import STALE
+from armsight.motion.force_watch import STALE, held_force
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.permits import Permit
 from armsight.robots.kinematics import tcp_pose
@@ -70,4 +71,6 @@ def gentle_speed(
     soft = config.soft if config.soft > 0.0 else math.inf
     blow = contact_speed(body, mass, min(permit.force, body.force), soft) - UNSEEN
     # After the blow the body is held by its own muscles only, or by what covers the tool.
+    if permit.kind == "hand":
+        permit = replace(permit, force=held_force(permit.force))
     return max(min(blow, pressing_speed(config, permit, min(MUSCLES, soft))), LEAST)
