@@ -420,9 +420,7 @@ def test_a_straw_gives_way_to_a_face_that_comes(direction):
     assert 3.0 < max(force for _, force in cell.pushed) < 5.0
 
 
-@pytest.mark.parametrize(
-    ("speed", "says"), [(0.07, ""), (0.2, ""), (0.23, "at 0.23 m/s"), (0.4, "m/s")]
-)
+@pytest.mark.parametrize(("speed", "says"), [(0.07, ""), (0.09, "at 0.09 m/s"), (0.2, "m/s")])
 def test_only_a_face_that_moves_slowly_may_be_touched(speed, says):
     velocity = np.array([0.0, speed, 0.0])
     region = Region("sphere", (0.17, 0, 0), make_pose(None, TIP), 1.0, velocity, drift=0.02)
