@@ -127,7 +127,7 @@ LIMITS: dict[str, PermitLimits] = {
 }
 """A thing may be pressed as hard as a plug is pushed home (85 to 125 N), a hand as hard as ISO/TS
 15066 lets a hand be held, where the cell's file says so (``GuardConfig.thing_force``,
-``hand_force``); a face hardly, and only one that hardly moves: at 0.15 m/s 1 of 4 was pressed by 10 N."""
+``hand_force``); a face hardly, and only one that hardly moves: of faster ones some were pressed."""
 UNFELT = 0.02
 """Speed at which a thing is touched [m/s] where no force sensor feels it."""
 
