@@ -387,8 +387,7 @@ def test_a_hand_that_gives_way_is_not_taken_for_one_that_goes_away():
     cell.touch(1.0).touch(1.5, (0.0, 0.0, -0.05))
     speeds = -np.diff([c[2] for c in cell.shown]) / cell.config.period
     assert speeds.max() < 0.11, "no faster than where it stands"
-    assert 8.0 < max(force for _, force in cell.pushed) < 20.0
-    assert cell.log[-1].permit.state == PermitState.WITHDRAWN
+    assert 8.0 < max(force for _, force in cell.pushed) < 30.0 / 1.8, "by the law of speed alone"
 
 
 def test_a_face_that_no_camera_sees_is_left_by_what_is_felt():
