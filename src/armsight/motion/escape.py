@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from armsight.arrays import JointPath, JointVector
+from armsight.arrays import Floats, JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.kernels import body_centers, self_clearance, sphere_clearances
@@ -44,17 +44,23 @@ def escape(
 
 
 def leaves(
-    model: CollisionModel, path: JointPath, snapshot: WorkspaceSnapshot, at: JointVector
+    model: CollisionModel,
+    path: JointPath,
+    snapshot: WorkspaceSnapshot,
+    at: JointVector,
+    rubs: float = SLACK,
 ) -> bool:
     """Whether a body that touches something at (n,) [rad] may move along a (k, n) path.
 
     On it no sphere that touches comes nearer to what it touches than it is at ``at``, no other
     sphere begins to touch, and the same holds for the body against itself. Looked at in steps of
     2 mm, not proven: it is short, and it leads away. False where nothing touches, or too deep:
-    then a proof decides.
+    then a proof decides. What hangs from the last link may touch deeper by ``rubs`` [m].
     """
     touch = _Touch(model, at, snapshot)
-    return 0.0 < touch.depth <= DEPTH and touch.eases(path, SLACK)
+    link = model.body.link
+    slack = np.where(link == link.max(initial=0), rubs, SLACK)
+    return 0.0 < touch.depth <= DEPTH and touch.eases(path, slack)
 
 
 class _Touch:
@@ -69,14 +75,17 @@ class _Touch:
         self._allowed = np.minimum(self._now.copy(), floor)
         self.depth = floor - min(self._own, float(self._allowed.min(initial=floor)))
 
-    def eases(self, path: JointPath, slack: float) -> bool:
-        """Whether no sphere touches more along a (k, n) path than where the body stands."""
+    def eases(self, path: JointPath, slack: Floats | float) -> bool:
+        """Whether no sphere touches more along a (k, n) path than where the body stands.
+
+        Less than ``slack`` [m], one for all spheres or (m,), is no more.
+        """
         reach = self._model.body.lever.sum(axis=1).max(initial=0.1)
         for a, b in pairwise(path):
             steps = int(np.ceil(reach * np.abs(b - a).max() / STEP))
             for s in np.linspace(0.0, 1.0, steps + 1)[1:]:
                 own = self._look(a + s * (b - a))
-                if own < self._own - slack or (self._now < self._allowed - slack).any():
+                if own < self._own - SLACK or (self._now < self._allowed - slack).any():
                     return False
         return True
 

@@ -14,6 +14,10 @@ from armsight.motion.steering import Steering
 from armsight.motion.tick import Tick
 from armsight.motion.velocity_filter import VelocityFilter
 
+RUBS = 0.005
+"""On the way out of a contact the tool may slide so much deeper along what it touches [m]: an arm
+that stands there is pressed on, and a sensor feels what the tool does."""
+
 
 class Evasion:
     """Drives the arm where :class:`.Reflex` and :class:`.Retreat` say.
@@ -84,7 +88,7 @@ class Evasion:
         if retreat.braked:
             speed, body = self._filter.config.retreat_speed, self._filter.monitor.body
             motion = retreat.motion(body, tick.ahead.position, tick.now, speed, push)
-            self._steering.pursue(tick, motion)
+            self._steering.pursue(tick, motion, RUBS)
         else:
             self._follower.brake(tick, None)
         tick.mode, tick.reason = GuardMode.REFLEX, f"backs out of contact: {retreat.reason}"

@@ -43,6 +43,8 @@ LATTICE = 0.03
 AGAIN, QUIET, PUSHED = 10.0, 1.5, 2.5
 """For this long after a retreat [s] the arm gives way to a push that grows from less than QUIET to
 more than PUSHED [N]."""
+PRESSED_ON = 5.0
+"""And from somebody who still presses it the arm goes on leaving for this long [s]."""
 
 
 class PermitOffice:
@@ -111,7 +113,7 @@ class PermitOffice:
         elif self.retreat is None:
             self.grant = None
             self._give_way(now)
-        elif q is None or not self._touches(now):
+        elif q is None or not (self._touches(now) or self._pressed_on(now, self.retreat)):
             self._left, self._quiet = (self.retreat.grant, now), False
             self.retreat = self.grant = None
         else:
@@ -192,6 +194,19 @@ class PermitOffice:
             grant = behind(grant, self._body, self._q, push, now)
             self.retreat = Retreat("what it touched pushes it", grant, self._executed, self._q, now)
             self.grant = self.retreat.grant
+
+    def _pressed_on(self, now: float, retreat: Retreat) -> bool:
+        """Whether a person whom the arm seems to have left still presses it: it goes on leaving.
+
+        The arm hides from the cameras what lies against it. A sensor may lie, so not for long.
+        """
+        push = self._force.push
+        if not retreat.grant.person or push is None or self._q is None or self._force.fault(now):
+            return False
+        if float(np.linalg.norm(push)) <= PUSHED or now > retreat.began + PRESSED_ON:
+            return False
+        retreat.grant = behind(retreat.grant, self._body, self._q, push, now)
+        return True
 
     # -- inside ---------------------------------------------------------------------------------
 

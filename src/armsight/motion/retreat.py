@@ -56,6 +56,7 @@ class Retreat:
         reason: why.
         grant: what could be touched, where it was believed last.
         braked: the arm has come to rest first.
+        began: when [s].
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Retreat:
     ) -> None:
         self.reason = reason
         self.braked = False
+        self.began = now
         self._until = now + FOLLOWED
         self._seen = grant.region.exposure
         self.grant = replace(grant, region=replace(grant.region, drift=0.0))

@@ -12,6 +12,7 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector
 from armsight.motion.data import GuardMode
+from armsight.motion.escape import SLACK
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import VelocityIntent
 from armsight.motion.nearest import SeparationView
@@ -74,8 +75,11 @@ class Steering:
             tick.mode = GuardMode.STOPPED
             tick.reason = f"velocity {intent.name} is stale: it ended {late:.2f} s ago"
 
-    def pursue(self, tick: Tick, wanted: JointVector) -> None:
-        """One tick towards (n,) joint velocities [rad/s], as far as everything allows."""
+    def pursue(self, tick: Tick, wanted: JointVector, rubs: float = SLACK) -> None:
+        """One tick towards (n,) joint velocities [rad/s], as far as everything allows.
+
+        ``rubs``: as in :meth:`.VelocityFilter.stop_is_free` [m].
+        """
         self.moving = True
         wanted = wanted / max(float((np.abs(wanted) / self._speed).max()), 1.0)
         eased = self._filter.ease(tick, wanted)
@@ -85,7 +89,7 @@ class Steering:
             target, tick.view = self._filter.slide(tick, eased, view)
             target = _share(tick.view) * target
         self._command(tick, target * self._room.value)
-        self._keep_room(tick)
+        self._keep_room(tick, rubs)
         self._say(tick, wanted, view.allowed)
 
     def halt(self, tick: Tick) -> None:
@@ -151,11 +155,11 @@ class Steering:
         if self._filter.excess(tick, tick.ahead.velocity) > EXCESS:
             tick.stop_hard()
 
-    def _keep_room(self, tick: Tick) -> None:
+    def _keep_room(self, tick: Tick, rubs: float = SLACK) -> None:
         """Go on only where the stop that follows is proven free; else slow down, else brake."""
         if tick.brake:
             return
-        if self._filter.stop_is_free(tick):
+        if self._filter.stop_is_free(tick, rubs):
             if self._room.towards(1.0, tick.elapsed, np.inf) < 0.98:
                 tick.reason = "keeps room to stop"
             return
@@ -163,7 +167,7 @@ class Steering:
         tick.reason = "keeps room to stop"
         change = self._filter.limits.acceleration * tick.elapsed
         tick.command = self._velocity - np.clip(self._velocity, -change, change)
-        if not self._filter.stop_is_free(tick) and not tick.at_rest:
+        if not self._filter.stop_is_free(tick, rubs) and not tick.at_rest:
             tick.stop_hard()
 
     def _say(self, tick: Tick, wanted: JointVector, allowed: float) -> None:

@@ -18,7 +18,7 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import DelayedArm
 from armsight.motion.collision import CollisionModel
-from armsight.motion.escape import leaves
+from armsight.motion.escape import SLACK, leaves
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards, SeparationView
 from armsight.motion.separation import ReactionTime
@@ -104,11 +104,11 @@ class VelocityFilter:
         """By how much a motion (n,) [rad/s] closes in faster than allowed, at most [m/s]."""
         return self.monitor.excess(self.judge(tick, motion), self.hazards)
 
-    def stop_is_free(self, tick: Tick) -> bool:
+    def stop_is_free(self, tick: Tick, rubs: float = SLACK) -> bool:
         """Whether the hard stop after this command is proven free: the stop kept in hand.
 
         Where the arm touches something already, a speck of noise or what has come to it: whether
-        the stop touches nothing more.
+        the stop touches nothing more, what the last link carries by ``rubs`` [m] at most.
         """
         if tick.snapshot is None:
             return False
@@ -116,7 +116,7 @@ class VelocityFilter:
         stop = self.arm.stop_path(after)
         pose = self._proof_pose(tick)
         return self.model.path_valid(stop, tick.snapshot, pose) or leaves(
-            self.model, stop, tick.snapshot, pose
+            self.model, stop, tick.snapshot, pose, rubs
         )
 
     def within_limits(self, tick: Tick) -> JointVector:
