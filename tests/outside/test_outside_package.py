@@ -18,6 +18,7 @@ from armsight.recording.mcap_file import McapReader
 
 ROOT = Path(__file__).resolve().parents[2]
 STRANGER = Path(__file__).resolve().parent / "stranger"
+DEPTH = "/ceiling/depth/image_rect_raw/compressedDepth"
 
 
 def call(*words, **options):
@@ -92,7 +93,7 @@ def test_a_strangers_devices_and_task_run_in_a_cell(environment, tmp_path):
     assert told["task"] == "nod"
     assert told["ended_by"] == "time"
     reader = McapReader(tmp_path / "run.mcap")
-    counts = dict.fromkeys(("/ceiling/depth/image_rect_raw", "/joint_states", "/guard/status"), 0)
+    counts = dict.fromkeys((DEPTH, "/joint_states", "/guard/status"), 0)
     for topic, _, _ in reader.messages(list(counts)):
         counts[topic] += 1
     reader.close()
