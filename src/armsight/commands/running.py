@@ -7,14 +7,14 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from armsight.commands.live import Working
+from armsight.commands.live import Watching, Working
 from armsight.commands.serving import Page
 from armsight.errors import TaskError
 
@@ -124,26 +124,34 @@ def ran(
     Raises:
         UsageError: nobody would see when to end it.
     """
-    from armsight.errors import UsageError
     from armsight.workcell import open_cell
     from armsight.workcell.packaged import load
 
-    workcell = load(asked.workcell)
-    if asked.headless and asked.seconds is None:
-        raise UsageError("--headless needs --seconds: nobody would see when to end it")
+    workcell, wanted = load(asked.workcell), run_options(asked)
     with open_cell(workcell, asked.seed) as cell:
         task, observers = make(cell)
-        wanted = RunOptions(
-            seconds=asked.seconds,
-            page=None if asked.headless else asked.page,
-            record=asked.record,
-            pictures=asked.pictures,
-            seed=asked.seed,
-            speed=speed_of(asked.speed, asked.headless),
-            observers=observers,
-            cell_is_empty=asked.cell_is_empty,
-        )
+        wanted = replace(wanted, observers=observers, cell_is_empty=asked.cell_is_empty)
         yield run_session(cell, task, wanted)
+
+
+def run_options(asked: Watching) -> RunOptions:
+    """What a command's options ask of a run.
+
+    Raises:
+        UsageError: nobody would see when to end it.
+    """
+    from armsight.errors import UsageError
+
+    if asked.headless and asked.seconds is None:
+        raise UsageError("--headless needs --seconds: nobody would see when to end it")
+    return RunOptions(
+        seconds=asked.seconds,
+        page=None if asked.headless else asked.page,
+        record=asked.record,
+        pictures=asked.pictures,
+        seed=asked.seed,
+        speed=speed_of(asked.speed, asked.headless),
+    )
 
 
 def speed_of(given: float | None, headless: bool) -> float:

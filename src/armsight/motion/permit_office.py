@@ -184,8 +184,8 @@ class PermitOffice:
         if self._left is None or self._q is None:
             return
         grant, since = self._left
-        push = self._force.push
-        if grant.person or now > since + AGAIN or push is None or self._force.fault(now):
+        push = self._believed_push(now)
+        if grant.person or now > since + AGAIN or push is None:
             return
         strength = float(np.linalg.norm(push))
         if strength < QUIET:
@@ -200,8 +200,8 @@ class PermitOffice:
 
         The arm hides from the cameras what lies against it. A sensor may lie, so not for long.
         """
-        push = self._force.push
-        if not retreat.grant.person or push is None or self._q is None or self._force.fault(now):
+        push = self._believed_push(now)
+        if not retreat.grant.person or push is None or self._q is None:
             return False
         if float(np.linalg.norm(push)) <= PUSHED or now > retreat.began + PRESSED_ON:
             return False
@@ -209,6 +209,10 @@ class PermitOffice:
         return True
 
     # -- inside ---------------------------------------------------------------------------------
+
+    def _believed_push(self, now: float) -> Vector3 | None:
+        """(3,) force on the arm [N] in ``base``; None where no sensor can be believed."""
+        return None if self._force.fault(now) else self._force.push
 
     def _feel_contact(self, now: float) -> None:
         """Judge every reading of the force sensor since the last tick."""

@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armsight.arrays import Floats, JointPath, JointVector, Vector3
+from armsight.arrays import Floats, Ints, JointPath, JointVector, Points, Vector3
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.contact_speed import carried_along
 from armsight.motion.executed import Executed
@@ -179,19 +179,24 @@ def _at_rest(region: Region, center: Vector3, now: float) -> Region:
 
 def _deepest(grant: Grant, body: MovingBody, q: JointVector, now: float) -> tuple[int, Vector3]:
     """Of the parts that may touch the one deepest in the region, and where its centre is (3,)."""
+    parts, center = _touching(grant, body, q)
+    deepest = int(np.argmin(grant.region.distance(center, now)))
+    return int(parts[deepest]), np.asarray(center[deepest])
+
+
+def _touching(grant: Grant, body: MovingBody, q: JointVector) -> tuple[Ints, Points]:
+    """(k,) the parts that may touch, and their centres (k, 3), at (n,) [rad]."""
     parts = np.flatnonzero(grant.touching[body.moving])
     center, _ = body.motion(q, np.zeros(len(q)))
-    part = int(parts[np.argmin(grant.region.distance(center[parts], now))])
-    return part, np.asarray(center[part])
+    return parts, center[parts]
 
 
 def gap(body: MovingBody, grant: Grant, q: JointVector, when: float) -> float:
     """Distance [m] from the parts that may touch to the region, at (n,) [rad]; negative inside."""
-    parts = np.flatnonzero(grant.touching[body.moving])
-    if len(parts) == 0:
+    parts, center = _touching(grant, body, q)
+    if not len(parts):
         return np.inf
-    center, _ = body.motion(q, np.zeros(len(q)))
-    away = grant.region.distance(center[parts], when) - body.radius[parts]
+    away = grant.region.distance(center, when) - body.radius[parts]
     return float(away.min())
 
 
@@ -200,9 +205,8 @@ def gap_to_seen(
 ) -> float:
     """Distance [m] from the parts that may touch to what is seen in a person's region."""
     seen = permitted(snapshot, grant).touchable
-    parts = np.flatnonzero(grant.touching[body.moving])
+    parts, center = _touching(grant, body, q)
     if not len(seen) or not len(parts):
         return np.inf
-    center, _ = body.motion(q, np.zeros(len(q)))
-    away = np.linalg.norm(seen[None] - center[parts][:, None], axis=2)
+    away = np.linalg.norm(seen[None] - center[:, None], axis=2)
     return float((away.min(axis=1) - body.radius[parts] - snapshot.hazard_radius).min())
