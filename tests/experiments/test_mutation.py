@@ -10,6 +10,7 @@ import pytest
 
 from armsight.errors import UsageError
 from armsight.experiments import mutants as experiment
+from armsight.experiments.covered import read
 from armsight.experiments.mutation import VARIABLE, mutant, sites
 
 SOURCE = '''
@@ -68,10 +69,47 @@ def test_the_tests_import_the_mutant_and_nothing_in_the_tree_changes(tmp_path: P
     assert done.returncode == 0, done.stdout
 
 
+def test_what_each_test_runs_is_known_line_by_line(tmp_path: Path):
+    (tmp_path / "law.py").write_text(
+        "A = 1\n\ndef low(d):\n    if d < A:\n        return 0\n"
+        "    return (\n        d - A\n    )\n",
+        "utf-8",
+    )
+    (tmp_path / "test_law.py").write_text(
+        "import pytest, law\n"
+        "@pytest.fixture(scope='module')\ndef two(): return law.low(3)\n"
+        "def test_near(): assert law.low(0) == 0\n"
+        "def test_far(two): assert law.low(3) == two\n"
+        "def test_nothing(): pass\n",
+        "utf-8",
+    )
+    told = tmp_path / "covered.json"
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "armsight.experiments.covered", "test_law.py"],
+        env={**os.environ, "ARMSIGHT_COVERED": f"{told}=law", "PYTHONPATH": _path(tmp_path)},
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+
+    covered = read(told)
+    near, far, nothing = (f"test_law.py::test_{n}" for n in ("near", "far", "nothing"))
+    assert set(covered.tests("law", 1, 1)) == {near, far, nothing}  # runs on import
+    assert set(covered.tests("law", 5, 5)) == {near}
+    # The fixture is the module's: whoever asks for it first, all tests of the file hang on it.
+    assert set(covered.tests("law", 7, 7)) == {near, far, nothing}
+    assert covered.tests("law", 9, 20) == []
+
+
+def _path(folder: Path) -> str:
+    return os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+
+
 def test_parts_name_modules_and_tests_that_there_are(monkeypatch: pytest.MonkeyPatch):
-    for modules, tests in experiment.PARTS.values():
+    for modules in experiment.PARTS.values():
         assert all(experiment._source(module).is_file() for module in modules)
-        assert all((experiment._tests() / test).is_file() for test in tests)
+    for module, names in experiment.COMPILED.items():
+        room = experiment._tests() / module.partition(".")[0]
+        assert all((room / name).is_file() for name in names)
     first = [experiment.drawn("separation", 1, k)[1].what for k in range(3)]
     assert first == [experiment.drawn("separation", 1, k)[1].what for k in range(3)]
     monkeypatch.setattr(experiment, "__file__", "/nowhere/a/b/c/mutants.py")

@@ -13,66 +13,56 @@ from typing import Any
 import numpy as np
 
 from armsight.errors import UsageError
+from armsight.experiments.cache import cache_folder
+from armsight.experiments.covered import VARIABLE as COVERED
+from armsight.experiments.covered import read
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.mutation import VARIABLE, Mutant, mutant, sites
+from armsight.experiments.mutation import VARIABLE as MUTANT
+from armsight.experiments.mutation import Mutant, mutant, sites
 from armsight.experiments.rows import Row, wilson
 
-LONGEST = 900.0
+LONGEST = 600.0
 """Tests that take longer than this count as having noticed: the mutant made them go round [s]."""
-PARTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "guard": (
-        ("motion.guard", "motion.faults", "motion.looking", "motion.reflex", "motion.arm_model"),
-        ("motion/test_proof_terms.py", "motion/test_arm_model.py", "motion/test_guard_parts.py",
-         "motion/test_guard_faults.py", "motion/test_guard.py"),
-    ),
-    "gate": (
-        ("motion.velocity_filter", "motion.nearest", "motion.steering"),
-        ("motion/test_proof_terms.py", "motion/test_guard_parts.py", "motion/test_steering.py",
-         "motion/test_guard.py"),
-    ),
-    "separation": (
-        ("motion.separation", "motion.separation_monitor", "motion.guard_kernels"),
-        ("motion/test_separation.py", "motion/test_guard_kernels.py", "motion/test_proof_terms.py",
-         "motion/test_guard.py"),
-    ),
-    "permits": (
-        ("motion.permits", "motion.permit_office", "motion.permitted", "motion.contact_speed",
-         "motion.contact_limits", "motion.force_watch", "motion.retreat", "motion.regions"),
-        ("motion/test_permits.py", "motion/test_contact.py"),
-    ),
-    "hazards": (
-        ("mapping.hazards", "mapping.things", "mapping.tracked", "mapping.people"),
-        ("mapping/test_hazards_oracle.py", "mapping/test_flood.py", "mapping/test_tracked.py",
-         "mapping/test_things.py", "mapping/test_workspace_map.py"),
-    ),
-    "self-filter": (
-        ("mapping.self_filter",),
-        ("mapping/test_beside_the_arm.py", "mapping/test_workspace_map.py",
-         "mapping/test_merged_clouds.py"),
-    ),
-    "map": (
-        ("mapping.occupancy", "mapping.carving", "mapping.workspace_map", "mapping.camera_stage",
-         "mapping.health", "mapping.plausibility"),
-        ("mapping/test_bad_frames.py", "mapping/test_clearing.py", "mapping/test_map_oracle.py",
-         "mapping/test_plausibility.py", "mapping/test_workspace_map.py"),
-    ),
+ENOUGH = 40.0
+"""Tests of a mutant, quickest first, end where all of them together would take this long [s]."""
+ROOMS = ("motion", "mapping")
+"""Folders of tests; those of a room look at the room's modules."""
+PARTS: dict[str, tuple[str, ...]] = {
+    "guard": ("motion.guard", "motion.faults", "motion.looking", "motion.reflex",
+              "motion.arm_model"),
+    "gate": ("motion.velocity_filter", "motion.nearest", "motion.steering"),
+    "separation": ("motion.separation", "motion.separation_monitor", "motion.guard_kernels"),
+    "permits": ("motion.permits", "motion.permit_office", "motion.permitted",
+                "motion.contact_speed", "motion.contact_limits", "motion.force_watch",
+                "motion.retreat", "motion.regions"),
+    "hazards": ("mapping.hazards", "mapping.things", "mapping.tracked", "mapping.people"),
+    "self-filter": ("mapping.self_filter",),
+    "map": ("mapping.occupancy", "mapping.carving", "mapping.workspace_map",
+            "mapping.camera_stage", "mapping.health", "mapping.plausibility"),
 }  # fmt: skip
-"""Modules of each part, and the tests that look at them, quickest first."""
+"""Modules of each part."""
+COMPILED: dict[str, tuple[str, ...]] = {
+    "motion.guard_kernels": ("test_guard_kernels.py", "test_proof_terms.py", "test_separation.py",
+                             "test_arm_model.py"),
+}  # fmt: skip
+"""Tests of modules whose functions are compiled: nobody sees which lines of them run."""
 
 ABOUT = """
 One mistake at a time in the guard, its gate, separation, permits, hazards, self-filter and map: a
 comparison turned round, a sign flipped, a minimum made a maximum, an `and` an `or`, a term of a sum
 dropped. The mutants are drawn at random from all that there are, as many from each part. Each is
-imported in place of its module by a fresh interpreter, which runs that part's tests; compiled code
-is compiled anew. A mutant that no test notices survives. Some survivors change nothing that
-matters (a message, a bound that another bound hides): they count as survivors all the same.
+imported in place of its module by a fresh interpreter, which runs those tests of its room
+(`tests/motion`, `tests/mapping`) that run the changed line, quickest first, at most 40 s of them;
+compiled code is compiled anew. A mutant that none of these tests notices survives, also where no
+test runs its line. Some survivors change nothing that matters (a message, a bound that another
+bound hides): they count as survivors all the same.
 """
 
 
 def drawn(part: str, seed: int, number: int) -> tuple[str, Mutant]:
     """The module and the mutant of that number of a part, in a random order of all there are."""
-    sources = {module: _source(module).read_text("utf-8") for module in PARTS[part][0]}
+    sources = {module: _source(module).read_text("utf-8") for module in PARTS[part]}
     places = [(module, site) for module, text in sources.items() for site in sites(text)]
     rng = np.random.default_rng((seed, *map(ord, part)))
     module, site = places[int(rng.permutation(len(places))[number % len(places)])]
@@ -90,40 +80,83 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     names = list(PARTS)
     part = names[run % len(names)]
     module, changed = drawn(part, seed, run // len(names))
-    with tempfile.TemporaryDirectory(prefix="armsight-mutant-") as folder:
-        file = Path(folder) / f"{module.rpartition('.')[2]}.py"
-        file.write_text(changed.source, encoding="utf-8")
-        noticed = _noticed(part, f"armsight.{module}", file)
     return {
         "part": part,
         "where": f"{module}:{changed.line}",
         "what": changed.what,
-        "noticed": noticed,
+        "noticed": _noticed(module, changed, _looking(module, changed)),
     }
 
 
-def _noticed(part: str, module: str, file: Path) -> str:
+def _looking(module: str, changed: Mutant) -> list[str]:
+    """The tests that run what was changed, quickest first; of compiled modules all their own."""
+    room = module.partition(".")[0]
+    if module in COMPILED:
+        return [f"tests/{room}/{name}" for name in COMPILED[module]]
+    covered = read(_covered_file(room))
+    chosen: list[str] = []
+    seconds = 0.0
+    for test in covered.tests(f"armsight.{module}", changed.line, changed.last):
+        seconds += covered.seconds[test]
+        if chosen and seconds > ENOUGH:
+            break
+        chosen.append(test)
+    return chosen
+
+
+def _noticed(module: str, changed: Mutant, tests: list[str]) -> str:
     """The first test that a mutant fails, "hangs" or "breaks"; empty when it survives."""
-    tests = _tests()
-    environment = {**os.environ, VARIABLE: f"{module}={file}"}
-    if "njit" in file.read_text("utf-8"):  # what others compiled it into must not be used
-        environment["NUMBA_CACHE_DIR"] = str(file.parent)
-    command = [
-        sys.executable, "-B", "-m", "pytest", "-x", "-q", "--no-header", "--tb=no",
-        "-p", "armsight.experiments.mutation", "-p", "no:cacheprovider",
-        *(str(tests / name) for name in PARTS[part][1]),
-    ]  # fmt: skip
-    try:
-        done = subprocess.run(  # noqa: S603 - our own tests, no shell
-            command, cwd=tests.parent, env=environment, timeout=LONGEST,
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return "hangs"
+    if not tests:
+        return ""
+    with tempfile.TemporaryDirectory(prefix="armsight-mutant-") as folder:
+        file = Path(folder) / f"{module.rpartition('.')[2]}.py"
+        file.write_text(changed.source, encoding="utf-8")
+        environment = {MUTANT: f"armsight.{module}={file}"}
+        if module in COMPILED:  # what others compiled it into must not be used
+            environment["NUMBA_CACHE_DIR"] = folder
+        try:
+            done = _pytest("mutation", environment, tests, LONGEST)
+        except subprocess.TimeoutExpired:
+            return "hangs"
     if done.returncode == 0:
         return ""
     failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     return failed[0].split(" - ")[0].rpartition("/")[2] if failed else "breaks"
+
+
+def _pytest(
+    plugin: str, environment: dict[str, str], tests: list[str], longest: float | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Tests of the checkout in a fresh interpreter, with a plugin of ours."""
+    command = [
+        sys.executable, "-B", "-m", "pytest", "-x", "-q", "--no-header", "--tb=no",
+        "-p", f"armsight.experiments.{plugin}", "-p", "no:cacheprovider", *tests,
+    ]  # fmt: skip
+    return subprocess.run(  # noqa: S603 - our own tests, no shell
+        command, cwd=_tests().parent, env={**os.environ, **environment}, timeout=longest,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def _cover(room: str) -> None:
+    """Run a room's tests once, without a mutant, to see which lines they run.
+
+    Raises:
+        UsageError: a test fails without a mutant.
+    """
+    file = _covered_file(room)
+    if file.exists():
+        return
+    file.parent.mkdir(parents=True, exist_ok=True)
+    modules = [f"armsight.{m}" for part in PARTS.values() for m in part if m.startswith(room)]
+    done = _pytest("covered", {COVERED: f"{file}={','.join(modules)}"}, [f"tests/{room}"])
+    if done.returncode:
+        file.unlink(missing_ok=True)
+        raise UsageError(f"mutants: tests/{room} fails without a mutant: {done.stdout[-200:]}")
+
+
+def _covered_file(room: str) -> Path:
+    return cache_folder().resolve() / f"mutants-{room}-{settings()['code'][:12]}.json"
 
 
 def _tests() -> Path:
@@ -141,21 +174,17 @@ def _tests() -> Path:
 def settings() -> dict[str, Any]:
     """All that changes a run, besides its seed: the modules and their tests as they are."""
     digest = hashlib.sha256()
-    for modules, tests in PARTS.values():
-        for name in modules:
-            digest.update(_source(name).read_bytes())
-        for name in tests:
-            digest.update((_tests() / name).read_bytes())
-    return {"code": digest.hexdigest()}
+    tests = [file for room in ROOMS for file in sorted((_tests() / room).glob("*.py"))]
+    for file in [_source(module) for part in PARTS.values() for module in part] + tests:
+        digest.update(file.read_bytes())
+    return {"code": digest.hexdigest(), "enough": ENOUGH}
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` mutants, as many of each part."""
-    for part in PARTS:
-        progress(f"mutants: the tests of {part} without a mutant", 0.0)
-        broken = _noticed(part, "armsight.none", Path(__file__).with_name("mutation.py"))
-        if broken:
-            raise UsageError(f"mutants: {broken} fails without a mutant")
+    for room in ROOMS:
+        progress(f"mutants: the tests of {room} without a mutant", 0.0)
+        _cover(room)
     results = run_episodes("mutants", episode, range(runs), seed, settings(), progress)
     rows = [_row("mutants_killed", "all", results, must=0.9, aim=0.97)]
     rows += [_row("killed", p, [r for r in results if r["part"] == p]) for p in PARTS]

@@ -52,12 +52,13 @@ class Mutant:
     """One change.
 
     Attributes:
-        line: of the source, from 1.
+        line, last: of the source, from 1, where what was changed begins and ends.
         what: was changed into what, in words.
         source: of the whole module, changed.
     """
 
     line: int
+    last: int
     what: str
     source: str
 
@@ -77,10 +78,11 @@ def mutant(source: str, site: tuple[int, int]) -> Mutant:
     tree = ast.parse(source)
     node = next(n for i, n in enumerate(_code(tree)) if i == site[0])
     before, line = ast.unparse(node), getattr(node, "lineno", 0)
+    last = getattr(node, "end_lineno", line)
     after = _change(node, site[1])
     what = f"{before} -> {ast.unparse(after)}"
     changed = ast.fix_missing_locations(_Replace(node, after).visit(tree))
-    return Mutant(line, what, ast.unparse(changed))
+    return Mutant(line, last, what, ast.unparse(changed))
 
 
 def _code(tree: ast.AST) -> Iterator[ast.AST]:
