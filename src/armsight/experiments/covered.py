@@ -42,12 +42,16 @@ class Covered:
     seconds: dict[str, float] = field(default_factory=dict)
 
     def tests(self, module: str, first: int, last: int) -> list[str]:
-        """The tests that run one of these lines of a module, quickest first."""
+        """The tests that run one of these lines of a module, quickest first.
+
+        Where they run on import all tests do, after those that run them once more.
+        """
         wanted = {(module, line) for line in range(first, last + 1)}
+        order = sorted(self.seconds, key=self.seconds.__getitem__)
+        ran = [test for test in order if self.lines.get(test, set()) & wanted]
         if self.lines.get(EVERY, set()) & wanted:
-            return sorted(self.seconds, key=self.seconds.__getitem__)
-        found = [test for test in self.seconds if self.lines.get(test, set()) & wanted]
-        return sorted(found, key=self.seconds.__getitem__)
+            ran += [test for test in order if test not in set(ran)]
+        return ran
 
 
 def read(file: Path) -> Covered:
