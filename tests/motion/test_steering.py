@@ -186,6 +186,25 @@ def test_no_hand_meets_a_moving_arm_that_a_task_drives_at_it(speed):
     assert any("something" in s.reason for s in world.log)
 
 
+def test_a_bound_tool_is_slowed_and_never_turned_aside():
+    """A plug in its socket, with somebody beside the arm: along its axis or not at all."""
+    aside = []
+    for bound in (False, True):
+        world = ready(q=A)
+        tip = tcp_pose(world.robot, world.q)[:3, 3].copy()
+        world.balls = [Ball(lambda t, tip=tip: tip + np.array([0.4, 0.8, 0.0]))]
+        for _ in range(500):
+            goal = replace(wish(world, [0.0, 0.3, 0.0, 0.0, 0.0, 0.0]), bound=bound)
+            decision = world.tick(goal=goal)
+        moved = tcp_pose(world.robot, world.q)[:3, 3] - tip
+        assert moved[1] > 0.05
+        assert decision.status.mode in (GuardMode.SLOWED, GuardMode.STOPPED)
+        assert world.moving_touches == []
+        aside.append(float(np.hypot(moved[0], moved[2])))
+    assert aside[0] > 0.01
+    assert aside[1] < 0.003
+
+
 def test_it_slides_along_what_it_may_not_approach():
     """Straight at a ball that is off to one side: the arm goes on, beside it."""
     world = ready(q=A)

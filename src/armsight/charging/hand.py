@@ -92,13 +92,13 @@ class PlugHand:
         self.answer = answer
         if answer.depth > IN:
             self._permission.felt(seen.now)
-        return answer, self._moving(seen, answer.twist, name)
+        return answer, self._moving(seen, answer.twist, name, bound=answer.depth > 0.0)
 
-    def _moving(self, seen: Seen, twist: Floats, name: str) -> Wish:
+    def _moving(self, seen: Seen, twist: Floats, name: str, bound: bool = False) -> Wish:
         stamp = seen.joints.stamp
         permit = self._permission.ask(seen.now, seen.guard)
         tip = self.feeling.tip_twist(twist)
-        return Wish(VelocityIntent(name, tip, "tcp", stamp, stamp + LASTS, permit))
+        return Wish(VelocityIntent(name, tip, "tcp", stamp, stamp + LASTS, permit, bound=bound))
 
 
 def after_kill(entry: Entry, T_base_plug: Pose) -> tuple[State, str]:

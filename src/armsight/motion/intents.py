@@ -92,6 +92,8 @@ class VelocityIntent:
             after the exposure.
         permit: what it has to touch.
         width: how far the gripper shall be open [m]; None leaves it as it is.
+        bound: the tool cannot go aside, as a plug in its socket: what is near slows it, and does
+            not make it slide.
     """
 
     name: str
@@ -101,6 +103,7 @@ class VelocityIntent:
     valid_until: float
     permit: PermitRequest | None = None
     width: float | None = None
+    bound: bool = False
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ class Steering:
         wanted = np.zeros(self._robot.n)
         if not stale:
             wanted = self._joint_velocity(intent, tick.ahead.position)
-        self.pursue(tick, wanted)
+        self.pursue(tick, wanted, bound=intent.bound)
         if tick.mode == GuardMode.PREDICTIVE:
             tick.mode = GuardMode.VELOCITY
         if stale:
@@ -75,10 +75,13 @@ class Steering:
             tick.mode = GuardMode.STOPPED
             tick.reason = f"velocity {intent.name} is stale: it ended {late:.2f} s ago"
 
-    def pursue(self, tick: Tick, wanted: JointVector, rubs: float = SLACK) -> None:
+    def pursue(
+        self, tick: Tick, wanted: JointVector, rubs: float = SLACK, bound: bool = False
+    ) -> None:
         """One tick towards (n,) joint velocities [rad/s], as far as everything allows.
 
-        ``rubs``: as in :meth:`.VelocityFilter.stop_is_free` [m].
+        ``rubs``: as in :meth:`.VelocityFilter.stop_is_free` [m]; ``bound``: as of a
+        :class:`VelocityIntent`.
         """
         self.moving = True
         wanted = wanted / max(float((np.abs(wanted) / self._speed).max()), 1.0)
@@ -86,9 +89,8 @@ class Steering:
         view = tick.view = self._filter.judge(tick, eased)
         target = eased
         if view.allowed < 1.0:
-            target, tick.view = self._filter.slide(tick, eased, view)
-            target = _share(tick.view) * target
-        self._command(tick, target * self._room.value)
+            target = self._aside(tick, eased, view, bound)
+        self._command(tick, target * self._room.value, bound)
         self._keep_room(tick, rubs)
         self._say(tick, wanted, view.allowed)
 
@@ -137,7 +139,16 @@ class Steering:
             velocity = np.concatenate([R @ velocity[:3], R @ velocity[3:]])
         return joints_of_twist(tcp_jacobian(self._robot, q), velocity)
 
-    def _command(self, tick: Tick, target: JointVector) -> None:
+    def _aside(
+        self, tick: Tick, wanted: JointVector, view: SeparationView, bound: bool
+    ) -> JointVector:
+        """What is allowed of a motion that closes in on something: along it, or less of it."""
+        if bound:
+            return _share(view) * wanted
+        motion, tick.view = self._filter.slide(tick, wanted, view)
+        return _share(tick.view) * motion
+
+    def _command(self, tick: Tick, target: JointVector, bound: bool = False) -> None:
         """The next velocity on the way to a target, and no faster than separation allows."""
         limits = self._filter.limits
         tick.command = ramp(
@@ -150,8 +161,7 @@ class Steering:
         if view.allowed >= 1.0:
             return
         # The ramp lags behind what slides along: here separation outranks the limit of jerk.
-        tick.command, tick.view = self._filter.slide(tick, tick.command, view)
-        tick.command = _share(tick.view) * tick.command
+        tick.command = self._aside(tick, tick.command, view, bound)
         if self._filter.excess(tick, tick.ahead.velocity) > EXCESS:
             tick.stop_hard()
 
