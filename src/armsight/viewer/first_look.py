@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import viser
 
-from armsight.arrays import Mask, Points, Vector3
+from armsight.arrays import Mask, Points, Pose, Vector3
 from armsight.geometry.pose import transform
 from armsight.geometry.shapes import Solid
 from armsight.viewer.solids import is_wall
@@ -34,7 +34,12 @@ def first_look(server: viser.ViserServer, cell: Cell) -> None:
         reach = max(cell.robot.reach, 0.6)
         target = T[:3, 3] + np.array([0.45 * reach, 0.0, 0.1 * reach])
         eyes = target + reach * np.column_stack([3.2 * AROUND, np.full(len(AROUND), 1.5)])
-        eye = eyes[clearest_view(places - target, hidden(target, eyes, _hiding(cell)))]
+        solids = _hiding(cell)
+        blocked = hidden(target, eyes, solids)
+        car = getattr(cell.world, "car", None)
+        if car is not None:  # whoever parks a car wants to see its port
+            blocked = blocked | edge_on(car.T_world_socket, eyes)
+        eye = eyes[clearest_view(places - target, blocked)]
     server.initial_camera.look_at = tuple(target)
     server.initial_camera.position = tuple(eye)
     server.initial_camera.fov = float(np.deg2rad(42.0))
@@ -52,6 +57,12 @@ def clearest_view(cameras: Points, blocked: Mask) -> int:
     apart = np.abs(np.angle(np.exp(1j * (angles[:, None] - seen)))).min(axis=1, initial=np.pi)
     liked = 0.35 * np.cos(angles - np.deg2rad(-60.0))
     return int(np.argmax(np.minimum(apart, 0.6) + liked - 10.0 * blocked))
+
+
+def edge_on(T_world_face: Pose, eyes: Points) -> Mask:
+    """(n,) whether eyes [m] see a face, which looks along its z, by more than 60 deg askew."""
+    away = eyes - T_world_face[:3, 3]
+    return np.asarray(away @ T_world_face[:3, 2] < 0.5 * np.linalg.norm(away, axis=1))
 
 
 def hidden(target: Vector3, eyes: Points, solids: Sequence[Solid]) -> Mask:
