@@ -48,6 +48,7 @@ NAMES: dict[str, str] = {
     "port-detection": "T3: charging ports found in one picture: speed, recall, false alarms",
     "port-pose": "T3: the pose of a port by a converging pair, beside the paper's plane",
     "insertion": "T3: plugging in and out by force, beside the paper's halt",
+    "lid": "T3: a charging lid opened and shut by feel",
     "charging": "T3: visits of the charging station, cars parked at random",
     "station-kill": "T3: the charging station killed in every phase, and started again",
     "plug-calibration": "T3: calibration without a marker, the plug before the pair",

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
+from armsight.geometry.pose import make_pose
 from armsight.robots.robot import Capsules, Robot
 from armsight.simulation.gl import mujoco
+from armsight.simulation.lid import Lid, LidSpec, add_lid
 from armsight.simulation.model import add_servos, set_servo_gains
 from armsight.simulation.model_arm import add_arm
 from armsight.simulation.model_parts import Builder, Part
-from armsight.simulation.plugs import Plugged, add_plug, add_sleeve, add_socket
+from armsight.simulation.plugs import BODY, Plugged, add_plug, add_sleeve, add_socket
 from armsight.simulation.spec import PlugSpec, SocketSpec
 
 STEP = 0.001
 """[s]"""
-CENTER = (0.0, 0.0, -0.06)
-"""Centre of mass in the plug's frame [m]."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,8 @@ class PlugSetup:
         friction: between sleeve and wall; contacts: friction of the seated contacts [N].
         delay: from a command to the drives [s].
         noise: of force and torque [N], [N m]; bias: (6,) that the sensor adds.
+        center: (3,) centre of mass in the plug's frame [m].
+        lid: what stands there instead of the socket, or None.
     """
 
     T_world_port: Pose
@@ -57,6 +59,8 @@ class PlugSetup:
     delay: float = 0.06
     noise: tuple[float, float] = (0.5, 0.02)
     bias: tuple[float, ...] = (0.0,) * 6
+    center: tuple[float, float, float] = (0.0, 0.0, -0.06)
+    lid: LidSpec | None = None
 
     @property
     def plug(self) -> PlugSpec:
@@ -79,7 +83,12 @@ class PlugSetup:
 
 
 class PlugBench:
-    """Steps the physics; what a controller may know is joints and wrench, the rest is scoring."""
+    """Steps the physics; what a controller may know is joints and wrench, the rest is scoring.
+
+    Attributes:
+        time: [s].
+        lid: the truth about it, or None.
+    """
 
     def __init__(self, robot: Robot, setup: PlugSetup, q: JointVector, seed: int = 0) -> None:
         self.setup = setup
@@ -92,7 +101,10 @@ class PlugBench:
         self._waiting: deque[JointVector] = deque([q.copy()] * max(1, round(setup.delay / STEP)))
         self._reference = q.copy()
         self._rate = np.zeros(self.n)
-        self._plugged = Plugged(self._model, self._data, setup.plug, setup.socket)
+        lid = setup.lid
+        self.lid = None if lid is None else Lid(self._model, self._data, lid)
+        socket = setup.socket if lid is None else None
+        self._plugged = Plugged(self._model, self._data, setup.plug, socket)
         self._force = int(self._model.sensor("flange/force").adr[0])
         self._low_pass = 1.0 - np.exp(-2.0 * np.pi * 100.0 * STEP)
         mujoco.mj_forward(self._model, self._data)
@@ -122,6 +134,8 @@ class PlugBench:
         self._data.ctrl[: self.n] = new
         self._data.ctrl[self.n : 2 * self.n] = (new - old) / STEP
         self._plugged.push()
+        if self.lid is not None:
+            self.lid.push()
         mujoco.mj_step(self._model, self._data)
         self._filtered = self._filtered + self._low_pass * (self._sensed() - self._filtered)
         self.time += STEP
@@ -138,6 +152,15 @@ class PlugBench:
         """
         noise = self._rng.standard_normal(6) * np.repeat(self.setup.noise, 3)
         return np.asarray(self._filtered + np.asarray(self.setup.bias) + noise)
+
+    def force(self) -> float:
+        """Of whatever touches the plug, the truth [N]."""
+        return float(np.linalg.norm(self._plugged.wrench()[:3]))
+
+    def T_world_plug(self) -> Pose:
+        """The truth."""
+        body = self._data.body(BODY)
+        return make_pose(body.xmat.reshape(3, 3), body.xpos)
 
     def truth(self) -> tuple[Pose, Floats]:
         """``T_port_plug`` and the (6,) force and torque of the socket on the plug, port's axes."""
@@ -169,10 +192,13 @@ def _build(robot: Robot, setup: PlugSetup) -> Any:
     add_arm(builder, bare, np.eye(4), robot.T_link_joint, sensing=True)
     add_servos(mj, robot)
     plug = add_plug(
-        mj.body("arm/flange"), setup.plug, setup.T_flange_plug, setup.mass, np.array(CENTER)
+        mj.body("arm/flange"), setup.plug, setup.T_flange_plug, setup.mass, np.array(setup.center)
     )
     add_sleeve(builder, plug, setup.plug, Part("arm", "plug"))
-    add_socket(builder, setup.socket)
+    if setup.lid is None:
+        add_socket(builder, setup.socket)
+    else:
+        add_lid(builder, setup.lid)
     model = mj.compile()
     set_servo_gains(model, robot)
     return model
