@@ -1,18 +1,21 @@
 """The station's small parts: journal, hanging plug, straight lines, simulated car, permission."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from armsight.charging.admittance import Admittance
 from armsight.charging.eye import PortEye, SeenPort, picture_fault
+from armsight.charging.feeling import Feeling
 from armsight.charging.hanging import at_plug, hung, tip_twist
 from armsight.charging.journal import Entry, Journal, JournalError
 from armsight.charging.moves import apart, before_port, looking_pose, straight
 from armsight.charging.permission import RENEW, Permission
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import StationOptions
+from armsight.devices.data import Wrench
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, from_rpy, inverse, log, make_pose
 
@@ -157,3 +160,21 @@ def test_pictures_that_show_nothing_are_said():
     assert "covered" in picture_fault(good, np.full_like(good, 7), lens, lens)
     assert "right picture is 32x48" in picture_fault(good, good[:, :32], lens, lens)
     assert PortEye("post", ("type2",)).on_demand
+
+
+@pytest.mark.parametrize(
+    ("newton", "words"),
+    [
+        (30.0, ""),
+        (4.0, "weighs 4 N, with its cable 31 are expected: it is missing"),
+        (55.0, "caught"),
+    ],
+)
+def test_a_plug_that_is_gone_and_a_cable_that_is_caught_are_felt(newton, words):
+    feeling = Feeling(np.eye(4), Admittance())
+    for k in range(100):
+        seen = SimpleNamespace(wrench=Wrench(0.01 * k, np.array([0.0, -newton, 0.0]), np.zeros(3)))
+        feeling.take(seen)
+    said = feeling.not_ours(31.0)
+    assert words in said
+    assert bool(words) == bool(said)

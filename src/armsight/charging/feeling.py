@@ -21,6 +21,10 @@ SILENT = 0.05
 """A reading older than this says nothing of now [s]."""
 
 
+LIGHT, HEAVY = 0.7, 1.4
+"""What is felt of a plug's weight, at least and at most."""
+
+
 class Feeling:
     """Takes every reading in.
 
@@ -53,6 +57,20 @@ class Feeling:
         mean = self._mean()
         if mean is not None:
             self.T_flange_plug = hung(self._T_tip, mean, self._mount)
+
+    def not_ours(self, weight: float) -> str:
+        """Why what hangs here is not the plug, of a weight with its cable [N], in words; or empty.
+
+        A plug that fell, was taken or exchanged weighs otherwise; a caught cable pulls.
+        """
+        mean = self._mean()
+        if mean is None:
+            return ""
+        felt = float(np.linalg.norm(mean[:3]))
+        if LIGHT * weight < felt < HEAVY * weight:
+            return ""
+        how = "it is missing, or another one" if felt < weight else "is its cable caught?"
+        return f"the plug weighs {felt:.0f} N, with its cable {weight:.0f} are expected: {how}"
 
     def zero(self, now: float) -> bool:
         """Take over what is felt now as no contact; False where it cannot be believed."""

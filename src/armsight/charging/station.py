@@ -102,6 +102,9 @@ class Station(StationCore):
         state, words = after_kill(entry, self._hand.plug(seen))
         if state is State.STAND_BY:
             self._out(seen)
+        if state is not State.CHARGE:
+            self.visits.blame(words)
+            self._again = self.options.tries  # out, and no more: somebody asks for the next visit
         self._go(state, seen.now, words)
 
     # -- states ---------------------------------------------------------------------------------
@@ -198,7 +201,11 @@ class Station(StationCore):
         if _reached(seen, goal.name) and self._rests(seen, 0.3):
             self._hand.feeling.hang()
             self.visits.note(approached=seen.now)
-            self._go(State.ALIGN, seen.now)
+            wrong = "" if self._weight is None else self._hand.feeling.not_ours(self._weight)
+            if wrong:
+                self._fail(seen, wrong)
+            else:
+                self._go(State.ALIGN, seen.now)
         return Wish(goal)
 
     def _align(self, seen: Seen, car: VehicleStatus | None) -> Wish:

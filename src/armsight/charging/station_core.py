@@ -24,6 +24,9 @@ from armsight.charging.way_out import WayOut
 from armsight.motion.permits import PermitRequest
 from armsight.robots.robot import Robot
 
+GRAVITY = 9.81
+"""[m/s^2]"""
+
 
 class StationCore:
     """One plug, one place for cars.
@@ -65,6 +68,7 @@ class StationCore:
         self.vehicle, self._journal = vehicle, journal
         self._contradiction = contradiction
         self._T_tip = robot.tool.T_flange_tcp
+        self._weight = None if o.cable is None else GRAVITY * robot.tool.mass + o.cable
         self._T_near = T_flange_near if o.mode == "ours" else None
         self.reset()
 
@@ -137,7 +141,8 @@ class StationCore:
 
     def _finish(self, seen: Seen) -> None:
         self.visits.end(seen.now)
-        self._go(State.STAND_BY, seen.now, self.outcome.problem)
+        good = "charged, and the plug is out again" if self.outcome.charged else ""
+        self._go(State.STAND_BY, seen.now, self.outcome.problem or good)
 
     def _begin_unplug(self, seen: Seen) -> None:
         self._hand.begin(Insertion(self._law_options, out=True))

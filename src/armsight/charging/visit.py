@@ -57,6 +57,7 @@ class StationOptions:
             leave open: calibration and arm [m].
         least: score of a port that is believed.
         reach: a port farther from the base is out of reach [m].
+        cable: what hangs on the plug [N]; None where nobody knows: then nobody asks what it weighs.
     """
 
     plug: str = "type2_plug"
@@ -80,6 +81,7 @@ class StationOptions:
     near_sigma: float = 0.002
     least: float = 0.6
     reach: float = 1.35
+    cable: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,6 +99,7 @@ class ChargeOptions:
             InsertOptions(admittance=mount, port_depth=PORT_DEPTH),
             fixed[0],
             carried[0].name if carried else "",
+            cable=section.cable_n,
         )
         simulated = getattr(cell.world, "car", None)
         car = SimulatedCar(
