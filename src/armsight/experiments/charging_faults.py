@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from armsight.charging.eye import PortLook
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import State
-from armsight.experiments.station_bench import StationBench
-from armsight.experiments.station_kill import make_station
+from armsight.experiments.charging_visits import FORCE
+from armsight.experiments.station_bench import StationBench, make_station
 from armsight.geometry.pose import make_pose
 from armsight.workcell.schema import Workcell
 
@@ -36,14 +34,14 @@ OUT = 0.05
 """The plug is out when it is so far before the face [m]."""
 
 
-def faulty_visit(cell: Workcell, fault: Fault, seed: int, most: float) -> dict[str, Any]:
+def faulty_visit(cell: Workcell, fault: Fault, seed: int, rendered: bool = False) -> dict[str, Any]:
     """One visit in which something goes wrong.
 
     Args:
         cell: with a car that is parked somewhere.
         fault: what goes wrong.
         seed: of when, and of everything else.
-        most: force that the permit asks for [N].
+        rendered: whether pictures are rendered and searched; else looks are drawn.
 
     Returns:
         Whether it ended safe (out, or known to be in; nothing pressed with more than allowed) and
@@ -51,7 +49,7 @@ def faulty_visit(cell: Workcell, fault: Fault, seed: int, most: float) -> dict[s
     """
     rng = np.random.default_rng((seed, 53))
     cell = _with(cell, fault, rng)
-    bench, car = StationBench(cell, seed), SimulatedCar(seconds=20.0)
+    bench, car = StationBench(cell, seed, rendered), SimulatedCar(seconds=20.0)
     station = make_station(bench, None, car)
     station.begin()
     when = _moment(fault, rng)
@@ -59,8 +57,6 @@ def faulty_visit(cell: Workcell, fault: Fault, seed: int, most: float) -> dict[s
     seated = False
     while bench.now < SECONDS and (station.busy or bench.now < 1.0):
         bench.step(station)
-        if fault == "other type":
-            _mislead(bench)
         if due == np.inf and station.state is when[0]:
             due = bench.now + when[1]
         if bench.now >= due and bench.now < due + 0.02:
@@ -70,22 +66,23 @@ def faulty_visit(cell: Workcell, fault: Fault, seed: int, most: float) -> dict[s
         seated |= station.state is State.CHARGE and bench.score()[0] > 0.034
         if station.state is State.STUCK:
             break
-    return {"fault": fault, **_judged(bench, station, fault, seated, most)}
+    bench.world.close()
+    return {"fault": fault, **_judged(bench, station, fault, seated)}
 
 
-def _judged(
-    bench: StationBench, station: Station, fault: Fault, seated: bool, most: float
-) -> dict[str, Any]:
+def _judged(bench: StationBench, station: Station, fault: Fault, seated: bool) -> dict[str, Any]:
     outcome = station.outcomes[-1] if station.outcomes else station.outcome
     depth = bench.score()[0]
     out = bool(depth < -OUT)
     stays = fault == "numb" and station.state is State.STUCK and not outcome.out
-    gentle = bench.peaks.axial <= most and bench.peaks.lateral <= most
+    gentle = max(bench.peaks.axial, bench.peaks.lateral) <= FORCE
     named = NAMED.get(fault, "?") in (outcome.problem or station.words)
     named |= seated and fault in ENDS_SEATED
+    safe = bool((out or stays) and gentle)
     return {
-        "safe": bool((out or stays) and gentle),
+        "safe": safe,
         "named": bool(named),
+        "good": safe and bool(named),
         "words": outcome.problem or station.words,
         "seconds": bench.now,
         "axial_n": bench.peaks.axial,
@@ -97,6 +94,8 @@ def _with(cell: Workcell, fault: Fault, rng: np.random.Generator) -> Workcell:
     assert car is not None
     if fault == "blocked":
         car = car.model_copy(update={"blocked_mm": float(rng.uniform(8.0, 28.0))})
+    elif fault == "other type":
+        car = car.model_copy(update={"port": "type1", "vehicle": "city_car"})
     simulation = cell.simulation.model_copy(update={"car": car})
     return cell.model_copy(update={"simulation": simulation})
 
@@ -123,10 +122,3 @@ def _happen(fault: Fault, bench: StationBench, car: SimulatedCar, rng: np.random
         bench.withdrawn = "somebody is near the port"
     elif fault == "numb":
         bench.numb = True
-
-
-def _mislead(bench: StationBench) -> None:
-    """The pictures show another inlet."""
-    for name, look in tuple(bench.looks.items()):
-        ports = tuple(replace(p, port="type1") for p in look.ports)
-        bench.looks[name] = PortLook(look.stamp, look.pair, ports, look.picture)

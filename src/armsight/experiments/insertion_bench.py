@@ -100,7 +100,7 @@ def run_trial(
     front = T_world_port @ T_PORT_PLUG @ exp(off)
     believed = front @ make_pose(None, [0, 0, plug.depth])
     start = front @ make_pose(None, [0, 0, -0.015])
-    q = _ik(robot, start @ inverse(T_FLANGE_PLUG))
+    q = joints_at(robot, start @ inverse(T_FLANGE_PLUG))
     setup = PlugSetup(
         T_world_port,
         T_FLANGE_PLUG,
@@ -122,7 +122,7 @@ def run_trial(
             bench.step()
         hung = inverse(flange_pose(robot, bench.q)) @ T_world_port @ bench.truth()[0]
         if again < 2:
-            bench.place(_ik(robot, start @ inverse(hung), bench.q))
+            bench.place(joints_at(robot, start @ inverse(hung), bench.q))
     tare = np.mean([bench.wrench() for _ in range(40)], axis=0)
     law = PaperInsertion(options) if paper else Insertion(options)
     result = _drive(bench, robot, law, believed, hung, tare, trace)
@@ -136,7 +136,7 @@ def run_trial(
     if unplug and said and not paper:
         leave = Insertion(options, out=True)
         back = _drive(bench, robot, leave, believed, hung, tare, trace)
-        result |= {"unplugged": leave.phase is Phase.OUT, "unplug_n": back["axial_n"]}
+        result |= {"unplugged": leave.phase is Phase.OUT, "unplug_n": back["pulled_n"]}
         result["unplug_s"] = back["seconds"]
     return result
 
@@ -156,7 +156,7 @@ def _drive(
     tare: Floats,
     trace: list[tuple[Any, ...]] | None,
 ) -> dict[str, Any]:
-    axial = lateral = sunk = 0.0
+    axial = lateral = pulled = sunk = 0.0
     begun = bench.time
     while bench.time - begun < 45.0:
         q = bench.q
@@ -169,6 +169,7 @@ def _drive(
             bench.step()
         _, force = bench.truth()
         axial = max(axial, abs(float(force[2])))
+        pulled = max(pulled, -float(force[2]))
         lateral = max(lateral, float(np.hypot(force[0], force[1])))
         sunk = max(sunk, bench.penetration())
         if trace is not None:
@@ -182,6 +183,7 @@ def _drive(
     return {
         "axial_n": axial,
         "lateral_n": lateral,
+        "pulled_n": pulled,
         "sunk_mm": 1e3 * sunk,
         "seconds": bench.time - begun,
     }
@@ -206,7 +208,7 @@ def joint_rates(robot: Robot, q: JointVector, twist: Floats, T_flange_plug: Pose
     return np.asarray(J.T @ np.linalg.solve(J @ J.T + 1e-5 * np.eye(6), wish))
 
 
-def _ik(robot: Robot, T: Pose, near: JointVector | None = None) -> JointVector:
+def joints_at(robot: Robot, T: Pose, near: JointVector | None = None) -> JointVector:
     """Joints of a flange pose, from a start that looks forward."""
     home = np.array([0.2, -1.9, 2.2, -0.3, 1.57, 0.0])
     best, least = home, np.inf

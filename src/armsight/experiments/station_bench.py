@@ -1,22 +1,29 @@
-"""A station before a car in contact physics alone: no guard, no map, looks drawn from their errors.
+"""A station before a car in contact physics alone: no guard, no map.
 
 Two hundred milliseconds of processor time a simulated second, so it serves the many visits, the
-kill test and the station's own tests. Motions to a pose are followed as they are wanted.
+kill test and the station's own tests. Looks are drawn from their errors, or rendered and searched.
+Motions to a pose are followed as they are wanted.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
-from armsight.charging.eye import PortLook, SeenPort
+from armsight.charging.admittance import Admittance
+from armsight.charging.eye import PortLook
+from armsight.charging.insert import InsertOptions
+from armsight.charging.journal import Journal
 from armsight.charging.station import Station
+from armsight.charging.vehicle import Vehicle
 from armsight.charging.visit import Seen, StationOptions
 from armsight.devices.data import JointState, Wrench
-from armsight.geometry.pose import exp, inverse
+from armsight.experiments.station_eyes import FLANGE, POST, DrawnEyes, Eyes, Mode, RenderedEyes
+from armsight.geometry.pose import inverse
 from armsight.motion.data import GuardMode, GuardStatus
 from armsight.motion.ik import solve_ik
 from armsight.motion.intents import Intent, JointIntent, PoseIntent, VelocityIntent
@@ -35,27 +42,16 @@ CRUISE, RISE = 0.6, 1.2
 
 
 @dataclass(frozen=True)
-class LookErrors:
-    """Standard deviations of a look: lateral, depth [m], tilt, roll [rad]; score that it gets."""
-
-    lateral: float
-    depth: float
-    tilt: float
-    roll: float
-    score: float = 0.95
-
-
-FAR = LookErrors(0.003, 0.003, np.deg2rad(1.0), np.deg2rad(0.4), 0.9)
-NEAR = LookErrors(0.0008, 0.0008, np.deg2rad(0.6), np.deg2rad(0.3))
-"""What the pairs' calibration and pictures leave, a second look's beside a first one's."""
-
-
-@dataclass(frozen=True)
 class Peaks:
-    """Greatest true force of the socket on the plug, along and across the port's axis [N]."""
+    """Greatest true force of the socket on the plug [N].
+
+    Attributes:
+        axial: along the port's axis; lateral: across it; pull: what held it as it was pulled.
+    """
 
     axial: float = 0.0
     lateral: float = 0.0
+    pull: float = 0.0
 
 
 class StationBench:
@@ -64,7 +60,8 @@ class StationBench:
     Args:
         workcell: of the station and the car.
         seed: of sensor and looks.
-        world: one that goes on, for a station that was killed.
+        rendered: whether the pairs' pictures are rendered and searched; else looks are drawn.
+        mode: of the station that looks at them.
 
     Attributes:
         peaks: greatest forces so far.
@@ -73,21 +70,25 @@ class StationBench:
         numb: the force sensor says nothing any more.
     """
 
-    def __init__(self, workcell: Workcell, seed: int = 0, world: SimulatedWorld | None = None):
+    def __init__(
+        self, workcell: Workcell, seed: int = 0, rendered: bool = False, mode: Mode = "ours"
+    ):
         self.workcell = workcell
         self.robot = robot_in(workcell)
-        if world is None:
-            spec = replace(world_spec(workcell), cameras=(), stereo=())
-            world = SimulatedWorld(spec, seed)
-        self.world = world
-        self._rng = np.random.default_rng((seed, 77))
+        spec = replace(world_spec(workcell), cameras=())
+        self.world = SimulatedWorld(spec if rendered else replace(spec, stereo=()), seed)
+        car, plug = workcell.simulation.car, workcell.plug
+        assert car is not None
+        assert plug is not None
+        self._eyes: Eyes = DrawnEyes(car.port, seed)
+        if rendered:
+            self._eyes = RenderedEyes(self.world, self.robot, plug.kind, mode)
         self._status = _status("", False, None)
         self._wrench: Wrench | None = None
         self._joints: JointState | None = None
         self._goal = ""
         self._path: JointVector | None = None
         self._speed = np.zeros(self.robot.n)
-        self._looked: dict[str, float] = {}
         self.looks: dict[str, PortLook] = {}
         self.peaks = Peaks()
         self.withdrawn = ""
@@ -115,8 +116,8 @@ class StationBench:
             self._joints = joints
             seen = Seen(self.now, joints, self._wrench, self._status, tuple(self.looks.values()))
             wish = station.step(seen)
-            for pair in wish.pairs:
-                self._look(pair, station.options)
+            for look in self._eyes.look(self.now, joints, wish.pairs, self.T_base_port):
+                self.looks[look.pair] = look
             world.arm.command_velocity(self._follow(wish.intent, joints))
         world.advance(self.now + TICK)
         self._note()
@@ -155,21 +156,8 @@ class StationBench:
         self.peaks = Peaks(
             max(self.peaks.axial, abs(float(local[2]))),
             max(self.peaks.lateral, float(np.hypot(*local[:2]))),
+            max(self.peaks.pull, -float(local[2])),
         )
-
-    def _look(self, pair: str, options: StationOptions) -> None:
-        """A look every half a second, as wrong as looks are."""
-        if self.now - self._looked.get(pair, -1.0) < 0.6:
-            return
-        self._looked[pair] = self.now
-        errors = FAR if pair == options.far else NEAR
-        sigma = np.array([errors.lateral, errors.lateral, errors.depth] + [errors.tilt] * 2)
-        sigma = np.append(sigma, errors.roll)
-        T = self.T_base_port @ exp(self._rng.standard_normal(6) * sigma)
-        car = self.workcell.simulation.car
-        assert car is not None
-        port = SeenPort(car.port, errors.score, T, np.diag(sigma**2), False)
-        self.looks[pair] = PortLook(self.now, pair, (port,), np.zeros((4, 4, 3), np.uint8))
 
     def _follow(self, intent: Intent | None, joints: JointState) -> JointVector:
         q, robot = joints.position, self.robot
@@ -227,6 +215,23 @@ def parked(
     return workcell.model_copy(update={"simulation": simulation})
 
 
-def charging_cell() -> Workcell:
-    """The packaged cell."""
-    return load("ur10_charging")
+CELLS = {"type1": "ur10_charging_type1", "type2": "ur10_charging", "ccs2": "ur10_charging_ccs2"}
+"""The packaged cell for each inlet."""
+
+
+def charging_cell(port: str = "type2") -> Workcell:
+    """The packaged cell for an inlet."""
+    return load(CELLS[port])
+
+
+def make_station(
+    bench: StationBench, file: Path | None, car: Vehicle, mode: Mode = "ours"
+) -> Station:
+    """A station of the bench's cell."""
+    cell, plug = bench.workcell, bench.workcell.plug
+    assert plug is not None
+    near = next(p.T_mount_camera for p in cell.stereo if p.name == FLANGE)
+    mount = Admittance((1e3 * plug.mount_n_per_mm, plug.mount_nm_per_rad), 0.074)
+    law = InsertOptions(admittance=mount, port_depth=0.002)
+    options = StationOptions(plug.kind, mode, law, POST, FLANGE, cable=plug.cable_n)
+    return Station(bench.robot, bench.robot.home, car, Journal(file), options, near)

@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from armsight.charging.admittance import Admittance
-from armsight.charging.insert import InsertOptions
-from armsight.charging.journal import Journal
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar
-from armsight.charging.visit import State, StationOptions
+from armsight.charging.visit import State
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, wilson
-from armsight.experiments.station_bench import StationBench, charging_cell
+from armsight.experiments.station_bench import StationBench, charging_cell, make_station
+from armsight.experiments.station_sigkill import OUT, killed
 
-VERSION = 4
+VERSION = 5
+FIRST_REAL = 10**6
+"""Number of the first kill of a process, in the cache."""
 ABOUT = """
-The packaged charging cell in contact physics (`experiments/station_bench.py`: no guard, looks drawn
-from the pairs' errors). In each phase of a visit, at a random moment of it, everything that the
-program knows is thrown away but the station's file; the arm stops; a new station starts from that
-file. Safe: it ends with the plug out of the car by the truth (more than 5 cm before its face), the
-file gone, nobody asked for help; or it had nothing to do. The process itself is not killed: the
-file is written whole or not at all, which `tests/charging` tests.
+In each phase of a visit, at a random moment of it, the station is killed and started again from its
+file. Two ways:
+
+* *process killed*: the session of `armsight charge ur10_charging --headless` in a process of its
+  own (map, guard, rendered cameras and pairs), killed by SIGKILL; where arm, plug and car stand in
+  its simulation is handed to the next process, as a real arm would stand where its watchdog stopped
+  it. A tenth as many, one of each phase at least. Safe: nothing is under way, nobody is asked for
+  help, the file is gone, the arm touched nothing but the port, and the plug is out of the car by
+  the truth (more than 5 cm before its face).
+* *objects thrown away*: contact physics alone (`experiments/station_bench.py`: no guard, looks
+  drawn from the pairs' errors); everything that the program knows is thrown away but the file.
+  Safe: as above.
 """
 PHASES = (
     State.FIND,
@@ -42,8 +49,6 @@ PHASES = (
 )
 LATEST = {State.FIND: 0.5, State.TARE: 0.4, State.INSERT: 3.5, State.CHARGE: 1.5}
 """A phase is killed within so long after it began [s]; 1.5 unless named."""
-OUT = 0.05
-"""The plug is out when it is so far before the face [m]."""
 HOMEWARD = 10.0
 """From the end of a visit to the stand-by [s]."""
 PATIENCE = 120.0
@@ -51,21 +56,38 @@ PATIENCE = 120.0
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` kills in each of nine phases."""
+    """``runs`` kills in each of nine phases, and a tenth as many of the process itself."""
     cache = RunCache("station-kill", seed, {"version": VERSION})
-    found: list[dict[str, Any]] = []
+    thrown: list[dict[str, Any]] = []
+    real: list[dict[str, Any]] = []
+    processes = len(PHASES) * max(1, runs // 10)
+    for i in range(processes):
+        progress(f"kill -9, {PHASES[i % len(PHASES)]}", 0.7 * i / processes)
+        real.append(cache.get(FIRST_REAL + i, partial(_process, seed, i)))
     for i in range(runs):
-        progress("kill", i / runs)
-        found += cache.get(i, partial(_round, seed, i))["kills"]
+        progress("objects thrown away", 0.7 + 0.3 * i / runs)
+        thrown += cache.get(i, partial(_round, seed, i))["kills"]
     rows = []
-    for phase in PHASES:
-        mine = [k for k in found if k["phase"] == phase.value]
-        rows.append(_row("safe_after_kill", phase.value, mine))
-    rows.append(_row("safe_after_kill", "all phases", found))
-    return Outcome(tuple(rows))
+    for found, how in ((real, "process killed"), (thrown, "objects thrown away")):
+        for phase in PHASES:
+            mine = [k for k in found if k["phase"] == phase.value]
+            rows.append(_row("safe_after_kill", f"{how}: {phase.value}", mine))
+        rows.append(_row("safe_after_kill", f"{how}: all phases", found))
+    home = [k | {"safe": k["home"]} for k in real]
+    what = "and back at the stand-by within 20 s of the new process"
+    rows.append(replace(_row("home_after_kill", "process killed", home, None), measure=what))
+    notes = tuple(f"not safe: {k}" for k in [*real, *thrown] if not k["safe"])
+    return Outcome(tuple(rows), notes=notes)
 
 
-def _row(key: str, condition: str, kills: list[dict[str, Any]]) -> Row:
+def _process(seed: int, i: int) -> dict[str, Any]:
+    """The process itself killed in one phase."""
+    phase = PHASES[i % len(PHASES)]
+    when = float(np.random.default_rng((seed, 42, i)).uniform(0.0, LATEST.get(phase, 1.5)))
+    return killed(phase, when, 1000 * seed + i)
+
+
+def _row(key: str, condition: str, kills: list[dict[str, Any]], budget: float | None = 1.0) -> Row:
     good = sum(bool(k["safe"]) for k in kills)
     low, high = wilson(good, len(kills))
     return Row(
@@ -76,8 +98,8 @@ def _row(key: str, condition: str, kills: list[dict[str, Any]]) -> Row:
         n=len(kills),
         low=low,
         high=high,
-        must=1,
-        aim=1,
+        must=budget,
+        aim=budget,
         better="higher",
     )
 
@@ -127,15 +149,6 @@ def _until(bench: StationBench, station: Station, phase: State) -> bool:
         if station.state is phase:
             return True
     return False
-
-
-def make_station(bench: StationBench, file: Path | None, car: SimulatedCar) -> Station:
-    """A station of the bench's cell."""
-    cell = bench.workcell
-    near = next(p.T_mount_camera for p in cell.stereo if p.mounted_on == "flange")
-    mount = Admittance((5000.0, 30.0), 0.074)
-    options = StationOptions(insert=InsertOptions(admittance=mount, port_depth=0.002))
-    return Station(bench.robot, bench.robot.home, car, Journal(file), options, near)
 
 
 EXPERIMENT = Experiment(

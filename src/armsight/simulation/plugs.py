@@ -136,6 +136,7 @@ class Plugged:
         self._weight, self._rear = np.array([0.0, 0.0, -plug.cable]), np.asarray(plug.rear)
         self._velocity = np.zeros(6)
         self._contact = np.zeros(6)
+        self._rubs = np.zeros(3)
 
     def push(self) -> None:
         """Write the forces for the next step."""
@@ -144,12 +145,14 @@ class Plugged:
         force, at = self._weight, R @ self._rear
         torque = np.array([at[1] * force[2], -at[0] * force[2], 0.0])  # at x force, which is down
         socket = self._socket
+        self._rubs[:] = 0.0
         if socket is not None and self.depth > socket.mates:
             axis = self.T_world_socket[:3, 2]
             kind = mujoco.mjtObj.mjOBJ_BODY
             mujoco.mj_objectVelocity(self._model, data, kind, body, self._velocity, 0)
             speed = float(axis @ self._velocity[3:])
-            force = force - axis * socket.mated * np.tanh(speed / RUBS)
+            self._rubs[:] = -axis * socket.mated * np.tanh(speed / RUBS)
+            force = force + self._rubs
         data.xfrc_applied[body, :3] = force
         data.xfrc_applied[body, 3:] = torque
 
@@ -175,8 +178,11 @@ class Plugged:
         return float(-T[:3, 2] @ (self._data.xpos[self._body] - T[:3, 3]))
 
     def wrench(self) -> Floats:
-        """(6,) of the socket on the plug [N], [N m], about the plug's origin, in world's axes."""
-        data, total = self._data, np.zeros(6)
+        """(6,) of the socket on the plug [N], [N m], about the plug's origin, in world's axes.
+
+        What the mated contacts rub with is in it.
+        """
+        data, total = self._data, np.concatenate([self._rubs, np.zeros(3)])
         origin = data.xpos[self._body]
         for i in range(data.ncon):
             contact = data.contact[i]

@@ -24,6 +24,7 @@ from armsight.simulation.gl import mujoco
 from armsight.simulation.gripper import SimulatedGripper
 from armsight.simulation.looks import cloth_colors
 from armsight.simulation.loose import LooseThings
+from armsight.simulation.memory import Memory
 from armsight.simulation.model import build_model
 from armsight.simulation.movers import (
     Hand,
@@ -63,6 +64,7 @@ class SimulatedWorld:
         renderer: pictures from any pose (see also :meth:`picture`).
         plugged: the truth about a plug and its socket, or None.
         car: the car that the socket belongs to, or None.
+        memory: where everything stands, for a program that takes over.
     """
 
     def __init__(self, spec: WorldSpec, seed: int = 0) -> None:
@@ -96,6 +98,7 @@ class SimulatedWorld:
             seed,
             compliance(robot, scale, self._cell.greatest_load),
         )
+        self.memory = Memory(self._cell.model, self._data, self.arm, self.car)
         self.cameras = tuple(
             SimulatedCamera(camera, self.clock, self._cell.materials, (seed, 20 + i))
             for i, camera in enumerate(spec.cameras)

@@ -1,0 +1,123 @@
+"""One visit of the charging station on its bench: a parked car, plugged in, charged, out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from armsight.charging.ports.table import PORTS
+from armsight.charging.vehicle import SimulatedCar
+from armsight.charging.visit import Outcome, State
+from armsight.experiments.station_bench import StationBench, charging_cell, make_station, parked
+from armsight.experiments.station_eyes import POST, Mode
+from armsight.workcell.schema import Workcell
+
+TYPES = ("type2", "type1", "ccs2")
+"""Inlets, in turn."""
+SHORT, TILT = 1e-3, float(np.deg2rad(2.0))
+"""A plug is fully in that is so near its seat [m] and so straight [rad]."""
+FORCE = 125.0
+"""That the station's permit asks for [N]."""
+SECONDS = 150.0
+"""A visit on the bench at most [s]."""
+
+
+def random_cell(rng: np.random.Generator, port: str = "type2") -> Workcell:
+    """The packaged cell of an inlet, its car parked at random."""
+    return parked(
+        charging_cell(port),
+        (
+            float(rng.uniform(0.87, 0.97)),
+            float(rng.uniform(-0.05, 0.15)),
+            float(rng.uniform(0.75, 0.95)),
+        ),
+        180.0 + float(rng.uniform(-10.0, 10.0)),
+        lean_deg=float(rng.uniform(0.0, 10.0)),
+        **_make(rng),
+    )
+
+
+def angled_cell(rng: np.random.Generator, degrees: float) -> Workcell:
+    """The packaged Type 2 cell, its port at an angle to the standing pair's line of sight.
+
+    Args:
+        rng: of the port's place (within 4 cm) and of plug and socket.
+        degrees: between the port's axis and that line, about the vertical.
+    """
+    cell = charging_cell()
+    pair = next(p for p in cell.stereo if p.name == POST)
+    eye = np.asarray(pair.T_mount_camera)[:3, 3]
+    T_world_base = cell.robot.T_world_base
+    eye = T_world_base[:3, :3] @ eye + T_world_base[:3, 3]
+    place = np.array([0.92, 0.05, 0.85]) + rng.uniform(-0.02, 0.02, 3)
+    line = eye - place
+    yaw = float(np.rad2deg(np.arctan2(line[1], line[0]))) + degrees
+    x, y, z = (float(v) for v in place)
+    return parked(cell, (x, y, z), yaw, lean_deg=0.0, **_make(rng))
+
+
+def _make(rng: np.random.Generator) -> dict[str, float]:
+    return {
+        "clearance_mm": float(rng.uniform(0.3, 0.6)),
+        "chamfer_mm": float(rng.uniform(1.5, 2.0)),
+        "friction": float(rng.uniform(0.1, 0.4)),
+        "mated_n": float(rng.uniform(10.0, 35.0)),
+    }
+
+
+def fully_in(cell: Workcell, depth: float, tilt: float) -> bool:
+    """Whether a plug that is so deep [m] and bent [rad] is where it belongs."""
+    assert cell.plug is not None
+    return bool(depth > PORTS[cell.plug.kind].depth - SHORT and tilt < TILT)
+
+
+def bench_visit(
+    cell: Workcell, seed: int, rendered: bool = False, mode: Mode = "ours"
+) -> dict[str, Any]:
+    """A visit in contact physics, scored by the truth.
+
+    Args:
+        cell: with its car parked.
+        seed: of everything random.
+        rendered: whether the looks are pictures, rendered and searched; else they are drawn.
+        mode: of the station.
+    """
+    bench = StationBench(cell, seed, rendered, mode)
+    with bench.world:
+        station = make_station(bench, None, SimulatedCar(seconds=2.0), mode)
+        station.begin()
+        said, depth, tilt = False, float("nan"), float("nan")
+        while bench.now < SECONDS and station.busy and station.state is not State.STUCK:
+            bench.step(station)
+            if station.state is State.CHARGE and not said:
+                said, (depth, tilt) = True, bench.score()
+        outcome = station.outcomes[-1] if station.outcomes else station.outcome
+        touched = len(bench.world.truth.moving_contacts)
+        return figures(cell, outcome, said, depth, tilt) | {
+            "out": bool(outcome.out and bench.score()[0] < 0.0),
+            "axial_n": bench.peaks.axial,
+            "lateral_n": bench.peaks.lateral,
+            "pull_n": bench.peaks.pull,
+            "harm": bool(touched or max(bench.peaks.axial, bench.peaks.lateral) > FORCE),
+        }
+
+
+def figures(
+    cell: Workcell, outcome: Outcome, said: bool, depth: float, tilt: float
+) -> dict[str, Any]:
+    """What the station says of a visit beside what is true of it."""
+    nan = float("nan")
+    assert cell.plug is not None
+    return {
+        "plug": cell.plug.kind,
+        "said": said,
+        "full": said and fully_in(cell, depth, tilt),
+        "depth_mm": 1e3 * depth,
+        "tilt_deg": float(np.rad2deg(tilt)),
+        "problem": outcome.problem,
+        "tries": outcome.tries,
+        "score": outcome.score,
+        "cycle_s": outcome.plugged - outcome.began if said else nan,
+        "insert_s": outcome.plugged - outcome.approached if said else nan,
+    }

@@ -1,0 +1,120 @@
+"""What a station's pairs show on the bench: looks drawn from their errors, or pictures searched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from armsight.arrays import Pose
+from armsight.charging.eye import PortEye, PortLook, SeenPort
+from armsight.charging.find import INLETS
+from armsight.charging.looking import INLETS_OF
+from armsight.devices.data import JointState
+from armsight.devices.history import JointHistory
+from armsight.geometry.pose import exp
+from armsight.robots.robot import Robot
+from armsight.runtime.posing import posed_pair
+from armsight.simulation.world import SimulatedWorld
+
+POST, FLANGE = "post", "flange"
+"""The pairs of the packaged cells."""
+EVERY = 0.6
+"""Between two drawn looks of a pair [s]."""
+Mode = Literal["ours", "paper"]
+
+
+class Eyes(Protocol):
+    """Looks of the pairs that a station wants."""
+
+    def look(
+        self, now: float, joints: JointState, wanted: Sequence[str], T_base_port: Pose
+    ) -> tuple[PortLook, ...]:
+        """Those that have become known at ``now`` [s]; the true pose is for drawn ones."""
+        ...
+
+
+@dataclass(frozen=True)
+class LookErrors:
+    """Standard deviations of a look: lateral, depth [m], tilt, roll [rad]; score that it gets."""
+
+    lateral: float
+    depth: float
+    tilt: float
+    roll: float
+    score: float = 0.95
+
+
+FAR = LookErrors(0.003, 0.003, np.deg2rad(1.0), np.deg2rad(0.4), 0.9)
+NEAR = LookErrors(0.0008, 0.0008, np.deg2rad(0.6), np.deg2rad(0.3))
+"""What the pairs' calibration and pictures leave, a second look's beside a first one's."""
+
+
+class DrawnEyes:
+    """A look every now and then, as wrong as looks are.
+
+    Args:
+        port: type of the inlet that is there.
+        seed: of the errors.
+    """
+
+    def __init__(self, port: str, seed: int) -> None:
+        self._port = port
+        self._rng = np.random.default_rng((seed, 77))
+        self._last: dict[str, float] = {}
+
+    def look(
+        self, now: float, joints: JointState, wanted: Sequence[str], T_base_port: Pose
+    ) -> tuple[PortLook, ...]:
+        """See :class:`Eyes`."""
+        due = [pair for pair in wanted if now - self._last.get(pair, -1.0) >= EVERY]
+        self._last |= dict.fromkeys(due, now)
+        return tuple(self._drawn(pair, now, T_base_port) for pair in due)
+
+    def _drawn(self, pair: str, now: float, T_base_port: Pose) -> PortLook:
+        errors = FAR if pair == POST else NEAR
+        sigma = np.array([errors.lateral, errors.lateral, errors.depth] + [errors.tilt] * 2)
+        sigma = np.append(sigma, errors.roll)
+        T = T_base_port @ exp(self._rng.standard_normal(6) * sigma)
+        port = SeenPort(self._port, errors.score, T, np.diag(sigma**2), False)
+        return PortLook(now, pair, (port,), np.zeros((4, 4, 3), np.uint8))
+
+
+class RenderedEyes:
+    """The pairs' pictures, rendered, searched and fitted by what does it in the cell.
+
+    Args:
+        world: with its stereo pairs.
+        robot: as it is believed to be.
+        plug: type of the station's plug.
+        mode: the station's.
+    """
+
+    def __init__(self, world: SimulatedWorld, robot: Robot, plug: str, mode: Mode) -> None:
+        self._world, self._robot = world, robot
+        self._eyes = {
+            POST: PortEye(POST, INLETS, paper=mode == "paper"),
+            FLANGE: PortEye(FLANGE, INLETS_OF[plug], (0.15, 0.8)),
+        }
+        self._history = JointHistory()
+        self._known: list[tuple[float, PortLook]] = []
+
+    def look(
+        self, now: float, joints: JointState, wanted: Sequence[str], T_base_port: Pose
+    ) -> tuple[PortLook, ...]:
+        """See :class:`Eyes`; what was exposed is known when the cell would know it."""
+        self._history.add(joints)
+        for camera in self._world.stereo_cameras:
+            camera.want_pictures(camera.info.name in wanted)
+            frame = camera.read()
+            if frame is None or camera.info.name not in wanted:
+                continue
+            eye = self._eyes[camera.info.name]
+            seen = eye.update([posed_pair(frame, camera.info, self._robot, self._history)])
+            if seen is not None:
+                self._known.append((now + eye.latency, seen))
+        due = tuple(look for when, look in self._known if when <= now)
+        self._known = [(when, look) for when, look in self._known if when > now]
+        return due

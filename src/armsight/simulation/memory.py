@@ -1,0 +1,44 @@
+"""What of a simulated cell outlives the program that steps it: where arm, plug and car stand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from armsight.simulation.arm import SimulatedArm
+from armsight.simulation.gl import mujoco
+from armsight.simulation.parked_car import ParkedCar
+
+
+class Memory:
+    """Takes down where everything stands, and puts it there in another program's world.
+
+    A program that is killed takes its simulation with it; a real arm would stand where its
+    watchdog stopped it.
+
+    Args:
+        model, data: MuJoCo's; arm: its drives; car: or None.
+    """
+
+    def __init__(self, model: Any, data: Any, arm: SimulatedArm, car: ParkedCar | None) -> None:
+        self._model, self._data, self._arm, self._car = model, data, arm, car
+
+    def take(self) -> dict[str, list[Any]]:
+        """Joints, what the drives hold, and the car's port, as JSON knows them."""
+        kept = {
+            "joints": self._data.qpos.tolist(),
+            "reference": self._arm.reference_position.tolist(),
+        }
+        return kept if self._car is None else kept | {"car": self._car.T_world_socket.tolist()}
+
+    def put(self, kept: Mapping[str, list[Any]]) -> None:
+        """Everything stands where it stood, at rest, nothing commanded."""
+        self._data.qpos[:] = kept["joints"]
+        self._data.qvel[:] = 0.0
+        self._arm.reference_position = np.asarray(kept["reference"], float)
+        self._arm.reference_velocity = np.zeros(len(self._arm.reference_position))
+        if self._car is not None:
+            self._car.T_world_socket = np.asarray(kept["car"], float)
+        mujoco.mj_forward(self._model, self._data)
