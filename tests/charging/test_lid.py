@@ -43,7 +43,7 @@ def test_a_hand_that_is_held_still_waits_and_goes_on():
     for k in range(40, 5000):
         assert not hand.step(0.008 * k, T, np.zeros(6), held=True).any()
     assert not hand.ended
-    for k in range(5000, 7000):
+    for k in range(5000, 9000):
         hand.step(0.008 * k, T, np.zeros(6))  # an arm that does not move
     assert hand.ended
     assert "something stands before the lid" in hand.problem or "get there" in hand.problem

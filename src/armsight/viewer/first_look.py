@@ -36,9 +36,9 @@ def first_look(server: viser.ViserServer, cell: Cell) -> None:
         eyes = target + reach * np.column_stack([3.2 * AROUND, np.full(len(AROUND), 1.5)])
         solids = _hiding(cell)
         blocked = hidden(target, eyes, solids)
-        car = getattr(cell.world, "car", None)
+        car = cell.workcell.simulation.car
         if car is not None:  # whoever parks a car wants to see its port
-            blocked = blocked | edge_on(car.T_world_socket, eyes)
+            blocked = blocked | edge_on(car.pose, eyes)
         eye = eyes[clearest_view(places - target, blocked)]
     server.initial_camera.look_at = tuple(target)
     server.initial_camera.position = tuple(eye)
