@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armsight.arrays import Vector3
+from armsight.arrays import Ints, Vector3
 from armsight.experiments.rows import Row, wilson
 from armsight.motion.separation import Separation
 from armsight.simulation.truth import MOVING
@@ -80,16 +80,23 @@ def course(seen: Onlooker) -> dict[str, Any]:
     }
 
 
-def near_shares(episodes: Sequence[dict[str, Any]]) -> tuple[int, int]:
-    """Looks at which somebody was near and the arm could have moved; and at how many it did."""
+def near_looks(episodes: Sequence[dict[str, Any]]) -> Ints:
+    """(k, 2) of each episode: looks at somebody near an arm that could move; at one that did."""
     law = Separation()
-    could = moved = 0
-    for e in episodes:
+    out = np.zeros((len(episodes), 2), int)
+    for counts, e in zip(out, episodes):
         for distance, speed in zip(e["distance"], e["tip_speed"]):
             if distance < NEAR and law.allowed_speed(distance, COULD, BRAKE) >= CREEP:
-                could += 1
-                moved += speed > MOVING
-    return could, moved
+                counts += (1, speed > MOVING)
+    return out
+
+
+def _near_interval(looks: Ints) -> tuple[float, float]:
+    """95 % of the share; looks of one episode are not independent, so episodes are drawn."""
+    rng = np.random.default_rng(0)
+    could, moved = looks[rng.integers(0, len(looks), (2000, len(looks)))].sum(axis=1).T
+    low, high = np.percentile(moved / np.maximum(could, 1), [2.5, 97.5])
+    return float(low), float(high)
 
 
 def distance_alone(episodes: Sequence[dict[str, Any]], full: float) -> float:
@@ -125,8 +132,9 @@ def use_rows(
     empty = float(np.mean([e["goals"] for e in alone])) * minute
     mean, top = float(np.mean([e["speed"] for e in alone])), max(e["top"] for e in alone)
     goals = float(np.mean([e["goals"] for e in episodes])) * minute
-    could, moved = near_shares(episodes)
-    low, high = wilson(moved, max(could, 1))
+    looks = near_looks(episodes)
+    could, moved = (int(n) for n in looks.sum(axis=0))
+    low, high = _near_interval(looks)
     rows = [
         _never(episodes, False),
         _never(episodes, True),
