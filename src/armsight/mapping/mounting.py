@@ -28,6 +28,8 @@ CHECK_PERIOD = 0.06
 """Time between looks whether the camera still sits where it did [s]."""
 MOVED = 0.012
 """A camera has moved when known surfaces at arm's length seem displaced by this much [m] ..."""
+APART = 0.006
+"""... or when its points lie farther from them than when it was aligned, by this much [m], ..."""
 CHECKS = 3
 """... in this many looks in a row."""
 BUMPED = 0.02
@@ -82,6 +84,7 @@ class Mounting:
         )
         self._reached = np.clip(ends, config.lower, config.upper)
         self._attempts = ATTEMPTS if config.align else 0
+        self._fits = np.inf
         self._next_check = np.inf
         self._moved = 0
 
@@ -117,10 +120,11 @@ class Mounting:
         else:
             self._next_check = stamp + CHECK_PERIOD
             view = self._view(depth, body, POINTS // 8)
-            shift = mismatch(
+            shift, apart = mismatch(
                 view, T_base_camera @ self.T_old_new, self._filter.fields, self._solids, self.gain
             )
-            self._moved = self._moved + 1 if shift > MOVED else 0
+            odd = shift > MOVED or apart > self._fits + APART
+            self._moved = self._moved + 1 if odd else 0
             if self._moved >= CHECKS:
                 self._moved = 0
                 self.moved(depth, T_base_camera, body, stamp)
@@ -145,11 +149,15 @@ class Mounting:
         """It seems to have been moved: align a declared camera anew, exclude a calibrated one."""
         if self._believed is None:
             before = self.T_old_new
-            self._align(depth, T_base_camera, body, stamp)
+            good = self._align(depth, T_base_camera, body, stamp)
             moved = _off(inverse(before) @ self.T_old_new)
-            if moved > MOVED:
-                self._told = f"was moved by about {1e3 * moved:.0f} mm, and was aligned again"
+            if moved > MOVED or not good:
                 self._told_until = stamp + TOLD
+                self._told = (
+                    f"was moved by about {1e3 * moved:.0f} mm, and was aligned again"
+                    if good
+                    else "seems moved, and no place of it explains what it sees: calibrate it"
+                )
             return
         view = self._view(depth, body, POINTS)
         start = T_base_camera @ self.T_old_new
@@ -161,19 +169,21 @@ class Mounting:
                 "calibrate it again"
             )
 
-    def _align(self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float) -> None:
+    def _align(self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float) -> bool:
+        """Take over where it is found to be; whether there is such a place."""
         view = self._view(depth, body, POINTS)
         start = T_base_camera @ self.T_old_new
         found = align_camera(
             [view], [start], self._filter.fields, self._solids, self.gain, self._believed
         )
         if not found.good:
-            return
+            return False
         self._attempts = 0
         self._next_check = stamp + CHECK_PERIOD
         self.T_old_new = self.T_old_new @ found.T_old_new
         self.gain = found.gain
         self.alignment = found
+        self._fits = found.after
         self.error = self._error_left(found, inverse(start @ found.T_old_new))
         limit = self._config
         shift, turn = _size(self.T_old_new)
@@ -188,6 +198,7 @@ class Mounting:
             )
         else:
             self.problem = ""
+        return True
 
     def _error_left(self, found: Alignment, T_camera_base: Pose) -> tuple[float, float]:
         """Twice the standard deviation where the arm can be, unless calibration claims less."""

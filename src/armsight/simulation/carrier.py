@@ -3,7 +3,8 @@
 A thing that flew through the cell by itself would be nothing that the map has a word for but
 "somebody". So what the page drags may belong to a person (``carried_by``): they wait at their place
 until something of theirs is to be elsewhere, walk there, take it, carry it and set it on whatever
-is below; after a second without another wish they let go and walk back.
+is below, or as near to that as their arm reaches and it can stand; after a second without another
+wish they let go and walk back.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from armsight.arrays import Floats, Vector3
+from armsight.arrays import Floats, Points, Vector3
 from armsight.geometry.shapes import Solid
 from armsight.simulation.kernels import part_poses
 from armsight.simulation.legs import add_legs
 from armsight.simulation.motion import RATE, smooth_step
 from armsight.simulation.people import PersonBody, person_body
+from armsight.simulation.resting import places
 from armsight.simulation.scripts import reach
 from armsight.simulation.skeleton import (
     INDEX,
@@ -44,8 +46,10 @@ TAKEN = 0.08
 """What the hand comes this near to, it takes [m]."""
 WAITS = 1.0
 """What was put down is held for so long, in case it is to go on [s]."""
-STEP = 0.005
-"""Steps in which it is looked for what a thing can stand on [m]."""
+EXACT = 0.004
+"""A hand that ends this near to a place reaches it [m]."""
+AIMS = 12
+"""How often it is aimed anew, past a place that a soft elbow or a leaning trunk falls short of."""
 
 Hand: TypeAlias = Literal["down", "held"] | Vector3
 """Where the right hand is: hanging, at the carrying place, or at a point of the world (3,) [m]."""
@@ -126,10 +130,8 @@ class Carrier:
         if done == "fetch" and self._within_reach(self._fetching):
             self._holding = self._fetching
         if self._wish is not None and self._holding == self._wish[0]:
-            (name, target), self._wish = self._wish, None
-            target = self._set_down(name, target)
-            there = self._before(target)
-            put = self._grip(name, target, there)
+            (name, wish), self._wish = self._wish, None
+            there, put = self._put_down(name, wish)
             base = self._here.base
             keys = [here, Key(base, "held"), Key(there, "held"), Key(there, put)]
             self._begin(now, "carry", keys)
@@ -139,9 +141,9 @@ class Carrier:
         elif self._wish is not None:
             name, self._holding = self._wish[0], ""
             self._fetching, place = name, self._places[name]
-            there = self._before(place)
-            grip = self._grip(name, place, there)
-            self._begin(now, "fetch", [here, Key(here.base), Key(there), Key(there, grip)])
+            there = self._before(place[None])
+            grip = self._aim(self._grip(name, place[None], there), there)[0][0]
+            self._begin(now, "fetch", [here, Key(here.base), Key(there[0]), Key(there[0], grip)])
         elif done == "carry":
             self._begin(now, "wait", [here, here], WAITS)
         else:
@@ -159,31 +161,46 @@ class Carrier:
         self._doing, self._began, self._here = doing, now, keys[-1]
         self._trip = self._way(keys, self._trip[-1], seconds)
 
-    def _before(self, place: Vector3) -> Vector3:
-        """(x, y, yaw) where they stand to reach a place."""
-        way = place[:2] - self._home[:2]
-        away = max(float(np.linalg.norm(way)), 1e-9)
-        walked = min(max(away - APART, 0.0), self._distance)
-        return np.array([*(self._home[:2] + walked / away * way), np.arctan2(way[1], way[0])])
+    def _before(self, place: Points) -> Floats:
+        """(k, 3) x, y, yaw where they stand to reach (k, 3) places."""
+        way = place[:, :2] - self._home[:2]
+        away = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+        walked = np.clip(away - APART, 0.0, self._distance)
+        stand = self._home[:2] + (walked / away)[:, None] * way
+        return np.column_stack([stand, np.arctan2(way[:, 1], way[:, 0])])
 
-    def _set_down(self, name: str, target: Vector3) -> Vector3:
-        """(3,) the highest place under a wish [m] at which a thing stands on something."""
-        half = self._half(name)[2]
-        for z in np.arange(target[2], half, -STEP):
-            under = np.array([[target[0], target[1], z - half]])
-            if any(float(solid.distance(under)[0]) <= 0.0 for solid in self._static):
-                return np.array([target[0], target[1], z])
-        return np.array([target[0], target[1], half])
+    def _put_down(self, name: str, wish: Vector3) -> tuple[Vector3, Vector3]:
+        """Where they stand, and where their hand goes, to set a thing down nearest to a wish.
 
-    def _grip(self, name: str, place: Vector3, base: Vector3) -> Vector3:
-        """(3,) where the hand is that holds a thing at a place, from where they stand [m]."""
-        ahead = np.array([np.cos(base[2]), np.sin(base[2]), 0.0])
+        What cannot stand anywhere within their reach comes back to where they hold it.
+        """
+        place = places(wish, self._half(name), self._static)
+        there = self._before(place)
+        aim, missed = self._aim(self._grip(name, place, there), there)
+        good = np.flatnonzero(missed < EXACT)
+        if len(good) == 0:
+            base = self._here.base
+            return base, self._hand(base[None], "held")[0]
+        return there[good[0]], aim[good[0]]
+
+    def _grip(self, name: str, place: Points, base: Floats) -> Points:
+        """(k, 3) where the hand is that holds a thing at (k, 3) places, from where they stand."""
+        ahead = np.column_stack([np.cos(base[:, 2]), np.sin(base[:, 2]), np.zeros(len(base))])
         return np.asarray(place - self._half(name)[0] * ahead)
 
+    def _aim(self, grip: Points, base: Floats) -> tuple[Points, Floats]:
+        """What to reach for (k, 3) for a hand to end at (k, 3) points; by how much it misses."""
+        aim = grip.copy()
+        for _ in range(AIMS):
+            short = grip - self._stood(base, aim)[:, INDEX["right_hand"]]
+            aim += short
+        missed = grip - self._stood(base, aim)[:, INDEX["right_hand"]]
+        return aim, np.asarray(np.linalg.norm(missed, axis=1))
+
     def _within_reach(self, name: str) -> bool:
-        hand = self.joints[INDEX["right_hand"]]
-        away = float(np.linalg.norm(hand - self._grip(name, self._places[name], self._here.base)))
-        return away < TAKEN
+        hand, base = self.joints[INDEX["right_hand"]], self._here.base
+        grip = self._grip(name, self._places[name][None], base[None])[0]
+        return float(np.linalg.norm(hand - grip)) < TAKEN
 
     def _in_hand(self, left: Vector3) -> Vector3:
         """(3,) centre of what is held [m]."""
@@ -220,12 +237,19 @@ class Carrier:
         w = smooth_step(np.linspace(0.0, 1.0, max(round(length * RATE), 1) + 1))[:, None]
         step = np.append(b.base[:2] - a.base[:2], turn)
         base = a.base + w * step
+        hand = (1.0 - w) * self._hand(base, a.hand) + w * self._hand(base, b.hand)
+        return self._stood(base, hand)
+
+    def _stood(self, base: Floats, hand: Points) -> Floats:
+        """(k, 19, 3) joints in world [m] at (k, 3) places of the feet, reaching for (k, 3) points.
+
+        Legs are as they stand upright.
+        """
         pose = standing(self.proportions)
         c, s = np.cos(base[:, 2])[:, None], np.sin(base[:, 2])[:, None]
-        joints: Floats = np.repeat(np.asarray(pose, float)[None], len(w), axis=0)
+        joints: Floats = np.repeat(np.asarray(pose, float)[None], len(base), axis=0)
         joints[..., 0] = c * pose[:, 0] - s * pose[:, 1] + base[:, :1]
         joints[..., 1] = s * pose[:, 0] + c * pose[:, 1] + base[:, 1:2]
-        hand = (1.0 - w) * self._hand(base, a.hand) + w * self._hand(base, b.hand)
         reach(joints, "right", hand, self.proportions)
         return joints
 
