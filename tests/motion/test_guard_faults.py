@@ -123,6 +123,44 @@ def test_bad_maps_slow_down_and_stop(moving, case):
     assert moving.visits
 
 
+def frozen(moving, q):
+    return moving.tick(joints=JointState(moving.now, q, np.zeros(6)))
+
+
+def test_readings_that_stand_still_while_the_arm_moves_are_noticed(moving):
+    """Fresh stamps, the same angles again and again."""
+    q, began = moving.q.copy(), moving.now
+    while not (decision := frozen(moving, q)).brake:
+        assert moving.now < began + 0.35
+    assert "does not follow: told to go" in decision.status.reason
+    stopped = moving.now
+    while moving.now < stopped + 4.0:
+        assert frozen(moving, q).brake
+    assert not moving.v.any()
+    moving.run(9.0)
+    assert moving.visits, "it goes on when the readings tell the truth again"
+
+
+def test_an_arm_that_goes_on_when_it_is_told_to_rest_is_noticed(moving):
+    began, q, v = moving.now, moving.q.copy(), moving.v.copy()
+    while True:
+        goes_on = JointState(moving.now, q + v * (moving.now - began), v)
+        decision = moving.tick(goal=None, joints=goes_on)
+        if decision.brake:
+            break
+        assert moving.now < began + 0.8
+    assert "does not follow" in decision.status.reason
+
+
+@pytest.mark.parametrize("late", [-0.015, 0.015])
+def test_drives_that_answer_sooner_or_later_than_declared_are_no_fault(late):
+    world = QuickCell(goals=[A, B])
+    world.config = replace(world.config, start_delay=world.config.start_delay + late)
+    world.run(8.0)
+    assert len(world.visits) >= 2
+    assert not any("does not follow" in status.reason for status in world.log)
+
+
 def test_a_map_that_stops_coming_is_noticed(moving):
     frozen = moving.snapshot
     reasons = {moving.tick(snapshot=frozen).status.reason for _ in range(100)}

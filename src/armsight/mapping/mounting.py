@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import DepthImage, Floats, Pose
+from armsight.arrays import DepthImage, Floats, Points, Pose
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.pose import inverse, transform
 from armsight.mapping.alignment import (
@@ -41,6 +41,8 @@ TOLD = 3.0
 """So long it is told that a camera was moved and aligned again [s]."""
 ARM_S_LENGTH = np.array([[0.0, 0.0, 1.5]])
 """A point that far ahead [m]."""
+IN_VIEW = np.array([[x, y, 1.5] for x in (-0.75, 0.75) for y in (-0.75, 0.75)])
+"""Points at the corners of what is seen there: a camera that rolls moves nothing straight ahead."""
 STILL = 0.003
 """The arm helps to align only if its stamp error moves it less than this [m]."""
 
@@ -150,7 +152,7 @@ class Mounting:
         if self._believed is None:
             before = self.T_old_new
             good = self._align(depth, T_base_camera, body, stamp)
-            moved = _off(inverse(before) @ self.T_old_new)
+            moved = _off(inverse(before) @ self.T_old_new, IN_VIEW)
             if moved > MOVED or not good:
                 self._told_until = stamp + TOLD
                 self._told = (
@@ -222,9 +224,9 @@ class Mounting:
         return AlignmentView(flat, None if moving else body.T_cells_base)
 
 
-def _off(T: Pose) -> float:
-    """How far a correction moves a point at arm's length [m]."""
-    return float(np.linalg.norm(transform(T, ARM_S_LENGTH) - ARM_S_LENGTH))
+def _off(T: Pose, points: Points = ARM_S_LENGTH) -> float:
+    """How far a correction moves points at arm's length, at most [m]."""
+    return float(np.linalg.norm(transform(T, points) - points, axis=1).max())
 
 
 def _believed(info: RgbdCameraInfo) -> Floats | None:

@@ -11,6 +11,9 @@ from armsight.arrays import JointPath, JointVector
 from armsight.devices.data import JointState
 from armsight.motion.guard_kernels import drive_ahead, stop_path
 
+REMEMBERED = 2000
+"""Commands that are remembered when no reading comes that would make them the past."""
+
 
 @dataclass(frozen=True)
 class ArmState:
@@ -37,7 +40,7 @@ class DelayedArm:
         self.delay = delay
         self.acceleration = np.ascontiguousarray(acceleration, float)
         self.brake = np.ascontiguousarray(brake, float)
-        self._sent: deque[tuple[float, JointVector, bool]] = deque()
+        self._sent: deque[tuple[float, JointVector, bool]] = deque(maxlen=REMEMBERED)
 
     def sent(self, now: float, velocity: JointVector, brake: bool) -> None:
         """A command (or a stop) was sent at ``now`` [s]."""

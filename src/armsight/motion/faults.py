@@ -9,9 +9,12 @@ from enum import IntEnum
 
 import numpy as np
 
+from armsight.arrays import JointVector
 from armsight.devices.data import JointState, RgbdCameraInfo
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.arm_model import DelayedArm
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.obedience import Obedience
 from armsight.robots.robot import Robot
 
 OUTSIDE = 0.02
@@ -65,11 +68,19 @@ class FaultWatch:
             c.name: max(config.stale_after, c.latency + 1.5 / c.rate + config.compute_latency)
             for c in cameras
         }
+        allowed = robot.limits.scaled(config.speed, config.acceleration)
+        brake = robot.limits.acceleration * max(config.brake, config.acceleration)
+        drives = DelayedArm(config.start_delay, allowed.acceleration, brake)
+        self._obedience = Obedience(drives, robot.joint_names)
         self._now = -math.inf
         self._joints: JointState | None = None
         self._snapshot: WorkspaceSnapshot | None = None
         self._well_since = -math.inf
         self._last: Verdict | None = None
+
+    def sent(self, now: float, velocity: JointVector, brake: bool) -> None:
+        """A command (or a stop) was sent at ``now`` [s]: the arm should follow it."""
+        self._obedience.sent(now, velocity, brake)
 
     def check(
         self, now: float, joints: JointState | None, snapshot: WorkspaceSnapshot | None
@@ -80,6 +91,8 @@ class FaultWatch:
         jumped, time_fault = self._time(now)
         if jumped:
             self._joints, self._snapshot = None, None
+        if jumped or time_fault[0] != Severity.NONE:
+            self._obedience.forget()
         good_joints, joint_fault = self._judge_joints(now, joints)
         good_snapshot, snapshot_fault = self._judge_snapshot(now, snapshot)
         age = math.inf if good_snapshot is None else _age(good_snapshot, now)
@@ -154,7 +167,8 @@ class FaultWatch:
                 j = int(np.argmax(moved))
                 self._joints = joints
                 return None, (brake, f"{names[j]} jumped by {moved[j]:.2f} rad")
-        return joints, (Severity.NONE, "")
+        disobeys = self._obedience.fault(now, joints)
+        return joints, (brake if disobeys else Severity.NONE, disobeys)
 
     def _judge_snapshot(
         self, now: float, snapshot: WorkspaceSnapshot | None

@@ -378,6 +378,7 @@ class Guard:
             tick.stop_hard()
             tick.mode, tick.reason = GuardMode.STOPPED, "the command was not finite; report this"
         self._filter.arm.sent(tick.now, tick.command, tick.brake)
+        self._watch.sent(tick.now, tick.command, tick.brake)
         self._steering.sent(tick)
         status = self._writer.of(tick, self._reflex.route or self._route, began)
         request = tick.request
@@ -388,7 +389,9 @@ class Guard:
     def _blind(self, now: float, verdict: Verdict, began: float) -> GuardDecision:
         """The arm's own state or time cannot be trusted: brake, and say why."""
         zero = np.zeros(self.robot.n)
-        self._filter.arm.sent(now if math.isfinite(now) else self._now, zero, True)
+        at = now if math.isfinite(now) else self._now
+        self._filter.arm.sent(at, zero, True)
+        self._watch.sent(at, zero, True)
         self._follower.scale.reset()
         self._steering.forget()
         self._route = None

@@ -1,0 +1,84 @@
+"""Whether the arm does what it is told: its readings against where its commands lead.
+
+Readings that stand still under fresh stamps, drives that do not follow, and drives that go on when
+told to stop look alike from here, and in all of them nobody knows where the arm is going.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from armsight.arrays import JointVector
+from armsight.devices.data import JointState
+from armsight.motion.arm_model import DelayedArm
+
+WINDOW = 0.25
+"""A reading is compared with what one so much older, and the commands since, lead to [s]."""
+SLACK = 0.025
+"""They may differ by this [rad] ..."""
+SHARE = 0.3
+"""... and by this share of the way that was told or made, whichever is longer: delays and ramps
+are not known better."""
+HELD = 5.0
+"""An arm that disobeyed stands for so long before it may try again [s]."""
+
+
+class Obedience:
+    """Compares readings with commands.
+
+    Args:
+        arm: a model of the drives, for this watch alone.
+        names: (n) of the joints.
+    """
+
+    def __init__(self, arm: DelayedArm, names: tuple[str, ...]) -> None:
+        self._arm = arm
+        self._names = names
+        self._readings: deque[JointState] = deque()
+        self._until = -np.inf
+        self._reason = ""
+
+    def sent(self, now: float, velocity: JointVector, brake: bool) -> None:
+        """A command (or a stop) was sent at ``now`` [s]."""
+        self._arm.sent(now, velocity, brake)
+
+    def forget(self) -> None:
+        """Time was lost: neither commands nor readings before it say anything."""
+        self._arm.forget()
+        self._readings.clear()
+        self._until = -np.inf
+
+    def fault(self, now: float, joints: JointState) -> str:
+        """Why the arm cannot be commanded at ``now`` [s], or nothing.
+
+        Args:
+            now: [s].
+            joints: a reading that is well-formed.
+        """
+        self._note(now, joints)
+        return self._reason if now < self._until else ""
+
+    def _note(self, now: float, joints: JointState) -> None:
+        readings = self._readings
+        if readings and joints.stamp <= readings[-1].stamp:
+            return
+        readings.append(joints)
+        while len(readings) > 1 and readings[1].stamp <= joints.stamp - WINDOW:
+            readings.popleft()
+        first = readings[0]
+        if joints.stamp - first.stamp < WINDOW:
+            return
+        told = self._arm.ahead(first, joints.stamp).position - first.position
+        made = np.asarray(joints.position, float) - first.position
+        room = SLACK + SHARE * np.maximum(np.abs(told), np.abs(made))
+        over = np.abs(told - made) - room
+        j = int(np.argmax(over))
+        if over[j] > 0.0:
+            self._until = now + HELD
+            self._reason = (
+                f"{self._names[j]} does not follow: told to go {np.rad2deg(told[j]):.1f} deg in "
+                f"{joints.stamp - first.stamp:.2f} s, it says {np.rad2deg(made[j]):.1f}; "
+                "check the arm"
+            )
