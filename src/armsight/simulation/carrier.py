@@ -240,7 +240,7 @@ class Carrier:
         hand = (1.0 - w) * self._hand(base, a.hand) + w * self._hand(base, b.hand)
         return self._stood(base, hand)
 
-    def _stood(self, base: Floats, hand: Points) -> Floats:
+    def _stood(self, base: Floats, hand: Floats) -> Floats:
         """(k, 19, 3) joints in world [m] at (k, 3) places of the feet, reaching for (k, 3) points.
 
         Legs are as they stand upright.
