@@ -183,12 +183,12 @@ class Carrier:
             return base, self._hand(base[None], "held")[0]
         return there[good[0]], aim[good[0]]
 
-    def _grip(self, name: str, place: Points, base: Floats) -> Points:
+    def _grip(self, name: str, place: Points, base: Floats) -> Floats:
         """(k, 3) where the hand is that holds a thing at (k, 3) places, from where they stand."""
         ahead = np.column_stack([np.cos(base[:, 2]), np.sin(base[:, 2]), np.zeros(len(base))])
         return np.asarray(place - self._half(name)[0] * ahead)
 
-    def _aim(self, grip: Points, base: Floats) -> tuple[Points, Floats]:
+    def _aim(self, grip: Floats, base: Floats) -> tuple[Floats, Floats]:
         """What to reach for (k, 3) for a hand to end at (k, 3) points; by how much it misses."""
         aim = grip.copy()
         for _ in range(AIMS):
