@@ -134,8 +134,8 @@ def _given_box(
     row, column = np.nonzero(sample.mask)
     low = np.array([column.min(), row.min()], float)
     high = np.array([column.max() + 1, row.max() + 1], float)
-    crop = take_crop(sample.image, lens, low, high, MARGIN)
-    look = recogniser.model.look(crop.image)
+    given = take_crop(sample.image, lens, low, high, MARGIN)
+    look, crop = recogniser.looked(sample.image, lens, low, high)
     robot, marks = load_robot(sample.robot), recogniser.model.landmarks[sample.robot]
     T_link = sample.T_camera_base @ link_poses(robot, sample.q)
     true = marks.placed(T_link)
@@ -150,7 +150,7 @@ def _given_box(
         if (np.abs(window - (marks.link[k] + 1)) <= 1)[window > 0].any():
             at = places.mean[k] * 4 + 1.5
             pixels = float(np.linalg.norm(at - crop.pixels(true[k : k + 1])[0]))
-            errors.append(pixels * CROP / SIDE)
+            errors.append(pixels * given.f / crop.f * CROP / SIDE)
     seen = observe(look, crop, sample.robot, marks)
     arm = at_edges(look.arm, crop.image)
     found = place_known(robot, marks, seen, arm, crop, sample.q)

@@ -14,11 +14,12 @@ from armsight.arrays import Floats
 from armsight.errors import UsageError
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, wilson
+from armsight.recognition.any_arm.evidence import STRIDE
 from armsight.recognition.any_arm.extension import read_extension
 from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples, pack_shards, read_examples
 from armsight.recognition.any_arm.learning.extend import FEWEST, Wish, extend
-from armsight.recognition.any_arm.model import STRIDE, CropModel, Look
+from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.views import SIDE
 from armsight.recognition.data.generate import generate
 from armsight.recognition.data.order import make_order

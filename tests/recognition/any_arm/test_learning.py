@@ -189,9 +189,33 @@ def test_another_plan_is_not_gone_on_with(tmp_path: Path) -> None:
         _trainer(tmp_path, _plan(rate=0.01))
 
 
+def test_the_finer_head_begins_at_nothing_and_moves_its_own_cells() -> None:
+    """Weights from before it answer as they did; then it says something of each cell of 4 px."""
+    network = build(Shape(("ur5", "iiwa")), 3)
+    _started(network)
+    image = torch.randint(0, 256, (1, 64, 64, 3), generator=torch.Generator().manual_seed(2))
+    image = image.to(torch.uint8)
+    robot = torch.tensor([1])
+    with torch.no_grad():
+        before = network(image)
+        network.from4.weight.zero_()
+        assert torch.equal(network(image).links, before.links)
+        network.fine_surface.bias.fill_(0.5)
+        network.fine_heat["iiwa"].bias.fill_(0.25)
+        after = network(image)
+    torch.testing.assert_close(after.coordinates, before.coordinates + 0.5)
+    torch.testing.assert_close(after.heat[:, 1], before.heat[:, 1] + 0.25)
+    torch.testing.assert_close(after.heat[:, 0], before.heat[:, 0])
+    torch.testing.assert_close(network(image, robot).heat[:, 0], after.heat[:, 1])
+
+
 def test_the_exported_network_answers_alike(tmp_path: Path) -> None:
     network = build(Shape(("ur5", "iiwa")), 3)
     _started(network)
+    with torch.no_grad():
+        for name, weight in network.named_parameters():
+            if name.startswith("fine_"):  # they begin at nothing
+                weight.normal_(std=0.1)
     file = tmp_path / "network.onnx"
     file.write_bytes(to_onnx(network, {}))
     images = np.random.default_rng(0).integers(0, 256, (2, 64, 96, 3), dtype=np.uint8)

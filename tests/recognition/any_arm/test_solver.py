@@ -8,7 +8,13 @@ import pytest
 from armsight.geometry.pose import inverse, look_at, make_pose
 from armsight.recognition.any_arm import kernels
 from armsight.recognition.any_arm.landmarks import find_landmarks
-from armsight.recognition.any_arm.solver import Observations, far_starts, solve
+from armsight.recognition.any_arm.solver import (
+    ALIKE,
+    Observations,
+    far_starts,
+    solve,
+    unlike,
+)
 from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import link_poses
 
@@ -41,6 +47,16 @@ def test_an_arm_is_found_without_a_start(name: str) -> None:
         assert (fit.q < robot.limits.upper + 0.1).all()
     assert np.median(errors) < 0.005
     assert (np.array(errors) < 0.05).sum() >= 7
+
+
+def test_answers_differ_and_the_best_comes_first() -> None:
+    robot, marks, seen, _, _ = _scene("ur5", 3, 0.004)
+    fits = solve(robot, marks, seen)
+    assert [fit.cost for fit in fits] == sorted(fit.cost for fit in fits)
+    for k, fit in enumerate(fits):
+        for other in fits[:k]:
+            assert np.linalg.norm(fit.joints() - other.joints(), axis=1).max() > ALIKE
+    assert len(unlike([fits[0], fits[0]])) == 1
 
 
 def test_an_arm_that_is_called_as_another_is_searched_for_in_its_own_shapes() -> None:

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from armsight.arrays import ColorImage, Floats, Floats32
-from armsight.recognition.any_arm.model import STRIDE, CropModel
+from armsight.recognition.any_arm.evidence import STRIDE
+from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.views import WHOLE, Whole, take_whole
 
 SURE, LEAST = 0.5, 0.3
@@ -48,9 +49,8 @@ def find_lumps(
         longest: its longer side as the network gets it [px].
     """
     whole = take_whole(image, longest)
-    look = model.look(whole.image)
     rows, columns = (-(-n // STRIDE) for n in whole.inside)
-    arm = look.arm[:rows, :columns]
+    arm = model.arm(whole.image)[:rows, :columns]
     return lumps_of(arm, whole), arm
 
 

@@ -12,14 +12,20 @@ import numpy as np
 
 from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.errors import RecognitionError
+from armsight.recognition.any_arm.evidence import (
+    STRIDE,
+    Evidence,
+    Surface,
+    log_places,
+    surface_of,
+    together,
+)
 from armsight.recognition.any_arm.extension import Extension, apply, mark_of
 from armsight.recognition.any_arm.heat import Places, read_heat
 from armsight.recognition.any_arm.landmarks import SLOTS, Landmarks, read_landmarks
 from armsight.recognition.inference.model import open_session, read_network
 
 FORMAT = "armsight-crop-1"
-STRIDE = 4
-"""Pixels a cell of the outputs."""
 GRAIN = 32
 """Sides of a picture that the network takes are multiples of this."""
 BENEATH = ("features", "hidden")
@@ -28,20 +34,6 @@ NONE, UNKNOWN = 0.5, 0.3
 """Probabilities of "none" and of "unknown" from which it is said; on 70 frames of the training's
 renderer 0.3 finds two unknown arms in five and gives one known one in fifty away."""
 _MOST_ROBOTS = 64
-
-
-@dataclass(frozen=True)
-class Surface:
-    """What of an arm is where; cells are of 4 pixels.
-
-    Attributes:
-        links: (10, h, w) probability of background, link 0, link 1 ...
-        coordinates: (h, w, 3) place in its link's box, -1..1; spread: (h, w) of these.
-    """
-
-    links: Floats32
-    coordinates: Floats32
-    spread: Floats32
 
 
 @dataclass(frozen=True)
@@ -147,6 +139,16 @@ class CropModel:
         if set(self._names) != wanted or inputs != [("image", "tensor(uint8)")]:
             raise RecognitionError(f"{file}: does not fit its own card; take the original")
 
+    def arm(self, image: ColorImage) -> Floats32:
+        """(h / 4, w / 4) probability of any arm in an (h, w, 3) picture, sides multiples of 32.
+
+        Raises:
+            RecognitionError: see :meth:`look`.
+        """
+        links = self._run(image, ["links"])["links"][0]
+        blank = np.zeros((3, *links.shape[1:]), np.float32)
+        return np.asarray(1.0 - surface_of(links, blank, blank[0]).links[0])
+
     def look(self, image: ColorImage) -> Look:
         """At an (h, w, 3) picture whose sides are multiples of 32.
 
@@ -154,8 +156,55 @@ class CropModel:
             RecognitionError: the network answers with something that is no number, or not of the
                 size that it should.
         """
-        answers = self._session.run(self._read, {"image": image[None]})
-        found = dict(zip(self._read, answers, strict=True))
+        return self.read(self.evidence(image))
+
+    def look_again(self, first: Evidence, image: ColorImage, H: Floats) -> Look:
+        """At a picture of what another one showed, both together.
+
+        Args:
+            first: what was said of the other one.
+            image: (h, w, 3), sides multiples of 32.
+            H: (3, 3) from its pixels to the other one's.
+
+        Raises:
+            RecognitionError: see :meth:`look`.
+        """
+        return self.read(together(first, self.evidence(image), H))
+
+    def evidence(self, image: ColorImage) -> Evidence:
+        """What all is read off, of an (h, w, 3) picture whose sides are multiples of 32.
+
+        Raises:
+            RecognitionError: see :meth:`look`.
+        """
+        found = self._run(image, self._read)
+        heat, outside = {}, {}
+        for name in self._trained:
+            slot = self.landmarks[name].slot
+            heat[name], outside[name] = log_places(
+                found[f"heat_{name}"][0, slot], found[f"outside_{name}"][0, slot]
+            )
+        logits = found["type"][0].astype(np.float64)
+        own, strength = {}, {}
+        for extension in self._extensions:
+            seen = apply(extension.rows, found["features"][0], found["hidden"][0])
+            name, slot = extension.robot, extension.landmarks.slot
+            own[name] = surface_of(seen.surface[:10], seen.surface[10:13], seen.surface[13])
+            heat[name], outside[name] = log_places(seen.heat[slot], seen.outside[slot])
+            strength[name] = float(seen.type - _log_sum(logits))
+        return Evidence(
+            surface_of(found["links"][0], found["coordinates"][0], found["spread"][0, 0]),
+            own,
+            heat,
+            outside,
+            logits - _log_sum(logits),
+            strength,
+        )
+
+    def _run(self, image: ColorImage, wanted: list[str]) -> dict[str, Floats32]:
+        """What the network answers, checked."""
+        answers = self._session.run(wanted, {"image": image[None]})
+        found = dict(zip(wanted, answers, strict=True))
         h, w = image.shape[0] // STRIDE, image.shape[1] // STRIDE
         shapes: dict[str, tuple[int, ...]] = {
             "links": (1, 10, h, w),
@@ -166,22 +215,11 @@ class CropModel:
         for name in self._trained:
             p = SLOTS
             shapes |= {f"heat_{name}": (1, p, h, w), f"outside_{name}": (1, p)}
-        if any(found[k].shape != s for k, s in shapes.items()):
+        if any(found[k].shape != s for k, s in shapes.items() if k in found):
             raise RecognitionError(f"{self.name}: answers in another size; take the original")
         if not all(np.isfinite(v).all() for v in found.values()):
             raise RecognitionError(f"{self.name}: answers with something that is no number")
-        places = {}
-        for name in self._trained:
-            slot = self.landmarks[name].slot
-            places[name] = read_heat(
-                found[f"heat_{name}"][0, slot], found[f"outside_{name}"][0, slot]
-            )
-        logits = found["type"][0].astype(np.float64)
-        names = (*self._trained, "none", "unknown")
-        types = dict(zip(names, map(float, _softmax(logits, 0)), strict=True))
-        surface = _surface(found["links"][0], found["coordinates"][0], found["spread"][0, 0])
-        look = Look(surface, {}, types, places)
-        return self._extended(look, found, logits) if self._extensions else look
+        return found
 
     def beneath(self, image: ColorImage) -> Beneath:
         """What all that is said of an (h, w, 3) picture is read off."""
@@ -189,47 +227,35 @@ class CropModel:
         features, hidden, kind = self._session.run(names, {"image": image[None]})
         return Beneath(features[0], hidden[0], _log_sum(kind[0].astype(np.float64)))
 
-    def _extended(self, look: Look, found: dict[str, Floats32], logits: Floats) -> Look:
-        """With what the extensions say.
+    def read(self, evidence: Evidence) -> Look:
+        """What follows from evidence.
 
-        They speak for what the network calls unknown, and take their share of that alone. Where it
-        names a type, its answer stays bit for bit, and an extension that claims the arm is
+        Extensions speak for what the network calls unknown, and take their share of that alone.
+        Where it names a type, its answer stays bit for bit, and an extension that claims the arm is
         ``alike``.
         """
-        own, places = dict(look.own), dict(look.places)
-        share: dict[str, float] = {}
-        for extension in self._extensions:
-            seen = apply(extension.rows, found["features"][0], found["hidden"][0])
-            name, slot = extension.robot, extension.landmarks.slot
-            own[name] = _surface(seen.surface[:10], seen.surface[10:13], seen.surface[13])
-            places[name] = read_heat(seen.heat[slot], seen.outside[slot])
-            strength = np.clip(seen.type - _log_sum(logits), -30, 30)
-            share[name] = float(1.0 / (1.0 + np.exp(-strength)))
-        types = look.types | dict.fromkeys(share, 0.0)
+        places = {
+            name: read_heat(heat, evidence.outside[name]) for name, heat in evidence.heat.items()
+        }
+        share = {
+            name: float(1.0 / (1.0 + np.exp(-np.clip(strength, -30, 30))))
+            for name, strength in evidence.strength.items()
+        }
+        names = (*self._trained, "none", "unknown")
+        types = dict(zip(names, map(float, np.exp(evidence.types)), strict=True))
+        types |= dict.fromkeys(share, 0.0)
+        look = Look(evidence.surface, evidence.own, types, places)
         claimed = sorted((n for n in share if share[n] > 0.5), key=lambda n: -share[n])
         if claimed and look.stranger:
             first, rest = claimed[0], look.types["unknown"]
-            types |= {first: share[first] * rest, "unknown": (1.0 - share[first]) * rest}
+            types = types | {first: share[first] * rest, "unknown": (1.0 - share[first]) * rest}
         alike = () if look.stranger or look.empty else tuple(claimed)
-        return Look(look.surface, own, types, places, alike)
-
-
-def _surface(links: Floats32, coordinates: Floats32, spread: Floats32) -> Surface:
-    return Surface(
-        _softmax(links.astype(np.float64), 0).astype(np.float32),
-        np.ascontiguousarray(coordinates.transpose(1, 2, 0)),
-        np.exp(np.clip(spread, -4.0, 1.5)),
-    )
+        return Look(look.surface, look.own, types, places, alike)
 
 
 def _log_sum(logits: Floats) -> float:
     top = float(logits.max())
     return top + float(np.log(np.exp(logits - top).sum()))
-
-
-def _softmax(x: Floats, axis: int) -> Floats:
-    e = np.exp(x - x.max(axis=axis, keepdims=True))
-    return np.asarray(e / e.sum(axis=axis, keepdims=True))
 
 
 def _card(file: Path, words: dict[str, str]) -> tuple[dict[str, Any], dict[str, Landmarks]]:

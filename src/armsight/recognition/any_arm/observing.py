@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from armsight.arrays import Floats
+from armsight.recognition.any_arm.evidence import STRIDE, Surface
 from armsight.recognition.any_arm.heat import Places
 from armsight.recognition.any_arm.landmarks import Landmarks
-from armsight.recognition.any_arm.model import STRIDE, Look, Surface
+from armsight.recognition.any_arm.model import Look
 from armsight.recognition.any_arm.solver import Observations
 from armsight.recognition.any_arm.views import Crop
 

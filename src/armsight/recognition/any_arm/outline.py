@@ -24,8 +24,8 @@ REACH = (0.10, 0.07, 0.05, 0.04)
 """Share of the crop from within which an edge draws, by rounds."""
 SHARP = 1.3
 """Standard deviation of an edge of the mask [px of the crop]."""
-ALIKE = 3.0
-"""Neighbours on an outline err alike: so many count as one."""
+ALIKE = 3
+"""Neighbours on an outline err alike: one of so many is taken."""
 ALONG = 30.0
 """Standard deviation along an edge, which tells nothing there [px of the crop]."""
 ARM = 0.5
@@ -114,6 +114,7 @@ def _pulls(
     taken &= away[row, column] & away[edge[:, 0], edge[:, 1]]
     if taken.sum() < FEWEST:
         return None
+    taken[np.flatnonzero(taken)[np.arange(taken.sum()) % ALIKE > 0]] = False
     off, normal = off[taken], normal[taken] / length[taken, None]
     link, base = drawn.owner[taken], drawn.points[taken]
     T = link_poses(fit.robot, fit.q)[link]
@@ -122,7 +123,7 @@ def _pulls(
     across = normal[:, ::-1]
     at = now[:, :2] / now[:, 2:] - off[:, None] * across / f
     along = np.stack([-across[:, 1], across[:, 0]], 1)
-    wide, narrow = (ALONG / crop.f) ** 2, ALIKE * (SHARP / crop.f) ** 2
+    wide, narrow = (ALONG / crop.f) ** 2, (SHARP / crop.f) ** 2
     covariance = narrow * across[:, :, None] * across[:, None] + wide * (
         along[:, :, None] * along[:, None]
     )

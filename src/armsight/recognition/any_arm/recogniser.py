@@ -12,8 +12,9 @@ from armsight.errors import RecognitionError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
 from armsight.recognition.any_arm.edges import at_edges
+from armsight.recognition.any_arm.evidence import STRIDE, Evidence
 from armsight.recognition.any_arm.frames import FINER, Lump, find_lumps
-from armsight.recognition.any_arm.model import STRIDE, CropModel, Look
+from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.observing import observe
 from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
@@ -28,6 +29,8 @@ FAINT = 0.15
 """Share of the strongest lump below which another is none."""
 MARGIN = 1.3
 """Side of a crop over the arm's box."""
+GOES_ON = 0.25 * SIDE / STRIDE
+"""How far an arm that the crop's edge cuts is thought to go on beyond it [cells]."""
 ARM = 0.5
 """Probability from which a cell is the arm's."""
 FOUND = 0.42
@@ -154,24 +157,32 @@ class ArmRecogniser:
             high: (2,) lower right one.
             least: mean probability of the landmarks below which it is none.
         """
-        crop = take_crop(image, lens, low, high, MARGIN)
-        look = self.model.look(crop.image)
+        look, crop = self.looked(image, lens, low, high)
         if least and self._found(look) < least:
             return None
-        wider = _grown(look, crop)
-        if wider is not None:
-            # The arm goes on beyond the box; a second look never shrinks below the first mask.
-            box = _in_picture(crop, lens, *wider)
-            crop = take_crop(image, lens, np.minimum(low, box[0]), np.maximum(high, box[1]), MARGIN)
-            look = self.model.look(crop.image)
         return self._judged(look, crop, lens)[0]
+
+    def looked(
+        self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
+    ) -> tuple[Look, Crop]:
+        """Two looks at a box of a picture, the second one aimed at what the first one saw.
+
+        Returns:
+            both together, in the second one's crop; the first alone where it saw nothing.
+        """
+        crop = take_crop(image, lens, low, high, MARGIN)
+        first = self.model.evidence(crop.image)
+        box = _mask_box(first, crop)
+        if box is None:
+            return self.model.read(first), crop
+        aimed = take_crop(image, lens, *_in_picture(crop, lens, *box), MARGIN)
+        return self.model.look_again(first, aimed.image, aimed.onto(crop)), aimed
 
     def examined(
         self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
     ) -> tuple[Arm, Floats] | None:
-        """The arm in a box with the features of its trust; None where no pose was found."""
-        crop = take_crop(image, lens, low, high, MARGIN)
-        arm, features = self._judged(self.model.look(crop.image), crop, lens)
+        """As :meth:`arm_in`, with the features of its trust; None where no pose was found."""
+        arm, features = self._judged(*self.looked(image, lens, low, high), lens)
         return None if arm is None or features is None else (arm, features)
 
     def _judged(
@@ -282,20 +293,20 @@ def best_outlined(
     return best
 
 
-def _grown(look: Look, crop: Crop) -> tuple[Floats, Floats] | None:
-    """The box of the mask [px of the crop] where it touches the crop's edge; else None."""
-    seen = look.arm > ARM
+def _mask_box(first: Evidence, crop: Crop) -> tuple[Floats, Floats] | None:
+    """The box of the arm [px of the crop], None where there is none.
+
+    Where the mask touches the crop's edge the arm goes on: half as much again.
+    """
+    within = crop.inside[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE]
+    seen = (1.0 - first.surface.links[0] > ARM) & within
     row, column = np.nonzero(seen)
-    last = seen.shape[0] - 1
-    if not len(row) or (min(row.min(), column.min()) > 0 and max(row.max(), column.max()) < last):
+    if not len(row):
         return None
-    low = np.array([column.min(), row.min()], float) * STRIDE
-    high = np.array([column.max() + 1, row.max() + 1], float) * STRIDE
-    # Beyond an edge that is touched there is more: half as much again.
-    more = 0.25 * SIDE
-    low -= more * np.array([column.min() == 0, row.min() == 0])
-    high += more * np.array([column.max() == last, row.max() == last])
-    return low, high
+    low = np.array([column.min(), row.min()], float)
+    high = np.array([column.max() + 1, row.max() + 1], float)
+    low, high = low - GOES_ON * (low == 0), high + GOES_ON * (high == seen.shape[::-1])
+    return low * STRIDE, high * STRIDE
 
 
 def _in_picture(

@@ -7,6 +7,7 @@ best are followed to the end on the exact projection, with the joints' limits.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -24,6 +25,8 @@ VIEWS = 120
 STARTS = 14
 FOLLOWED = 5
 """Starts that are followed to the end."""
+ALIKE = 0.02
+"""Joints of two fits that are one lie within this [m]."""
 _COARSE, _FINE, _NEAR = 8, 25, 6
 _SURE = 1e10
 """The same of joints that are known."""
@@ -116,16 +119,26 @@ def solve(
     ends = []
     for R, t, q in starts:
         R, t, q = R.copy(), t.copy(), q.copy()
-        ends.append((_follow(problem, R, t, q, _COARSE), R, t, q))
-    ends.sort(key=lambda e: e[0])
-    return sorted((_ended(problem, *end[1:]) for end in ends[:FOLLOWED]), key=lambda f: f.cost)
+        cost = _follow(problem, R, t, q, _COARSE)
+        ends.append(Fit(robot, make_pose(R, t), q, cost, np.eye(6 + robot.n)))
+    return unlike([_followed(problem, end, _FINE) for end in unlike(ends)[:FOLLOWED]])
+
+
+def unlike(fits: Sequence[Fit]) -> list[Fit]:
+    """Those that differ, best first: many starts end in the same place."""
+    kept: list[Fit] = []
+    places: list[Points] = []
+    for fit in sorted(fits, key=lambda f: f.cost):
+        joints = fit.joints()
+        if all(np.linalg.norm(joints - other, axis=1).max() > ALIKE for other in places):
+            kept.append(fit)
+            places.append(joints)
+    return kept
 
 
 def again(fit: Fit, seen: Observations, known: bool = False) -> Fit:
     """A fit followed on from where it is, on other observations; known: its joints are kept."""
-    T, q = fit.T_camera_base, fit.q
-    problem = _problem(fit.robot, seen, known)
-    return _ended(problem, T[:3, :3].copy(), T[:3, 3].copy(), q.copy(), _NEAR)
+    return _followed(_problem(fit.robot, seen, known), fit, _NEAR)
 
 
 def cost_of(fit: Fit, seen: Observations) -> float:
@@ -163,8 +176,9 @@ def _follow(problem: _Problem, R: Floats, t: Floats, q: JointVector, steps: int)
     return float(cost) + _unusual(R)
 
 
-def _ended(problem: _Problem, R: Floats, t: Floats, q: JointVector, steps: int = _FINE) -> Fit:
+def _followed(problem: _Problem, fit: Fit, steps: int) -> Fit:
     robot, seen = problem.robot, problem.seen
+    R, t, q = fit.T_camera_base[:3, :3].copy(), fit.T_camera_base[:3, 3].copy(), fit.q.copy()
     cost = _follow(problem, R, t, q, steps)
     H, g = np.zeros((6 + robot.n, 6 + robot.n)), np.zeros(6 + robot.n)
     equations(

@@ -44,6 +44,13 @@ class Crop:
         p = points @ self.R
         return np.asarray(self.f * p[:, :2] / p[:, 2:] + 0.5 * (SIDE - 1))
 
+    def onto(self, other: Crop) -> Floats:
+        """(3, 3) from its pixels to those of another crop of the same picture."""
+        middle = 0.5 * (SIDE - 1)
+        back = np.array([[1.0, 0.0, -middle], [0.0, 1.0, -middle], [0.0, 0.0, self.f]]) / self.f
+        forth = np.array([[other.f, 0.0, middle], [0.0, other.f, middle], [0.0, 0.0, 1.0]])
+        return np.asarray(forth @ other.R.T @ self.R @ back)
+
 
 def take_crop(
     image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats, margin: float

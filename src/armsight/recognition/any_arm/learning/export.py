@@ -53,7 +53,7 @@ class _Builder:
 
     def network(self, net: CropNet, x: str) -> None:
         graph = self._graph
-        c8, c16, c32 = self._trunk(net, x)
+        c4, c8, c16, c32 = self._trunk(net, x)
         x = graph.node(
             "Add", self._plain(net.from16, c16), self._grown(self._plain(net.from32, c32))
         )
@@ -64,7 +64,10 @@ class _Builder:
             x = graph.node("Add", x, self._plain(refine.mix, graph.node("Relu", y)))
         x = graph.node("Relu", x)
         graph.output(x, "features", (1, net.surface.in_channels, "eighths", "of_columns"))
-        surface = self._shuffled(self._plain(net.surface, x))
+        fine = self._fine(net, c4, x)
+        surface = graph.node(
+            "Add", self._shuffled(self._plain(net.surface, x)), self._plain(net.fine_surface, fine)
+        )
         links = self._channels(surface, 0, 1 + LINKS)
         cells = ("rows", "columns")
         graph.output(links, "links", (1, 1 + LINKS, *cells))
@@ -78,11 +81,21 @@ class _Builder:
         p = net.shape.points
         for name in net.shape.robots:
             heat = self._shuffled(self._both(net.common_heat, net.heat[name], x))
-            graph.output(heat, f"heat_{name}", (1, p, *cells))
+            more = self._both(net.fine_common_heat, net.fine_heat[name], fine)
+            graph.output(graph.node("Add", heat, more), f"heat_{name}", (1, p, *cells))
             outside = self._both(net.common_outside, net.outside[name], hidden)
             graph.output(outside, f"outside_{name}", (1, p))
         types = [self._dense(net.names[name], hidden) for name in net.shape.types]
         graph.output(graph.node("Concat", *types, axis=1), "type", (1, len(types)))
+
+    def _fine(self, net: CropNet, c4: str, x: str) -> str:
+        graph = self._graph
+        narrow = self._grown(self._plain(net.narrow, x))
+        fine = graph.node("Relu", graph.node("Add", self._plain(net.from4, c4), narrow))
+        for sharpen in net.sharpen:
+            y = graph.node("Relu", self._plain(sharpen.filter, fine))
+            fine = graph.node("Add", fine, y)
+        return fine
 
     def _trunk(self, net: CropNet, x: str) -> list[str]:
         x = self._clipped(self._conv(net.trunk.stem, x))

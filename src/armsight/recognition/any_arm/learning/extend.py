@@ -14,13 +14,14 @@ import numpy as np
 
 from armsight.arrays import Floats32, Ints
 from armsight.errors import RecognitionError, UsageError
+from armsight.recognition.any_arm.evidence import STRIDE
 from armsight.recognition.any_arm.extension import Extension, Seen, apply, mark_of, write_extension
 from armsight.recognition.any_arm.heat import read_heat
 from armsight.recognition.any_arm.landmarks import find_landmarks
 from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples, pack_shards, read_examples
 from armsight.recognition.any_arm.learning.rows import Shots, fit_rows
-from armsight.recognition.any_arm.model import STRIDE, CropModel
+from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.views import SIDE
 from armsight.recognition.data.crews import Crew
 from armsight.recognition.data.generate import generate

@@ -1,9 +1,11 @@
 """The network that looks at a crop: which arm, which link where, which point of it, key points.
 
 A pretrained trunk, a pyramid fused at a stride of 8 pixels, and heads of one 1 x 1 convolution
-whose pixels are shuffled to a stride of 4. Fully convolutional, so that the same weights look at a
-whole frame. What belongs to one robot is a block of rows of its own in the last layer: another
-robot adds rows and changes none.
+whose pixels are shuffled to a stride of 4. A few channels go on to a stride of 4 themselves, where
+the trunk still sees edges, and what they say is added to the heads: it begins at nothing, so that
+weights from before it go on. Fully convolutional, so that the same weights look at a whole frame.
+What belongs to one robot is a block of rows of its own in the last layers: another robot adds rows
+and changes none.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ STRIDE = 4
 """Pixels of the crop a cell of the outputs."""
 _WIDTH = 128
 _HIDDEN = 128
+_FINE = 48
+"""Channels at a stride of 4."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,17 @@ class _Refine(nn.Module):
         return x + self.mix(functional.relu(self.filter(x)))
 
 
+class _Sharpen(nn.Module):
+    """3 x 3, added to what came in."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.filter = nn.Conv2d(width, width, 3, padding=1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + functional.relu(self.filter(x))
+
+
 class CropNet(nn.Module):
     """See the module.
 
@@ -91,7 +106,7 @@ class CropNet(nn.Module):
         super().__init__()
         self.shape = shape
         self.trunk = Trunk(frozen)
-        eighth, sixteenth, last = TAPS.values()
+        fourth, eighth, sixteenth, last = TAPS.values()
         self.from8 = nn.Conv2d(eighth, _WIDTH, 1)
         self.from16 = nn.Conv2d(sixteenth, _WIDTH, 1)
         self.from32 = nn.Conv2d(last, _WIDTH, 1)
@@ -108,6 +123,14 @@ class CropNet(nn.Module):
             {name: nn.Linear(_HIDDEN, shape.points) for name in shape.robots}
         )
         self.names = nn.ModuleDict({name: nn.Linear(_HIDDEN, 1) for name in shape.types})
+        self.from4 = nn.Conv2d(fourth, _FINE, 1)
+        self.narrow = nn.Conv2d(_WIDTH, _FINE, 1)
+        self.sharpen = nn.ModuleList(_Sharpen(_FINE) for _ in range(2))
+        self.fine_surface = nn.Conv2d(_FINE, 1 + LINKS + 4, 1)
+        self.fine_common_heat = nn.Conv2d(_FINE, shape.points, 1)
+        self.fine_heat = nn.ModuleDict(
+            {name: nn.Conv2d(_FINE, shape.points, 1) for name in shape.robots}
+        )
         _start(self)
 
     def forward(self, images: Tensor, robot: Tensor | None = None) -> Seen:
@@ -117,15 +140,21 @@ class CropNet(nn.Module):
             images: pictures.
             robot: (n,) whose landmarks are wanted of each; None for those of all.
         """
-        c8, c16, c32 = self.trunk(normalised(images))
+        c4, c8, c16, c32 = self.trunk(normalised(images))
         x = self.from16(c16) + _grown(self.from32(c32), 2)
         x = functional.relu(self.from8(c8) + _grown(x, 2))
         for refine in self.refine:
             x = refine(x)
         x = functional.relu(x)
-        surface = functional.pixel_shuffle(self.surface(x), 2)
+        fine = functional.relu(self.from4(c4) + _grown(self.narrow(x), 2))
+        for sharpen in self.sharpen:
+            fine = sharpen(fine)
+        surface = functional.pixel_shuffle(self.surface(x), 2) + self.fine_surface(fine)
         links = surface[:, : 1 + LINKS]
-        heat = self._heat(x, robot)
+        coarse = _of_robots(self.common_heat, self.heat, x, robot)
+        heat = functional.pixel_shuffle(coarse, 2) + _of_robots(
+            self.fine_common_heat, self.fine_heat, fine, robot
+        )
         # The type is read off where the arm is, and off the whole; it shall not shape the mask.
         arm = 1.0 - torch.softmax(links.detach(), 1)[:, :1]
         hidden = torch.cat([_weighted(x, arm), _weighted(c32, arm), c32.mean((2, 3))], 1)
@@ -144,16 +173,16 @@ class CropNet(nn.Module):
             types,
         )
 
-    def _heat(self, x: Tensor, robot: Tensor | None) -> Tensor:
-        common = self.common_heat(x)
-        if robot is None:
-            own = [self.heat[name](x) for name in self.shape.robots]
-            return torch.stack([functional.pixel_shuffle(common + o, 2) for o in own], 1)
-        layers = [self.heat[name] for name in self.shape.robots]
-        weight = torch.stack([layer.weight.flatten(1) for layer in layers])[robot]
-        bias = torch.stack([layer.bias for layer in layers])[robot]
-        mine = torch.baddbmm(bias[:, :, None], weight, x.flatten(2)).unflatten(2, x.shape[2:])
-        return functional.pixel_shuffle(common + mine, 2)[:, None]
+
+def _of_robots(common: nn.Conv2d, own: nn.ModuleDict, x: Tensor, robot: Tensor | None) -> Tensor:
+    """(n, r, k, h, w) what all robots share and what is each one's own; r is 1 for a ``robot``."""
+    shared = common(x)[:, None]
+    if robot is None:
+        return shared + torch.stack([layer(x) for layer in own.values()], 1)
+    weight = torch.stack([layer.weight.flatten(1) for layer in own.values()])[robot]
+    bias = torch.stack([layer.bias for layer in own.values()])[robot]
+    mine = torch.baddbmm(bias[:, :, None], weight, x.flatten(2)).unflatten(2, x.shape[2:])
+    return shared + mine[:, None]
 
 
 def _grown(x: Tensor, times: int) -> Tensor:
@@ -169,12 +198,20 @@ def _weighted(x: Tensor, arm: Tensor) -> Tensor:
 def _start(network: CropNet) -> None:
     """He's start of what is not pretrained; last layers small, the refinement close to nothing."""
     parts = (network.from8, network.from16, network.from32, network.hidden)
-    for part in parts:
+    for part in (*parts, network.from4, network.narrow):
         nn.init.kaiming_normal_(part.weight, nonlinearity="relu", mode="fan_in")
         nn.init.zeros_(part.bias)
     with torch.no_grad():
         for part in (network.from8, network.from16, network.from32):
             part.weight.mul_(0.5)
+    for sharpen in network.sharpen:
+        assert isinstance(sharpen, _Sharpen)
+        nn.init.zeros_(sharpen.filter.bias)
+        sharpen.filter.weight.data.mul_(0.5)
+    for part in (network.fine_surface, network.fine_common_heat, *network.fine_heat.values()):
+        assert isinstance(part, nn.Conv2d)
+        nn.init.zeros_(part.weight)
+        nn.init.zeros_(part.bias)
     for refine in network.refine:
         assert isinstance(refine, _Refine)
         nn.init.zeros_(refine.mix.bias)

@@ -20,7 +20,7 @@ from armsight.recognition.training.weights import LICENCE, Card
 from armsight.robots.catalogue import load_robot
 from armsight.writing import write_atomically, write_text
 
-JUDGED = 160
+JUDGED = 400
 """Held-back crops on which trust is chosen."""
 _PARITY = 4
 

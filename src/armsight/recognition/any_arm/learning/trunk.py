@@ -32,8 +32,8 @@ _STAGES = (
     (4, 5, 2, 6, 112, 192),
     (1, 3, 1, 6, 192, 320),
 )
-TAPS = {4: 40, 10: 112, 15: 320}
-"""Blocks whose outputs are used, and their channels: at strides of 8, 16 and 32 pixels."""
+TAPS = {2: 24, 4: 40, 10: 112, 15: 320}
+"""Blocks whose outputs are used, and their channels: at strides of 4, 8, 16 and 32 pixels."""
 _EPSILON = 1e-3
 
 
