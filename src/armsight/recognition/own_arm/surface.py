@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -57,16 +57,22 @@ class Rendered:
     Attributes:
         depth: (h, w) [m], infinite where it is not.
         link: (h, w) index of the link seen, -1 where none is.
-        points, normals: (k, 3) of the pixels that see it, in ``base``; at: (k, 2) row and column.
+        points: (k, 3) of the pixels that see it, in ``base``; at: (k, 2) row and column.
         owner: (k,) their links.
+        triangles: (k, 3, 3) corners of what each sees, in ``base``.
     """
 
     depth: DepthImage
     link: Ints
     points: Points
-    normals: Points
     at: Ints
     owner: Ints
+    triangles: Floats
+
+    @cached_property
+    def normals(self) -> Points:
+        """(k, 3) of the surface at ``points``, in ``base``."""
+        return _normals(*self.triangles.transpose(1, 0, 2))
 
     @property
     def mask(self) -> Mask:
@@ -99,12 +105,11 @@ def render(
     z = depth[row, column].astype(float)
     x, y = (column - lens[2]) / lens[0] * z, (row - lens[3]) / lens[1] * z
     points = transform(inverse(T_camera_base), np.stack([x, y, z], 1))
-    triangles = surface.faces[face[row, column]]
-    normals = _normals(corners, triangles)
-    owner = surface.link[triangles[:, 0]]
+    seen_faces = surface.faces[face[row, column]]
+    owner = surface.link[seen_faces[:, 0]]
     link = np.full(face.shape, -1, np.int64)
     link[row, column] = owner
-    return Rendered(depth, link, points, normals, at, owner)
+    return Rendered(depth, link, points, at, owner, np.asarray(corners[seen_faces], np.float64))
 
 
 def arm_surface(robot: Robot) -> ArmSurface:
@@ -175,7 +180,7 @@ def _outside(triangles: Triangles) -> tuple[Points, Points]:
         row, column = np.nonzero(face >= 0)
         z = depth[row, column].astype(float)
         p = np.stack([(column - lens[2]) / f * z, (row - lens[3]) / f * z, z], 1)
-        found.append(np.hstack([transform(T, p), _normals(vertices, faces[face[row, column]])]))
+        found.append(np.hstack([transform(T, p), _normals(*vertices[faces[face[row, column]].T])]))
     every = np.concatenate(found)
     # One a cell and a rough direction, so that both sides of a thin part are kept.
     cell = np.floor(every[:, :3] / SPACING).astype(np.int64)
@@ -185,8 +190,7 @@ def _outside(triangles: Triangles) -> tuple[Points, Points]:
     return kept[:, :3], kept[:, 3:]
 
 
-def _normals(vertices: Points, triangles: Ints) -> Points:
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+def _normals(a: Points, b: Points, c: Points) -> Points:
     n = np.cross(b - a, c - a)
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-15))
 

@@ -35,7 +35,8 @@ class Changes:
         shift: of the arm from the middle, share of the room that is left, either way.
         gain: of the whole, log, standard deviation; tint: of each channel.
         grey, blur, noise, jpeg, cover: probabilities; surrounded: of another room, and not the
-            grey of :func:`armsight.recognition.any_arm.views.take_crop`, beyond its edges.
+            grey of :func:`armsight.recognition.any_arm.views.take_crop`, beyond its edges;
+            elsewhere: the arm alone before another room; shaded: light that changes across.
     """
 
     size: int = 128
@@ -53,6 +54,8 @@ class Changes:
     jpeg: float = 0.3
     cover: float = 0.3
     surrounded: float = 0.5
+    elsewhere: float = 0.08
+    shaded: float = 0.15
 
 
 STEADY_EXTENT = 0.77
@@ -111,6 +114,7 @@ def _changed(
         image = _surrounded(image, A, data, rng, how)
     links = _bytes(cv2.warpAffine(links, A[:2], size, flags=cv2.INTER_NEAREST))
     if rng is not None:
+        image = _elsewhere(image, links, data, rng, how)
         image, links = _covered(image, links, data, rng, how)
         image = _recoloured(image, rng, how)
     shares = _shares(links)
@@ -178,6 +182,22 @@ def _surrounded(
     return np.where(inside[..., None] > 0, image, beyond)
 
 
+def _elsewhere(
+    image: Bytes, links: Bytes, data: Examples, rng: np.random.Generator, how: Changes
+) -> Bytes:
+    """The arm cut out, before a picture that has none: no room goes with a type."""
+    if rng.random() >= how.elsewhere or not links.any():
+        return image
+    empty = np.flatnonzero(np.array(data.names)[data.robot] == EMPTY)
+    if not len(empty):
+        return image
+    other = data.images[int(rng.choice(empty))]
+    B = _anywhere(max(data.images.shape[1:3]), rng, how)
+    room = cv2.warpAffine(other, B[:2], (how.size, how.size), borderMode=cv2.BORDER_REFLECT)
+    arm = cv2.GaussianBlur((links > 0).astype(np.float32), (0, 0), 0.6)[..., None]
+    return _bytes(np.round(arm * image + (1.0 - arm) * room))
+
+
 def _shares(links: Bytes) -> Floats32:
     h, w = links.shape
     one = (links[None] == np.arange(_LINKS, dtype=np.uint8)[:, None, None]).astype(np.float32)
@@ -226,6 +246,10 @@ def _recoloured(image: Bytes, rng: np.random.Generator, how: Changes) -> Bytes:
     curve = 255.0 * np.clip((np.arange(256)[:, None] / 255.0) ** power * gain, 0, 1)
     table = np.round(curve).astype(np.uint8)
     image = _bytes(cv2.LUT(image, table[None]))
+    if rng.random() < how.shaded:
+        corners = np.exp(0.3 * rng.normal(size=(2, 2))).astype(np.float32)
+        field = cv2.resize(corners, image.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        image = _bytes(np.clip(image * field[..., None], 0, 255))
     if rng.random() < how.grey:
         image = np.repeat(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[..., None], 3, 2)
     if rng.random() < how.blur:
