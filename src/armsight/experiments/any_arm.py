@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +11,9 @@ from armsight.experiments.any_arm_frames import (
     Frame,
     baseline_frame,
     default_set,
-    lens_of,
     try_frame,
 )
+from armsight.experiments.any_arm_pictures import skeletons
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.recognition_scores import folder
 from armsight.experiments.rows import Row, wilson
@@ -23,14 +22,9 @@ from armsight.recognition.any_arm.recogniser import ArmRecogniser
 from armsight.recognition.data import LabelledSet
 from armsight.recognition.data.sample import KNOWN_ROBOTS, NO_ROBOT, UNKNOWN_ROBOT
 from armsight.recognition.inference.model import Model, network_file
-from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.inference.recogniser import Recogniser
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 NETWORK, BASELINE = "arms", "t7-rooms-on"
-SHOWN = 12
 _WHERE = "second renderer, 640 x 480, base at 1.2 to 2.5 m, box not given"
 
 
@@ -51,9 +45,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         notes.append(f"No network of the papers was there to compare with: {error}")
     else:
         rows += _baseline([baseline_frame(old, held[i]) for i in chosen])
-    shown = chosen[: SHOWN * max(len(chosen) // SHOWN, 1) : max(len(chosen) // SHOWN, 1)]
     return Outcome(
-        tuple(rows), {"frames": lambda: _overlays(recogniser, held, shown)}, tuple(notes)
+        tuple(rows), {"frames": lambda: skeletons(recogniser, held, chosen)}, tuple(notes)
     )
 
 
@@ -63,7 +56,8 @@ NOTE = (
     "rooms, materials, tools and lenses of its own); the network learned from crops of MuJoCo's "
     "renderer alone. Trust, threshold and the factor of the covariances come from crops of that "
     "renderer that were held back from training. `known_` keys have box and joint angles given. "
-    "`baseline_` keys are the multi-objective network of T7, trained on rooms, on the same frames."
+    "`baseline_` keys are the multi-objective network of T7, trained on rooms, on the same frames. "
+    "The picture shows the first two frames of each robot, angles unknown above and given below."
 )
 
 
@@ -166,24 +160,6 @@ def _mean(values: Sequence[float]) -> float:
 
 def _median(values: np.ndarray) -> float:
     return float(np.median(values)) if len(values) else float("nan")
-
-
-def _overlays(recogniser: ArmRecogniser, held: LabelledSet, shown: Sequence[int]) -> Figure:
-    from matplotlib.figure import Figure
-
-    from armsight.recognition.any_arm.drawing import draw
-
-    drawn = Figure(figsize=(12.0, 7.2))
-    axes = drawn.subplots(3, 4).ravel()
-    for ax, i in zip(axes, shown, strict=False):
-        sample = held[i]
-        found = recogniser.recognise(Picture("", sample.image), lens_of(sample))
-        ax.imshow(draw(sample.image, found))
-        ax.set_title(sample.robot, fontsize=8)
-    for ax in axes:
-        ax.axis("off")
-    drawn.tight_layout()
-    return drawn
 
 
 EXPERIMENT = Experiment(

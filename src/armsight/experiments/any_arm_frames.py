@@ -64,10 +64,11 @@ def try_frame(recogniser: ArmRecogniser, sample: Sample) -> Frame:
     begun = time.process_time()
     found = recogniser.recognise(Picture("frame", sample.image), lens)
     cpu = time.process_time() - begun
-    error, inside = _joints(found, sample)
+    error, inside = joint_error(found, sample)
     landmarks, known = np.empty(0), NOTHING
     if sample.robot in KNOWN_ROBOTS:
-        landmarks, known = _given_box(recogniser, sample, lens)
+        given = given_box(recogniser, sample, lens)
+        landmarks, known = given.landmarks, given.error(sample)
     return Frame(
         sample.robot,
         found.arms[0].robot if found.arms else "none",
@@ -108,7 +109,7 @@ def lens_of(sample: Sample) -> PinholeCamera:
     return PinholeCamera(w, h, K[0, 0], K[1, 1], K[0, 2], K[1, 2], (k1, k2, p1, p2, k3))
 
 
-def _joints(found: Sighting, sample: Sample) -> tuple[float, float]:
+def joint_error(found: Sighting, sample: Sample) -> tuple[float, float]:
     """Mean joint error of the surest arm [mm], and the share of joints in their ellipsoids."""
     arm = found.arms[0] if found.arms else None
     true = sample.joints_camera
@@ -127,10 +128,27 @@ def _iou(found: Sighting, sample: Sample) -> float:
     return float((seen & sample.mask).sum() / max((seen | sample.mask).sum(), 1))
 
 
-def _given_box(
-    recogniser: ArmRecogniser, sample: Sample, lens: PinholeCamera
-) -> tuple[Floats, float]:
-    """Errors of the visible landmarks [px of the crop]; joint error with known angles [mm]."""
+@dataclass(frozen=True)
+class Given:
+    """What is found where box and joint angles are given.
+
+    Attributes:
+        landmarks: (k,) errors of the visible landmarks [px of a crop of 160 px].
+        places: (1 + n, 3) base and joints in the camera's frame [m], None without an answer.
+    """
+
+    landmarks: Floats
+    places: Floats | None
+
+    def error(self, sample: Sample) -> float:
+        """Mean joint error [mm]."""
+        if self.places is None:
+            return NOTHING
+        return 1e3 * float(np.linalg.norm(self.places[1:] - sample.joints_camera, axis=1).mean())
+
+
+def given_box(recogniser: ArmRecogniser, sample: Sample, lens: PinholeCamera) -> Given:
+    """Landmarks and the arm's place, its box and angles given."""
     row, column = np.nonzero(sample.mask)
     low = np.array([column.min(), row.min()], float)
     high = np.array([column.max() + 1, row.max() + 1], float)
@@ -155,9 +173,12 @@ def _given_box(
     arm = at_edges(look.arm, crop.image)
     found = place_known(robot, marks, seen, arm, crop, sample.q)
     if found is None:
-        return np.array(errors), NOTHING
-    away = found[0].joints() @ crop.R.T - sample.joints_camera
-    return np.array(errors), 1e3 * float(np.linalg.norm(away, axis=1).mean())
+        return Given(np.array(errors), None)
+    fit = found[0]
+    return Given(
+        np.array(errors),
+        np.asarray(np.vstack([fit.T_camera_base[None, :3, 3], fit.joints()]) @ crop.R.T),
+    )
 
 
 def default_set() -> Path:

@@ -62,14 +62,12 @@ def test_looks_that_agree_say_it_in_the_second_crop() -> None:
 
 
 def test_looks_that_disagree_are_unsure() -> None:
-    first, second = _evidence(np.array([60.0, 60.0]), 2.0), _evidence(np.array([68.0, 60.0]), 2.0)
+    first, second = _evidence(np.array([40.0, 60.0]), 1.0), _evidence(np.array([120.0, 60.0]), 1.0)
     both = together(first, second, np.eye(3))
     found = read_heat(both.heat["ur5"], both.outside["ur5"])
-    # The window about a peak is of whole cells.
-    np.testing.assert_allclose(found.mean[0] * 4 + 1.5, [64.0, 60.0], atol=0.5)
-    far = together(first, _evidence(np.array([130.0, 130.0]), 2.0), np.eye(3))
-    apart = read_heat(far.heat["ur5"], far.outside["ur5"])
-    assert apart.mass[0] < 0.6 < found.mass[0]
+    alone = read_heat(second.heat["ur5"], second.outside["ur5"])
+    np.testing.assert_allclose(found.mass, 0.5 * alone.mass, rtol=1e-3)
+    assert np.trace(found.covariance[0]) > 2.0 * np.trace(alone.covariance[0])
 
 
 def test_where_the_first_did_not_look_the_second_one_speaks() -> None:

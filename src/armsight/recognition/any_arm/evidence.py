@@ -1,8 +1,8 @@
 """What a network says of a crop before anything is read off it, and two sayings brought together.
 
-Two looks at one arm, turned and zoomed a little differently, err differently. Log probabilities of
-where a landmark is are averaged, so that a place counts which both find likely; what they disagree
-about becomes wide.
+Two looks at one arm, turned and zoomed a little differently, err differently. The probabilities of
+where a landmark is are averaged: where they agree it stays as sure, and what they disagree about
+has two places, each of them half as likely.
 """
 
 from __future__ import annotations
@@ -82,10 +82,8 @@ def together(first: Evidence, second: Evidence, H: Floats) -> Evidence:
         H: (3, 3) from the second one's pixels to the first one's.
     """
     moved = _Moved(H, first.surface.links.shape[1:], second.surface.links.shape[1:])
-    heat = {
-        name: 0.5 * (mine + moved(first.heat[name], mine)) for name, mine in second.heat.items()
-    }
-    outside = {name: 0.5 * (first.outside[name] + v) for name, v in second.outside.items()}
+    heat = {name: _mean(moved(first.heat[name], mine), mine) for name, mine in second.heat.items()}
+    outside = {name: _mean(first.outside[name], v) for name, v in second.outside.items()}
     types = 0.5 * (first.types + second.types)
     strength = {name: 0.5 * (first.strength[name] + v) for name, v in second.strength.items()}
     return Evidence(
@@ -125,6 +123,11 @@ class _Moved:
 def _joined(first: Surface, second: Surface, moved: _Moved) -> Surface:
     links = 0.5 * (second.links + moved(first.links, second.links))
     return Surface(links.astype(np.float32), second.coordinates, second.spread)
+
+
+def _mean(a: Floats32, b: Floats32) -> Floats32:
+    """Log of the mean of two probabilities, of their logs."""
+    return np.asarray(np.logaddexp(a, b) - np.log(2.0), np.float32)
 
 
 def _softmax(x: Floats32) -> Floats:

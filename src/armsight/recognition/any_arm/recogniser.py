@@ -19,7 +19,7 @@ from armsight.recognition.any_arm.observing import observe
 from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
-from armsight.recognition.any_arm.trust import features, read_trust
+from armsight.recognition.any_arm.trust import LEAD, features, read_trust
 from armsight.recognition.any_arm.views import SIDE, WHOLE, Crop, mask_in_picture, take_crop
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
@@ -53,8 +53,16 @@ class _Candidate:
     fit: Fit
     overlap: float
     score: float
-    trust: float
-    features: Floats
+    kind: float
+    mass: float
+    points: int
+    cost: float
+
+    def features(self, lead: float) -> Floats:
+        """Of its trust."""
+        C = self.fit.joint_covariances()
+        sigma = float(np.sqrt(np.trace(C, axis1=1, axis2=2)).mean())
+        return features(self.cost, self.points, self.overlap, self.kind, self.mass, sigma, lead)
 
 
 class ArmRecogniser:
@@ -202,35 +210,38 @@ class ArmRecogniser:
         alike = () if self._told else look.alike
         known = sorted(self.robots, key=lambda name: -types[name])[:TYPES]
         share = sum(types[name] for name in self.robots)
-        best: tuple[str, _Candidate] | None = None
+        candidates: list[tuple[str, _Candidate]] = []
         for name in known:
             if types[name] < RIVAL * share:
                 continue
             kind = 1.0 if len(self.robots) == 1 else types[name] / max(share, 1e-6)
             found = self._candidate(look, sharp, crop, name, kind)
-            if found is not None and (best is None or found.score < best[1].score):
-                best = name, found
-        if best is None:
+            if found is not None:
+                candidates.append((name, found))
+        if not candidates:
             nothing = Arm(
                 known[0], types, mask, None, np.empty(0), np.empty((0, 3)),
                 np.empty((0, 3, 3)), 0.0, 0.0, False, "too little of the arm is seen for a pose",
                 alike,
             )  # fmt: skip
             return nothing, None
-        name, found = best
+        (name, found), *others = sorted(candidates, key=lambda candidate: candidate[1].score)
+        lead = min((other.score - found.score for _, other in others), default=LEAD)
+        f = found.features(lead)
+        trust = self.trust.of(f)
         turned = make_pose(crop.R)
         joints = found.fit.joints() @ crop.R.T
         covariance = crop.R @ found.fit.joint_covariances() @ crop.R.T * self.trust.widen**2
-        believed = found.trust >= self.trust.threshold
+        believed = trust >= self.trust.threshold
         problem = "" if believed else (
-            f"I do not know: {100 * found.trust:.0f} % sure that joints are right to 10 cm"
+            f"I do not know: {100 * trust:.0f} % sure that joints are right to 10 cm"
         )  # fmt: skip
         T = np.asarray(turned @ found.fit.T_camera_base)
         arm = Arm(
-            name, types, mask, T, found.fit.q, joints, covariance, found.overlap, found.trust,
+            name, types, mask, T, found.fit.q, joints, covariance, found.overlap, trust,
             believed, problem, alike,
         )  # fmt: skip
-        return arm, found.features
+        return arm, f
 
     def _found(self, look: Look) -> float:
         """How surely the landmarks are seen of the likeliest robot, 0..1."""
@@ -262,12 +273,9 @@ class ArmRecogniser:
             return None
         fit, overlap = found
         cost = cost_of(fit, seen)
-        C = fit.joint_covariances()
-        sigma = float(np.sqrt(np.trace(C, axis1=1, axis2=2)).mean())
         mass = float(look.places[name].mass.mean())
-        f = features(cost, len(seen.link), overlap, kind, mass, sigma)
         score = cost + OUTLINE * (1.0 - overlap) - 4.0 * float(np.log(kind + 1e-3))
-        return _Candidate(fit, overlap, score, self.trust.of(f), f)
+        return _Candidate(fit, overlap, score, kind, mass, len(seen.link), cost)
 
 
 def best_outlined(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from armsight.recognition.any_arm.learning import trunk
 from armsight.recognition.any_arm.learning.export import check_parity, to_onnx
 from armsight.recognition.any_arm.learning.network import OTHERS
 from armsight.recognition.any_arm.learning.trainer import CropTrainer
-from armsight.recognition.any_arm.learning.trusting import choose_trust, judge
+from armsight.recognition.any_arm.learning.trusting import Judged, choose_trust, judge
 from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.data.labelled_set import LabelledSet
 from armsight.recognition.training.weights import LICENCE, Card
@@ -25,13 +26,19 @@ JUDGED = 400
 _PARITY = 4
 
 
-def ship(trainer: CropTrainer, out: Path, source: LabelledSet | None) -> Path:
+def ship(
+    trainer: CropTrainer,
+    out: Path,
+    source: LabelledSet | None,
+    elsewhere: Callable[[CropModel], Judged] | None = None,
+) -> Path:
     """Write ``network.onnx`` and ``CARD.md`` of the running mean; the network's file.
 
     Args:
         trainer: that trained it.
         out: folder.
         source: the labelled set, for the choice of how far to trust; None keeps the defaults.
+        elsewhere: judges the network on pictures of another renderer, too.
 
     Raises:
         RecognitionError: it cannot be written, or ONNX Runtime disagrees with torch.
@@ -43,7 +50,9 @@ def ship(trainer: CropTrainer, out: Path, source: LabelledSet | None) -> Path:
     check_parity(network, file, trainer.data.images[trainer.held[:_PARITY]])
     if source is not None:
         names = (*trainer.plan.robots, *OTHERS)
-        trust, figures = choose_trust(judge(CropModel(file, 1), source, names, JUDGED))
+        model = CropModel(file, 1)
+        judged = judge(model, source, names, JUDGED)
+        trust, figures = choose_trust(judged, elsewhere(model) if elsewhere else None)
         card["trust"] = vars(trust) | {"chosen_on": figures}
         write_atomically(file, to_onnx(network, card), error=RecognitionError)
     write_text(out / "CARD.md", card_text(card), RecognitionError)
@@ -102,8 +111,10 @@ def card_text(card: dict[str, Any]) -> str:
     if "trust" in card:
         f = card["trust"]["chosen_on"]
         lines.append(
-            f"* Believed from a trust of {card['trust']['threshold']:.2f}, chosen on {f['frames']} "
-            f"held-back crops: {f['believed']:.0%} believed, {f['believed_wrong']:.0%} of these "
-            "off by more than 100 mm or of another type."
+            f"* Believed from a trust of {card['trust']['threshold']:.2f}, chosen on "
+            f"{f['frames'] - f['elsewhere']} held-back crops and {f['elsewhere']} answers on "
+            "tuning pictures of another renderer: "
+            f"{f['believed']:.0%} believed, {f['believed_wrong']:.0%} of these off by more than "
+            "100 mm or of another type."
         )
     return "\n".join(lines) + "\n"

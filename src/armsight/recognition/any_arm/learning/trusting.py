@@ -29,7 +29,7 @@ class Judged:
     """Answers on crops with truth.
 
     Attributes:
-        features: (m, 6) of each answer; error: (m,) mean joint error [m].
+        features: (m, 7) of each answer; error: (m,) mean joint error [m].
         spread: (m, 4) squared Mahalanobis distances of four joints, NaN where there are fewer.
     """
 
@@ -82,30 +82,45 @@ def judge(model: CropModel, held: LabelledSet, names: Sequence[str], most: int) 
     return Judged(np.array(rows).reshape(-1, len(FEATURES)), np.array(errors), np.array(spreads))
 
 
-def choose_trust(judged: Judged) -> tuple[Trust, dict[str, Any]]:
+def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust, dict[str, Any]]:
     """Weights, threshold and widening; and figures for the card.
 
-    The threshold is the lowest from which at most :data:`WRONG` of the answers above it are wrong.
+    The threshold is the lowest from which at most :data:`WRONG` of the answers above it are wrong,
+    of the crops and of those from elsewhere alike.
+
+    Args:
+        judged: answers on held-back crops.
+        elsewhere: answers on pictures of another renderer, which no figure is reported on.
     """
-    good = judged.error < GOOD
-    weights = logistic(judged.features, good)
+    sets = [judged] if elsewhere is None else [judged, elsewhere]
+    every = Judged(*(np.concatenate([getattr(j, k) for j in sets]) for k in vars(judged)))
+    weights = logistic(every.features, every.error < GOOD)
     trust = Trust(tuple(float(v) for v in weights), 0.5, 1.0)
-    p = np.array([trust.of(f) for f in judged.features])
-    order = np.argsort(-p)
-    share = np.cumsum(~good[order]) / np.arange(1, len(p) + 1)
-    kept = np.flatnonzero(share <= WRONG)
-    last = int(kept[-1]) if len(kept) else 0
-    threshold = float(np.clip(p[order][last], 0.3, 0.97))
-    sure = p >= threshold
-    inside = judged.spread[sure] if sure.any() else judged.spread
+    threshold = max(_lowest(trust, j) for j in sets)
+    p = np.array([trust.of(f) for f in every.features])
+    good, sure = every.error < GOOD, p >= threshold
+    inside = every.spread[sure] if sure.any() else every.spread
+    inside = inside[np.isfinite(inside)]
     widen = float(np.sqrt(np.quantile(inside, 0.9) / _INSIDE_90)) if inside.size else 2.0
     figures = {
         "frames": len(p),
+        "elsewhere": 0 if elsewhere is None else len(elsewhere.error),
         "good": float(good.mean()),
         "believed": float(sure.mean()),
         "believed_wrong": float((~good[sure]).mean()) if sure.any() else 0.0,
     }
     return Trust(trust.weights, threshold, float(np.clip(widen, 1.0, 20.0))), figures
+
+
+def _lowest(trust: Trust, judged: Judged) -> float:
+    """The lowest threshold that keeps its promise on some answers."""
+    good = judged.error < GOOD
+    p = np.array([trust.of(f) for f in judged.features])
+    order = np.argsort(-p)
+    share = np.cumsum(~good[order]) / np.arange(1, len(p) + 1)
+    kept = np.flatnonzero(share <= WRONG)
+    last = int(kept[-1]) if len(kept) else 0
+    return float(np.clip(p[order][last], 0.3, 0.97))
 
 
 def logistic(x: Floats, y: Mask, hold: float = 1.0) -> Floats:
