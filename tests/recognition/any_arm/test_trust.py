@@ -1,0 +1,44 @@
+"""How far answers are believed: the promise holds on each set that it was chosen on."""
+
+import numpy as np
+import pytest
+
+from armsight.recognition.any_arm.learning.trusting import WRONG, Judged, choose_trust
+from armsight.recognition.any_arm.trust import FEATURES, LEAD, features, read_trust
+
+
+def _judged(n: int, shift: float, seed: int) -> Judged:
+    """Answers whose chance to be good rises with one feature; ``shift``: of that feature."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(n, len(FEATURES)))
+    x[:, 0] = 1.0
+    good = rng.random(n) < 1.0 / (1.0 + np.exp(-4.0 * (x[:, 2] - shift)))
+    return Judged(x, np.where(good, 0.02, 0.5), rng.chisquare(3, (n, 4)))
+
+
+def test_the_promise_holds_elsewhere_too() -> None:
+    here, there = _judged(600, 0.0, 1), _judged(200, 1.0, 2)
+    alone, _ = choose_trust(here)
+    both, figures = choose_trust(here, there)
+    assert (figures["frames"], figures["elsewhere"]) == (800, 200)
+    for judged in (here, there):
+        sure = np.array([both.of(f) for f in judged.features]) >= both.threshold
+        assert sure.any()
+        assert (judged.error[sure] > 0.1).mean() <= WRONG
+    believed = np.array([alone.of(f) for f in there.features]) >= alone.threshold
+    assert (there.error[believed] > 0.1).mean() > WRONG
+
+
+def test_a_type_that_hardly_leads_says_less_than_one_that_leads_far() -> None:
+    narrow, wide = (features(9.0, 30, 0.8, 0.9, 0.7, 0.05, lead) for lead in (0.0, 5 * LEAD))
+    assert narrow[-1] == -0.5
+    assert wide[-1] == 0.5
+    np.testing.assert_array_equal(narrow[:-1], wide[:-1])
+
+
+def test_a_card_from_before_the_last_feature_gives_it_no_weight() -> None:
+    weights = [0.1 * k for k in range(len(FEATURES) - 1)]
+    trust = read_trust({"trust": {"weights": weights, "threshold": 0.5, "widen": 1.5}})
+    assert trust.weights == (*weights, 0.0)
+    with pytest.raises(ValueError):
+        read_trust({"trust": {"weights": weights[:-1], "threshold": 0.5, "widen": 1.5}})
