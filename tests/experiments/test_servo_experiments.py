@@ -67,9 +67,9 @@ def test_the_box_of_v_has_fourteen_places_that_the_arm_can_stand_before():
     places = waypoints(setup)
     assert places.shape == (14, 3)
     assert np.allclose(np.ptp(places, axis=0), (0.5, 1.0, 0.5))
-    for place in places[::5]:
+    for place in places:  # two corners were 0.2 and 0.3 m out of reach, and every third was tested
         tip = tcp_pose(setup.robot, joints_before(setup, place))[:3, 3]
-        assert np.linalg.norm(tip - place) == pytest.approx(0.09, abs=0.01)
+        assert np.linalg.norm(tip - place) == pytest.approx(0.09, abs=0.001)
 
 
 def test_paths_keep_their_speed_and_trials_repeat_bit_for_bit():

@@ -225,6 +225,22 @@ def test_the_law_comes_to_a_target_at_rest_without_overshoot_and_stays():
     assert (np.abs(commands) <= UR10.limits.scaled(0.5, 0.6).velocity * 1.0001).all()
 
 
+def test_where_a_planned_way_ends_with_other_joints_the_law_goes_on_from_those():
+    """It led the arm all the way back to the solution that it had been blocked on before."""
+    aim = Aim(START + np.array((0.05, 0.05, 0.0)), np.zeros(3), FRONT, -UP)
+    law = VelocityLaw(UR10, LawConfig())
+    own = joints_for(UR10, aim, HOME, rounds=300)
+    other = joints_for(UR10, aim, np.array((-1.2, -2.0, -2.0, 3.5, -0.1, -2.2)), rounds=300)
+    for q in (own, other):
+        assert np.linalg.norm(tcp_pose(UR10, q)[:3, 3] - aim.position) < 1e-3
+    assert 1.0 < np.abs(other - own).max() < 3.0
+    law.command(0.0, JointState(0.0, HOME, np.zeros(6)), aim)
+    there = JointState(1.0, other, np.zeros(6))
+    assert np.abs(law.command(1.0, there, aim)).max() > 0.5
+    law.led()
+    assert np.abs(law.command(1.008, there, aim)).max() < 0.02
+
+
 def circle(t):
     w = 0.25 / 0.12
     place = START + np.array((0.08, 0.12 * np.sin(w * t), 0.12 * (1 - np.cos(w * t))))

@@ -16,6 +16,7 @@ from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, bootstrap, wilson
 from armsight.experiments.servo_world import (
+    HARM,
     PAPERS,
     Errors,
     Path,
@@ -38,8 +39,9 @@ REACHED = 0.005
 """V: the tip came within this of the surface [m]."""
 LIMIT = 12.0
 """A trial is given up after this [s]."""
-BOX = ((0.76, 0.0, 1.20), (0.50, 1.00, 0.50))
-"""Centre and edges of V's box in this cell's world [m]: depth, width, height."""
+BOX = ((0.78, 0.0, 1.30), (0.50, 1.00, 0.50))
+"""Centre and edges of V's box in this cell's world [m]: depth, width, height; lower or nearer, and
+a corner of it is out of the arm's reach."""
 RUNS = 200
 
 ABOUT = f"""
@@ -70,7 +72,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
-        settings = [mode, motion, asdict(errors), shares, 5]
+        settings = [mode, motion, asdict(errors), shares, 6]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):
@@ -205,7 +207,7 @@ def _ours(results: dict[tuple[str, str], list[dict[str, Any]]]) -> list[Row]:
         _time("ball_moving_time_s", f"at up to 0.15-0.25 m/s, {full}", near, None, (4.0, 2.5)),
         Row(
             "harm",
-            "ticks with the tip in the ball, faster than 0.05 m/s, without a permit that holds",
+            HARM,
             "all of ours",
             float(sum(r["harm"] for r in everything)),
             n=len(everything),

@@ -37,6 +37,10 @@ ASLANT = 0.25
 """A print is not found by who sees it more aslant: cosine with its normal [1]."""
 STAND = 2e3
 """Stiffness of what holds the ball [N/m], that of a simulated one."""
+HARM = (
+    "ticks in which the tip pushed into the ball without a permit, or the ball pushed it back with "
+    "more than the permit's force"
+)
 Path = Callable[[float], Vector3]
 """(3,) place in ``base`` [m] at a time [s]."""
 
@@ -310,7 +314,7 @@ class Course:
         error: of the task's place of the target [m], NaN without one; wrist: the pair leads.
         commands: (k, n) [rad/s]; ball_speed: [m/s].
         permits: states of the permit that were seen.
-        harm: ticks in which a moving tip was in the ball without a permit that holds.
+        harm: see :data:`HARM`.
     """
 
     times: list[float] = field(default_factory=list)
@@ -402,9 +406,12 @@ class Trial:
         if permit is not None:
             course.permits.add(permit.state.value)
         held = permit is not None and permit.holds
-        if course.gap[-1] < 0.0 and not held:
-            speed = float(np.linalg.norm((tcp_jacobian(self.eyes.true_robot, cell.q) @ cell.v)[:3]))
-            course.harm += speed > MOVING
+        if course.gap[-1] < 0.0:
+            own = (tcp_jacobian(self.eyes.true_robot, cell.q) @ cell.v)[:3]
+            moves = own - (ball - self.ball(cell.now - cell.config.period)) / cell.config.period
+            closing = float(moves @ (ball - tip)) / max(float(np.linalg.norm(ball - tip)), 1e-9)
+            pushes = not held and closing > MOVING
+            course.harm += pushes or -STAND * course.gap[-1] > self.task.dock.force
 
 
 def make_task(

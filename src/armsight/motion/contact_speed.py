@@ -78,9 +78,10 @@ class GentleSpeed:
 
         def kept(share: float) -> bool:
             motion = along + share * (wanted - along)
-            _, velocity = body.motion(q, motion)
+            center, velocity = body.motion(q, motion)
             spin = self._spin(body, q, motion)
-            return bool((self._excess(1.0, velocity, spin)[self.parts] <= 0.0).all())
+            slow = self._excess(1.0, velocity, spin)[self.parts] <= 0.0
+            return bool(slow.all() and self._coming(center, velocity, spin).min() >= 1.0)
 
         return eased(along, wanted, kept)
 

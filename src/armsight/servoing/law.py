@@ -80,6 +80,10 @@ class VelocityLaw:
         self._arm.forget()
         self._told, self._wanted = -math.inf, None
 
+    def led(self) -> None:
+        """Something else leads the arm: the next goal is looked for from where it comes to be."""
+        self._wanted = None
+
     def hear(self, status: GuardStatus | None) -> None:
         """What the guard really commanded."""
         if status is not None and status.stamp > self._told:

@@ -124,6 +124,10 @@ class Chase(Protocol):
         """One camera looked."""
         ...
 
+    def led(self) -> None:
+        """The arm is led by something else in this round, not by what was wished."""
+        ...
+
     def step(self, now: float, joints: JointState, guard: GuardStatus | None) -> Wish | None:
         """What the joints should do now; None to rest."""
         ...
@@ -151,6 +155,7 @@ class OurChase:
         self.source_number = 0.0
         self.give = 0.0
         self._by_wrist = False
+        self._acts = -math.inf
 
     @property
     def estimate(self) -> TargetEstimate | None:
@@ -165,6 +170,10 @@ class OurChase:
     def see(self, look: Look) -> None:
         """One camera looked."""
         self.filter.add(look)
+
+    def led(self) -> None:
+        """A planned way may end with other joints than the law's own would have."""
+        self.law.led()
 
     def step(self, now: float, joints: JointState, guard: GuardStatus | None) -> Wish | None:
         """What the joints should do now; None to rest."""
@@ -183,7 +192,8 @@ class OurChase:
         here, _ = estimate.at(now)
         self.place = here
         self.distance = float(np.linalg.norm(here - T[:3, 3])) - config.radius
-        at, velocity = estimate.at(now + config.law.delay)
+        self._acts = now + config.law.delay
+        at, velocity = estimate.at(self._acts)
         axis, down = tool_direction(config, at, estimate.normal)
         tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
         # Nobody presses against what nobody sees: the tip goes back before the permit has to end.
@@ -194,14 +204,21 @@ class OurChase:
         return Wish(self.law.command(now, joints, aim, most), estimate.seen)
 
     def touchable(self) -> Touchable | None:
-        """By the estimate."""
+        """By the estimate, as on the tangent of its way where the command acts.
+
+        On a curve a region that kept the velocity of its exposure would move by 5 cm/s otherwise
+        than what the arm goes along with, which is more than may be kept in it.
+        """
         e = self.filter.estimate
         if e is None:
             return None
         P, drift = e.covariance, math.sqrt(max(np.linalg.eigvalsh(e.covariance[3:, 3:])[-1], 0.0))
+        acts = max(self._acts, e.stamp)
+        place, velocity = e.at(acts)
         return Touchable(
-            e.stamp, e.position, e.velocity, P[:3, :3], drift=drift, normal=e.normal, along=e.along
-        )
+            e.stamp, place - velocity * (acts - e.stamp), velocity, P[:3, :3], drift=drift,
+            normal=e.normal, along=e.along,
+        )  # fmt: skip
 
     def _tell(self, now: float, estimate: TargetEstimate) -> None:
         """Which sensors carry the estimate: for the report only, nothing depends on it."""
@@ -256,6 +273,10 @@ class PaperChase:
     def iterations(self) -> int:
         """Segments begun."""
         return self.planner.iterations
+
+    def led(self) -> None:
+        """Its segments begin where the arm is."""
+        self.law.led()
 
     def see(self, look: Look) -> None:
         """One camera looked."""

@@ -106,9 +106,10 @@ class ServoTask:
         self._face = self._show(observation.robot, joints, now, touching)
         if wish is None:
             return Rest(self.chase.reason)
-        permit = None if self.standoff > 0.0 else self._permit(observation)
+        permit = self._permit(observation)
         around = self._around(now, observation.guard)
         if around is not None:
+            self.chase.led()
             return replace(around, permit=permit)
         return VelocityIntent(
             self.dock.name,
@@ -135,12 +136,15 @@ class ServoTask:
     def _permit(self, observation: Observation) -> PermitRequest | None:
         """Asks to touch the target, as far as anybody knows where it is.
 
+        Who follows a thing at a stand-off asks as well: what is not declared may be a person.
         One that was withdrawn is asked for again after a round without it.
         """
         seen = self.chase.touchable()
         guard = observation.guard
         if seen is None or self.chase.distance > ASK_WITHIN:
             return None
+        if self.standoff > 0.0 and self.dock.permit != "thing":
+            return None  # it follows somebody as far away as the guard wants it
         answer = None if guard is None else guard.permit
         lost = answer is not None and answer.state == PermitState.WITHDRAWN
         if lost and not self._pausing:
