@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armsight.devices.data import JointState
-from armsight.motion.intents import VelocityIntent
+from armsight.devices.data import GripperState, JointState
+from armsight.motion.intents import Rest, VelocityIntent
 from armsight.motion.permits import LIMITS, request_fault
 from armsight.motion.task import Observation
 from armsight.robots import load_robot, load_tool
@@ -61,14 +61,18 @@ class Arm:
         self.now = 0.0
         self.tip = tcp_pose(UR10, HOME)[:3, 3]
 
-    def stay(self, palm, seconds):
-        """The last intent after some time with the palm at a place."""
+    def stay(self, palm, seconds, gripper=None):
+        """The last intent after some time with the palm at a place, the gripper's (width, holding)
+        as given."""
         intent = None
         for _ in range(round(seconds / 0.02)):
             self.now += 0.02
             self.task.chase.see(look("a", (1.7, 1.4, -0.1), palm, self.now))
             joints = JointState(self.now, HOME.copy(), np.zeros(6))
-            intent = self.task.update(Observation(self.now, UR10, joints))
+            state = (
+                None if gripper is None else GripperState(self.now, gripper[0], False, gripper[1])
+            )
+            intent = self.task.update(Observation(self.now, UR10, joints, gripper=state))
         return intent
 
 
@@ -86,6 +90,29 @@ def test_the_item_is_let_go_only_above_the_palm():
     assert arm.task.released < arm.now
     assert isinstance(intent, VelocityIntent)
     assert intent.width == HandoverTask.opening
+
+
+def test_a_jammed_gripper_is_not_waited_for_on_somebody_s_palm():
+    """It leaves with the item and says so; one that opens late is given the time."""
+    for late, says in (((0.04, True), "did not open: 40 mm"), ((0.085, False), "handed over")):
+        arm = Arm()
+        arm.stay(arm.tip - WAITS * UP, 1.0, (0.04, True))
+        arm.task.chase.reset()
+        palm = arm.tip - LETS_GO * UP
+        arm.stay(palm, 1.2, (0.04, True))
+        assert arm.task.phase == "let go"
+        intent = arm.stay(palm, 3.5, late)
+        assert isinstance(intent, Rest)
+        assert says in intent.reason
+
+
+def test_an_item_that_slips_is_brought_to_nobody():
+    arm = Arm()
+    arm.stay(arm.tip - WAITS * UP + 0.05 * FRONT, 0.5, (0.04, True))
+    intent = arm.stay(arm.tip - WAITS * UP + 0.05 * FRONT, 0.1, (0.0, False))
+    assert isinstance(intent, Rest)
+    assert "slipped" in intent.reason
+    assert arm.task.released == np.inf
 
 
 def test_a_palm_that_goes_on_is_waited_for_again():

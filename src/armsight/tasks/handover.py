@@ -25,6 +25,9 @@ CALM = 0.25
 """... and the palm is slower than this [m/s]."""
 OPENS = 0.5
 """What the gripper is given to open [s]."""
+JAMMED, OPEN = 2.0, 0.8
+"""A gripper that has not opened to this share of its width after this time [s] is jammed: the arm
+leaves with the item, rather than wait on somebody's palm."""
 STAYS = 1.5
 """What leaving is given [s]."""
 
@@ -38,6 +41,7 @@ class HandoverTask(ServoTask):
     Attributes:
         phase: wait, lower, let go, leave or done; since: when it began [s].
         released: when the gripper was told to open [s]; inf before.
+        failed: why nothing was handed over, in words; empty while that is not so.
     """
 
     opening: float = 0.085
@@ -46,6 +50,7 @@ class HandoverTask(ServoTask):
         """Nothing has been seen; the item is held."""
         super().reset()
         self.phase, self.since, self.released = "wait", -math.inf, math.inf
+        self.failed, self._held = "", False
         self._above = math.inf
         self._height(WAITS)
 
@@ -53,7 +58,7 @@ class HandoverTask(ServoTask):
         """See :class:`~armsight.motion.task.Task`."""
         now = observation.now
         if self.phase == "done":
-            return Rest("the item has been handed over")
+            return Rest(self.failed or "the item has been handed over")
         intent = super().update(observation)
         self._go_on(observation, now)
         if self.phase in ("let go", "leave") and isinstance(
@@ -69,7 +74,10 @@ class HandoverTask(ServoTask):
 
     def _go_on(self, observation: Observation, now: float) -> None:
         """The next phase, if this one is over."""
-        if self.phase == "wait":
+        if self.phase in ("wait", "lower") and self._slipped(observation):
+            self.failed = "the item has slipped out of the gripper; give it another one, start anew"
+            self._begin("done", WAITS, now)
+        elif self.phase == "wait":
             if not self._over_palm(observation, WAITS):
                 self._above = math.inf
             self._above = min(self._above, now)
@@ -84,9 +92,22 @@ class HandoverTask(ServoTask):
             elif not self._over_palm(observation, 0.5 * (WAITS + LETS_GO), 2.0 * ABOVE, 3.0):
                 self._begin("wait", WAITS, now)  # the palm has gone on
         elif self.phase == "let go" and now > self.since + OPENS:
-            self._begin("leave", LEAVES, now)
+            gripper = observation.gripper
+            shut = gripper is not None and gripper.width < OPEN * self.opening
+            if shut and gripper is not None and now > self.since + JAMMED:
+                self.failed = f"the gripper did not open: {1e3 * gripper.width:.0f} mm"
+            if not shut or self.failed:
+                self._begin("leave", LEAVES, now)
         elif self.phase == "leave" and now > self.since + STAYS:
             self._begin("done", LEAVES, now)
+
+    def _slipped(self, observation: Observation) -> bool:
+        """Whether the gripper has held something, and says that it no longer does."""
+        gripper = observation.gripper
+        if gripper is None or gripper.holding is None:
+            return False
+        held, self._held = self._held, gripper.holding
+        return held and not gripper.holding
 
     def _begin(self, phase: str, height: float, now: float) -> None:
         self.phase, self.since, self._above = phase, now, math.inf
