@@ -201,11 +201,14 @@ def test_a_clock_that_says_no_number_brakes(moving):
     assert "no number" in decision.status.reason
 
 
-def test_a_late_tick_slows(moving):
-    moving.drive(moving.now + 0.08)
+@pytest.mark.parametrize("seconds", [0.08, 0.3])
+def test_a_late_tick_slows(moving, seconds):
+    moving.drive(moving.now + seconds)
     decision = moving.tick()
     assert decision.status.mode == GuardMode.STOPPED
     assert "late" in decision.status.reason
+    moving.run(6.0)
+    assert moving.visits, "it recovers"
 
 
 @pytest.mark.parametrize(

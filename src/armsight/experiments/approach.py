@@ -5,11 +5,11 @@ from __future__ import annotations
 from armsight.experiments.approach_episode import empty, episode, settings
 from armsight.experiments.approach_people import SECONDS
 from armsight.experiments.approach_plots import plot_course, plot_distances
-from armsight.experiments.approach_rows import contact_rows
+from armsight.experiments.approach_rows import above_row, contact_rows
 from armsight.experiments.approach_use import use_rows
 from armsight.experiments.episodes import find_clips, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.hand_search import search
+from armsight.experiments.hand_search import from_above, search
 
 SEARCH_SHARE, EMPTY_SHARE = 50, 20
 """One search, and one episode with nobody there, for so many episodes."""
@@ -28,6 +28,8 @@ moved faster than 0.05 m/s.
 The search looks for start, aim, timing and lead of a hand at full speed (both caps) that comes
 nearest to the moving arm, by the cross-entropy method, in a cell without pictures but with the same
 delays. It tries to break the guard, so its hands run after the arm as no recorded person does.
+Four dozen more of its hands come at random from above the mapped box, where nobody is looked for:
+what the proof takes for granted, broken (`above_contacts`).
 
 What the arm is good for stands beside it: how often it never moved; how much of the time it moved
 while somebody was within 1.5 m and S_p would have allowed it with a reaction time of 0.1 s; its
@@ -52,6 +54,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
     episodes = run_episodes("approach", episode, range(runs), seed, settings(), first)
     hunts = run_episodes("approach-search", search, range(searches), seed, {"version": 4}, second)
+    above = run_episodes("approach-above", from_above, range(4), seed, {"version": 1}, second)
     alone = max(2, runs // EMPTY_SHARE)
     nobody = run_episodes("approach-empty", empty, range(alone), seed, settings(), third)
     notes = [
@@ -63,7 +66,11 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     if not find_clips():
         notes.append("The recorded clips were not there: all episodes play scripts.")
     return Outcome(
-        (*contact_rows(episodes, hunts), *use_rows(episodes, nobody, 60.0 / SECONDS)),
+        (
+            *contact_rows(episodes, hunts),
+            above_row(above),
+            *use_rows(episodes, nobody, 60.0 / SECONDS),
+        ),
         {"distances": lambda: plot_distances(episodes), "course": lambda: plot_course(episodes)},
         tuple(notes),
     )

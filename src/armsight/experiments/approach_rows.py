@@ -106,3 +106,19 @@ def contact_rows(episodes: list[dict[str, Any]], hunts: list[dict[str, Any]]) ->
             )
         )
     return rows
+
+
+def above_row(hunts: list[dict[str, Any]]) -> Row:
+    """Contacts with hands that come from above the mapped box."""
+    touched, trials = (sum(h[key] for h in hunts) for key in ("contacts", "trials"))
+    low, high = wilson(touched, trials)
+    return Row(
+        "above_contacts",
+        "share of hands from above the mapped box that touch the moving arm: nobody is looked for "
+        "there, and the proof does not hold",
+        "hands up to 2.0 m/s, alone in the air",
+        touched / trials,
+        n=trials,
+        low=low,
+        high=high,
+    )

@@ -29,6 +29,11 @@ MEAN = np.array([0.0, 0.4, 1.2, 2.0, 0.7, 0.15])
 SPREAD = np.array([1.2, 0.3, 0.2, 1.2, 0.3, 0.15])
 LOWEST = np.array([-np.pi, 0.0, 0.8, 0.6, 0.0, 0.0])
 HIGHEST = np.array([np.pi, 1.1, 1.5, 5.0, 1.0, 0.6])
+BOX = np.array([-1.2, -1.2, -0.14]), np.array([1.3, 1.2, 1.02])
+"""What the packaged cell maps, in ``base`` [m]: above it nobody is looked for."""
+ABOVE_LOWEST = np.array([-np.pi, 1.08, 0.0, 0.8, 0.3, 0.0])
+ABOVE_HIGHEST = np.array([np.pi, 1.4, 0.7, 5.0, 1.0, 0.4])
+"""Genes of hands that wait above it."""
 STANDING = 0.05
 """An arm slower than this counts as standing [m/s]."""
 
@@ -66,10 +71,12 @@ class Hunter:
         self._path.append(self._place.copy())
 
 
-def trial(genes: Floats, speed: float, seed: int) -> tuple[float, int]:
+def trial(
+    genes: Floats, speed: float, seed: int, box: tuple[Vector3, Vector3] | None = None
+) -> tuple[float, int]:
     """Least distance to the moving arm [m], and 1 if it touched it."""
     hunter = Hunter(genes, speed)
-    cell = QuickCell([Ball(hunter.center, RADIUS)], GOALS, rate=15.0, seed=seed)
+    cell = QuickCell([Ball(hunter.center, RADIUS)], GOALS, rate=15.0, seed=seed, box=box)
     hunter.cell = cell
     cell.run(SECONDS)
     moving = [m.distance for m in cell.margins if m.speed > STANDING]
@@ -100,4 +107,19 @@ def search(seed: int, run: int) -> dict[str, Any]:
         "genes": [float(g) for g in best_genes],
         "contacts": contacts,
         "trials": trials,
+    }
+
+
+def from_above(seed: int, run: int) -> dict[str, Any]:
+    """Hands that come out of space that is in no map, above the box: a gap, as it is."""
+    rng = np.random.default_rng((seed, 8, run))
+    speed = CAPS[run % len(CAPS)]
+    found = [
+        trial(rng.uniform(ABOVE_LOWEST, ABOVE_HIGHEST), speed, run, BOX) for _ in range(POPULATION)
+    ]
+    return {
+        "cap": speed,
+        "margin": min(margin for margin, _ in found),
+        "contacts": sum(touched for _, touched in found),
+        "trials": len(found),
     }

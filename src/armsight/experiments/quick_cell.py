@@ -216,6 +216,7 @@ class QuickCell:
             corner = self.grid.origin + index * VOXEL
             gap = np.maximum(np.maximum(corner - center, center - corner - VOXEL), 0.0)
             inside = index[np.linalg.norm(gap, axis=1) <= ball.radius]
+            inside = inside[inside[:, 2] < self.grid.shape[2]]  # above the box nobody looks
             points.append(np.asarray(self.grid.center(inside), float))
         hazards = np.concatenate(points).astype(np.float32)
         self._sequence += 1
