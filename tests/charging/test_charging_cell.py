@@ -1,5 +1,6 @@
 """The packaged charging cell: plug and port as physics has them, what its file may not say."""
 
+import json
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -106,3 +107,19 @@ def test_a_pair_that_is_looked_at_on_demand_is_spared_until_the_task_wants_it():
     task.subscriptions = Subscriptions()
     orders.place()
     assert [p.wanted[-1] for p in pairs] == [True, False]
+
+
+def test_what_is_kept_of_a_world_puts_arm_plug_and_car_where_they_stood(bench):
+    """For a program that takes over from one that was killed."""
+    world = bench.world
+    kept = json.loads(json.dumps(world.memory.take()))
+    before, now = world.plugged.T_socket_plug.copy(), world.clock.now()
+    for k in range(40):
+        world.arm.command_velocity(np.full(6, 0.3))
+        world.advance(now + 0.01 * k)
+    assert np.linalg.norm((inverse(before) @ world.plugged.T_socket_plug)[:3, 3]) > 0.02
+    world.memory.put(kept)
+    np.testing.assert_allclose(world.plugged.T_socket_plug, before, atol=1e-9)
+    world.arm.stop()
+    world.advance(world.clock.now() + 0.3)
+    assert np.linalg.norm((inverse(before) @ world.plugged.T_socket_plug)[:3, 3]) < 0.002

@@ -280,6 +280,16 @@ class OddCar(SimulatedCar):
         return self.says
 
 
+def test_a_car_that_says_it_has_another_inlet_is_believed(cell):
+    stub = Stub(cell, station(cell, car=SimulatedCar("type1")))
+    stub.station.begin()
+    stub.rest(0.1)
+    assert not stub.station.busy
+    assert "the car says that it has type1: the type2_plug does not fit" in (
+        stub.station.outcomes[-1].problem
+    )
+
+
 def test_a_silent_car_is_waited_for_and_said(cell):
     stub = Stub(cell, station(cell, car=OddCar()))
     stub.station.begin()

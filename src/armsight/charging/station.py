@@ -17,6 +17,7 @@ from armsight.charging.hand import IN, after_kill
 from armsight.charging.insert import Answer, Insertion, Phase
 from armsight.charging.insert_paper import PaperInsertion
 from armsight.charging.journal import Entry
+from armsight.charging.looking import INLETS_OF
 from armsight.charging.moves import SIDES, apart, before_port, looking_pose
 from armsight.charging.station_core import StationCore
 from armsight.charging.vehicle import VehicleStatus
@@ -128,6 +129,10 @@ class Station(StationCore):
 
     def _find(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """From afar: which port, and about where."""
+        if car is not None and car.port and car.port not in INLETS_OF[self.options.plug]:
+            words = f"the car says that it has {car.port}: the {self.options.plug} does not fit"
+            self._fail(seen, words)
+            return Wish(JointIntent("stand by", self._stand_by_joints))
         look = self._looker.fresh(seen, self.options.far, self._begun(seen))
         if look is not None:
             self._looked += 1

@@ -36,7 +36,8 @@ charges. Three ways of looking:
   pressed with more than 125 N, and the words say what it was, or it ended seated after all (moved,
   permit).
 * *guarded* (no prefix): the whole cell with map, guard and its rendered depth cameras, and somebody
-  who walks up to the arm, reaches in for some seconds and goes, at a random time; a tenth as many.
+  who walks up to the arm, reaches in for some seconds and goes, again and again from a random time
+  on; a tenth as many. Its times (`waited_*`, no budget) have the arm's waiting in them.
 * *looks drawn* (`bench_`, no budget): as the first, but a look is the truth with errors drawn (3 mm
   and 1 deg from afar, 0.8 mm and 0.6 deg from near, standard deviations).
 
@@ -81,7 +82,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     rows = [
         *visit_rows(found["searched"], SEARCHED),
         *fault_rows(found["searched wrong"], SEARCHED),
-        *visit_rows(found["guarded"], GUARDED),
+        *visit_rows(found["guarded"], GUARDED, waits=True),
         agreement_row(found["searched"], found["guarded"], "searched less guarded"),
         *visit_rows(found["drawn"], DRAWN, "bench_"),
         *fault_rows(found["drawn wrong"], DRAWN, "bench_"),

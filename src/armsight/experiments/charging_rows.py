@@ -23,13 +23,14 @@ FIGURES = (
 )
 
 
-def visit_rows(visits: Visits, where: str, prefix: str = "") -> list[Row]:
+def visit_rows(visits: Visits, where: str, prefix: str = "", waits: bool = False) -> list[Row]:
     """Rows of visits in which nothing is meant to go wrong.
 
     Args:
         visits: of one condition.
         where: that condition, in words.
         prefix: of the keys, for those that no budget holds.
+        waits: for people who come between: then its times have keys of their own, and no budget.
     """
     ours = not prefix
     rows = []

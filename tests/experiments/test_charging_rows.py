@@ -1,0 +1,40 @@
+"""Rows of charging visits: what is counted as what, and when two conditions agree."""
+
+import math
+
+from armsight.experiments.charging_rows import agreement_row, fault_rows, visit_rows
+
+
+def visit(full=True, said=True, harm=False, out=True):
+    return {
+        "said": said, "full": full and said, "harm": harm, "out": out, "pull_n": 30.0,
+        "cycle_s": 15.0 if said else math.nan, "insert_s": 8.0 if said else math.nan,
+        "axial_n": 80.0, "lateral_n": 10.0,
+    }  # fmt: skip
+
+
+def test_a_visit_that_says_it_is_in_and_is_not_is_counted_against_it():
+    visits = [visit(), visit(full=False), visit(said=False), visit(harm=True)]
+    rows = {row.key: row for row in visit_rows(visits, "here")}
+    assert rows["seated"].value == 0.5
+    assert rows["partial_as_success"].value == 1
+    assert rows["partial_as_success"].met is False
+    assert rows["harm"].value == 1
+    assert rows["unplugged"].n == 3  # of those that said they were seated
+    assert rows["cycle_s"].n == 3
+    assert rows["unplug_n"].met
+
+
+def test_rows_of_other_ways_hold_no_budget():
+    every = [*visit_rows([visit()], "here", "bench_"), *fault_rows(
+        [{"fault": "numb", "good": True}], "here", "bench_"
+    )]  # fmt: skip
+    assert all(row.key.startswith("bench_") and row.must is None for row in every)
+
+
+def test_two_conditions_agree_where_the_interval_of_their_difference_holds_nothing():
+    good, bad = [visit()] * 20, [visit(said=False)] * 20
+    same, other = agreement_row(good, good[:3], "a"), agreement_row(good, bad, "b")
+    assert same.low < 0.0 < same.high
+    assert other.value == 1.0
+    assert other.low > 0.5
