@@ -34,7 +34,7 @@ class Memory:
         return kept if self._car is None else kept | {"car": self._car.T_world_socket.tolist()}
 
     def put(self, kept: Mapping[str, list[Any]]) -> None:
-        """Everything stands where it stood, at rest, nothing commanded."""
+        """Everything stands where it stood, at rest; for an arm that nobody has commanded yet."""
         self._data.qpos[:] = kept["joints"]
         self._data.qvel[:] = 0.0
         self._arm.reference_position = np.asarray(kept["reference"], float)
