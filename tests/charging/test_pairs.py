@@ -1,11 +1,13 @@
 """Two pictures judged together, painted: what one shows badly, and what has another size."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from painted_ports import LENS, PAIR, facing, paint
 
 from armsight.charging.find import FindOptions, find_ports
-from armsight.charging.pairs import find_in_pair
+from armsight.charging.pairs import _enough, find_in_pair
 from armsight.charging.ports.table import PORTS
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse
@@ -74,3 +76,19 @@ def test_exchanged_pictures_show_no_port(left) -> None:
 def test_a_picture_of_another_size_is_refused(left) -> None:
     with pytest.raises(UsageError, match="its lens 640x480"):
         find_in_pair((left, left[:240]), PAIR)
+
+
+def test_half_of_the_edges_do_not_do_where_whole_rims_are_missing(left) -> None:
+    """The same score: spread over all rims, as of a port in bad light, or on a few, as of nuts."""
+    (seen,) = find_in_pair((left, _right()), PAIR, ONLY)
+    options = FindOptions(least_together=0.5)
+
+    def judged(score, evidence):
+        half = replace(seen.matches[0], score=score, evidence=0.5 * evidence)
+        return _enough(replace(seen, score=score, matches=(half, half)), options)
+
+    assert judged(0.51, 0.0)
+    assert judged(0.45, 0.5)
+    assert not judged(0.45, 0.0)
+    assert not judged(0.41, 2.0)
+    assert not judged(0.53, -0.8)

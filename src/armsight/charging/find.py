@@ -35,6 +35,8 @@ KIN = {
     "ccs2_plug": ("type2_plug",),
 }
 """Types that look alike, or hold one another: where one fits, the others are tried."""
+SETTLED = 0.8
+"""A guess that scores as much is the port at its place, or holds it."""
 WHOLE = 1280 * 960
 """Pixels of a picture for which the options' numbers are meant."""
 INLETS = ("type1", "type2", "ccs1", "ccs2")
@@ -50,7 +52,8 @@ class FindOptions:
         distance: nearest and farthest [m].
         least_score: what is below is not reported; least_together: mean of both pictures of a
             pair that agree on it (:mod:`armsight.charging.pairs`).
-        seeds: per size of the picture; rings, guesses: how many go on to each stage.
+        seeds: per size of the picture; rings, climbs (of each type), guesses: how many go on to
+            each stage.
     """
 
     ports: tuple[str, ...] = (*INLETS, "type2_plug")
@@ -59,6 +62,7 @@ class FindOptions:
     least_together: float = 0.5
     seeds: int = 60
     rings: int = 480
+    climbs: int = 24
     guesses: int = 10
 
 
@@ -155,8 +159,9 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
     # a window holds fewer things that are no port
     share = float(np.clip(3.0 * levels[0].gx.size / WHOLE, 0.3, 1.0))
     rings = find_rings(levels, largest, round(share * options.seeds), round(share * options.rings))
-    guesses = guess_types(levels, lens, rings, options.ports, options.distance, options.guesses)
-    tried = [m for g in guesses for m in _matches(levels, lens, g)]
+    climbs, most = round(share * options.climbs), round(max(share, 0.5) * options.guesses)
+    guesses = guess_types(levels, lens, rings, options.ports, options.distance, climbs, most)
+    tried = _fitted(levels, lens, guesses)
     tried.sort(key=lambda m: -m.evidence)
     tried = tried[:4]
     for m in tuple(tried[:3]):
@@ -165,6 +170,24 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
     tried.sort(key=lambda m: -m.evidence)
     tried = [match(levels, lens, m.port, m.T_camera_port, finer=True) for m in tried[:4]]
     return [_detection(m, lens) for m in tried if m.score >= options.least_score]
+
+
+def _fitted(levels: Sequence[Level], lens: PinholeCamera, guesses: Sequence[Guess]) -> list[Match]:
+    """Guesses fitted; where one fits well, no other is tried: its kin are compared later."""
+    tried: list[Match] = []
+    settled: list[tuple[Floats, float]] = []
+    for guess in guesses:
+        at = np.array([guess.u, guess.v])
+        if any(np.linalg.norm(at - pixel) < size for pixel, size in settled):
+            continue
+        new = _matches(levels, lens, guess)
+        tried += new
+        best = max(new, key=lambda m: m.score)
+        if best.score >= SETTLED:
+            z = float(best.T_camera_port[2, 3])
+            pixel = lens.project(best.T_camera_port[None, :3, 3])[0]
+            settled.append((pixel, lens.fx * PORTS[best.port].radius / z))
+    return tried
 
 
 def _matches(levels: Sequence[Level], lens: PinholeCamera, guess: Guess) -> list[Match]:

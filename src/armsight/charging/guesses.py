@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Floats32, Pose
-from armsight.charging.kernels.templates import best_rolls, climb
+from armsight.charging.kernels.templates import best_rolls, climb_all
 from armsight.charging.ports.curves import curves
 from armsight.charging.ports.table import PORTS, port
 from armsight.charging.pyramid import Level
@@ -20,8 +20,6 @@ from armsight.geometry.pose import make_pose
 
 ROLLS = np.deg2rad(np.arange(-50.0, 51.0, 10.0))
 LEAST_ROUGH = 0.18
-MOST_CLIMBS = 24
-"""Guesses of each type that climb."""
 OTHER_WAY = 0.2
 """What an edge counts that is light where a cavity should be dark."""
 
@@ -59,6 +57,7 @@ def guess_types(
     rings: Floats,
     ports: Sequence[str],
     distance: tuple[float, float],
+    climbs: int,
     most: int,
 ) -> list[Guess]:
     """The best roll and shape of every type at each ring, the best first.
@@ -69,45 +68,53 @@ def guess_types(
         rings: of :func:`armsight.charging.rings.find_rings`.
         ports: names of the types.
         distance: nearest and farthest [m].
+        climbs: of each type.
         most: guesses to return.
     """
-    rough: list[tuple[float, str, Floats, Level]] = []
-    radius = rings[:, 5]
-    size = np.array([levels.index(level_for(levels, float(r))) for r in radius], int)
-    for name in ports:
-        size_m = _ring_radius(name)
-        far = lens.fx * size_m / np.maximum(radius, 1e-9)
-        fits = (far > 0.8 * distance[0]) & (far < 1.2 * distance[1])
-        points, normals = template(name)
-        for k in np.unique(size[fits]):
-            level = levels[k]
-            mine = rings[fits & (size == k)]
-            at = (mine[:, 1:3] + 0.5) * level.scale - 0.5
-            # a tilt and its mirror image look alike, but not where parts lie at other depths
-            for side in (1.0, -1.0) if PORTS[name].plug else (1.0,):
-                scale = mine[:, 5] / size_m * level.scale
-                starts = np.column_stack([at, scale, side * mine[:, 3:5], np.zeros(len(mine))])
-                scores = best_rolls(
-                    level.fx, level.fy, points, normals, starts, ROLLS, OTHER_WAY, LEAST_ROUGH
-                )
-                for i in np.flatnonzero(scores > LEAST_ROUGH):
-                    rough.append((_promise(name, float(scores[i])), name, starts[i], level))
-    rough.sort(key=lambda r: -r[0])
     guesses = []
-    tried = dict.fromkeys(ports, 0)
-    for _, name, start, level in rough:
-        tried[name] += 1
-        if tried[name] > MOST_CLIMBS:
-            continue
-        points, normals = template(name)
-        score, end = climb(level.fx, level.fy, points, normals, start, 1.5, 6, OTHER_WAY)
-        u, v = (((end[:2] + 0.5) / level.scale) - 0.5).tolist()
-        lean = (float(end[3]), float(end[4]))
-        guesses.append(
-            Guess(name, float(score), u, v, float(end[2]) / level.scale, lean, float(end[5]))
-        )
+    for name in ports:
+        promising = _rough(levels, lens, rings, name, distance)[:climbs]
+        for k in np.unique(promising[:, 7]).astype(int):
+            level = levels[k]
+            mine = promising[promising[:, 7] == k, 1:7]
+            found = climb_all(level.field, *template(name), mine, 1.5, OTHER_WAY)
+            for score, u, v, scale, x, y, roll in found.tolist():
+                at = (u + 0.5) / level.scale - 0.5, (v + 0.5) / level.scale - 0.5
+                guesses.append(Guess(name, score, *at, scale / level.scale, (x, y), roll))
     guesses.sort(key=lambda g: -_promise(g.port, g.score))
     return _apart(guesses, most)
+
+
+def _rough(
+    levels: Sequence[Level],
+    lens: PinholeCamera,
+    rings: Floats,
+    name: str,
+    distance: tuple[float, float],
+) -> Floats:
+    """(n, 8) the promising places of a type, the best first.
+
+    Score; u, v, scale, tilt along x and y, roll, as at the level that the last column names.
+    """
+    size_m = _ring_radius(name)
+    far = lens.fx * size_m / np.maximum(rings[:, 5], 1e-9)
+    mine = rings[(far > 0.8 * distance[0]) & (far < 1.2 * distance[1])]
+    # what lies side by side is looked at one after the other: it is in the cache then
+    mine = mine[np.lexsort((mine[:, 1] // 16, mine[:, 2] // 16))]
+    size = level_for(mine[:, 5], len(levels))
+    rows = []
+    for k in np.unique(size):
+        level, own = levels[k], mine[size == k]
+        at = (own[:, 1:3] + 0.5) * level.scale - 0.5
+        scale = own[:, 5] / size_m * level.scale
+        # a tilt and its mirror image look alike, but not where parts lie at other depths
+        for side in (1.0, -1.0) if PORTS[name].plug else (1.0,):
+            starts = np.column_stack([at, scale, side * own[:, 3:5], np.zeros(len(own))])
+            scores = best_rolls(level.field, *template(name), starts, ROLLS, OTHER_WAY, LEAST_ROUGH)
+            good = scores > LEAST_ROUGH
+            rows.append(np.column_stack([scores, starts, np.full(len(own), k)])[good])
+    every = np.concatenate(rows) if rows else np.zeros((0, 8))
+    return every[np.argsort(-every[:, 0], kind="stable")]
 
 
 def _promise(name: str, score: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Pose
+from armsight.arrays import Bytes, Floats32, Pose, SignedShorts
 from armsight.geometry.camera import PinholeCamera
 
 SMOOTHING = 0.8
@@ -42,14 +42,17 @@ def gradients(image: Bytes | Floats32, smoothing: float = SMOOTHING) -> tuple[Fl
     return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
 
 
-def noise_of(gx: Floats32, gy: Floats32) -> float:
-    """Standard deviation of gradients in the quieter half of a picture [levels/px].
+def noise_of(gx: Floats32 | SignedShorts, gy: Floats32 | SignedShorts) -> float:
+    """Standard deviation of gradients in the quieter half of a picture, in their own unit.
 
     Half of the pixels hold no edge; for a Rayleigh distribution the 25th percentile of all is
-    about the median of that half, 1.18 standard deviations.
+    about the median of that half, 1.18 standard deviations. Some rows tell of all.
     """
-    sample = np.hypot(gx[::7, ::5], gy[::7, ::5])
-    return max(float(np.percentile(sample, 25)) / 1.18, 0.05)
+    each = max(1, gx.size // 40_000)
+    x, y = (np.asarray(g[each // 2 :: each, ::4], np.float32) for g in (gx, gy))
+    sample = np.hypot(x, y).ravel()
+    quarter = len(sample) // 4
+    return float(np.partition(sample, quarter)[quarter]) / 1.18
 
 
 def look(
@@ -67,7 +70,7 @@ def look(
         )
     gx, gy = gradients(image)
     T = np.eye(4) if T_lens_ref is None else T_lens_ref
-    return Look(gx, gy, lens, T, noise_of(gx, gy))
+    return Look(gx, gy, lens, T, max(noise_of(gx, gy), 0.05))
 
 
 def window_about(

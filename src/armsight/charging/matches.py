@@ -38,8 +38,8 @@ class Match:
             recesses and the larger edges count half each.
         evidence: how much more was found than chance would find, in edges: compares types.
         rim_shares: share found of each edge; rims: their names.
-        covariance: (6, 6) of the pose as a twist in the port's frame, for edges known to 1 px of
-            the size of the picture that was used.
+        information: (6, 6) about the pose as a twist in the port's frame, for edges known to 1 px
+            of the size of the picture that was used.
     """
 
     port: str
@@ -48,7 +48,12 @@ class Match:
     evidence: float
     rim_shares: Floats
     rims: tuple[str, ...]
-    covariance: Floats
+    information: Floats
+
+    @property
+    def covariance(self) -> Floats:
+        """(6, 6) of the pose as a twist in the port's frame."""
+        return np.asarray(np.linalg.pinv(self.information + 1e-9 * np.eye(6)), np.float64)
 
 
 def match(
@@ -61,7 +66,7 @@ def match(
     own = lens.scaled(level.scale)
     model, darker, tolerance = _model(name)
     numbers = np.array([own.fx, own.fy, own.cx, own.cy, *own.distortion])
-    least = max(0.8 * level.least, 0.25)
+    least = 0.8 * level.least
     T, d, rise, H = fit_rigid(
         level.gx,
         level.gy,
@@ -88,7 +93,7 @@ def match(
         float(np.sum(shares - CHANCE)),
         shares,
         tuple(rim.name for rim in model.rims),
-        np.asarray(np.linalg.pinv(H + 1e-9 * np.eye(6)) / level.scale**2, np.float64),
+        H * level.scale**2,
     )
 
 

@@ -26,6 +26,11 @@ FIRST = 0.4
 """What a picture alone scores less is not looked for in the other."""
 PARTNERS = 3
 """How many of the fits in the other picture go on."""
+CLEARLY, HARDLY = 0.3, -0.7
+"""Evidence for what scores less than is asked; and below which no score is enough: a wheel's nuts
+may have half of a port's edges by their number, but not rim by rim."""
+LENIENT = 0.08
+"""How much less it may score then."""
 WEAKER = 0.3
 """The picture that shows it worse scores this at least."""
 MISS, STRETCH = 0.25, 0.12
@@ -93,11 +98,17 @@ def find_in_pair(
             partners = _partners(levels[other], lenses[other], seen, T_other_this)
             both = [(p, seen.match) if side else (seen.match, p) for p in partners]
             together = [joined for b in both if (joined := _joined(b, pair)) is not None]
-            found += [d for d in together if d.score >= options.least_together]
+            found += [d for d in together if _enough(d, options)]
             if not partners and seen.score >= options.least_score:
                 T = np.asarray(T_left_this @ seen.T_camera_port)
                 found.append(PairDetection(seen.port, seen.score, T, (seen.match,)))
     return _best(found)
+
+
+def _enough(d: PairDetection, options: FindOptions) -> bool:
+    """Whether both pictures together show enough of a port."""
+    clearly = d.evidence >= CLEARLY
+    return d.score >= options.least_together - LENIENT * clearly and d.evidence > HARDLY
 
 
 def _partners(
@@ -148,10 +159,17 @@ def _joined(matches: tuple[Match, Match], pair: StereoPair) -> PairDetection | N
 
 
 def _best(found: Sequence[PairDetection]) -> tuple[PairDetection, ...]:
-    """One detection a place: the type for which there is most evidence."""
+    """One detection a place in the left view: the type for which there is most evidence."""
     out: list[PairDetection] = []
     for d in sorted(found, key=lambda d: -d.evidence):
-        apart = (np.linalg.norm(d.T_left_port[:3, 3] - k.T_left_port[:3, 3]) for k in out)
-        if all(gap > PORTS[d.port].radius for gap in apart):
+        if not any(_same_place(d, k) for k in out):
             out.append(d)
     return tuple(sorted(out, key=lambda d: -d.score))
+
+
+def _same_place(a: PairDetection, b: PairDetection) -> bool:
+    """Whether one stands before or in the other: what a picture shows there is one thing."""
+    place = a.T_left_port[:3, 3]
+    ray = b.T_left_port[:3, 3] / np.linalg.norm(b.T_left_port[:3, 3])
+    aside = place - (place @ ray) * ray
+    return bool(np.linalg.norm(aside) <= PORTS[a.port].radius)

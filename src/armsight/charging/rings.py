@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from armsight.arrays import Floats, Floats32
+from armsight.arrays import Floats, Floats32, Ints
 from armsight.charging.kernels.rings import best_rings
 from armsight.charging.kernels.templates import distinct
 from armsight.charging.kernels.votes import vote_centers, vote_crests
@@ -23,7 +23,7 @@ RING_RADII = np.geomspace(8.5, 21.0, 10)
 RING_SHARE = 0.76
 """Inner rim over outer rim: 0.73 (Type 2), 0.78 (Type 1), 0.76 (Type 2 plug)."""
 LEAST_VOTES = 80
-LEAST_RING = 0.12
+LEAST_RING = 0.2
 CROWD = 40
 """Rings of other sizes and tilts that are kept at one place."""
 
@@ -50,10 +50,9 @@ def find_rings(levels: Sequence[Level], largest: float, seeds: int, most: int) -
     return np.asarray(every[distinct(every, most, CROWD)])
 
 
-def level_for(levels: Sequence[Level], radius: float) -> Level:
+def level_for(radius: Floats, levels: int) -> Ints:
     """The size of the picture at which a mouth has a radius of 14 to 28 px, or the finest."""
-    i = int(np.clip(np.floor(np.log2(max(radius, 1.0) / 14.0)), 0, len(levels) - 1))
-    return levels[i]
+    return np.clip(np.floor(np.log2(np.maximum(radius, 1.0) / 14.0)), 0, levels - 1).astype(int)
 
 
 def _rings_of(level: Level, finer: Level, most: int) -> Floats:
@@ -61,8 +60,7 @@ def _rings_of(level: Level, finer: Level, most: int) -> Floats:
     seeds = _seeds(level, most)
     leans = _leans()
     found = best_rings(
-        finer.fx,
-        finer.fy,
+        finer.field,
         2.0 * seeds,
         leans,
         RING_RADII,

@@ -35,7 +35,7 @@ from armsight.simulation.arm_errors import true_geometry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 3
+VERSION = 4
 LOOKS = 26
 """As many as in the paper."""
 POOL = 160

@@ -28,7 +28,7 @@ from armsight.geometry.pose import inverse
 from armsight.geometry.stereo import StereoPair
 from armsight.writing import write_atomically
 
-LOOKS = 3
+LOOKS = 4
 """Raise it when the studio draws differently: old pictures are then left aside."""
 
 

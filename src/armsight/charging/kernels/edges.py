@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32
+from armsight.arrays import Floats, Floats32, SignedShorts
+
+FINE = 0.5
+"""Between samples along a normal [px]; a rough search takes twice as much."""
 
 
 @njit(cache=True, nogil=True)
 def edge_search(
-    gx: Floats32,
-    gy: Floats32,
+    gx: Floats32 | SignedShorts,
+    gy: Floats32 | SignedShorts,
     pixels: Floats,
     normals: Floats,
     reach: float,
@@ -35,50 +38,88 @@ def edge_search(
         (n,) signed distance of the edge along the normal [px], NaN for none; (n,) its gradient
         along the normal [levels/px].
     """
-    h, w = gx.shape
     n = len(pixels)
-    offset = np.full(n, np.nan)
-    strength = np.zeros(n)
-    step = 0.5
-    half = int(np.ceil(reach / step))
-    count = 2 * half + 1
-    along = np.zeros(count + 4)
-    rise = np.zeros(count + 4)
-    size = np.zeros(count + 4)
+    offset, strength = np.full(n, np.nan), np.zeros(n)
+    room = np.empty((2, sample_room(reach)))
     for i in range(n):
-        nx, ny = normals[i, 0], normals[i, 1]
-        far = reach + 2.5
-        u, v = pixels[i, 0], pixels[i, 1]
-        if not (far < u < w - 1 - far and far < v < h - 1 - far):
+        line = (pixels[i, 0], pixels[i, 1], normals[i, 0], normals[i, 1])
+        offset[i], strength[i] = edge_along(gx, gy, line, reach, 2, width, least, cos_least, room)
+    return offset, strength
+
+
+@njit(cache=True, nogil=True)
+def sample_room(reach: float) -> int:
+    """How many samples :func:`edge_along` takes at most."""
+    return 2 * int(np.ceil(reach / FINE)) + 5
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def edge_along(
+    gx: Floats32 | SignedShorts,
+    gy: Floats32 | SignedShorts,
+    line: tuple[float, float, float, float],
+    reach: float,
+    each: int,
+    width: float,
+    least: float,
+    cos_least: float,
+    room: Floats,
+) -> tuple[float, float]:
+    """The nearest good edge along one normal; see :func:`edge_search`.
+
+    Args:
+        gx: see there.
+        gy: see there.
+        line: u, v where it is expected [px], and the unit normal.
+        reach: see there.
+        each: samples a pixel, 1 or 2.
+        width: see there.
+        least: see there.
+        cos_least: see there.
+        room: (2, m) scratch for at least :func:`sample_room` samples.
+
+    Returns:
+        Its distance [px], NaN for none, and its gradient along the normal [levels/px].
+    """
+    h, w = gx.shape
+    u, v, nx, ny = line
+    far = reach + 2.5
+    if not (far < u < w - 1 - far and far < v < h - 1 - far):
+        return np.nan, 0.0
+    step = 1.0 / each
+    half = int(np.ceil(reach * each))
+    count = 2 * half + 1
+    rise, size = room[0], room[1]
+    for k in range(count + 2 * each):
+        d = (k - half - each) * step
+        x, y = u + d * nx, v + d * ny
+        x0, y0 = int(x), int(y)
+        fx, fy = np.float32(x - x0), np.float32(y - y0)
+        one = np.float32(1.0)
+        w00, w01, w10, w11 = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
+        a = w00 * gx[y0, x0] + w01 * gx[y0, x0 + 1]
+        a += w10 * gx[y0 + 1, x0] + w11 * gx[y0 + 1, x0 + 1]
+        b = w00 * gy[y0, x0] + w01 * gy[y0, x0 + 1]
+        b += w10 * gy[y0 + 1, x0] + w11 * gy[y0 + 1, x0 + 1]
+        rise[k] = a * nx + b * ny
+        size[k] = a * a + b * b
+    best, offset, strength = 0.0, np.nan, 0.0
+    for k in range(each, count + each):
+        q = abs(rise[k])
+        if q < least or q * q < cos_least * cos_least * size[k]:
             continue
-        for k in range(count + 4):
-            d = (k - half - 2) * step
-            x, y = u + d * nx, v + d * ny
-            x0, y0 = int(x), int(y)
-            fx, fy = x - x0, y - y0
-            w00, w01, w10, w11 = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
-            a = w00 * gx[y0, x0] + w01 * gx[y0, x0 + 1]
-            a += w10 * gx[y0 + 1, x0] + w11 * gx[y0 + 1, x0 + 1]
-            b = w00 * gy[y0, x0] + w01 * gy[y0, x0 + 1]
-            b += w10 * gy[y0 + 1, x0] + w11 * gy[y0 + 1, x0 + 1]
-            rise[k] = a * nx + b * ny
-            along[k] = abs(rise[k])
-            size[k] = np.sqrt(a * a + b * b)
-        best = 0.0
-        for k in range(2, count + 2):
-            p, q, r = along[k - 1], along[k], along[k + 1]
-            if q < least or q < p or q <= r or q < cos_least * size[k]:
-                continue
-            d = (k - half - 2) * step
-            value = q * np.exp(-0.5 * (d / width) ** 2)
-            if value > best:
-                best = value
-                # Samples a whole pixel apart are interpolated alike; half a pixel apart they are
-                # not, and the crest would be drawn to the middle of a pixel.
-                p, r = along[k - 2], along[k + 2]
-                bend = p - 2 * q + r
-                offset[i] = d + (0.5 * (p - r) / bend if bend < -1e-12 else 0.0)
-                strength[i] = rise[k]
+        if q < abs(rise[k - 1]) or q <= abs(rise[k + 1]):
+            continue
+        d = (k - half - each) * step
+        value = q * np.exp(-0.5 * (d / width) ** 2)
+        if value > best:
+            best = value
+            # Samples a whole pixel apart are interpolated alike; half a pixel apart they are
+            # not, and the crest would be drawn to the middle of a pixel.
+            p, r = abs(rise[k - each]), abs(rise[k + each])
+            bend = p - 2 * q + r
+            offset = d + (0.5 * (p - r) / bend if bend < -1e-12 else 0.0)
+            strength = rise[k]
     return offset, strength
 
 

@@ -5,14 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32
-from armsight.charging.kernels.edges import edge_search, project_lens
+from armsight.arrays import Floats, Floats32, SignedShorts
+from armsight.charging.kernels.edges import edge_along, project_lens, sample_room
+
+ROUGH = 2.6
+"""A search that reaches farther takes one sample a pixel, a nearer one two [px]."""
+LAST = 2.5
+"""Reach of the search at the end [px]."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def fit_rigid(
-    gx: Floats32,
-    gy: Floats32,
+    gx: Floats32 | SignedShorts,
+    gy: Floats32 | SignedShorts,
     lens: Floats,
     points: Floats,
     normals: Floats,
@@ -39,73 +44,88 @@ def fit_rigid(
     """
     n = len(points)
     T = pose.copy()
-    pixels, across = np.empty((n, 2)), np.empty((n, 2))
-    rows = np.empty((n, 6))
-    H = np.eye(6)
-    d, rise = np.full(n, np.nan), np.zeros(n)
+    d, rise, size = np.full(n, np.nan), np.zeros(n), np.empty(n)
+    rows, H, g6 = np.empty((n, 6)), np.eye(6), np.zeros(6)
+    room = np.empty((2, sample_room(max(reaches.max(), LAST))))
     for i in range(len(reaches) + 1):
-        R = np.ascontiguousarray(T[:3, :3])
-        for k in range(n):
-            p, m = points[k], normals[k]
-            q = R @ p + T[:3, 3]
-            if q[2] < 0.02:
-                pixels[k, 0], pixels[k, 1] = -1e6, -1e6
-                continue
-            e = R @ np.array([-m[1], m[0], 0.0])
-            h = 1e-4
-            u, v = project_lens(lens, q[0], q[1], q[2])
-            u2, v2 = project_lens(lens, q[0] + h * e[0], q[1] + h * e[1], q[2] + h * e[2])
-            du, dv = u2 - u, v2 - v
-            norm = np.sqrt(du * du + dv * dv) + 1e-12
-            nx, ny = dv / norm, -du / norm
-            pixels[k, 0], pixels[k, 1] = u, v
-            across[k, 0], across[k, 1] = nx, ny
-            a, b = nx * lens[0] / q[2], ny * lens[1] / q[2]
-            in_lens = np.array([a, b, -(a * q[0] + b * q[1]) / q[2]])
-            g = in_lens @ R
-            rows[k, 0], rows[k, 1], rows[k, 2] = g[0], g[1], g[2]
-            rows[k, 3] = p[1] * g[2] - p[2] * g[1]
-            rows[k, 4] = p[2] * g[0] - p[0] * g[2]
-            rows[k, 5] = p[0] * g[1] - p[1] * g[0]
         final = i == len(reaches)
-        reach = 2.5 if final else reaches[i]
-        d, rise = edge_search(gx, gy, pixels, across, reach, max(0.6 * reach, 1.0), least, 0.92)
+        reach = LAST if final else reaches[i]
+        each, width = 1 if reach > ROUGH else 2, max(0.6 * reach, 1.0)
+        count = 0
+        for k in range(n):
+            line = _edge_line(lens, T, points[k], normals[k], rows[k])
+            d[k], rise[k] = edge_along(gx, gy, line, reach, each, width, least, 0.92, room)
+            if np.isfinite(d[k]):
+                size[count] = abs(d[k])
+                count += 1
         if final:
             break
-        size = np.abs(d)
-        seen = size[np.isfinite(size)]
-        if len(seen) < 12:
+        if count < 12:
             d[:] = np.nan
             break
-        spread = max(1.4826 * np.median(seen), 0.4)
-        H[:], g6 = 0.0, np.zeros(6)
+        spread = max(1.4826 * np.median(size[:count]), 0.4)
+        H[:], g6[:] = 0.0, 0.0
         for k in range(n):
             if np.isfinite(d[k]):
-                w = 1.0 / max(size[k] / (1.5 * spread), 1.0)
-                if size[k] > 4.0 * spread:
-                    w *= 0.1
-                for a6 in range(6):
-                    g6[a6] += w * rows[k, a6] * d[k]
-                    for b6 in range(a6 + 1):
-                        H[a6, b6] += w * rows[k, a6] * rows[k, b6]
-        for a6 in range(6):
-            H[a6, a6] *= 1.0 + 1e-6
-            for b6 in range(a6):
-                H[b6, a6] = H[a6, b6]
-        x = np.linalg.solve(H + 1e-9 * np.eye(6), g6)
-        far = max(np.sqrt((x[:3] ** 2).sum()) / 0.05, np.sqrt((x[3:] ** 2).sum()) / 0.25)
-        if far > 1.0:
-            x /= far
-        angle = np.sqrt((x[3:] ** 2).sum())
-        K = np.array([[0.0, -x[5], x[4]], [x[5], 0.0, -x[3]], [-x[4], x[3], 0.0]])
-        s, c = (
-            (1.0, 0.5)
-            if angle < 1e-6
-            else (
-                np.sin(angle) / angle,
-                (1.0 - np.cos(angle)) / angle**2,
-            )
-        )
-        T[:3, 3] += np.ascontiguousarray(T[:3, :3]) @ x[:3]
-        T[:3, :3] = np.ascontiguousarray(T[:3, :3]) @ (np.eye(3) + s * K + c * (K @ K))
+                far = abs(d[k])
+                weight = 1.0 / max(far / (1.5 * spread), 1.0)
+                if far > 4.0 * spread:
+                    weight *= 0.1
+                for a in range(6):
+                    g6[a] += weight * rows[k, a] * d[k]
+                    for b in range(a + 1):
+                        H[a, b] += weight * rows[k, a] * rows[k, b]
+        for a in range(6):
+            H[a, a] *= 1.0 + 1e-6
+            for b in range(a):
+                H[b, a] = H[a, b]
+        _move(T, np.asarray(np.linalg.solve(H + 1e-9 * np.eye(6), g6), np.float64))
     return T, d, rise, H
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _edge_line(
+    lens: Floats, T: Floats, p: Floats, m: Floats, row: Floats
+) -> tuple[float, float, float, float]:
+    """Where a point of an edge is seen, and the edge's normal there; row: its Jacobian."""
+    x = T[0, 0] * p[0] + T[0, 1] * p[1] + T[0, 2] * p[2] + T[0, 3]
+    y = T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2] + T[1, 3]
+    z = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
+    if z < 0.02:
+        row[:] = 0.0
+        return -1e6, -1e6, 1.0, 0.0
+    h = 1e-4
+    u, v = project_lens(lens, x, y, z)
+    u2, v2 = project_lens(
+        lens,
+        x + h * (T[0, 1] * m[0] - T[0, 0] * m[1]),
+        y + h * (T[1, 1] * m[0] - T[1, 0] * m[1]),
+        z + h * (T[2, 1] * m[0] - T[2, 0] * m[1]),
+    )
+    du, dv = u2 - u, v2 - v
+    norm = np.sqrt(du * du + dv * dv) + 1e-12
+    nx, ny = dv / norm, -du / norm
+    a, b = nx * lens[0] / z, ny * lens[1] / z
+    c = -(a * x + b * y) / z
+    for k in range(3):
+        row[k] = a * T[0, k] + b * T[1, k] + c * T[2, k]
+    row[3] = p[1] * row[2] - p[2] * row[1]
+    row[4] = p[2] * row[0] - p[0] * row[2]
+    row[5] = p[0] * row[1] - p[1] * row[0]
+    return u, v, nx, ny
+
+
+@njit(cache=True, nogil=True)
+def _move(T: Floats, x: Floats) -> None:
+    """Move a pose by a twist in its own frame, by 5 cm and a quarter of a radian at most."""
+    far = max(np.sqrt((x[:3] ** 2).sum()) / 0.05, np.sqrt((x[3:] ** 2).sum()) / 0.25)
+    if far > 1.0:
+        x = x / far
+    angle = np.sqrt((x[3:] ** 2).sum())
+    K = np.array([[0.0, -x[5], x[4]], [x[5], 0.0, -x[3]], [-x[4], x[3], 0.0]])
+    s, c = 1.0, 0.5
+    if angle > 1e-6:
+        s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+    R = np.ascontiguousarray(T[:3, :3])
+    T[:3, 3] += R @ x[:3]
+    T[:3, :3] = R @ (np.eye(3) + s * K + c * (K @ K))

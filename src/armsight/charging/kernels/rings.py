@@ -5,13 +5,35 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32
+from armsight.arrays import Floats, Floats32, SignedBytes
+
+UNIT = np.float32(1.0 / 127.0**2)
+SLACK = np.float32(1.2)
+"""How far the first 8 or 16 points may lag behind what is asked of them."""
 
 
 @njit(cache=True, nogil=True, fastmath=True)
+def tilted_rings(leans: Floats, ring: Floats32) -> Floats32:
+    """(t, p, 4) points and unit normals of a double ring seen tilted; see :func:`best_rings`."""
+    out = np.empty((len(leans), len(ring), 4), np.float32)
+    for t in range(len(leans)):
+        tilt = np.sqrt(leans[t, 0] ** 2 + leans[t, 1] ** 2)
+        x, y = (leans[t, 0] / tilt, leans[t, 1] / tilt) if tilt > 0 else (1.0, 0.0)
+        k = np.cos(tilt)
+        a, b, d = x * x + k * y * y, (1.0 - k) * x * y, y * y + k * x * x
+        for p in range(len(ring)):
+            out[t, p, 0] = a * ring[p, 0] + b * ring[p, 1]
+            out[t, p, 1] = b * ring[p, 0] + d * ring[p, 1]
+            m, n = np.cos(ring[p, 2]), np.sin(ring[p, 2])
+            nx, ny = d * m - b * n, a * n - b * m
+            size = np.sqrt(nx * nx + ny * ny)
+            out[t, p, 2], out[t, p, 3] = nx / size, ny / size
+    return out
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def best_rings(
-    fx: Floats32,
-    fy: Floats32,
+    field: SignedBytes,
     seeds: Floats32,
     leans: Floats,
     radii: Floats,
@@ -25,8 +47,7 @@ def best_rings(
     middle) or as a plug's sleeve with its bore (dark in the middle), whichever is better.
 
     Args:
-        fx: (h, w) of :func:`armsight.charging.kernels.votes.edge_field`, along x.
-        fy: (h, w) along y.
+        field: (h, w, 2) of :func:`armsight.charging.kernels.votes.edge_field`.
         seeds: (s, 2) [px].
         leans: (t, 2) tilts along x and y of the picture that are tried [rad].
         radii: (r,) of the outer ring [px].
@@ -38,64 +59,45 @@ def best_rings(
     Returns:
         (s, r, t, 3) score, u, v [px].
     """
-    h, w = fx.shape
+    h, w = field.shape[:2]
     tilts, points = len(leans), len(ring)
     out = np.zeros((len(seeds), len(radii), tilts, 3))
-    at = np.empty((tilts, points, 2), np.float32)
-    across = np.empty((tilts, points, 2), np.float32)
-    for t in range(tilts):
-        tilt = np.sqrt(leans[t, 0] ** 2 + leans[t, 1] ** 2)
-        x, y = (leans[t, 0] / tilt, leans[t, 1] / tilt) if tilt > 0 else (1.0, 0.0)
-        k = np.cos(tilt)
-        a, b, d = x * x + k * y * y, (1.0 - k) * x * y, y * y + k * x * x
-        for p in range(points):
-            at[t, p, 0] = a * ring[p, 0] + b * ring[p, 1]
-            at[t, p, 1] = b * ring[p, 0] + d * ring[p, 1]
-            m, n = np.cos(ring[p, 2]), np.sin(ring[p, 2])
-            nx, ny = d * m - b * n, a * n - b * m
-            size = np.sqrt(nx * nx + ny * ny)
-            across[t, p, 0], across[t, p, 1] = nx / size, ny / size
+    shape = tilted_rings(leans, ring)
     inside = ring[:, 0] * ring[:, 0] + ring[:, 1] * ring[:, 1] < 0.9
+    weak = np.float32(0.2)
     for s in range(len(seeds)):
-        for i in range(len(radii)):
-            r = np.float32(radii[i])
-            for t in range(tilts):
-                best = least
-                here = np.float32(0.0)
+        for t in range(tilts):
+            for i in range(len(radii)):
+                r = np.float32(radii[i])
+                best = np.float32(least)
                 for o in range(5):
-                    if o > 0 and here < 0.0:
-                        break  # nothing like it at the seed itself: not beside it either
                     u = seeds[s, 0] + np.float32(0.5)
                     v = seeds[s, 1] + np.float32(0.5)
                     if o == 1 or o == 2:
                         u += np.float32(step * (2 * o - 3))
                     elif o > 2:
                         v += np.float32(step * (2 * o - 7))
-                    total, dark, hopeless = np.float32(0.0), np.float32(0.0), False
-                    for p in range(points):
-                        x = int(u + r * at[t, p, 0])
-                        y = int(v + r * at[t, p, 1])
+                    total, dark = np.float32(0.0), np.float32(0.0)
+                    p = 0
+                    while p < points:
+                        x = int(u + r * shape[t, p, 0])
+                        y = int(v + r * shape[t, p, 1])
                         if 0 <= x < w and 0 <= y < h:
-                            a, b = fx[y, x], fy[y, x]
-                            dot = across[t, p, 0] * a + across[t, p, 1] * b
-                            value = np.float32(2.0) * dot * dot - a * a - b * b
+                            a, b = np.float32(field[y, x, 0]), np.float32(field[y, x, 1])
+                            dot = shape[t, p, 2] * a + shape[t, p, 3] * b
+                            value = (np.float32(2.0) * dot * dot - a * a - b * b) * UNIT
                             inner = inside[p]
-                            if value > 0 and (dot > 0) == inner:
-                                total += np.float32(0.2) * value
-                            else:
-                                total += value
-                            if value > 0 and inner and dot < 0:
-                                dark += np.float32(0.2) * value
-                            else:
-                                dark += value
+                            total += weak * value if value > 0 and (dot > 0) == inner else value
+                            dark += weak * value if value > 0 and inner and dot < 0 else value
+                        p += 1
                         # too little already: the rest will hardly make up for it
-                        if (p == 9 or p == 19) and max(total, dark) < (p + 1) * best - 1.7:
-                            hopeless = True
+                        if (p == 8 or p == 16) and max(total, dark) < p * best - SLACK:
                             break
-                    if o == 0:
-                        here = max(total, dark) / (p + 1)
-                    if not hopeless and max(total, dark) > best * points:
-                        best = float(max(total, dark)) / points
-                        out[s, i, t, 0] = best
+                    mean = max(total, dark) / p
+                    if p == points and mean > best:
+                        best = mean
+                        out[s, i, t, 0] = mean
                         out[s, i, t, 1], out[s, i, t, 2] = u - 0.5, v - 0.5
+                    if o == 0 and mean < 0.05:
+                        break  # nothing like it at the seed itself: not beside it either
     return out

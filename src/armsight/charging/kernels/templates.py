@@ -5,44 +5,71 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32, Ints
+from armsight.arrays import Floats, Floats32, Ints, SignedBytes
+
+UNIT = 1.0 / 127.0**2
+BEHIND = 0.6
+SLACK = 0.8
+"""How far a few points may lag behind what is asked of all: over the root of their number."""
 
 
 @njit(cache=True, nogil=True)
-def flat_affine(guess: Floats) -> tuple[float, float, float, float]:
-    """Template (y up) to picture (y down) of a guess, a squeeze after a turn after a flip.
-
-    Args:
-        guess: u, v [px], scale [px/m], tilt along x and y of the picture, roll [rad].
-    """
-    scale, lean_x, lean_y, roll = guess[2], guess[3], guess[4], guess[5]
+def squeeze(lean_x: float, lean_y: float) -> tuple[float, float, float, float, float]:
+    """What a tilt makes of a circle (a symmetric matrix: xx, xy, yy), and where height goes."""
     tilt = np.sqrt(lean_x * lean_x + lean_y * lean_y)
-    ax, ay = (lean_x / tilt, lean_y / tilt) if tilt > 1e-9 else (1.0, 0.0)
-    k = np.cos(tilt)
-    s00, s01, s11 = ax * ax + k * ay * ay, (1 - k) * ax * ay, ay * ay + k * ax * ax
-    cr, sr = np.cos(roll), np.sin(roll)
-    return (
-        scale * (s00 * cr + s01 * sr),
-        scale * (s00 * sr - s01 * cr),
-        scale * (s01 * cr + s11 * sr),
-        scale * (s01 * sr - s11 * cr),
-    )
+    if tilt < 1e-9:
+        return 1.0, 0.0, 1.0, 0.0, 0.0
+    ax, ay = lean_x / tilt, lean_y / tilt
+    k, up = np.cos(tilt), np.sin(tilt)
+    return ax * ax + k * ay * ay, (1 - k) * ax * ay, ay * ay + k * ax * ax, -up * ay, up * ax
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _score(
+    field: SignedBytes,
+    points: Floats32,
+    normals: Floats32,
+    place: tuple[float, float, float],
+    shape: tuple[float, float, float, float, float],
+    turn: tuple[float, float],
+    other_way: float,
+    least: float,
+) -> float:
+    """See :func:`template_score`; place: u, v, scale; shape: of a tilt; turn: cos, sin of roll."""
+    h, w = field.shape[:2]
+    s00, s01, s11, rise_x, rise_y = shape
+    cr, sr = turn
+    scale = np.float32(place[2])
+    # template (y up) to picture (y down): a squeeze after a turn after a flip
+    a, b = np.float32(s00 * cr + s01 * sr), np.float32(s00 * sr - s01 * cr)
+    c, d = np.float32(s01 * cr + s11 * sr), np.float32(s01 * sr - s11 * cr)
+    e, f = np.float32(rise_x), np.float32(rise_y)
+    u, v = np.float32(place[0] + 0.5), np.float32(place[1] + 0.5)
+    total, weak = np.float32(0.0), np.float32(other_way)
+    n = len(points)
+    check = 16
+    for i in range(n):
+        px, py, pz = points[i, 0] * scale, points[i, 1] * scale, points[i, 2] * scale
+        x = int(u + a * px + b * py + e * pz)
+        y = int(v + c * px + d * py + f * pz)
+        if 0 <= x < w and 0 <= y < h:
+            nx = c * normals[i, 1] - d * normals[i, 0]
+            ny = b * normals[i, 0] - a * normals[i, 1]
+            p, q = np.float32(field[y, x, 0]), np.float32(field[y, x, 1])
+            dot = nx * p + ny * q
+            value = np.float32(2.0) * dot * dot / (nx * nx + ny * ny) - p * p - q * q
+            total += weak * value if value > 0 and dot < 0 else value
+        if i + 1 == check and least > 0.0:
+            # points are scattered: what is seen of them tells of the rest, less surely at first
+            if total * UNIT / check < least - SLACK / np.sqrt(check):
+                return -1.0
+            check *= 2
+    return float(total * UNIT / n)
 
 
 @njit(cache=True, nogil=True)
-def flat_rise(guess: Floats) -> tuple[float, float]:
-    """Where a point above the template's plane is seen, per metre of height [px/m]."""
-    tilt = np.sqrt(guess[3] * guess[3] + guess[4] * guess[4])
-    if tilt < 1e-9:
-        return 0.0, 0.0
-    k = guess[2] * np.sin(tilt) / tilt
-    return -k * guess[4], k * guess[3]
-
-
-@njit(cache=True, nogil=True, fastmath=True)
 def template_score(
-    fx: Floats32,
-    fy: Floats32,
+    field: SignedBytes,
     points: Floats32,
     normals: Floats32,
     guess: Floats,
@@ -57,47 +84,23 @@ def template_score(
     lies across counts against it, and one that is dark on the wrong side counts ``other_way``.
 
     Args:
-        fx: (h, w) of :func:`armsight.charging.kernels.votes.edge_field`, along x.
-        fy: (h, w) along y.
+        field: (h, w, 2) of :func:`armsight.charging.kernels.votes.edge_field`.
         points: (n, 3) template, y up, z towards who looks, in an order that tells early.
         normals: (n, 2) across its edges, towards the lighter side.
-        guess: see :func:`flat_affine`.
+        guess: u, v [px], scale [px/m], tilt along x and y of the picture, roll [rad].
         other_way: what an edge is worth that is dark on the wrong side: light may come from any
             side.
         least: given up (the score is then -1) as soon as it is unlikely to be reached.
     """
-    h, w = fx.shape
-    a, b, c, d = flat_affine(guess)
-    e, f = flat_rise(guess)
-    u, v = guess[0] + 0.5, guess[1] + 0.5
-    facing = a * d - b * c  # the template's y is up, the picture's down
-    total = 0.0
-    n = len(points)
-    check = 16
-    for i in range(n):
-        x = int(u + a * points[i, 0] + b * points[i, 1] + e * points[i, 2])
-        y = int(v + c * points[i, 0] + d * points[i, 1] + f * points[i, 2])
-        if 0 <= x < w and 0 <= y < h:
-            nx = d * normals[i, 0] - c * normals[i, 1]
-            ny = a * normals[i, 1] - b * normals[i, 0]
-            p, q = fx[y, x], fy[y, x]
-            dot = nx * p + ny * q
-            value = 2.0 * dot * dot / (nx * nx + ny * ny) - p * p - q * q
-            if value > 0.0 and dot * facing < 0.0:
-                value *= other_way
-            total += value
-        if i + 1 == check and least > 0.0:
-            # points are scattered: what is seen of them tells of the rest, less surely at first
-            if total / check < least - 0.9 / np.sqrt(check):
-                return -1.0
-            check *= 2
-    return total / n
+    shape = squeeze(guess[3], guess[4])
+    turn = (np.cos(guess[5]), np.sin(guess[5]))
+    place = (guess[0], guess[1], guess[2])
+    return _score(field, points, normals, place, shape, turn, other_way, least)
 
 
 @njit(cache=True, nogil=True)
 def best_rolls(
-    fx: Floats32,
-    fy: Floats32,
+    field: SignedBytes,
     points: Floats32,
     normals: Floats32,
     guesses: Floats,
@@ -108,35 +111,38 @@ def best_rolls(
     """The best of some rolls of many guesses; see :func:`template_score`.
 
     Args:
-        fx: see there.
-        fy: see there.
+        field: see there.
         points: see there.
         normals: see there.
         other_way: see there.
         guesses: (n, 6); their roll is set to the best.
         rolls: that are tried [rad].
-        least: scores below it are not told apart from it.
+        least: scores below it are not told apart from it, nor are those below a share
+            (:data:`BEHIND`) of the best one before.
 
     Returns:
         (n,) scores.
     """
     scores = np.full(len(guesses), least)
-    trial = np.empty(6)
+    leader = 0.0
+    cos, sin = np.cos(rolls), np.sin(rolls)
     for i in range(len(guesses)):
-        trial[:] = guesses[i]
+        shape = squeeze(guesses[i, 3], guesses[i, 4])
+        place = (guesses[i, 0], guesses[i, 1], guesses[i, 2])
+        floor = max(least, BEHIND * leader)
         for k in range(len(rolls)):
-            trial[5] = rolls[k]
-            score = template_score(fx, fy, points, normals, trial, other_way, scores[i])
-            if score > scores[i]:
-                scores[i] = score
+            turn = (cos[k], sin[k])
+            score = _score(field, points, normals, place, shape, turn, other_way, floor)
+            if score > floor:
+                floor = scores[i] = score
                 guesses[i, 5] = rolls[k]
+        leader = max(leader, scores[i])
     return scores
 
 
 @njit(cache=True, nogil=True)
 def climb(
-    fx: Floats32,
-    fy: Floats32,
+    field: SignedBytes,
     points: Floats32,
     normals: Floats32,
     guess: Floats,
@@ -147,8 +153,7 @@ def climb(
     """Steps in place, size, tilt and roll as long as they help; see :func:`template_score`.
 
     Args:
-        fx: see there.
-        fy: see there.
+        field: see there.
         points: see there.
         normals: see there.
         guess: start.
@@ -157,7 +162,7 @@ def climb(
         other_way: see there.
     """
     out = guess.copy()
-    best = template_score(fx, fy, points, normals, out, other_way, 0.0)
+    best = template_score(field, points, normals, out, other_way, 0.0)
     extent = 0.0
     for i in range(len(points)):
         extent = max(extent, abs(points[i, 0]), abs(points[i, 1]))
@@ -174,7 +179,7 @@ def climb(
                 trial[axis] += sign * steps[axis]
                 if trial[3] ** 2 + trial[4] ** 2 > 1.0:
                     continue
-                score = template_score(fx, fy, points, normals, trial, other_way, 0.0)
+                score = template_score(field, points, normals, trial, other_way, best)
                 if score > best:
                     best, moved = score, True
                     out[:] = trial
@@ -185,6 +190,23 @@ def climb(
                 break
             steps *= 0.5
     return best, out
+
+
+@njit(cache=True, nogil=True)
+def climb_all(
+    field: SignedBytes,
+    points: Floats32,
+    normals: Floats32,
+    guesses: Floats,
+    reach: float,
+    other_way: float,
+) -> Floats:
+    """(n, 7) scores and ends of :func:`climb` from many guesses, in all six axes."""
+    out = np.empty((len(guesses), 7))
+    for i in range(len(guesses)):
+        score, end = climb(field, points, normals, guesses[i], reach, 6, other_way)
+        out[i, 0], out[i, 1:] = score, end
+    return out
 
 
 @njit(cache=True, nogil=True)

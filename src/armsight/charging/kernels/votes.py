@@ -5,33 +5,48 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats32, Ints, Shorts
+from armsight.arrays import Floats32, Ints, Shorts, SignedBytes, SignedShorts
+
+DIRECTIONS = 128
+"""Of edges that vote."""
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def edge_field(gx: Floats32, gy: Floats32, soft: float) -> tuple[Floats32, Floats32]:
-    """Gradients of a bounded size, g / sqrt(|g|^2 + soft^2).
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def edge_field(
+    gx: Floats32 | SignedShorts, gy: Floats32 | SignedShorts, soft: float
+) -> SignedBytes:
+    """Gradients of a bounded size, 127 g / sqrt(|g|^2 + soft^2).
+
+    In bytes, x and y side by side: templates are looked up in it all over the picture, and what
+    they wait for is memory.
 
     Args:
         gx: (h, w) gradient along x [levels/px].
         gy: (h, w) gradient along y.
         soft: size of a gradient that counts half [levels/px].
+
+    Returns:
+        (h, w, 2) along x and y, in 127ths.
     """
     h, w = gx.shape
-    fx, fy = np.empty_like(gx), np.empty_like(gy)
-    floor = np.float32(soft * soft)
+    out = np.empty((h, w, 2), np.int8)
+    floor, whole = np.float32(soft * soft), np.float32(127.0)
     for y in range(h):
         for x in range(w):
-            a, b = gx[y, x], gy[y, x]
-            k = np.float32(1.0) / np.sqrt(a * a + b * b + floor)
-            fx[y, x] = a * k
-            fy[y, x] = b * k
-    return fx, fy
+            a, b = np.float32(gx[y, x]), np.float32(gy[y, x])
+            k = whole / np.sqrt(a * a + b * b + floor)
+            out[y, x, 0] = np.int8(np.rint(a * k))
+            out[y, x, 1] = np.int8(np.rint(b * k))
+    return out
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def vote_centers(
-    gx: Floats32, gy: Floats32, least: float, tilts: Floats32, radii: Floats32
+    gx: Floats32 | SignedShorts,
+    gy: Floats32 | SignedShorts,
+    least: float,
+    tilts: Floats32,
+    radii: Floats32,
 ) -> Shorts:
     """Votes of edges for the middle of the rings that they may belong to.
 
@@ -48,11 +63,13 @@ def vote_centers(
     h, w = gx.shape
     classes = len(tilts)
     rows, columns = h // 2 + 1, w // 2 + 1
-    votes = np.zeros((classes, rows, columns), np.uint16)
-    floor = np.float32(least * least)
+    steps = _vote_steps(tilts, radii)
+    margin = int(np.ceil(0.5 * radii.max())) + 2
+    votes = np.zeros((classes, rows + 2 * margin, columns + 2 * margin), np.uint16)
+    floor, turns = np.float32(least * least), np.float32(DIRECTIONS / (2 * np.pi))
     for y in range(1, h - 1):
         for x in range(1, w - 1):
-            a, b = gx[y, x], gy[y, x]
+            a, b = np.float32(gx[y, x]), np.float32(gy[y, x])
             m = a * a + b * b
             if m < floor:
                 continue
@@ -64,26 +81,37 @@ def vote_centers(
                 dy, dx = 1, 1
             else:
                 dy, dx = -1, 1
-            p = gx[y - dy, x - dx] ** 2 + gy[y - dy, x - dx] ** 2
-            q = gx[y + dy, x + dx] ** 2 + gy[y + dy, x + dx] ** 2
-            if m < p or m <= q:
+            a0, b0 = np.float32(gx[y - dy, x - dx]), np.float32(gy[y - dy, x - dx])
+            a1, b1 = np.float32(gx[y + dy, x + dx]), np.float32(gy[y + dy, x + dx])
+            if m < a0 * a0 + b0 * b0 or m <= a1 * a1 + b1 * b1:
                 continue
+            way = steps[int(np.arctan2(b, a) * turns + np.float32(DIRECTIONS + 0.5)) % DIRECTIONS]
+            x0 = np.float32(0.5) * x + np.float32(0.25 + margin)
+            y0 = np.float32(0.5) * y + np.float32(0.25 + margin)
             for c in range(classes):
-                # towards the middle: A m / |m| with m = A g, the circle's own normal
-                u = tilts[c, 0, 0] * a + tilts[c, 0, 1] * b
-                v = tilts[c, 1, 0] * a + tilts[c, 1, 1] * b
-                k = np.float32(0.5) / np.sqrt(u * u + v * v)
-                sx = k * (tilts[c, 0, 0] * u + tilts[c, 0, 1] * v)
-                sy = k * (tilts[c, 1, 0] * u + tilts[c, 1, 1] * v)
-                x0 = np.float32(0.5) * x + np.float32(0.25)
-                y0 = np.float32(0.5) * y + np.float32(0.25)
-                for r in radii:
-                    for sign in (-1, 1):
-                        i = int(x0 + sign * r * sx)
-                        j = int(y0 + sign * r * sy)
-                        if 0 <= i < columns and 0 <= j < rows:
-                            votes[c, j, i] += 1
-    return votes
+                for k in range(way.shape[1]):
+                    votes[c, int(y0 + way[c, k, 1]), int(x0 + way[c, k, 0])] += 1
+    return votes[:, margin : margin + rows, margin : margin + columns]
+
+
+@njit(cache=True, nogil=True)
+def _vote_steps(tilts: Floats32, radii: Floats32) -> Floats32:
+    """(directions, classes, 2 radii, 2) from an edge to the middles it votes for [cells]."""
+    out = np.empty((DIRECTIONS, len(tilts), 2 * len(radii), 2), np.float32)
+    for d in range(DIRECTIONS):
+        angle = 2 * np.pi * d / DIRECTIONS
+        a, b = np.cos(angle), np.sin(angle)
+        for c in range(len(tilts)):
+            # towards the middle: A m / |m| with m = A g, the circle's own normal
+            u = tilts[c, 0, 0] * a + tilts[c, 0, 1] * b
+            v = tilts[c, 1, 0] * a + tilts[c, 1, 1] * b
+            k = 0.5 / np.sqrt(u * u + v * v)
+            for i in range(len(radii)):
+                for side in range(2):
+                    r = k * radii[i] * (2 * side - 1)
+                    out[d, c, 2 * i + side, 0] = r * (tilts[c, 0, 0] * u + tilts[c, 0, 1] * v)
+                    out[d, c, 2 * i + side, 1] = r * (tilts[c, 1, 0] * u + tilts[c, 1, 1] * v)
+    return out
 
 
 @njit(cache=True, nogil=True)

@@ -6,8 +6,9 @@ Layouts are mirror-symmetric in x, so that both speak of the same pins at the sa
 
 Sources: Type 1 and Type 2 pins, connector nose and plug outside are published figures; pitch of
 the DC contacts from a public measurement by hand (27.0 mm; others say 26); the rest is read off
-photographs. None of it is the standards' own sheets, hence the tolerances: a fit treats every
-radius and every place as uncertain by as much (docs/charging.md).
+photographs, the DC recesses of CCS1 (19 mm) off other people's rendered socket. None of it is the
+standards' own sheets, hence the tolerances: a fit treats every radius and every place as uncertain
+by as much (docs/charging.md).
 """
 
 from __future__ import annotations
@@ -183,14 +184,17 @@ def _type1_core() -> tuple[tuple[Rim, ...], tuple[Pin, ...]]:
     return tuple(rims), tuple(pins)
 
 
-def _dc(x: float, y: float, mouth: Outline) -> tuple[tuple[Rim, ...], tuple[Pin, ...]]:
+def _dc(
+    x: float, y: float, mouth: Outline, radius: float, radius_tolerance: float
+) -> tuple[tuple[Rim, ...], tuple[Pin, ...]]:
     rims = [
         Rim("DC mouth", "mouth", mouth, -0.7 * MM, 0.7 * MM, 0.8 * MM),
         Rim("DC insert", "pedestal", _mm(0, y, 14.0, 12.0), 0, 0.7 * MM, 0.8 * MM),
     ]
     pins = []
     for name, side in (("DC+", 1), ("DC-", -1)):
-        rims.append(Rim(name, "recess", _mm(side * x, y, 11.0), 0, 0.5 * MM, 0.7 * MM))
+        recess = _mm(side * x, y, radius)
+        rims.append(Rim(name, "recess", recess, 0, radius_tolerance, 0.7 * MM))
         pins.append(Pin(name, side * x * MM, y * MM, 8 * MM, -12 * MM))
     return tuple(rims), tuple(pins)
 
@@ -203,8 +207,8 @@ def _inlets() -> tuple[Port, ...]:
         Rim("latch", "mouth", _mm(0, 23.0, 4.0, 4.0), -0.5 * MM, 0.5 * MM, 0.5 * MM, fit=False),
     )
     mouth_2 = Rim("mouth", "mouth", _mm(0, 0, 36.0, flat=29.5), -1.0 * MM, 0.5 * MM, 0.35 * MM)
-    dc_1, dc_pins_1 = _dc(13.0, -42.0, _mm(0, -42.0, 18.5, 12.0))
-    dc_2, dc_pins_2 = _dc(13.5, -49.5, _mm(0, -49.5, 24.0, 13.5))
+    dc_1, dc_pins_1 = _dc(13.0, -42.0, _mm(0, -42.0, 18.5, 12.0), 9.5, 1.0 * MM)
+    dc_2, dc_pins_2 = _dc(13.5, -49.5, _mm(0, -49.5, 24.0, 13.5), 11.0, 0.5 * MM)
     return (
         Port(
             "type1",
