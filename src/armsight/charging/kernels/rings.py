@@ -8,7 +8,7 @@ from numba import njit
 from armsight.arrays import Floats, Floats32, SignedBytes
 
 UNIT = np.float32(1.0 / 127.0**2)
-SLACK = np.float32(1.2)
+SLACK = np.float32(1.5)
 """How far the first 8 or 16 points may lag behind what is asked of them."""
 
 
@@ -98,6 +98,6 @@ def best_rings(
                         best = mean
                         out[s, i, t, 0] = mean
                         out[s, i, t, 1], out[s, i, t, 2] = u - 0.5, v - 0.5
-                    if o == 0 and mean < 0.05:
+                    if o == 0 and mean < 0.0:
                         break  # nothing like it at the seed itself: not beside it either
     return out

@@ -8,8 +8,8 @@ from numba import njit
 from armsight.arrays import Floats, Floats32, Ints, SignedBytes
 
 UNIT = 1.0 / 127.0**2
-BEHIND = 0.6
-SLACK = 0.8
+BEHIND = 0.5
+SLACK = 0.9
 """How far a few points may lag behind what is asked of all: over the root of their number."""
 
 
