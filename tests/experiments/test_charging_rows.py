@@ -38,3 +38,10 @@ def test_two_conditions_agree_where_the_interval_of_their_difference_holds_nothi
     assert same.low < 0.0 < same.high
     assert other.value == 1.0
     assert other.low > 0.5
+
+
+def test_waiting_for_people_is_not_held_to_the_budget_of_an_empty_cell():
+    keys = {row.key: row for row in visit_rows([visit()], "here", waits=True)}
+    assert "insert_s" not in keys
+    assert keys["waited_insert_s"].must is None
+    assert keys["seated"].must == 0.95

@@ -51,9 +51,10 @@ def visit_rows(visits: Visits, where: str, prefix: str = "", waits: bool = False
             )
         )  # fmt: skip
     for key, what, unit, must, aim in FIGURES:
-        rows += _median(
-            prefix + key, what, where, visits, key, unit, *((must, aim) if ours else ())
-        )
+        budgets = (must, aim) if ours and not waits else (None, None)
+        name = f"waited_{key}" if waits else prefix + key
+        said = f"{what}, waiting for people counted in" if waits else what
+        rows += _median(name, said, where, visits, key, unit, *budgets)
     rows += _median(prefix + "axial_n", "greatest axial force", where, visits, "axial_n", "N")
     rows += _median(prefix + "lateral_n", "greatest lateral force", where, visits, "lateral_n", "N")
     pulls = [v["pull_n"] for v in visits if v["said"]]
