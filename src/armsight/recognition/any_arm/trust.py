@@ -1,7 +1,8 @@
 """How sure an answer is: one probability from what can be seen of it, and one threshold.
 
 A logistic of six features. Weights, threshold and the factor of the covariances are chosen on
-crops that were held back from training and travel on the network's card; never on a test set.
+crops that were held back from training and on tuning frames of another renderer, and travel on the
+network's card; never on a test set.
 """
 
 from __future__ import annotations
