@@ -142,7 +142,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
 
 def settings() -> dict[str, Any]:
     """All that changes a run, besides its seed."""
-    return {"times": [*BEGINS, LASTS, SECONDS, BACK], "bump": [BUMP_M, BUMP_DEG], "version": 2}
+    return {"times": [*BEGINS, LASTS, SECONDS, BACK], "bump": [BUMP_M, BUMP_DEG], "version": 3}
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:

@@ -32,6 +32,9 @@ APART = 0.006
 """... or when its points lie farther from them than when it was aligned, by this much [m], ..."""
 CHECKS = 3
 """... in this many looks in a row."""
+EXPLAINS = 0.5
+"""A camera that moved explains at least this share of the points that it did when it was aligned:
+else the picture is of another place, and lies."""
 BUMPED = 0.02
 """A calibrated camera is excluded when an alignment that believes nothing finds points at arm's
 length displaced by this much [m]; less may be the map's own doubt."""
@@ -178,7 +181,8 @@ class Mounting:
         found = align_camera(
             [view], [start], self._filter.fields, self._solids, self.gain, self._believed
         )
-        if not found.good:
+        usual = 0 if self.alignment is None else self.alignment.points
+        if not found.good or found.points < EXPLAINS * usual:
             return False
         self._attempts = 0
         self._next_check = stamp + CHECK_PERIOD
