@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -101,8 +103,6 @@ def test_a_bullseye_is_docked_with_near_its_centre():
 
 
 def test_an_item_lands_on_a_palm_and_nobody_is_pressed():
-    from dataclasses import replace
-
     from armsight.experiments.servo_handover import CELL
     from armsight.experiments.servo_handover import one as hand_over
 
@@ -115,8 +115,6 @@ def test_an_item_lands_on_a_palm_and_nobody_is_pressed():
 def test_a_straw_stays_at_a_mouth_gently_though_the_map_shows_nothing_there():
     """The self-filter takes the face around the straw out of the map; in the rendered cell the
     force sensor was tared in contact by that, and the face pressed with 32 N. Three seconds."""
-    from dataclasses import replace
-
     from armsight.experiments.servo_straw import CELL
     from armsight.experiments.servo_straw import one as bring
 
@@ -124,3 +122,23 @@ def test_a_straw_stays_at_a_mouth_gently_though_the_map_shows_nothing_there():
     assert trial["touched"]
     assert trial["force"] < 5.0
     assert not trial["harm"]
+
+
+def test_what_is_printed_on_a_face_is_seen_and_holds_no_straw_from_behind():
+    from armsight.experiments.servo_cell import PushedCell, plate
+    from armsight.experiments.servo_straw import CELL
+    from armsight.simulation.targets import TargetSpec, target_object
+
+    setup = set_up(1.0, 1.0, CELL)
+    face = replace(target_object(TargetSpec("face", "smiley", np.eye(4))), mass=4.4, surface=150.0)
+    middle = np.array([0.8, 0.0, 0.7])
+    cell = PushedCell(
+        setup, plate((0.24, 0.24), 0.12, np.eye(3), middle), lambda t: middle, setup.robot.home,
+        face, np.eye(4),
+    )  # fmt: skip
+    model = cell.world.truth._cell.model
+    touched = [g for g in range(model.ngeom) if model.geom_contype[g]]
+    skin = [g for g in touched if model.body(model.geom_bodyid[g]).name == "face/skin"]
+    cell.close()
+    assert len(skin) == 1
+    assert model.geom_size[skin[0]].min() > 0.05
