@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats32, Ints, Shorts, SignedBytes, SignedShorts
+from armsight.arrays import Floats, Floats32, Shorts, SignedBytes, SignedShorts
 
 DIRECTIONS = 128
 """Of edges that vote."""
@@ -115,7 +115,7 @@ def _vote_steps(tilts: Floats32, radii: Floats32) -> Floats32:
 
 
 @njit(cache=True, nogil=True)
-def vote_crests(votes: Shorts, least: int) -> Ints:
+def vote_crests(votes: Shorts, least: int) -> Floats:
     """Cells with more votes (of their own and their neighbours') than those around them.
 
     Args:
@@ -123,7 +123,7 @@ def vote_crests(votes: Shorts, least: int) -> Ints:
         least: fewer votes are no crest.
 
     Returns:
-        (n, 3) votes of the best class, column, row.
+        (n, 3) votes of the best class, column, row, to a part of a cell.
     """
     classes, rows, columns = votes.shape
     best = np.zeros((rows, columns), np.int32)
@@ -136,20 +136,28 @@ def vote_crests(votes: Shorts, least: int) -> Ints:
                 k = line[i - 1] + 2 * line[i] + line[i + 1]
                 best[j, i] = max(best[j, i], k)
     count = 0
-    out = np.empty((rows * columns // 4 + 1, 3), np.int64)
+    out = np.empty((rows * columns // 4 + 1, 3))
     for j in range(1, rows - 1):
         for i in range(1, columns - 1):
             k = best[j, i]
             if k < least:
                 continue
-            crest = True
+            crest, lowest = True, k
             for dj in range(-1, 2):
                 for di in range(-1, 2):
                     other = best[j + dj, i + di]
                     before = dj < 0 or (dj == 0 and di < 0)
+                    lowest = min(lowest, other)
                     if other > k or (other == k and before):
                         crest = False
             if crest and count < len(out):
-                out[count, 0], out[count, 1], out[count, 2] = k, i, j
+                # the middle of the votes about it: a cell is coarse
+                total, x, y = 0.0, 0.0, 0.0
+                for dj in range(-1, 2):
+                    for di in range(-1, 2):
+                        more = best[j + dj, i + di] - lowest
+                        total, x, y = total + more, x + di * more, y + dj * more
+                total = max(total, 1.0)
+                out[count, 0], out[count, 1], out[count, 2] = k, i + x / total, j + y / total
                 count += 1
     return out[:count]
