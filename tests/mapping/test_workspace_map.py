@@ -130,7 +130,7 @@ def test_a_camera_that_was_moved_is_gone_on_without():
 
     moved = CameraStatus("cam", 1.0, False, 1, 0, "was moved", excluded=True)
     info = scenes.camera_info("cam")
-    watch = FaultWatch(None, [info], GuardConfig())
+    watch = FaultWatch(scenes.two_link_arm(), [info], GuardConfig())
 
     class Seen:
         cameras = (moved, CameraStatus("other", 1.0, True, 1, 0))
