@@ -1,6 +1,12 @@
 """Patrol, approach and false-stops: what they make up, how they count, what they say."""
 
+import contextlib
+import os
+import subprocess
+import sys
+import time
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,6 +74,37 @@ def test_worn_out_workers_are_replaced(tmp_path, monkeypatch, workers):
     monkeypatch.setattr(episodes, "WORKERS", workers)
     found = episodes.run_episodes("toy", doubled, range(5), 7, {}, lambda stage, done: None)
     assert found == [doubled(7, run) for run in range(5)]
+
+
+PARENT = """
+from armsight.experiments import episodes
+from toy_episode import waits
+episodes.run_episodes("toy", waits, range(1), 7, {}, lambda stage, done: None)
+"""
+
+
+def test_a_worker_ends_with_its_parent(tmp_path):
+    """One whose parent had been killed waited for work for ever, with all its memory."""
+    here = str(Path(__file__).parent)
+    path = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "ARMSIGHT_CACHE": str(tmp_path), "PYTHONPATH": path}
+    parent = subprocess.Popen([sys.executable, "-c", PARENT], env=environment)
+    try:
+        worker = int(_until(lambda: (tmp_path / "worker").read_text("utf-8")))
+    finally:
+        parent.kill()
+        parent.wait()
+    _until(lambda: not Path(f"/proc/{worker}").exists())
+
+
+def _until(ask):
+    """What it says as soon as that is something; fails after a minute."""
+    for _ in range(600):
+        with contextlib.suppress(OSError):
+            if said := ask():
+                return said
+        time.sleep(0.1)
+    pytest.fail("nothing happened")
 
 
 # -- false stops ------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
@@ -63,7 +64,7 @@ def run_episodes(
     # in Python 3.11 when a worker's last task was the only one under way.
     for begin in range(0, len(missing), FRESH * workers):
         batch = missing[begin : begin + FRESH * workers]
-        with ProcessPoolExecutor(workers, context) as pool:
+        with ProcessPoolExecutor(workers, context, initializer=_end_with_parent) as pool:
             waiting = {pool.submit(episode, seed, run): run for run in batch}
             try:
                 for future in as_completed(waiting):
@@ -74,6 +75,18 @@ def run_episodes(
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
     return [results[run] for run in runs]
+
+
+def _end_with_parent() -> None:
+    """In a worker: ends when its parent does, by whatever signal, and does not wait for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def _not_yet() -> dict[str, Any]:
