@@ -147,10 +147,9 @@ class LidHand:
     def _shut(self) -> Plan:
         o = self.options
         self.words = "goes round the lid"
-        for x, z in ((-0.02, 0.26), (-0.17, 0.26), (-0.17, 0.12)):
-            problem = yield from self._to(np.array([x, 0.0, z]))
-            if problem:
-                return problem
+        problem = yield from self._by((-0.02, 0.26), (-0.17, 0.26), (-0.17, 0.12))
+        if problem:
+            return problem
         felt = yield from self._against(RIGHT, 0.14)
         if not felt:
             return "no lid where it was left open: it is missing, or shut"
@@ -192,11 +191,8 @@ class LidHand:
         if self._p[2] - o.radius < self._face + AJAR:
             return f"the lid stays shut: pressed with {o.push:.0f} N, its latch does not let go"
         under = self._face + 0.010
-        for x, z in ((0.055, 0.06), (0.108, 0.06), (0.108, under), (0.083, under)):
-            problem = yield from self._to(np.array([x, 0.0, z]))
-            if problem:
-                return problem
-        return ""
+        way = (0.055, 0.06), (0.108, 0.06), (0.108, under), (0.083, under)
+        return (yield from self._by(*way))
 
     def _pull(self) -> Plan:
         """The pin behind the free edge, over the catch."""
@@ -204,10 +200,9 @@ class LidHand:
         self.words = "hooks the lid"
         yield from self._to(np.array([0.108, 0.0, self._face + 0.04]))
         under = self._face - o.thick - o.radius - 0.005
-        for x, z in ((0.108, under), (0.083, under)):
-            problem = yield from self._to(np.array([x, 0.0, z]))
-            if problem:
-                return problem
+        problem = yield from self._by((0.108, under), (0.083, under))
+        if problem:
+            return problem
         felt = yield from self._against(OUTWARD, 0.025)
         if not felt:
             return "the pin finds no edge to pull at"
@@ -229,6 +224,14 @@ class LidHand:
             if self._now > end:
                 return "the arm does not get there"
             yield _shortened(GAIN * (goal - self._p), o.speed), np.zeros(3)
+        return ""
+
+    def _by(self, *way: tuple[float, float]) -> Plan:
+        """Through free air by points (x, z) in the middle of the lid's height [m]."""
+        for x, z in way:
+            problem = yield from self._to(np.array([x, 0.0, z]))
+            if problem:
+                return problem
         return ""
 
     def _against(

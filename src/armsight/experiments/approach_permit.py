@@ -10,7 +10,7 @@ from armsight.arrays import Vector3
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.quick_cell import Ball, QuickCell, felt
-from armsight.experiments.rows import Row, contact_row, wilson
+from armsight.experiments.rows import Row, contact_row, share_row
 from armsight.experiments.touch_cell import pointing_arm
 from armsight.geometry.pose import make_pose
 from armsight.motion.intents import VelocityIntent
@@ -135,13 +135,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         condition = "all episodes" if kind is None else f"permit for a {kind}"
         touched = sum(e["contacts"] > 0 for e in mine)
         rows.append(contact_row(touched, "anybody outside the region", condition, len(mine)))
-        low, high = wilson(touched, len(mine))
-        rows.append(
-            Row(
-                "contact_share", "share of episodes with such a contact (Wilson)", condition,
-                touched / len(mine), n=len(mine), low=low, high=high,
-            )
-        )  # fmt: skip
+        what = "share of episodes with such a contact (Wilson)"
+        rows.append(share_row("contact_share", what, condition, touched, len(mine)))
         rows.append(
             Row(
                 "least_moving_m", "least distance of the hand while the arm moved", condition,

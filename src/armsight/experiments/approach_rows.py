@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from armsight.experiments.approach_episode import CAPS
-from armsight.experiments.rows import Row, contact_row, wilson
+from armsight.experiments.rows import Row, contact_row, share_row
 
 
 def contact_rows(episodes: list[dict[str, Any]], hunts: list[dict[str, Any]]) -> list[Row]:
@@ -21,18 +21,8 @@ def contact_rows(episodes: list[dict[str, Any]], hunts: list[dict[str, Any]]) ->
         contacts = sum(e["contacts"] for e in mine)
         rows.append(contact_row(contacts, "a person", condition, len(mine)))
         touched = sum(e["contacts"] > 0 for e in mine)
-        low, high = wilson(touched, len(mine))
-        rows.append(
-            Row(
-                "contact_share",
-                "share of episodes with such a contact, and its 95 % interval (Wilson)",
-                condition,
-                touched / len(mine),
-                n=len(mine),
-                low=low,
-                high=high,
-            )
-        )
+        what = "share of episodes with such a contact, and its 95 % interval (Wilson)"
+        rows.append(share_row("contact_share", what, condition, touched, len(mine)))
         near = [e["least_moving"] for e in mine]
         rows.append(
             Row(
@@ -111,14 +101,11 @@ def contact_rows(episodes: list[dict[str, Any]], hunts: list[dict[str, Any]]) ->
 def above_row(hunts: list[dict[str, Any]]) -> Row:
     """Contacts with hands that come from above the mapped box."""
     touched, trials = (sum(h[key] for h in hunts) for key in ("contacts", "trials"))
-    low, high = wilson(touched, trials)
-    return Row(
+    return share_row(
         "above_contacts",
         "share of hands from above the mapped box that touch the moving arm: nobody is looked for "
         "there, and the proof does not hold",
         "hands up to 2.0 m/s, alone in the air",
-        touched / trials,
-        n=trials,
-        low=low,
-        high=high,
+        touched,
+        trials,
     )

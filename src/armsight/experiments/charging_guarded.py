@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from armsight.charging.visit import State
-from armsight.experiments.charging_visits import FORCE, TYPES, figures, random_cell
+from armsight.experiments.charging_visits import TYPES, at_the_end, figures, random_cell
+from armsight.experiments.station_bench import Peaks, depth_and_tilt
 from armsight.runtime.config import SessionMode
 from armsight.runtime.session import Session
 from armsight.tasks.charge import ChargeOptions, ChargeTask
@@ -48,7 +49,7 @@ class _Watch:
         self._session: Any = None
         self.said = False
         self.depth = self.tilt = float("nan")
-        self.axial = self.lateral = self.pull = 0.0
+        self.peaks = Peaks()
 
     def attach(self, session: Session) -> None:
         """The session to score and end."""
@@ -57,14 +58,9 @@ class _Watch:
     def update(self, now: float) -> None:
         """Look at the truth."""
         plugged, station = self._session.cell.world.plugged, self._task.station
-        force = plugged.T_world_socket[:3, :3].T @ plugged.wrench()[:3]
-        self.axial = max(self.axial, abs(float(force[2])))
-        self.lateral = max(self.lateral, float(np.hypot(*force[:2])))
-        self.pull = max(self.pull, -float(force[2]))
+        self.peaks = self.peaks.with_force(plugged)
         if station.state is State.CHARGE and not self.said:
-            T = plugged.T_socket_plug
-            self.said, self.depth = True, float(-T[2, 3])
-            self.tilt = float(np.arccos(np.clip(-T[2, 2], -1.0, 1.0)))
+            self.said, (self.depth, self.tilt) = True, depth_and_tilt(plugged)
         if station.state is State.STUCK or (station.outcomes and not station.busy):
             self._session.stop("the visit has ended")
 
@@ -83,14 +79,12 @@ def guarded_visit(seed: int, i: int) -> dict[str, Any]:
         station = task.station
         outcome = station.outcomes[-1] if station.outcomes else station.outcome
         world: Any = cell.world
-        touched = len(world.truth.moving_contacts)
-        depth = world.plugged.depth
-        return figures(workcell, outcome, watch.said, watch.depth, watch.tilt) | {
-            "out": bool(outcome.out and depth < 0.0),
-            "axial_n": watch.axial,
-            "lateral_n": watch.lateral,
-            "pull_n": watch.pull,
-            "harm": bool(touched or max(watch.axial, watch.lateral) > FORCE),
-            "nearest_m": float(world.truth.min_distance),
-            "failure": session.task_failure or "",
-        }
+        found = figures(workcell, outcome, watch.said, watch.depth, watch.tilt)
+        return (
+            found
+            | at_the_end(world, outcome, watch.peaks, world.plugged.depth)
+            | {
+                "nearest_m": float(world.truth.min_distance),
+                "failure": session.task_failure or "",
+            }
+        )

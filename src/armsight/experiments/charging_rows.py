@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from armsight.experiments.charging_visits import FORCE
-from armsight.experiments.rows import Row, wilson
+from armsight.experiments.rows import Row, share_row, wilson
 
 Visits = Sequence[dict[str, Any]]
 
@@ -119,11 +119,7 @@ def _share(
     aim: float | None = None,
 ) -> Row:
     good = sum(bool(v[field]) for v in some)
-    low, high = wilson(good, len(some))
-    return Row(
-        key, what, where, good / max(len(some), 1), n=len(some), low=low, high=high,
-        paper=paper, must=must, aim=aim, better="higher",
-    )  # fmt: skip
+    return share_row(key, what, where, good, len(some), paper, must, aim, "higher")
 
 
 def _median(

@@ -9,8 +9,15 @@ import numpy as np
 from armsight.charging.ports.table import PORTS
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import Outcome, State
-from armsight.experiments.station_bench import StationBench, charging_cell, make_station, parked
+from armsight.experiments.station_bench import (
+    Peaks,
+    StationBench,
+    charging_cell,
+    make_station,
+    parked,
+)
 from armsight.experiments.station_eyes import POST, Mode
+from armsight.simulation.world import SimulatedWorld
 from armsight.workcell.schema import Workcell
 
 TYPES = ("type2", "type1", "ccs2")
@@ -93,14 +100,22 @@ def bench_visit(
             if station.state is State.CHARGE and not said:
                 said, (depth, tilt) = True, bench.score()
         outcome = station.outcomes[-1] if station.outcomes else station.outcome
-        touched = len(bench.world.truth.moving_contacts)
-        return figures(cell, outcome, said, depth, tilt) | {
-            "out": bool(outcome.out and bench.score()[0] < 0.0),
-            "axial_n": bench.peaks.axial,
-            "lateral_n": bench.peaks.lateral,
-            "pull_n": bench.peaks.pull,
-            "harm": bool(touched or max(bench.peaks.axial, bench.peaks.lateral) > FORCE),
-        }
+        found = figures(cell, outcome, said, depth, tilt)
+        return found | at_the_end(bench.world, outcome, bench.peaks, bench.score()[0])
+
+
+def at_the_end(
+    world: SimulatedWorld, outcome: Outcome, peaks: Peaks, depth: float
+) -> dict[str, Any]:
+    """Whether the plug, now so deep [m], is out; what was done to anybody or anything till then."""
+    touched = len(world.truth.moving_contacts)
+    return {
+        "out": bool(outcome.out and depth < 0.0),
+        "axial_n": peaks.axial,
+        "lateral_n": peaks.lateral,
+        "pull_n": peaks.pull,
+        "harm": bool(touched or max(peaks.axial, peaks.lateral) > FORCE),
+    }
 
 
 def figures(

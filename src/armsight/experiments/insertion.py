@@ -10,7 +10,7 @@ import numpy as np
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.insertion_bench import Trial, draw, run_trial
-from armsight.experiments.rows import Row, wilson
+from armsight.experiments.rows import Row, share_row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -129,21 +129,8 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         )
     out = [r for r in every if "unplugged" in r]
     good = sum(r["unplugged"] for r in out)
-    low, high = wilson(good, len(out))
-    rows.append(
-        Row(
-            "unplugged",
-            "of those plugged in",
-            "all",
-            good / max(len(out), 1),
-            n=len(out),
-            low=low,
-            high=high,
-            must=0.99,
-            aim=0.995,
-            better="higher",
-        )
-    )
+    what = "of those plugged in"
+    rows.append(share_row("unplugged", what, "all", good, len(out), None, 0.99, 0.995, "higher"))
     rows.append(
         Row(
             "unplug_n",
@@ -178,19 +165,7 @@ def _share(
     aim: float | None,
 ) -> Row:
     good = sum(bool(r["full"] and r["said"]) for r in some)
-    low, high = wilson(good, len(some))
-    return Row(
-        key,
-        what,
-        condition,
-        good / max(len(some), 1),
-        n=len(some),
-        low=low,
-        high=high,
-        must=must,
-        aim=aim,
-        better="higher",
-    )
+    return share_row(key, what, condition, good, len(some), None, must, aim, "higher")
 
 
 def _plot(results: dict[str, list[dict[str, Any]]]) -> Figure:

@@ -10,7 +10,7 @@ import numpy as np
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.lid_bench import Fault, LidTrial, draw, run_trial
-from armsight.experiments.rows import Row, wilson
+from armsight.experiments.rows import Row, share_row
 from armsight.simulation.lid import Latch
 
 VERSION = 1
@@ -96,12 +96,8 @@ def _share(
     budget: tuple[float, float] | None = (0.90, 0.95),
 ) -> Row:
     good = sum(bool(v[field]) for v in some)
-    low, high = wilson(good, len(some))
     must, aim = budget or (None, None)
-    return Row(
-        key, what, condition, good / max(len(some), 1), n=len(some), low=low, high=high,
-        must=must, aim=aim, better="higher",
-    )  # fmt: skip
+    return share_row(key, what, condition, good, len(some), None, must, aim, "higher")
 
 
 EXPERIMENT = Experiment(

@@ -20,7 +20,7 @@ from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.mutation import VARIABLE as MUTANT
 from armsight.experiments.mutation import Mutant, mutant, sites
-from armsight.experiments.rows import Row, wilson
+from armsight.experiments.rows import Row, share_row
 
 LONGEST = 600.0
 """Tests that take longer than this count as having noticed: the mutant made them go round [s]."""
@@ -200,12 +200,8 @@ def _row(
     aim: float | None = None,
 ) -> Row:
     killed = sum(bool(r["noticed"]) for r in results)
-    low, high = wilson(killed, len(results))
-    share = killed / max(len(results), 1)
-    return Row(
-        key, "share of mutants that a test notices (95 % bounds)", condition, share,
-        n=len(results), low=low, high=high, must=must, aim=aim, better="higher",
-    )  # fmt: skip
+    what = "share of mutants that a test notices (95 % bounds)"
+    return share_row(key, what, condition, killed, len(results), None, must, aim, "higher")
 
 
 EXPERIMENT = Experiment(

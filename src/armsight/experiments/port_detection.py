@@ -17,7 +17,7 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.port_cases import TYPES, empty_views, port_views, pose_error
 from armsight.experiments.port_pictures import Album
 from armsight.experiments.port_scene import PortPicture, PortView
-from armsight.experiments.rows import Row, poisson_bounds, wilson
+from armsight.experiments.rows import Row, poisson_bounds, share_row, wilson
 from armsight.geometry.stereo import StereoPair
 
 if TYPE_CHECKING:
@@ -212,19 +212,8 @@ def _share(
     alone: bool = False,
 ) -> Row:
     good = sum((_good_alone if alone else _good)(r) for r in some)
-    low, high = wilson(good, len(some))
-    return Row(
-        key,
-        what,
-        condition,
-        good / max(len(some), 1),
-        n=len(some),
-        low=low,
-        high=high,
-        must=must,
-        aim=None if must is None else 0.99,
-        better="higher",
-    )
+    aim = None if must is None else 0.99
+    return share_row(key, what, condition, good, len(some), None, must, aim, "higher")
 
 
 def _plot(shown: list[dict[str, Any]]) -> Figure:

@@ -112,6 +112,37 @@ def poisson_bounds(events: int, confidence: float = 0.95) -> tuple[float, float]
     return low, 0.5 * float(stats.chi2.ppf(1.0 - tail, 2 * events + 2))
 
 
+def share_row(
+    key: str,
+    measure: str,
+    condition: str,
+    successes: int,
+    trials: int,
+    paper: float | None = None,
+    must: float | None = None,
+    aim: float | None = None,
+    better: Better = "lower",
+) -> Row:
+    """The row of a share, 0..1, with Wilson's interval; see :class:`Row` for the rest.
+
+    Args:
+        key: see there.
+        measure: see there.
+        condition: see there.
+        successes: how often it happened.
+        trials: out of how many; of none the share is 0.
+        paper: see there.
+        must: see there.
+        aim: see there.
+        better: see there.
+    """
+    low, high = wilson(successes, trials)
+    return Row(
+        key, measure, condition, successes / max(trials, 1), n=trials, low=low, high=high,
+        paper=paper, must=must, aim=aim, better=better,
+    )  # fmt: skip
+
+
 def contact_row(
     contacts: int, whom: str, condition: str, n: int, budget: float | None = 0.0
 ) -> Row:

@@ -30,6 +30,7 @@ from armsight.motion.intents import Intent, JointIntent, PoseIntent, VelocityInt
 from armsight.motion.permits import Permit, PermitState
 from armsight.motion.steering import joints_of_twist
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
+from armsight.simulation.plugs import Plugged
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell import robot_in, world_spec
 from armsight.workcell.packaged import load
@@ -52,6 +53,21 @@ class Peaks:
     axial: float = 0.0
     lateral: float = 0.0
     pull: float = 0.0
+
+    def with_force(self, plugged: Plugged) -> Peaks:
+        """These, and what the socket does to the plug now."""
+        force = plugged.T_world_socket[:3, :3].T @ plugged.wrench()[:3]
+        return Peaks(
+            max(self.axial, abs(float(force[2]))),
+            max(self.lateral, float(np.hypot(*force[:2]))),
+            max(self.pull, -float(force[2])),
+        )
+
+
+def depth_and_tilt(plugged: Plugged) -> tuple[float, float]:
+    """True depth of the plug's front below the face [m] and its tilt [rad]."""
+    T = plugged.T_socket_plug
+    return float(-T[2, 3]), float(np.arccos(np.clip(-T[2, 2], -1.0, 1.0)))
 
 
 class StationBench:
@@ -120,7 +136,8 @@ class StationBench:
                 self.looks[look.pair] = look
             world.arm.command_velocity(self._follow(wish.intent, joints))
         world.advance(self.now + TICK)
-        self._note()
+        assert world.plugged is not None
+        self.peaks = self.peaks.with_force(world.plugged)
 
     def run(self, station: Station, seconds: float = 120.0) -> bool:
         """Go on until no visit is under way; whether that came within some seconds [s]."""
@@ -141,23 +158,9 @@ class StationBench:
             self.world.advance(self.now + TICK)
 
     def score(self) -> tuple[float, float]:
-        """True depth of the plug's front below the face [m] and its tilt [rad]."""
+        """See :func:`depth_and_tilt`."""
         assert self.world.plugged is not None
-        T = self.world.plugged.T_socket_plug
-        return float(-T[2, 3]), float(np.arccos(np.clip(-T[2, 2], -1.0, 1.0)))
-
-    def _note(self) -> None:
-        plugged = self.world.plugged
-        assert plugged is not None
-        force = plugged.wrench()[:3]
-        if not force.any():
-            return
-        local = plugged.T_world_socket[:3, :3].T @ force
-        self.peaks = Peaks(
-            max(self.peaks.axial, abs(float(local[2]))),
-            max(self.peaks.lateral, float(np.hypot(*local[:2]))),
-            max(self.peaks.pull, -float(local[2])),
-        )
+        return depth_and_tilt(self.world.plugged)
 
     def _follow(self, intent: Intent | None, joints: JointState) -> JointVector:
         q, robot = joints.position, self.robot

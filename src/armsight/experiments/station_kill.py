@@ -15,7 +15,7 @@ from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import State
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.rows import Row, wilson
+from armsight.experiments.rows import Row, share_row
 from armsight.experiments.station_bench import StationBench, charging_cell, make_station
 from armsight.experiments.station_sigkill import OUT, killed
 
@@ -89,19 +89,8 @@ def _process(seed: int, i: int) -> dict[str, Any]:
 
 def _row(key: str, condition: str, kills: list[dict[str, Any]], budget: float | None = 1.0) -> Row:
     good = sum(bool(k["safe"]) for k in kills)
-    low, high = wilson(good, len(kills))
-    return Row(
-        key,
-        "ended with the plug safely out",
-        condition,
-        good / max(len(kills), 1),
-        n=len(kills),
-        low=low,
-        high=high,
-        must=budget,
-        aim=budget,
-        better="higher",
-    )
+    what = "ended with the plug safely out"
+    return share_row(key, what, condition, good, len(kills), None, budget, budget, "higher")
 
 
 def _round(seed: int, i: int) -> dict[str, Any]:

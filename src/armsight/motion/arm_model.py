@@ -9,7 +9,9 @@ import numpy as np
 
 from armsight.arrays import JointPath, JointVector
 from armsight.devices.data import JointState
+from armsight.motion.guard_config import GuardConfig
 from armsight.motion.guard_kernels import drive_ahead, stop_path
+from armsight.robots.robot import Robot
 
 REMEMBERED = 2000
 """Commands that are remembered when no reading comes that would make them the past."""
@@ -89,3 +91,10 @@ class DelayedArm:
     def stop_path(self, state: ArmState, pieces: int = 4) -> JointPath:
         """(pieces + 1, n) positions of the stop that begins at a state [rad]."""
         return np.asarray(stop_path(state.position, state.velocity, self.brake, pieces))
+
+
+def commanded_arm(robot: Robot, config: GuardConfig) -> DelayedArm:
+    """The drives as a guard commands them."""
+    allowed = robot.limits.scaled(config.speed, config.acceleration)
+    brake = robot.limits.acceleration * max(config.brake, config.acceleration)
+    return DelayedArm(config.start_delay, allowed.acceleration, brake)

@@ -12,7 +12,7 @@ import numpy as np
 from armsight.arrays import JointVector
 from armsight.devices.data import JointState, RgbdCameraInfo
 from armsight.mapping.snapshot import WorkspaceSnapshot
-from armsight.motion.arm_model import DelayedArm
+from armsight.motion.arm_model import commanded_arm
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.obedience import Obedience
 from armsight.robots.robot import Robot
@@ -68,10 +68,7 @@ class FaultWatch:
             c.name: max(config.stale_after, c.latency + 1.5 / c.rate + config.compute_latency)
             for c in cameras
         }
-        allowed = robot.limits.scaled(config.speed, config.acceleration)
-        brake = robot.limits.acceleration * max(config.brake, config.acceleration)
-        drives = DelayedArm(config.start_delay, allowed.acceleration, brake)
-        self._obedience = Obedience(drives, robot.joint_names)
+        self._obedience = Obedience(commanded_arm(robot, config), robot.joint_names)
         self._now = -math.inf
         self._joints: JointState | None = None
         self._snapshot: WorkspaceSnapshot | None = None

@@ -16,7 +16,7 @@ import numpy as np
 from armsight.arrays import JointVector
 from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.snapshot import WorkspaceSnapshot
-from armsight.motion.arm_model import DelayedArm
+from armsight.motion.arm_model import commanded_arm
 from armsight.motion.collision import CollisionModel
 from armsight.motion.escape import SLACK, leaves
 from armsight.motion.guard_config import GuardConfig
@@ -53,9 +53,8 @@ class VelocityFilter:
     ) -> None:
         self.robot, self.config, self.model = robot, config, model
         self.limits = robot.limits.scaled(config.speed, config.acceleration)
-        brake = robot.limits.acceleration * max(config.brake, config.acceleration)
-        self.arm = DelayedArm(config.start_delay, self.limits.acceleration, brake)
-        self.monitor = SeparationMonitor(robot, config, brake)
+        self.arm = commanded_arm(robot, config)
+        self.monitor = SeparationMonitor(robot, config, self.arm.brake)
         self.hazards = Hazards.at(np.empty((0, 3)), 0.0)
         self.reaction = ReactionTime(declared_reaction(cameras, config), config.reaction_window)
         self._after_decision = after_decision(config)
