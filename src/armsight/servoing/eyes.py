@@ -17,7 +17,7 @@ from armsight.robots.robot import Robot
 from armsight.servoing.sighting import Look, Looks, Sighting
 
 SHOWN = 320
-"""Width of the pictures that are shown [px]."""
+"""Pictures are shown at least so wide, at a whole fraction of their size [px]."""
 MARK_RADIUS = 0.03
 """A mark seen farther from where the joints say than this is something else [m]."""
 
@@ -132,11 +132,12 @@ class WristEye:
 
 def drawn(image: ColorImage, lens: PinholeCamera, points: Sequence[Points]) -> ColorImage:
     """A small copy of a picture with a cross at each (1, 3) point of the lens's frame."""
-    scale = SHOWN / image.shape[1]
-    size = (SHOWN, round(image.shape[0] * scale))
-    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    step = max(image.shape[1] // SHOWN, 1)  # a whole number: several times as fast
+    size = (image.shape[1] // step, image.shape[0] // step)
+    whole = image[: step * size[1], : step * size[0]]
+    small = np.array(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.uint8)
     for point in points:
-        u, v = lens.project(point)[0] * scale
+        u, v = lens.project(point)[0] / step
         if np.isfinite([u, v]).all():
             at = (round(float(u)), round(float(v)))
             cv2.drawMarker(small, at, (20, 230, 60), cv2.MARKER_CROSS, 17, 2)

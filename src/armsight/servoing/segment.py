@@ -8,9 +8,12 @@ import cv2
 import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats, Floats32
+from armsight.servoing.kernels import last_steps_down
 
 SPOKES = 72
 """Rays from a region's middle along which its outline is looked for."""
+STEP_DOWN = 8.0
+"""An outline is a step of the chroma of at least this."""
 
 
 @dataclass(frozen=True)
@@ -120,26 +123,11 @@ def outline(signal: Floats32, region: Region) -> Floats:
         borderValue=0,
     )
     off = 5 if np.sqrt(region.area) > 14.0 else 3  # steps from the border to both levels
-    points = []
-    for i in range(SPOKES):
-        filled = np.flatnonzero(inside_mask[i])
-        if len(filled) == 0:
-            continue
-        k = int(filled[-1])
-        if k - off - 1 < 0 or k + off + 3 >= len(radii):
-            continue
-        u, v = at[i, k + off + 2]
-        if not (0.0 <= u <= w - 1.0 and 0.0 <= v <= h - 1.0):
-            continue
-        row = values[i]
-        low = float(row[k + off + 1 : k + off + 3].mean())
-        high = float(row[max(k - off - 1, 0) : k - off + 1].mean())
-        if high - low < 8.0:
-            continue
-        level = 0.5 * (high + low)
-        for j in range(k - off, k + off + 1):
-            if row[j] >= level > row[j + 1]:
-                share = (row[j] - level) / (row[j] - row[j + 1])
-                points.append(region.center + direction[i] * (radii[j] + step * share))
-                break
-    return np.asarray(points, float).reshape(-1, 2)
+    crossing = np.empty(SPOKES)
+    last_steps_down(
+        np.asarray(values, np.float32), np.asarray(inside_mask, np.uint8), at, w, h, off,
+        STEP_DOWN, crossing,
+    )  # fmt: skip
+    clear = crossing >= 0.0
+    along = radii[0] + step * crossing[clear]
+    return np.asarray(region.center + direction[clear] * along[:, None], float)

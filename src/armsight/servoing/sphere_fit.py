@@ -106,8 +106,9 @@ def tangent_cone(rays: Points, sigma: float) -> Cone | None:
 
 def _angles(rays: Points, axes: Points) -> Floats:
     """(k, m) angles between (k, 3) rays and (m, 3) axes [rad]; exact for small ones, too."""
-    chord = np.linalg.norm(rays[:, None] - axes[None], axis=2)
-    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
+    x, y, z = (rays[:, None, i] - axes[None, :, i] for i in range(3))
+    half_chord = 0.5 * np.sqrt(x * x + y * y + z * z)
+    return np.asarray(2.0 * np.arcsin(np.minimum(half_chord, 1.0)))
 
 
 @cache

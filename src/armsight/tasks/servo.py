@@ -66,7 +66,8 @@ class ServoOptions:
         if pair:
             tool = cell.robot.tool.name if cell.robot.tool is not None else ""
             radius, at = TOOL_MARKS.get(tool, (0.0, (0.0, 0.0, 0.0)))
-            mark = Ball(radius, "mark") if radius else None
+            beside = target if isinstance(target, Ball) else None
+            mark = Ball(radius, "mark", beside=beside) if radius else None
             eyes.append(
                 WristEye(pair, target, cell.robot, mark, np.array(at), self.mode == "paper")
             )

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import Points, Pose, Vector3
+from armsight.arrays import ColorImage, Points, Pose, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import transform
 from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.servoing.planes import plane_sweep
 from armsight.servoing.segment import LabColor, Region
 from armsight.servoing.sighting import Sighting
-from armsight.servoing.sphere_fit import BallFit, Outline, fit_ball, tangent_cone
+from armsight.servoing.sphere_fit import BallFit, Cone, Outline, fit_ball, tangent_cone
 from armsight.servoing.targets.seen import outlines_in_frame, outlines_in_pair, points_of
 
 RED = LabColor(hue_deg=36.0, width_deg=24.0)
@@ -40,15 +40,51 @@ class Seen:
     surface: Vector3
 
 
+class PairCones:
+    """Tangent cones of a colour in a pair's newest pictures, found once for all balls that have it.
+
+    Args:
+        color: to look for.
+    """
+
+    def __init__(self, color: LabColor) -> None:
+        self.color = color
+        self._view: PosedPair | None = None
+        self._found: list[list[tuple[Region, Cone]]] = []
+
+    def of(self, view: PosedPair) -> list[list[tuple[Region, Cone]]]:
+        """Regions and the cones of their outlines, in the left and in the right picture."""
+        if view is not self._view:
+            frame, info = view.frame, view.info
+            sides = ((frame.left, info.left), (frame.right, info.right))
+            self._found = [self._in_one(image, lens) for image, lens in sides]
+            self._view = view
+        return self._found
+
+    def _in_one(self, image: ColorImage, lens: PinholeCamera) -> list[tuple[Region, Cone]]:
+        outlines = outlines_in_pair(image, lens, self.color)
+        cones = [(region, tangent_cone(rays, OUTLINE_SIGMA / lens.fx)) for region, rays in outlines]
+        return [(region, cone) for region, cone in cones if cone is not None]
+
+
 class Ball:
     """Finds a red ball of known radius.
 
     Args:
         radius: of the ball [m]; name: of the target; color: of the ball.
+        beside: another ball of this colour that is looked for in the same pictures of a pair.
     """
 
-    def __init__(self, radius: float = 0.04, name: str = "ball", color: LabColor = RED) -> None:
+    def __init__(
+        self,
+        radius: float = 0.04,
+        name: str = "ball",
+        color: LabColor = RED,
+        beside: Ball | None = None,
+    ) -> None:
         self.radius, self.name, self.color = radius, name, color
+        same = beside is not None and beside.color == color
+        self._cones: PairCones = beside._cones if beside is not None and same else PairCones(color)
 
     def in_frame(self, view: PosedFrame) -> list[Sighting]:
         """Balls in the colour and depth of one camera, the most believable first."""
@@ -73,13 +109,7 @@ class Ball:
         T = view.T_base_camera
         if T is None:
             return []
-        cones = [
-            outlines_in_pair(image, lens, self.color)
-            for image, lens in (
-                (view.frame.left, view.info.left),
-                (view.frame.right, view.info.right),
-            )
-        ]
+        cones = self._cones.of(view)
         poses = (T, np.asarray(T @ view.info.T_left_right))
         found: list[tuple[Seen, Region]] = []
         for region, left in cones[0]:
@@ -130,23 +160,20 @@ class Ball:
         return Seen(fit, points.mean(axis=0))
 
     def _fit_two(
-        self, poses: tuple[Pose, Pose], left: Points, right: Points, view: PosedPair
+        self, poses: tuple[Pose, Pose], left: Cone, right: Cone, view: PosedPair
     ) -> BallFit | None:
         """From the outlines of both lenses, if they are of one ball of the right size."""
-        sigma = OUTLINE_SIGMA / view.info.left.fx
-        cones, starts = [], []
-        for T, rays in zip(poses, (left, right)):
-            cone = tangent_cone(rays, sigma)
-            if cone is None:
-                return None
-            cones.append(cone)
+        cones, starts = (left, right), []
+        lenses = (view.info.left, view.info.right)
+        for T, cone in zip(poses, cones):
             away = self.radius / np.sin(cone.half)
             starts.append(T[:3, 3] + T[:3, :3] @ cone.axis * away)
         eye = poses[0][:3, 3]
         if np.linalg.norm(starts[0] - starts[1]) > SIZE * np.linalg.norm(starts[0] - eye):
             return None
         outlines = [
-            Outline(T[:3, 3], cone.rays @ T[:3, :3].T, sigma) for T, cone in zip(poses, cones)
+            Outline(T[:3, 3], cone.rays @ T[:3, :3].T, OUTLINE_SIGMA / lens.fx)
+            for T, cone, lens in zip(poses, cones, lenses)
         ]
         fit = fit_ball(self.radius, 0.5 * (starts[0] + starts[1]), outlines)
         if fit is None or fit.share < 0.5 or fit.misfit > 2.5:

@@ -52,7 +52,8 @@ def outlines_in_pair(
 ) -> list[tuple[Region, Points]]:
     """The same in one picture of a pair, which is looked through at half its size."""
     found = []
-    for region in regions(half_size_mask(image, color), LEAST_PAIR):
+    for half in regions(_half_size_mask(image, color), LEAST_PAIR / 4.0):
+        region = _doubled(half)
         u, v = region.corner
         h, w = region.mask.shape
         u0, v0 = max(u - PAD, 0), max(v - PAD, 0)
@@ -68,9 +69,22 @@ def outlines_in_pair(
 def half_size_mask(image: ColorImage, color: LabColor) -> Bytes:
     """(h, w) where a picture has a colour, found at half its size."""
     h, w = image.shape[:2]
-    small = cv2.resize(image, (w // 2, h // 2), interpolation=cv2.INTER_AREA)
-    mask = color_mask(lab_of(np.asarray(small, np.uint8)), color)
+    mask = _half_size_mask(image, color)
     return np.asarray(cv2.resize(mask, (w, h), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def _half_size_mask(image: ColorImage, color: LabColor) -> Bytes:
+    """(h // 2, w // 2) where a picture has a colour; an odd last row or column is left out."""
+    h, w = image.shape[0] // 2, image.shape[1] // 2
+    small = cv2.resize(image[: 2 * h, : 2 * w], (w, h), interpolation=cv2.INTER_AREA)
+    return color_mask(lab_of(np.asarray(small, np.uint8)), color)
+
+
+def _doubled(half: Region) -> Region:
+    """A region of a picture of half the size in the whole one."""
+    mask = half.mask.repeat(2, axis=0).repeat(2, axis=1)
+    corner = (2 * half.corner[0], 2 * half.corner[1])
+    return Region(mask, corner, 2.0 * half.center + 0.5, 4.0 * half.area)
 
 
 def points_of(view: PosedFrame, region: Region) -> Points:

@@ -1,0 +1,98 @@
+"""Regions and outlines: compiled loops against plain ones, the short way against the long."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from armsight.servoing.kernels import last_steps_down
+from armsight.servoing.segment import color_mask, lab_of, regions
+from armsight.servoing.targets.ball import RED, Ball
+from armsight.servoing.targets.seen import LEAST_PAIR, half_size_mask, outlines_in_pair
+
+from .traced import pair
+
+COLOR = (205, 15, 18)
+
+
+def plain_steps(values, inside, at, width, height, off, clear):
+    """The twin: the last sample inside, levels beside it, the first crossing about it."""
+    out = np.full(len(values), -1.0)
+    for i, row in enumerate(values.astype(float)):
+        filled = np.flatnonzero(inside[i])
+        if len(filled) == 0:
+            continue
+        k = int(filled[-1])
+        if k - off - 1 < 0 or k + off + 3 >= len(row):
+            continue
+        u, v = at[i, k + off + 2]
+        if u < 0 or v < 0 or u > width - 1 or v > height - 1:
+            continue
+        low, high = row[k + off + 1 : k + off + 3].mean(), row[k - off - 1 : k - off + 1].mean()
+        if high - low < clear:
+            continue
+        level = 0.5 * (low + high)
+        crossings = [j for j in range(k - off, k + off + 1) if row[j] >= level > row[j + 1]]
+        if crossings:
+            j = crossings[0]
+            out[i] = j + (row[j] - level) / (row[j] - row[j + 1])
+    return out
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rays_fall_to_half_where_a_plain_loop_says(seed):
+    rng = np.random.default_rng(seed)
+    rays, samples, width, height = 200, 40, 60, 50
+    edge = rng.integers(-2, samples + 2, rays)
+    inside = (np.arange(samples) <= edge[:, None]).astype(np.uint8) * 255
+    step = rng.uniform(0.0, 30.0, (rays, 1))
+    values = (step * (np.arange(samples) <= edge[:, None] + rng.integers(-3, 4, (rays, 1)))).astype(
+        np.float32
+    ) + rng.normal(0.0, 1.0, (rays, samples)).astype(np.float32)
+    at = rng.uniform(-5.0, 65.0, (rays, samples, 2)).astype(np.float32)
+    out = np.empty(rays)
+    last_steps_down(values, inside, at, width, height, 3, 8.0, out)
+    expected = plain_steps(values, inside, at, width, height, 3, 8.0)
+    assert (expected >= 0).sum() > 20
+    np.testing.assert_allclose(out, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("size", [(480, 720), (239, 361)])
+def test_regions_of_the_half_picture_are_those_of_its_mask_doubled(size):
+    rng = np.random.default_rng(5)
+    image = np.full((*size, 3), 120, np.uint8)
+    for _ in range(4):
+        at = rng.integers((30, 30), (size[1] - 30, size[0] - 30))
+        cv2.circle(image, tuple(int(x) for x in at), int(rng.integers(6, 24)), COLOR, -1)
+    lens = pair([], np.eye(4)).info.left
+    found = [region for region, _ in outlines_in_pair(image, lens, RED)]
+    long_way = regions(half_size_mask(image, RED), LEAST_PAIR)
+    assert len(found) == len(long_way) > 0
+    for a, b in zip(found, long_way):
+        if size == (480, 720):  # an odd picture is stretched by the long way, not cut
+            assert a.corner == b.corner
+            np.testing.assert_array_equal(a.mask, b.mask)
+            assert a.area == b.area
+        np.testing.assert_allclose(a.center, b.center, atol=0.01 if size == (480, 720) else 1.5)
+    whole = regions(color_mask(lab_of(image), RED), LEAST_PAIR)
+    for a, b in zip(found, whole):
+        np.testing.assert_allclose(a.center, b.center, atol=1.0)
+
+
+def test_a_mark_beside_the_ball_is_found_as_it_is_alone():
+    balls = [
+        (np.array([0.01, 0.0, 0.3]), 0.04, COLOR),
+        (np.array([-0.03, 0.05, 0.25]), 0.008, COLOR),
+    ]
+    view = pair(balls, np.eye(4), np.random.default_rng(2))
+    ball = Ball(0.04)
+    together = [ball.in_pair(view), Ball(0.008, "mark", beside=ball).in_pair(view)]
+    alone = [Ball(0.04).in_pair(view), Ball(0.008, "mark").in_pair(view)]
+    for a, b in zip(together, alone):
+        assert len(a) == len(b) == 1
+        np.testing.assert_array_equal(a[0].position, b[0].position)
+    other = pair([(np.array([0.0, 0.02, 0.28]), 0.04, COLOR)], np.eye(4))
+    np.testing.assert_array_equal(
+        ball.in_pair(other)[0].position, Ball(0.04).in_pair(other)[0].position
+    )
