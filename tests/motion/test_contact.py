@@ -207,7 +207,7 @@ def test_near_a_permitted_hand_every_part_may_keep_the_gentle_speed_and_no_more(
         strict, without = gate.judge(q, motion, both), gate.judge(q, motion, other)
         gate.contact = GentleSpeed("hand", hand, 0.15)
         view = gate.judge(q, motion, other)
-        spin = np.linalg.norm(gate.body.spin(q, motion), axis=1)[gate.body.link]
+        spin = gate.body.turning(q, motion)
         fastest = np.linalg.norm(velocity, axis=1) + spin * gate.body.radius
         assert (view.share >= strict.share - 1e-9).all()
         assert (view.share <= without.share + 1e-9).all(), "towards others nothing changes"
@@ -448,7 +448,7 @@ def test_near_a_face_that_moves_speed_is_relative_to_it():
         gate.contact = GentleSpeed("face", Hazards.at(middle[None], 0.0173), 0.1, V, parts, middle)
         share = min(gate.judge(q, motion, nobody).allowed, 1.0)
         _, velocity = gate.body.motion(q, share * motion)
-        spin = np.linalg.norm(gate.body.spin(q, share * motion), axis=1)[gate.body.link]
+        spin = gate.body.turning(q, share * motion)
         spin *= gate.body.radius
         steps = np.linspace(0.0, 1.0, 501)[:, None, None] * (0.15 / 0.2) * V  # 0.25 m/s at most
         relative = np.linalg.norm(velocity[None] - steps, axis=2).min(axis=0) + spin

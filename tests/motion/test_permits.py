@@ -201,7 +201,7 @@ def test_from_the_allowed_speed_a_part_brakes_to_the_contact_speed_at_the_border
     share = float(view.share[part])
     velocity, radius = view.velocity[part], body.radius[part]
     towards = (where - center) / np.linalg.norm(where - center)
-    spin = np.linalg.norm(body.spin(q, motion)[body.link[part]]) * radius
+    spin = body.turning(q, motion)[part] * radius
     gap = np.linalg.norm(where - center) - RADIUS - radius - 0.004
     if gap <= 0.0:
         s = min(share, 1.0)

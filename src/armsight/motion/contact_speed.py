@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Mask, Points, Vector3
+from armsight.motion.contact_kernels import BISECTIONS, contact_shares
 from armsight.motion.contact_limits import MOST
 from armsight.motion.guard_kernels import Law
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
@@ -27,8 +28,6 @@ EASINGS = 8
 """Halvings of the share by which a wish is eased: to less than a hundredth of it."""
 PRESSED = 1.5
 """A body that is pressed by less than this [N] goes its own way."""
-BISECTIONS = 24
-"""Halvings of the share of a motion: to less than a millionth."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,7 @@ class GentleSpeed:
 
     def _spin(self, body: MovingBody, q: JointVector, motion: JointVector) -> Floats:
         """(m,) speed that turning adds to the centre's at most [m/s]."""
-        spin = np.linalg.norm(body.spin(q, motion), axis=1)[body.link]
-        return np.asarray(spin * body.radius)
+        return np.asarray(body.turning(q, motion) * body.radius)
 
     def _excess(self, share: Floats | float, velocity: Points, spin: Floats) -> Floats:
         """(m,) by how much a share of a motion is too fast [m/s]: convex in the share."""
@@ -178,16 +176,16 @@ class ContactSpeed:
 
         A part that it limits has no limiting hazard (-1).
         """
-        own = np.flatnonzero(self.parts)
-        if len(own) == 0:
+        if not self.parts.any():
             return view
-        share = view.share.copy()
-        limiting = view.limiting.copy()
-        allowed = self.allowed(view, body, q, motion, law)
-        tighter = own[allowed < share[own]]
-        share[tighter] = allowed[allowed < share[own]]
-        limiting[tighter] = -1
-        return replace(view, share=share, limiting=limiting)
+        allowed = np.full(len(self.parts), np.inf)
+        allowed[self.parts] = self.shares(body, q, law)(motion)
+        tighter = allowed < view.share
+        return replace(
+            view,
+            share=np.where(tighter, allowed, view.share),
+            limiting=np.where(tighter, -1, view.limiting),
+        )
 
     def ease(self, body: MovingBody, q: JointVector, wanted: JointVector, law: Law) -> JointVector:
         """The motion nearest to a wanted one (n,) [rad/s] that keeps this law, at (n,) [rad].
@@ -201,9 +199,10 @@ class ContactSpeed:
         if len(own) == 0:
             return wanted
         along = carried_along(body, q, int(own[-1]), self.region.velocity)
+        shares = self.shares(body, q, law)
 
         def kept(motion: JointVector) -> bool:
-            return bool(self.allowed(body.still_view(q, motion), body, q, motion, law).min() >= 1.0)
+            return bool(shares(motion).min() >= 1.0)
 
         closing = self._closing(body, q, wanted - along)
         beside = wanted - closing
@@ -221,30 +220,26 @@ class ContactSpeed:
         speed = float(towards @ (body.jacobian(q, part)[:3] @ motion))
         return carried_along(body, q, part, max(speed, 0.0) * towards)
 
-    def allowed(
-        self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
-    ) -> Floats:
-        """(k,) share of the motion that is allowed to each of the parts; inf where all is."""
+    def shares(self, body: MovingBody, q: JointVector, law: Law) -> Callable[[JointVector], Floats]:
+        """What gives the share of a motion (n,) [rad/s] allowed to each of k parts; inf for all."""
         own = np.flatnonzero(self.parts)
-        center, velocity, radius = view.center[own], view.velocity[own], body.radius[own]
-        spin = np.linalg.norm(body.spin(q, motion), axis=1)[body.link[own]] * radius
+        center, _ = body.motion(q, np.zeros(len(q)))
+        radius, center = body.radius[own], center[own]
         gap = self.region.distance(center, self.when) - radius - self.margin
         towards = self.region.towards(center, self.when)
-        brake = np.maximum(view.stopping[own], 1e-6)
-        out, moves = np.empty(len(own)), np.asarray(self.region.velocity, float)
-        for i in range(len(own)):
-            most = self.speed
-            fastest = float(np.linalg.norm(velocity[i])) + spin[i]
-            if gap[i] > 0.0:
-                a = max(fastest / brake[i], 1e-3)
-                root = np.sqrt((a * law.T_arm) ** 2 + 2.0 * a * gap[i] + most * most)
-                most = max(most, float(root) - a * law.T_arm)
-                out[i] = _share_towards(
-                    velocity[i], self.region.velocity, towards[i], spin[i], most
-                )
-            else:
-                out[i] = _share_within(velocity[i], moves, spin[i], most)
-        return out
+        region = np.asarray(self.region.velocity, float)
+
+        def of(motion: JointVector) -> Floats:
+            _, velocity = body.motion(q, motion)
+            spin = body.turning(q, motion)[own] * radius
+            out = np.empty(len(own))
+            contact_shares(
+                velocity[own], spin, body.stopping(motion)[own], gap, towards, region,
+                float(self.speed), float(law.T_arm), out,
+            )  # fmt: skip
+            return out
+
+        return of
 
 
 def own_motion(velocity: Vector3, push: Vector3 | None) -> Vector3:
@@ -280,39 +275,3 @@ def eased(along: JointVector, wanted: JointVector, kept: Callable[[float], bool]
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if kept(middle) else (good, middle)
     return np.asarray(along + good * (wanted - along))
-
-
-def _share_towards(
-    velocity: Points, region: Points, towards: Points, spin: float, most: float
-) -> float:
-    """Share s of a motion at which ``(s v - v_region) n + s spin <= most``."""
-    closing = float(velocity @ towards) + spin
-    meets = most + float(region @ towards)
-    if closing <= 0.0:
-        return np.inf
-    return max(meets / closing, 0.0)
-
-
-def _share_within(velocity: Points, region: Points, spin: float, most: float) -> float:
-    """Greatest share s of a motion at which ``|s v - v_region| + s spin <= most``, or 0.
-
-    The left side is convex in s, so what is allowed is an interval: its upper end is bisected.
-    """
-
-    def excess(s: float) -> float:
-        return float(np.linalg.norm(s * velocity - region)) + s * spin - most
-
-    if excess(1.0) <= 0.0:
-        return np.inf
-    with_it = float(velocity @ region) / max(float(velocity @ velocity), 1e-12)
-    allowed = next((s for s in (min(max(with_it, 0.0), 1.0), 0.0) if excess(s) <= 0.0), None)
-    if allowed is None:
-        return 0.0
-    refused = 1.0
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (allowed + refused)
-        if excess(middle) <= 0.0:
-            allowed = middle
-        else:
-            refused = middle
-    return allowed

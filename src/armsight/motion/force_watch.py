@@ -79,6 +79,7 @@ class ForceWatch:
     def forget(self) -> None:
         """Begin anew (the clock jumped)."""
         self._free: deque[tuple[float, Floats]] = deque()
+        self._sum: Floats = np.zeros(6)
         self._bias: Floats | None = None
         self._tared = self._first = -math.inf
         self._new: list[Felt] = []
@@ -120,10 +121,11 @@ class ForceWatch:
             rest = told - load
             if not touching:
                 self._free.append((reading.stamp, rest))
+                self._sum += rest
                 while self._free[0][0] < reading.stamp - TARED_OVER:
-                    self._free.popleft()
+                    self._sum -= self._free.popleft()[1]
                 if len(self._free) >= SAMPLES:  # else what was known before still is
-                    self._tare(np.mean([value for _, value in self._free], axis=0))
+                    self._tare(self._sum / len(self._free))
             contact = rest - (np.zeros(6) if self._bias is None else self._bias)
             torque = contact[3:] - np.cross(self._tip, contact[:3])
             self._new.append(Felt(reading.stamp, contact[:3], torque))

@@ -8,6 +8,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, JointVector, Points, Poses, Vector3
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.contact_kernels import turning_speeds
 from armsight.motion.guard_kernels import (
     Blocks,
     Law,
@@ -130,11 +131,11 @@ class MovingBody:
         poses, axis = self._poses(q), self.robot.axis
         return float(fastest_point(poses, axis, self.link, self.radius, rates, velocity))
 
-    def spin(self, q: JointVector, q_dot: JointVector) -> Points:
-        """(n + 1, 3) turning rate of each link in ``base`` [rad/s]."""
-        poses = self._poses(q)
-        turns = np.einsum("jab,jb->ja", poses[1:, :3, :3], self.robot.axis) * q_dot[:, None]
-        return np.concatenate([np.zeros((1, 3)), np.cumsum(turns, axis=0)])
+    def turning(self, q: JointVector, q_dot: JointVector) -> Floats:
+        """(m,) how fast the link of each sphere turns [rad/s]."""
+        out = np.empty(len(self.robot.axis) + 1)
+        turning_speeds(self._poses(q), self.robot.axis, np.ascontiguousarray(q_dot, float), out)
+        return np.asarray(out[self.link])
 
     def jacobian(self, q: JointVector, sphere: int) -> Points:
         """(6, n) Jacobian of a sphere's centre at (n,) [rad]: linear [m/rad], angular."""
@@ -185,12 +186,6 @@ class MovingBody:
             )  # fmt: skip
             distance[parts], nearest[parts], share[parts], limiting[parts] = d, k, s, g
         return SeparationView(center, velocity, stopping, distance, nearest, share, limiting)
-
-    def still_view(self, q: JointVector, q_dot: JointVector) -> SeparationView:
-        """A motion (n,) [rad/s] at (n,) [rad] with nobody near."""
-        center, velocity = self.motion(q, q_dot)
-        far, none = np.full(len(self.radius), np.inf), np.full(len(self.radius), -1)
-        return SeparationView(center, velocity, self.stopping(q_dot), far, none, far, none)
 
     def pair(
         self, view: SeparationView, hazards: Hazards, sphere: int

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from armsight.arrays import Floats, Floats32, Mask, Points, Vector3
+from armsight.arrays import Floats, Floats32, Ints, Mask, Vector3
 from armsight.mapping.snapshot import OCCUPIED, UNKNOWN, WorkspaceSnapshot
 from armsight.mapping.tracked import SHELL, TOUCHES, growth
+from armsight.motion.contact_kernels import in_box, leave_out
 from armsight.motion.regions import Region
 
 
@@ -60,29 +61,36 @@ def permitted(snapshot: WorkspaceSnapshot, grant: Grant) -> PermittedSnapshot:
 
     Single voxels close around a thing are its own, as they are for :func:`somebody_beside`.
     """
-    distance = _distance(snapshot, snapshot.hazards, grant.region)
     grown = grown_by(snapshot, grant.region)
-    keep = distance > grown
+    near, distance = _near(snapshot, snapshot.hazards, grant.region)
+    inside = distance <= grown
     if not grant.person:
-        shell = keep & (distance <= grown + SHELL * snapshot.grid.voxel)
+        shell = ~inside & (distance <= grown + SHELL * snapshot.grid.voxel)
         if np.count_nonzero(shell) < TOUCHES:
-            keep &= ~shell
-    if grant.ceiling is not None:
-        up, height = grant.ceiling
-        keep |= snapshot.hazards @ np.asarray(up, np.float32) > height
-    known = {f.name: getattr(snapshot, f.name) for f in fields(WorkspaceSnapshot)}
-    known["hazards"] = np.ascontiguousarray(snapshot.hazards[keep])
-    known["hazard_unknown"] = snapshot.hazard_unknown[keep]
-    touchable = snapshot.hazards[~keep]
+            inside |= shell
+    taken = near[inside & _below(grant, snapshot.hazards[near])]
+    touchable = snapshot.hazards[taken]
     if grant.person:  # where the cell was said to be empty, a still face is a thing: not here
         things = np.asarray(snapshot.things, np.float32).reshape(-1, 3)
-        inside = _distance(snapshot, things, grant.region) <= grown
-        if grant.ceiling is not None:
-            up, height = grant.ceiling
-            inside &= things @ np.asarray(up, np.float32) <= height
-        touchable = np.concatenate([touchable, things[inside]])
+        near, distance = _near(snapshot, things, grant.region)
+        close = things[near[distance <= grown]]
+        touchable = np.concatenate([touchable, close[_below(grant, close)]])
+    known = {f.name: getattr(snapshot, f.name) for f in fields(WorkspaceSnapshot)}
+    if len(taken):
+        rest = len(snapshot.hazards) - len(taken)
+        hazards, unknown = np.empty((rest, 3), np.float32), np.empty(rest, bool)
+        leave_out(snapshot.hazards, snapshot.hazard_unknown, taken, hazards, unknown)
+        known |= {"hazards": hazards, "hazard_unknown": unknown}
     touchable = np.ascontiguousarray(touchable)
     return PermittedSnapshot(**known, grant=grant, touchable=touchable)
+
+
+def _below(grant: Grant, points: Floats32) -> Mask:
+    """(n,) bool, which of (n, 3) points [m] are not above a grant's ceiling."""
+    if grant.ceiling is None:
+        return np.ones(len(points), bool)
+    up, height = grant.ceiling
+    return np.asarray(points @ np.asarray(up, np.float32) <= height)
 
 
 def somebody_beside(snapshot: WorkspaceSnapshot, region: Region) -> str:
@@ -91,11 +99,11 @@ def somebody_beside(snapshot: WorkspaceSnapshot, region: Region) -> str:
     Whoever is in the region without being around it would have to be smaller than it.
     """
     grown = grown_by(snapshot, region)
-    distance = _distance(snapshot, snapshot.hazards, region)
+    near, distance = _near(snapshot, snapshot.hazards, region)
     shell = np.flatnonzero((distance > grown) & (distance <= grown + SHELL * snapshot.grid.voxel))
     if len(shell) < TOUCHES:
         return ""
-    nearest = shell[np.argmin(distance[shell])]
+    nearest = near[shell[np.argmin(distance[shell])]]
     x, y, z = snapshot.hazards[nearest]
     what = "unseen space" if snapshot.hazard_unknown[nearest] else "something"
     return f"{what} that may be a person is beside it, at ({x:.2f}, {y:.2f}, {z:.2f})"
@@ -127,12 +135,10 @@ def voxels_within(snapshot: WorkspaceSnapshot, region: Region) -> tuple[NDArray[
     return tuple(index[inside].T)
 
 
-def _distance(snapshot: WorkspaceSnapshot, points: Points, region: Region) -> Floats:
-    """(n,) distance [m] from a region; inf for what is far from it."""
-    points = np.asarray(points)
-    out = np.full(len(points), np.inf)
+def _near(snapshot: WorkspaceSnapshot, points: Floats32, region: Region) -> tuple[Ints, Floats]:
+    """(k,) which of (n, 3) points are near a region, ascending, and their distance from it [m]."""
     reach = 0.5 * region.extent + grown_by(snapshot, region) + SHELL * snapshot.grid.voxel
-    center = region.center(snapshot.stamp).astype(points.dtype)
-    near = np.flatnonzero((np.abs(points - center) <= reach).all(axis=1))
-    out[near] = region.distance(points[near].astype(float), snapshot.stamp)
-    return out
+    found = np.empty(len(points), np.int64)
+    count = in_box(points, region.center(snapshot.stamp), float(reach), found)
+    near = found[:count]
+    return near, region.distance(points[near].astype(float), snapshot.stamp)

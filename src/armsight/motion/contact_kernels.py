@@ -1,0 +1,128 @@
+"""Compiled inner loops of contact permits: what of a map is near a region, and how fast parts come.
+
+Their plain-numpy twins are in the tests.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from armsight.arrays import Floats, Floats32, Ints, JointVector, Mask, Points, Poses, Vector3
+
+BISECTIONS = 24
+"""Halvings of the share of a motion: to less than a millionth."""
+
+
+@njit(cache=True, nogil=True)
+def in_box(points: Floats32, center: Vector3, reach: float, out: Ints) -> int:
+    """Write the indices of the (n, 3) points in a cube of half edge ``reach`` [m]; how many."""
+    count = 0
+    for i in range(points.shape[0]):
+        if (
+            abs(points[i, 0] - center[0]) <= reach
+            and abs(points[i, 1] - center[1]) <= reach
+            and abs(points[i, 2] - center[2]) <= reach
+        ):
+            out[count] = i
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def leave_out(points: Floats32, marks: Mask, taken: Ints, out: Floats32, out_marks: Mask) -> None:
+    """Copy (n, 3) points and their (n,) marks but those whose ascending indices are ``taken``."""
+    row, k = 0, 0
+    for i in range(points.shape[0]):
+        if k < taken.shape[0] and taken[k] == i:
+            k += 1
+            continue
+        out[row, 0], out[row, 1], out[row, 2] = points[i, 0], points[i, 1], points[i, 2]
+        out_marks[row] = marks[i]
+        row += 1
+
+
+@njit(cache=True, nogil=True)
+def turning_speeds(poses: Poses, axis: Points, q_dot: JointVector, out: Floats) -> None:
+    """Write how fast each of (n + 1) links turns [rad/s]."""
+    wx = wy = wz = 0.0
+    out[0] = 0.0
+    for j in range(axis.shape[0]):
+        T, s = poses[j + 1], q_dot[j]
+        wx += s * (T[0, 0] * axis[j, 0] + T[0, 1] * axis[j, 1] + T[0, 2] * axis[j, 2])
+        wy += s * (T[1, 0] * axis[j, 0] + T[1, 1] * axis[j, 1] + T[1, 2] * axis[j, 2])
+        wz += s * (T[2, 0] * axis[j, 0] + T[2, 1] * axis[j, 1] + T[2, 2] * axis[j, 2])
+        out[j + 1] = np.sqrt(wx * wx + wy * wy + wz * wz)
+
+
+@njit(cache=True, nogil=True)
+def contact_shares(
+    velocity: Points,
+    spin: Floats,
+    stopping: Floats,
+    gap: Floats,
+    towards: Points,
+    region: Vector3,
+    speed: float,
+    lag: float,
+    out: Floats,
+) -> None:
+    """Write the share of a motion that the law of contact allows to each of k parts; inf for all.
+
+    Args:
+        velocity: (k, 3) of the parts' centres [m/s].
+        spin: (k,) what turning adds at most [m/s].
+        stopping: (k,) time until each stands [s].
+        gap: (k,) to the region's border [m].
+        towards: (k, 3) unit, to the region's nearest point.
+        region: (3,) its velocity [m/s].
+        speed: contact speed [m/s].
+        lag: T_a: for this long the arm goes on as commanded [s].
+        out: (k,).
+    """
+    for i in range(velocity.shape[0]):
+        v = velocity[i]
+        length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        if gap[i] > 0.0:
+            a = max((length + spin[i]) / max(stopping[i], 1e-6), 1e-3)
+            root = np.sqrt((a * lag) ** 2 + 2.0 * a * gap[i] + speed * speed)
+            most = max(speed, root - a * lag)
+            n = towards[i]
+            closing = v[0] * n[0] + v[1] * n[1] + v[2] * n[2] + spin[i]
+            meets = most + region[0] * n[0] + region[1] * n[1] + region[2] * n[2]
+            out[i] = max(meets / closing, 0.0) if closing > 0.0 else np.inf
+        else:
+            out[i] = share_within(v, region, spin[i], speed)
+
+
+@njit(cache=True, nogil=True)
+def share_within(velocity: Vector3, region: Vector3, spin: float, most: float) -> float:
+    """Greatest share s of a motion at which ``|s v - v_region| + s spin <= most``; 0 where none is.
+
+    The left side is convex in s, so what is allowed is an interval: its upper end is bisected.
+    """
+    if _excess(1.0, velocity, region, spin, most) <= 0.0:
+        return np.inf
+    square = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
+    along = velocity[0] * region[0] + velocity[1] * region[1] + velocity[2] * region[2]
+    allowed = min(max(along / max(square, 1e-12), 0.0), 1.0)
+    if _excess(allowed, velocity, region, spin, most) > 0.0:
+        allowed = 0.0
+        if _excess(allowed, velocity, region, spin, most) > 0.0:
+            return 0.0
+    refused = 1.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (allowed + refused)
+        if _excess(middle, velocity, region, spin, most) <= 0.0:
+            allowed = middle
+        else:
+            refused = middle
+    return allowed
+
+
+@njit(cache=True, nogil=True)
+def _excess(share: float, velocity: Vector3, region: Vector3, spin: float, most: float) -> float:
+    x = share * velocity[0] - region[0]
+    y = share * velocity[1] - region[1]
+    z = share * velocity[2] - region[2]
+    return np.sqrt(x * x + y * y + z * z) + share * spin - most
