@@ -62,12 +62,12 @@ class Law(NamedTuple):
 def sort_into_blocks(hazards: Floats32, size: float) -> Blocks:
     """Sort (h, 3) hazards into cubes of edge ``size`` [m]."""
     h = hazards.shape[0]
-    lo = np.array([np.inf, np.inf, np.inf])
-    hi = np.array([-np.inf, -np.inf, -np.inf])
+    lo0 = lo1 = lo2 = np.float32(np.inf)
+    hi0 = hi1 = hi2 = np.float32(-np.inf)
     for i in range(h):
-        for c in range(3):
-            lo[c] = min(lo[c], hazards[i, c])
-            hi[c] = max(hi[c], hazards[i, c])
+        x, y, z = hazards[i, 0], hazards[i, 1], hazards[i, 2]
+        lo0, lo1, lo2 = min(lo0, x), min(lo1, y), min(lo2, z)
+        hi0, hi1, hi2 = max(hi0, x), max(hi1, y), max(hi2, z)
     if h == 0:
         return Blocks(
             np.empty((0, 3), np.float32),
@@ -76,15 +76,16 @@ def sort_into_blocks(hazards: Floats32, size: float) -> Blocks:
             np.empty((3, 0), np.float32),
             np.empty((3, 0), np.float32),
         )
-    ny = int((hi[1] - lo[1]) / size) + 1
-    nz = int((hi[2] - lo[2]) / size) + 1
-    nx = int((hi[0] - lo[0]) / size) + 1
-    cell = np.empty(h, np.int64)
+    per = 1.0 / size
+    nx = int((hi0 - lo0) * per) + 1
+    ny = int((hi1 - lo1) * per) + 1
+    nz = int((hi2 - lo2) * per) + 1
+    cell = np.empty(h, np.int32)
     count = np.zeros(nx * ny * nz + 1, np.int64)
     for i in range(h):
-        cx = int((hazards[i, 0] - lo[0]) / size)
-        cy = int((hazards[i, 1] - lo[1]) / size)
-        cz = int((hazards[i, 2] - lo[2]) / size)
+        cx = int((hazards[i, 0] - lo0) * per)
+        cy = int((hazards[i, 1] - lo1) * per)
+        cz = int((hazards[i, 2] - lo2) * per)
         cell[i] = (cx * ny + cy) * nz + cz
         count[cell[i] + 1] += 1
     blocks = 0
@@ -111,13 +112,14 @@ def sort_into_blocks(hazards: Floats32, size: float) -> Blocks:
     lower = np.empty((3, blocks), np.float32)
     upper = np.empty((3, blocks), np.float32)
     for k in range(blocks):
-        for c in range(3):
-            low, high = points[first[k], c], points[first[k], c]
-            for i in range(first[k] + 1, first[k + 1]):
-                low = min(low, points[i, c])
-                high = max(high, points[i, c])
-            lower[c, k] = low
-            upper[c, k] = high
+        lo0, lo1, lo2 = points[first[k], 0], points[first[k], 1], points[first[k], 2]
+        hi0, hi1, hi2 = lo0, lo1, lo2
+        for i in range(first[k] + 1, first[k + 1]):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            lo0, lo1, lo2 = min(lo0, x), min(lo1, y), min(lo2, z)
+            hi0, hi1, hi2 = max(hi0, x), max(hi1, y), max(hi2, z)
+        lower[0, k], lower[1, k], lower[2, k] = lo0, lo1, lo2
+        upper[0, k], upper[1, k], upper[2, k] = hi0, hi1, hi2
     return Blocks(points, order, first, lower, upper)
 
 
