@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from armsight.servoing.kernels import last_steps_down
-from armsight.servoing.segment import color_mask, lab_of, regions
+from armsight.servoing.kernels import disc_residuals, last_steps_down
+from armsight.servoing.segment import Region, color_mask, lab_of, regions
 from armsight.servoing.targets.ball import RED, Ball
 from armsight.servoing.targets.seen import LEAST_PAIR, half_size_mask, outlines_in_pair
 
@@ -96,3 +96,40 @@ def test_a_mark_beside_the_ball_is_found_as_it_is_alone():
     np.testing.assert_array_equal(
         ball.in_pair(other)[0].position, Ball(0.04).in_pair(other)[0].position
     )
+
+
+def plain_residuals(center, normal, origin, rays, radius, sigma, surface, surface_sigma):
+    """The twin, ray by ray: the angle to the circle's point nearest to where the ray meets it."""
+    out = []
+    for o, ray, R, s in zip(origin, rays, radius, sigma):
+        on_plane = o + ray * ((center - o) @ normal) / (ray @ normal)
+        away = on_plane - center
+        rim = center + R * away / np.linalg.norm(away) - o
+        cosine = rim @ ray / np.linalg.norm(rim)
+        sine = np.linalg.norm(rim / np.linalg.norm(rim) - cosine * ray)
+        out.append(np.copysign(sine, np.linalg.norm(away) - R) / s)
+    return np.array([*out, *((surface - center) @ normal / surface_sigma)])
+
+
+def test_residuals_of_a_disc_against_a_plain_loop():
+    rng = np.random.default_rng(8)
+    center, normal = np.array([0.1, 0.0, 0.5]), np.array([0.3, -0.2, -0.9])
+    normal /= np.linalg.norm(normal)
+    origin = rng.normal(size=(50, 3)) * 0.05
+    rays = center + rng.normal(size=(50, 3)) * 0.03 - origin
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    radius, sigma = rng.choice([0.02, 0.04], 50), rng.uniform(1e-4, 1e-3, 50)
+    surface = center + rng.normal(size=(12, 3)) * 0.02
+    out = np.empty(62)
+    disc_residuals(center, normal, origin, rays, radius, sigma, surface, 0.004, out)
+    expected = plain_residuals(center, normal, origin, rays, radius, sigma, surface, 0.004)
+    np.testing.assert_allclose(out, expected, rtol=1e-6, atol=1e-8)
+
+
+def test_a_regions_hull_is_that_of_its_pixels():
+    mask = np.zeros((60, 80), np.uint8)
+    cv2.circle(mask, (30, 30), 20, 255, -1)
+    cv2.circle(mask, (36, 28), 9, 0, -1)
+    cv2.rectangle(mask, (60, 10), (75, 14), 255, -1)
+    expected = cv2.contourArea(cv2.convexHull(cv2.findNonZero(mask)))
+    assert Region(mask, (0, 0), np.zeros(2), 1.0).hull == pytest.approx(expected)

@@ -8,12 +8,14 @@ print, and of the depth points on its plane.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from armsight.arrays import Floats, Points, Vector3
+from armsight.servoing.kernels import disc_residuals
 from armsight.servoing.sphere_fit import Outline
 
 ROUNDS = 15
@@ -70,18 +72,17 @@ def fit_disc(
     if not circles:
         return None
     points = np.empty((0, 3)) if surface is None else np.asarray(surface, float)
+    residuals = _residuals(circles, points, surface_sigma)
     edges = sum(len(c.outline.rays) for c in circles)
     H, r = np.eye(5), np.zeros(0)
     for _ in range(ROUNDS):
         x, y = across(z)
-        r = _residuals(center, z, circles, points, surface_sigma)
+        r = residuals(center, z)
         J = np.empty((len(r), 5))
         for k in range(3):
-            moved = center + STEP * np.eye(3)[k]
-            J[:, k] = (_residuals(moved, z, circles, points, surface_sigma) - r) / STEP
+            J[:, k] = (residuals(center + STEP * np.eye(3)[k], z) - r) / STEP
         for k, axis in enumerate((x, y)):
-            turned = _unit(z + STEP * axis)
-            J[:, 3 + k] = (_residuals(center, turned, circles, points, surface_sigma) - r) / STEP
+            J[:, 3 + k] = (residuals(center, _unit(z + STEP * axis)) - r) / STEP
         if not np.isfinite(J).all():
             return None
         knee = max(2.0, 2.0 * float(np.median(np.abs(r))))
@@ -135,29 +136,34 @@ def meet(origin: Vector3, rays: Points, point: Vector3, normal: Vector3) -> Poin
 
 
 def _residuals(
-    center: Vector3, z: Vector3, circles: Sequence[Circle], points: Points, sigma: float
-) -> Floats:
-    """Rays' angles from the circle's nearest points, and points' heights, by their sigmas."""
-    parts = []
-    for circle in circles:
-        seen = circle.outline
-        on_plane = meet(seen.origin, seen.rays, center, z) - center
-        length = np.maximum(np.linalg.norm(on_plane, axis=1), 1e-9)
-        rim = center + on_plane * (circle.radius / length)[:, None] - seen.origin
-        away = np.linalg.norm(rim, axis=1)
-        across = rim - (seen.rays * rim).sum(axis=1)[:, None] * seen.rays
-        angle = np.linalg.norm(across, axis=1) / away * np.sign(length - circle.radius)
-        parts.append(angle / seen.sigma)
-    if len(points):
-        parts.append((points - center) @ z / sigma)
-    return np.concatenate(parts)
+    circles: Sequence[Circle], points: Points, sigma: float
+) -> Callable[[Vector3, Vector3], Floats]:
+    """What gives the (n,) residuals at a centre (3,) and a normal (3,)."""
+    outlines = [(circle.outline, circle.radius) for circle in circles]
+    rays = np.concatenate([seen.rays for seen, _ in outlines])
+    count = [len(seen.rays) for seen, _ in outlines]
+    origin = np.repeat(np.array([seen.origin for seen, _ in outlines], float), count, axis=0)
+    radius = np.repeat([radius for _, radius in outlines], count)
+    sigmas = np.repeat([seen.sigma for seen, _ in outlines], count)
+    surface = np.ascontiguousarray(points, float)
+
+    def at(center: Vector3, normal: Vector3) -> Floats:
+        out = np.empty(len(rays) + len(surface))
+        disc_residuals(center, normal, origin, rays, radius, sigmas, surface, sigma, out)
+        return out
+
+    return at
 
 
 def across(z: Vector3) -> tuple[Vector3, Vector3]:
     """Two unit vectors across a direction."""
-    helper = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = _unit(np.cross(helper, z))
-    return x, np.asarray(np.cross(z, x))
+    k = int(np.argmin(np.abs(z)))
+    i, j = (k + 1) % 3, (k + 2) % 3
+    x = np.zeros(3)
+    x[i], x[j] = -z[j], z[i]  # e_k cross z
+    x /= math.hypot(z[i], z[j])
+    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
+    return x, y
 
 
 def _unit(v: Vector3) -> Vector3:

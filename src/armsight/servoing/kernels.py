@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
-from armsight.arrays import Bytes, Floats, Floats32
+from armsight.arrays import Bytes, Floats, Floats32, Points, Vector3
 
 
 @njit(cache=True, nogil=True)
@@ -50,3 +51,50 @@ def last_steps_down(
             if values[i, j] >= level > values[i, j + 1]:
                 out[i] = j + (values[i, j] - level) / (values[i, j] - values[i, j + 1])
                 break
+
+
+@njit(cache=True, nogil=True)
+def disc_residuals(
+    center: Vector3,
+    normal: Vector3,
+    origin: Points,
+    rays: Points,
+    radius: Floats,
+    sigma: Floats,
+    surface: Points,
+    surface_sigma: float,
+    out: Floats,
+) -> None:
+    """Write rays' angles from the nearest points of their circles, and heights, by their sigmas.
+
+    Args:
+        center: (3,) of the concentric circles [m].
+        normal: (3,) unit, of their plane.
+        origin: (n, 3) each ray's lens [m].
+        rays: (n, 3) unit, to the circles' outlines.
+        radius: (n,) of the circle that each ray belongs to [m].
+        sigma: (n,) of each ray [rad].
+        surface: (m, 3) points on the plane [m].
+        surface_sigma: of one of them, along the normal [m].
+        out: (n + m,).
+    """
+    n = rays.shape[0]
+    for i in range(n):
+        # Where the ray meets the plane, from the centre; then the circle's point on that side.
+        to = center - origin[i]
+        steep = rays[i, 0] * normal[0] + rays[i, 1] * normal[1] + rays[i, 2] * normal[2]
+        along = (to[0] * normal[0] + to[1] * normal[1] + to[2] * normal[2]) / steep
+        x, y, z = along * rays[i, 0] - to[0], along * rays[i, 1] - to[1], along * rays[i, 2] - to[2]
+        length = max(np.sqrt(x * x + y * y + z * z), 1e-9)
+        share = radius[i] / length
+        rx, ry, rz = to[0] + share * x, to[1] + share * y, to[2] + share * z
+        away = np.sqrt(rx * rx + ry * ry + rz * rz)
+        dot = rays[i, 0] * rx + rays[i, 1] * ry + rays[i, 2] * rz
+        rx, ry, rz = rx - dot * rays[i, 0], ry - dot * rays[i, 1], rz - dot * rays[i, 2]
+        angle = np.sqrt(rx * rx + ry * ry + rz * rz) / away
+        out[i] = np.sign(length - radius[i]) * angle / sigma[i]
+    for j in range(surface.shape[0]):
+        height = 0.0
+        for c in range(3):
+            height += (surface[j, c] - center[c]) * normal[c]
+        out[n + j] = height / surface_sigma

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -46,6 +47,12 @@ class Region:
     corner: tuple[int, int]
     center: Floats
     area: float
+
+    @cached_property
+    def hull(self) -> float:
+        """Area of its convex hull [px], 1 or more."""
+        contours, _ = cv2.findContours(self.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        return max(float(cv2.contourArea(cv2.convexHull(np.concatenate(contours)))), 1.0)
 
 
 def lab_of(image: ColorImage) -> Floats32:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
-import cv2
 import numpy as np
 
 from armsight.arrays import Points, Vector3
@@ -169,8 +168,7 @@ def _fitting(
     pixels = part.radius * lens.fx / max(float(np.linalg.norm(middle - outline.origin)), 1e-6)
     if abs(radius / part.radius - 1.0) > max(size, 1.2 / max(pixels, 1e-6)):
         return None
-    hull = cv2.contourArea(cv2.convexHull(cv2.findNonZero(region.mask)))
-    if abs(region.area / max(hull, 1.0) - part.fill) > FILL:
+    if abs(region.area / region.hull - part.fill) > FILL:
         return None
     return np.asarray(center)
 
