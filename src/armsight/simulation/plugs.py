@@ -78,8 +78,8 @@ def add_sleeve(builder: Builder, plug: Any, spec: PlugSpec, part: Part) -> None:
         )
 
 
-def add_socket(builder: Builder, spec: SocketSpec) -> None:
-    """Walls to touch, surfaces to see, and the car about them; all of it can be led elsewhere."""
+def add_socket(builder: Builder, spec: SocketSpec) -> Any:
+    """Walls to touch, surfaces to see, and the car about them: one body that can be led."""
     T = spec.T_world_socket
     body = builder.mj.worldbody.add_body(
         name=SOCKET_BODY, mocap=True, pos=T[:3, 3], quat=to_wxyz(T)
@@ -118,6 +118,7 @@ def add_socket(builder: Builder, spec: SocketSpec) -> None:
         part = Part("static", spec.name, material=look.material or "plain")
         group = SEEN if look.material else COLOR_ONLY
         builder.looks(body, part, name, np.eye(4), name, group)
+    return body
 
 
 class Plugged:

@@ -17,6 +17,9 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Robot
 
+Latch = Literal["push", "spring"]
+"""How a charging lid is held shut."""
+
 
 @dataclass(frozen=True)
 class ArmSpec:
@@ -241,6 +244,7 @@ class PlugSpec:
         stiffness: of the mount along and about the plug's axes [N/m], [N m/rad].
         cable: weight of the cable that hangs on it [N]; rear: (3,) where [m].
         friction: of its sleeve.
+        finger: beside it, for lids, or None.
     """
 
     capsules: Floats
@@ -249,6 +253,7 @@ class PlugSpec:
     cable: float = 15.0
     rear: tuple[float, float, float] = (0.0, -0.02, -0.12)
     friction: float = 0.25
+    finger: FingerSpec | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +275,52 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
+class FingerSpec:
+    """A rod beside the plug that a linear actuator puts out; the cell's gripper drives it.
+
+    Attributes:
+        T_plug_tip: its tip when it is out, z along the rod, x the way of the pin across its tip.
+        stroke: how far it is drawn back [m].
+        radius: of rod and pin [m]; length: of the rod, pin: of the pin [m].
+        mass: [kg]; force: of the actuator at most [N].
+    """
+
+    T_plug_tip: Pose
+    stroke: float
+    radius: float = 0.005
+    length: float = 0.14
+    pin: float = 0.015
+    mass: float = 0.06
+    force: float = 200.0
+
+
+@dataclass(frozen=True, eq=False)
+class LidSpec:
+    """A lid.
+
+    Attributes:
+        T_frame_lid: where it is when it is shut, in the frame of what it belongs to.
+        latch: how it is held: ``push`` opens and catches when it is pushed in; ``spring`` is
+            pulled over its catch.
+        holds: force at its free edge that works the latch [N].
+        friction: of its surface.
+        mass: [kg].
+        stuck: it does not open farther than this [rad], or at all at 0; None for one that does.
+        there: whether there is one.
+        color: of its paint, RGB 0..1.
+    """
+
+    T_frame_lid: Pose
+    latch: Latch
+    holds: float = 25.0
+    friction: float = 0.25
+    mass: float = 0.25
+    stuck: float | None = None
+    there: bool = True
+    color: tuple[float, float, float] = (0.5, 0.5, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
 class SocketSpec:
     """A cavity that a plug enters.
 
@@ -281,6 +332,7 @@ class SocketSpec:
         solids: of the car that it belongs to, likewise.
         friction: of its walls.
         mated: friction of the contacts once they are mated [N]; mates: from which depth on [m].
+        lid: over it, or None.
     """
 
     name: str
@@ -292,6 +344,7 @@ class SocketSpec:
     friction: float = 0.25
     mated: float = 25.0
     mates: float = 0.012
+    lid: LidSpec | None = None
 
 
 @dataclass(frozen=True)
