@@ -106,6 +106,22 @@ class WrenchSpec:
 
 
 @dataclass(frozen=True)
+class CableSpec:
+    """A plug's cable that is hung up.
+
+    Attributes:
+        hanger: (3,) where it is hung up, in world [m]; length: from the plug to there [m].
+        mass: of a metre [kg/m]; bending: stiffness [N m^2]; radius: [m].
+    """
+
+    hanger: tuple[float, float, float]
+    length: float
+    mass: float = 2.26
+    bending: float = 0.3
+    radius: float = 0.016
+
+
+@dataclass(frozen=True)
 class GripperSpec:
     """A simulated gripper.
 
@@ -243,6 +259,7 @@ class PlugSpec:
         capsules: (m, 6) ends of what enters a socket; radius: of each [m].
         stiffness: of the mount along and about the plug's axes [N/m], [N m/rad].
         cable: weight of the cable that hangs on it [N]; rear: (3,) where [m].
+        hung: the cable as it hangs, instead of its weight; None where nobody says how.
         friction: of its sleeve.
         finger: beside it, for lids, or None.
     """
@@ -254,6 +271,7 @@ class PlugSpec:
     rear: tuple[float, float, float] = (0.0, -0.02, -0.12)
     friction: float = 0.25
     finger: FingerSpec | None = None
+    hung: CableSpec | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,11 +318,9 @@ class LidSpec:
 
     Attributes:
         T_frame_lid: where it is when it is shut, in the frame of what it belongs to.
-        latch: how it is held: ``push`` opens and catches when it is pushed in; ``spring`` is
-            pulled over its catch.
+        latch: ``push`` opens and catches when it is pushed in, ``spring`` is pulled over its catch.
         holds: force at its free edge that works the latch [N].
-        friction: of its surface.
-        mass: [kg].
+        friction: of its surface; mass: [kg].
         stuck: it does not open farther than this [rad], or at all at 0; None for one that does.
         there: whether there is one.
         color: of its paint, RGB 0..1.

@@ -20,7 +20,7 @@ from armsight.charging.vehicle_file import VehicleShape, load_vehicle, packaged
 from armsight.errors import UsageError, WorkcellError
 from armsight.geometry.pose import inverse, make_pose
 from armsight.robots.tools import load_tool
-from armsight.simulation.spec import FingerSpec, LidSpec, Look, PlugSpec, SocketSpec
+from armsight.simulation.spec import CableSpec, FingerSpec, LidSpec, Look, PlugSpec, SocketSpec
 from armsight.workcell.schema import Workcell
 from armsight.workcell.schema_devices import PlugSection
 from armsight.workcell.schema_things import CarSection
@@ -64,7 +64,10 @@ def plug_spec(workcell: Workcell) -> PlugSpec | None:
     contours = plug_contours(shape)
     stiffness = (1e3 * section.mount_n_per_mm, section.mount_nm_per_rad)
     finger = _finger(workcell, section)
-    return PlugSpec(contours.capsules, contours.radius, stiffness, section.cable_n, finger=finger)
+    hung = None if section.hanger is None else CableSpec(section.hanger, section.cable_m)
+    return PlugSpec(
+        contours.capsules, contours.radius, stiffness, section.cable_n, finger=finger, hung=hung
+    )
 
 
 def _finger(workcell: Workcell, section: PlugSection) -> FingerSpec | None:
