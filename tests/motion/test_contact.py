@@ -419,10 +419,20 @@ def test_a_straw_gives_way_to_a_face_that_comes(direction):
     assert 3.0 < max(force for _, force in cell.pushed) < 5.0
 
 
-@pytest.mark.parametrize(("speed", "says"), [(0.07, ""), (0.09, "at 0.09 m/s"), (0.2, "m/s")])
+@pytest.mark.parametrize(("speed", "says"), [(0.07, ""), (0.19, ""), (0.25, "at 0.25 m/s")])
 def test_only_a_face_that_moves_slowly_may_be_touched(speed, says):
     velocity = np.array([0.0, speed, 0.0])
     region = Region("sphere", (0.17, 0, 0), make_pose(None, TIP), 1.0, velocity, drift=0.02)
+    said = region_refusal(region, "face", 1.0)
+    assert says in said
+    assert bool(said) == bool(says)
+
+
+@pytest.mark.parametrize(("sigma", "says"), [(0.025, ""), (0.035, "35 mm only")])
+def test_a_face_that_one_camera_sees_from_afar_is_known_well_enough_to_come_to_it(sigma, says):
+    """At 20 mm it was refused between any two pictures, and the arm never came near."""
+    P = sigma**2 * np.eye(3)
+    region = Region("sphere", (0.17, 0, 0), make_pose(None, TIP), 1.0, np.zeros(3), P, drift=0.0)
     said = region_refusal(region, "face", 1.0)
     assert says in said
     assert bool(said) == bool(says)

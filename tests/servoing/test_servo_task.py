@@ -198,20 +198,37 @@ def test_where_its_own_way_is_blocked_it_asks_for_a_planned_one_and_goes_on_from
     assert kinds[began + 61 : began + 100] == [VelocityIntent] * 39
 
 
-@pytest.mark.parametrize(("dock", "away"), [("straw", 0.3), ("bullseye", 0.08)])
-def test_what_the_permits_own_law_slows_is_no_blocked_way(dock, away):
-    """Near a face every motion is slow, and so are the last centimetres before a thing: a planned
-    way to 7 cm before it would lead there again and again."""
+@pytest.mark.parametrize("dock", ["straw", "bullseye"])
+def test_what_the_permits_own_law_slows_is_no_blocked_way(dock):
+    """The last centimetres before a face or a thing are slow: a planned way to 7 cm before it would
+    lead there again and again."""
     task = task_of(dock=dock)
     tip = tcp_pose(UR10, HOME)[:3, 3]
     for k in range(120):
         now = 1.0 + 0.008 * k
-        place = tip + np.array([away, 0.0, 0.0])
+        place = tip + np.array([0.08, 0.0, 0.0])
         task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), place, now - 0.02))
         observed = observe(now, command=np.zeros(6))
         observed.guard.wanted = np.full(6, 0.5)
         observed.guard.permit = Permit(dock, task.dock.permit, PermitState.GRANTED)
         assert not isinstance(task.update(observed), PoseIntent)
+
+
+@pytest.mark.parametrize("dock", ["straw", "ball"])
+def test_a_command_that_goes_elsewhere_is_not_driven_for_its_speed(dock):
+    """Where the wrist folds against the forearm there is no room to stop, and the command goes to
+    and fro as fast as one that gets there: 3 of 24 straws never came to a face at rest."""
+    task, place = task_of(dock=dock), tcp_pose(UR10, HOME)[:3, 3] + (0.3, 0.0, 0.0)
+    kinds = []
+    for k in range(120):
+        now = 1.0 + 0.008 * k
+        task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), place, now - 0.02))
+        aside = 0.4 * np.array([1.0, -1.0, 1.0, -1.0, 0.0, 0.0]) * (1 if k // 10 % 2 else -1)
+        observed = observe(now, command=aside)
+        observed.guard.wanted = np.full(6, 0.4)
+        observed.guard.permit = Permit(dock, task.dock.permit, PermitState.GRANTED)
+        kinds.append(type(task.update(observed)))
+    assert PoseIntent in kinds
 
 
 def test_the_tip_gives_way_to_what_presses_and_to_nothing_below_it():

@@ -13,10 +13,9 @@ from armsight.arrays import Floats, JointVector, Vector3
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, bootstrap
+from armsight.experiments.servo_eyes import PAPERS, Errors
 from armsight.experiments.servo_world import (
     HARM,
-    PAPERS,
-    Errors,
     Setup,
     Trial,
     make_eyes,
@@ -41,7 +40,7 @@ ABOUT = f"""
 V's first experiment: the ball on the stylus' tip, moved at 0.1 m/s, the joints as reference, by
 the fixed cameras alone; V's mode (mean of the two closest, of what they saw last) under V's errors,
 ours (one filter, a bias for each camera, predicted to now) under the cell's and under V's. Then,
-ours in the guarded cell without pictures (`experiments/servo_world.py`): the tip follows a ball on
+ours in the guarded cell without pictures (`experiments/servo_eyes.py`): the tip follows a ball on
 a circle of 0.2 m at 0.25 m/s, {1e2 * STANDOFF:.0f} cm before its surface, whole error of the tip
 against where it should be; the same at the surface itself (`touching_rms_mm`), where the permit
 lets the tip move by 2.5 cm/s against the ball in any direction, so that what it has lost sideways
@@ -67,7 +66,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     ]
     found: dict[str, list[Any]] = {}
     for i, (name, part) in enumerate(parts):
-        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 5})
+        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 6})
         found[name] = []
         for k in range(runs):
             found[name].append(cache.get(k, partial(part, seed, k)))

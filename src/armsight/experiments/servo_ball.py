@@ -15,11 +15,9 @@ from armsight.arrays import Floats, JointVector, Vector3
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, bootstrap, wilson
+from armsight.experiments.servo_eyes import PAPERS, Errors, Path
 from armsight.experiments.servo_world import (
     HARM,
-    PAPERS,
-    Errors,
-    Path,
     Setup,
     Trial,
     make_eyes,
@@ -52,7 +50,7 @@ the surface, within {LIMIT:g} s. The ball rests, or wanders on seeded smooth pat
 0.4 m/s.
 
 Task, guard with its permits, drives with their delay and the arm's and cameras' true errors are
-those of the cell; what the cameras say is drawn from a model (`experiments/servo_world.py`), and
+those of the cell; what the cameras say is drawn from a model (`experiments/servo_eyes.py`), and
 the ball yields when it is touched. `paper_` and `fixed_` are V's modes under V's own errors (the
 cameras off by about 3 cm, the pair by 1 cm); ours runs under the cell's (3 mm and 0.2 deg, the
 arm's absolute errors). Not in: a ball held by a person, recorded hands, rendered trials.
@@ -72,7 +70,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
-        settings = [mode, motion, asdict(errors), shares, 6]
+        settings = [mode, motion, asdict(errors), shares, 7]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):

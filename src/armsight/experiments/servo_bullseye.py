@@ -15,13 +15,11 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.quick_cell import felt
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
+from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
 from armsight.experiments.servo_rows import harm_row, median_row
 from armsight.experiments.servo_trials import tick
 from armsight.experiments.servo_world import (
     MOVING,
-    PAPERS,
-    Errors,
-    Eyes,
     Setup,
     make_eyes,
     make_task,
@@ -54,7 +52,7 @@ the tip came to the plate; `bullseye_mm` is its distance from the centre. A tria
 within 5 mm of the plate in {LIMIT:g} s counts as 200 mm.
 
 Task, guard with its permits, drives with their delay and the arm's and cameras' true errors are
-those of the cell; what the cameras say is drawn from a model (`experiments/servo_world.py`). V's
+those of the cell; what the cameras say is drawn from a model (`experiments/servo_eyes.py`). V's
 modes run under V's own errors, and read the plate's place off the pair's 30 planes.
 """
 

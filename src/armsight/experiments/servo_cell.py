@@ -12,7 +12,8 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Points, Pose, Vector3
 from armsight.experiments.quick_cell import VOXEL, QuickCell
-from armsight.experiments.servo_world import Path, Setup, world_to_base
+from armsight.experiments.servo_eyes import Path
+from armsight.experiments.servo_world import Setup, mapped_box
 from armsight.geometry.pose import inverse
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.robots.kinematics import sphere_centers
@@ -131,15 +132,6 @@ class PushedCell(SurfaceCell):
         """Where (3,) the item's own frame is in world when its target is at a place there."""
         R = self.world._pose(self._name)[:3, :3]
         return np.asarray(place - R @ self._T[:3, 3])
-
-
-def mapped_box(setup: Setup) -> tuple[Vector3, Vector3] | None:
-    """Corners (3,) of what the cell's cameras map, upright in ``base`` [m]; None: not declared."""
-    mapping = setup.workcell.mapping
-    if mapping.lower is None or mapping.upper is None:
-        return None
-    corners = world_to_base(setup, [mapping.lower, mapping.upper])
-    return corners.min(axis=0), corners.max(axis=0)
 
 
 def plate(size: tuple[float, float], thick: float, R: Floats, middle: Vector3) -> Points:

@@ -13,9 +13,10 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
+from armsight.experiments.servo_eyes import PAPERS, Errors
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
 from armsight.experiments.servo_trials import gap_row, run_plan, tick
-from armsight.experiments.servo_world import PAPERS, Errors, Setup, make_eyes, make_task
+from armsight.experiments.servo_world import Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
@@ -50,7 +51,7 @@ pictures from nearer than 0.35 m the item hides the disc.
 
 Contact of the gripper with the hand (ISO/TS 15066's mass and surface, held by 0.5 N/mm), the force
 sensor, drives and arm are the simulated world's, in steps of 1 ms; the arm's absolute errors are
-off there. What the cameras say is drawn from a model (`experiments/servo_world.py`); V's modes run
+off there. What the cameras say is drawn from a model (`experiments/servo_eyes.py`); V's modes run
 under V's errors. Not in: recorded hands, fetching, rendered trials.
 """
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, Vector3
+from armsight.arrays import Floats, Mask, Vector3
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import joints_before
+from armsight.experiments.servo_eyes import Errors
 from armsight.experiments.servo_world import (
     CELL,
-    Errors,
     Setup,
     Trial,
     make_eyes,
@@ -56,7 +56,7 @@ or the drives' acceleration, and joints beyond their range, in all rounds of all
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` steps, and one run of the rendered cell."""
     setup = set_up(1.0, 1.0)
-    cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF, "version": 2})
+    cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF, "version": 3})
     steps = []
     for k in range(runs):
         steps.append(cache.get(k, lambda k=k: one(setup, (seed, k))))  # type: ignore[misc]
@@ -123,22 +123,28 @@ def _commands(setup: Setup, seed: tuple[int, int], with_step: bool) -> dict[str,
         costs.append(1e3 * (time.thread_time() - before))
         joints.append(trial.cell.q.copy())
     commands = np.array(trial.course.commands)
+    stops = np.array(trial.cell.commands)[:, -1] > 0.0
     return {
         "times": np.array(trial.course.times),
         "commands": commands,
         "looks": looks,
         "control": costs[50:],  # the first rounds compile
-        "violations": _violations(setup, commands, np.array(joints)),
+        "violations": _violations(setup, commands, stops, np.array(joints)),
     }
 
 
-def _violations(setup: Setup, commands: Floats, joints: Floats) -> int:
-    """Rounds in which a command or a joint was beyond its limits."""
+def _violations(setup: Setup, commands: Floats, stops: Mask, joints: Floats) -> int:
+    """Rounds in which a command or a joint was beyond its limits.
+
+    A stop (``stops``, bool) tells the drives to brake as hard as they can, and names no velocity;
+    what follows it goes on from wherever that has led.
+    """
     limits, period = setup.robot.limits, setup.guard.period
     brake = limits.acceleration * max(setup.guard.brake, setup.guard.acceleration)
     fast = (np.abs(commands) > limits.velocity * (1.0 + 1e-6)).any(axis=1)
     change = np.abs(np.diff(commands, axis=0, prepend=commands[:1])) / period
-    hard = (change > brake * 1.01 + 1e-6).any(axis=1)
+    told = ~(stops | np.concatenate([[False], stops[:-1]]))
+    hard = (change > brake * 1.01 + 1e-6).any(axis=1) & told
     out = ((joints < limits.lower - 1e-6) | (joints > limits.upper + 1e-6)).any(axis=1)
     return int((fast | hard | out).sum())
 

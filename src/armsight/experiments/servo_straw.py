@@ -13,11 +13,14 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
+from armsight.experiments.servo_eyes import PAPERS, Errors
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
 from armsight.experiments.servo_trials import gap_row, run_plan, tick
-from armsight.experiments.servo_world import PAPERS, Errors, Setup, make_eyes, make_task
+from armsight.experiments.servo_world import Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
+from armsight.motion.collision import CollisionModel
+from armsight.motion.kernels import body_centers, self_clearance
 from armsight.robots.kinematics import tcp_pose
 from armsight.servoing.aim import Aim, joints_for
 from armsight.simulation.targets import MOUTH, TargetSpec, target_object
@@ -32,6 +35,9 @@ HOLDS = 3.0
 FASTEST = 0.2
 """Of the mouth [m/s]."""
 PLACES = ((0.80, 0.0, 1.20), (0.75, 0.25, 1.10), (0.75, -0.25, 1.30), (0.85, 0.1, 1.30))
+PITCHES = np.deg2rad((0.0, 15.0, 30.0, 45.0, -15.0))
+"""How far below the horizontal the tool may point at a start [rad]; the first at which the wrist
+does not lie against the forearm is taken."""
 RUNS = 24
 
 ABOUT = f"""
@@ -44,7 +50,7 @@ mouth's middle, within {LIMIT:g} s, and never presses harder than the permit. Th
 
 Contact, force sensor, drives and arm are the simulated world's, in steps of 1 ms; the arm's
 absolute errors are off there, so the tip is where the joints say. What the cameras say is drawn
-from a model (`experiments/servo_world.py`); V's modes run under V's errors, without permits' soft
+from a model (`experiments/servo_eyes.py`); V's modes run under V's errors, without permits' soft
 contact being part of V: they ask for the same permit as ours.
 """
 
@@ -130,13 +136,20 @@ def good(trial: dict[str, Any]) -> bool:
 
 
 def _start(setup: Setup, T: Pose, which: int) -> JointVector:
-    """(n,) joints of one of six starts, the tip 25 to 35 cm from the mouth."""
+    """(n,) joints of one of six starts, the tip 25 to 35 cm from the mouth, level if it can be."""
     to_base = np.asarray(inverse(setup.workcell.robot.T_world_base))
     up, front = to_base[:3, 2], to_base[:3, 0]
     side = np.cross(up, front)
     ways = (0.0 * up, 0.12 * up, -0.08 * up, 0.2 * side, -0.2 * side, 0.1 * up + 0.15 * side)
     at = T[:3, 3] - 0.25 * front + ways[which]
-    return joints_for(setup.robot, Aim(at, np.zeros(3), front, -up), setup.robot.home, rounds=300)
+    model = CollisionModel(setup.robot)
+    for pitch in PITCHES:
+        axis = math.cos(pitch) * front - math.sin(pitch) * up
+        q = joints_for(setup.robot, Aim(at, np.zeros(3), axis, -up), setup.robot.home, rounds=300)
+        body_centers(model.body, np.asarray(q, float), model.scratch().centers)
+        if self_clearance(model.body, model.scratch().centers) > 0.0:
+            return q
+    raise ValueError(f"the arm cannot stand at start {which} of a face at {T[:3, 3].round(2)}")
 
 
 def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:

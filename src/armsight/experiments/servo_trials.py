@@ -12,7 +12,8 @@ from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell
-from armsight.experiments.servo_world import Errors, Setup, set_up
+from armsight.experiments.servo_eyes import Errors
+from armsight.experiments.servo_world import Setup, set_up
 from armsight.motion.data import GuardStatus
 from armsight.motion.task import Observation
 
@@ -35,7 +36,7 @@ def run_plan(
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, errors, count in plan:
         setup = set_up(1.0, 1.0, cell)
-        cache = RunCache(name, seed, {"settings": [mode, asdict(errors), 2]})
+        cache = RunCache(name, seed, {"settings": [mode, asdict(errors), 3]})
         results[prefix] = []
         for k in range(count):
             results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))

@@ -1,7 +1,7 @@
-"""Servoing without pictures: a model of what the cameras would say, an arm with its true errors.
+"""Servoing without pictures: an arm with its true errors before a ball, and what comes of it.
 
 The task, the guard with its permits and the drives are the real ones; what the perceivers would
-find is drawn from the errors that were measured on rendered pictures (docs/servoing.md).
+find is drawn from a model (:mod:`.servo_eyes`).
 """
 
 from __future__ import annotations
@@ -15,250 +15,29 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose, Vector3
 from armsight.devices.data import JointState
-from armsight.experiments.quick_cell import Ball, QuickCell, felt
+from armsight.experiments.quick_cell import HALF, Ball, QuickCell, felt
+from armsight.experiments.servo_eyes import RADIUS, Errors, Eyes, ModelCamera, ModelPair, Path
 from armsight.geometry.pose import exp, inverse
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.task import Observation, Perceived
-from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_jacobian, tcp_pose
+from armsight.motion.task import Observation
+from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.configure import guard_config
-from armsight.servoing.sighting import Look, Looks, Sighting
 from armsight.simulation.arm_errors import true_geometry
 from armsight.workcell import load_workcell, robot_in
 from armsight.workcell.packaged import packaged
 from armsight.workcell.schema import Workcell
 
 CELL = "ur10_servoing"
-RADIUS = 0.04
 MOVING = 0.05
 """A contact counts when the tip is faster than this [m/s]."""
-ASLANT = 0.25
-"""A print is not found by who sees it more aslant: cosine with its normal [1]."""
 STAND = 2e3
 """Stiffness of what holds the ball [N/m], that of a simulated one."""
 HARM = (
     "ticks in which the tip pushed into the ball without a permit, or the ball pushed it back with "
     "more than the permit's force"
 )
-Path = Callable[[float], Vector3]
-"""(3,) place in ``base`` [m] at a time [s]."""
-
-
-@dataclass(frozen=True)
-class Errors:
-    """How wrong the cell is about itself; standard deviations an axis.
-
-    Attributes:
-        fixed_mm, fixed_deg: of a fixed camera's pose; depth_mm: its systematic error of depth.
-        wrist_mm, wrist_deg: of the pair on the flange.
-        arm: scale of the arm's absolute errors.
-        fixed_noise_mm, wrist_noise_mm: of one sighting; a pair's is twice that along its axis.
-        drop: share of pictures in which the target is not found.
-        jitter: of the stamps, uniform [s].
-        hidden_near: share of the pair's pictures in which what the tool holds hides the target,
-            nearer than 0.35 m.
-    """
-
-    fixed_mm: float = 3.0
-    fixed_deg: float = 0.2
-    depth_mm: float = 3.0
-    wrist_mm: float = 3.0
-    wrist_deg: float = 0.2
-    arm: float = 1.0
-    fixed_noise_mm: float = 1.2
-    wrist_noise_mm: float = 0.15
-    drop: float = 0.02
-    jitter: float = 0.002
-    hidden_near: float = 0.0
-
-
-PAPERS = Errors(fixed_mm=14.0, fixed_deg=0.5, depth_mm=8.0, wrist_mm=5.0, wrist_deg=0.4)
-"""V's: 3 cm on average between the fixed cameras, 1 cm of the pair."""
-
-
-@dataclass
-class ModelCamera:
-    """One fixed camera: where it is believed and where it is, and when it looks.
-
-    Attributes:
-        name: of the camera; believed, true: ``T_base_camera``.
-        depth: systematic error along the ray [m].
-        phase, rate, latency: of its pictures, and exposure to look [s].
-    """
-
-    name: str
-    believed: Pose
-    true: Pose
-    depth: float
-    phase: float
-    rate: float = 5.0
-    latency: float = 0.062
-
-
-@dataclass
-class ModelPair:
-    """The pair on the flange."""
-
-    believed: Pose
-    true: Pose
-    rate: float = 10.0
-    latency: float = 0.082
-    half: tuple[float, float] = (math.tan(math.radians(22.5)), math.tan(math.radians(15.45)))
-
-
-@dataclass
-class Eyes:
-    """Draws the looks of a cell's cameras at a moving ball.
-
-    Attributes:
-        hidden: camera or ``all``, and from when to when it sees nothing [s].
-        normal: (3,) of a flat target, which is seen from before it only; None for a ball.
-        along: (3,) where the target goes on, which fixed cameras see; None for one that ends.
-        marked: the tool has a mark that the pair sees.
-    """
-
-    fixed: list[ModelCamera]
-    pair: ModelPair | None
-    robot: Robot
-    true_robot: Robot
-    errors: Errors
-    rng: np.random.Generator
-    hidden: list[tuple[str, float, float]] = field(default_factory=list)
-    glossy: bool = False
-    normal: Vector3 | None = None
-    along: Vector3 | None = None
-    marked: bool = True
-
-    def __post_init__(self) -> None:
-        self._due: dict[str, float] = {c.name: c.phase for c in self.fixed}
-        self._due["wrist"] = 0.005
-        self._waiting: list[tuple[float, Look]] = []
-
-    def expose(self, now: float, q: JointVector, ball: Path) -> None:
-        """Take what is due at ``now`` [s] with the joints (n,) as they are."""
-        for camera in self.fixed:
-            if now >= self._due[camera.name] - 1e-9:
-                self._due[camera.name] += 1.0 / camera.rate
-                self._send(now, camera.latency, self._fixed(camera, now, q, ball(now)))
-        if self.pair is not None and now >= self._due["wrist"] - 1e-9:
-            self._due["wrist"] += 1.0 / self.pair.rate
-            self._send(now, self.pair.latency, self._wrist(self.pair, now, q, ball(now)))
-
-    def arrived(self, now: float) -> tuple[Perceived, ...]:
-        """What perceivers have published by ``now`` [s]: the newest of each."""
-        newest: dict[str, Look] = {}
-        for at, look in self._waiting:
-            if at <= now + 1e-9:
-                newest[look.camera] = look
-        self._waiting = [w for w in self._waiting if w[0] > now + 1e-9 or w[1] in newest.values()]
-        return tuple(
-            Perceived(f"eye/{name}", Looks(look.stamp, (look,))) for name, look in newest.items()
-        )
-
-    def _send(self, now: float, latency: float, look: Look) -> None:
-        stamp = look.stamp + self.rng.uniform(-1, 1) * self.errors.jitter
-        seen = tuple(replace(s, stamp=stamp) for s in look.sightings)
-        self._waiting.append((now + latency, replace(look, stamp=stamp, sightings=seen)))
-
-    def _sees(self, name: str, now: float) -> bool:
-        if any(who in (name, "all") and a <= now < b for who, a, b in self.hidden):
-            return False
-        return bool(self.rng.random() >= self.errors.drop)
-
-    def _fixed(self, camera: ModelCamera, now: float, q: JointVector, ball: Vector3) -> Look:
-        eye = camera.true[:3, 3]
-        ray = (ball - eye) / np.linalg.norm(ball - eye)
-        look = Look(camera.name, now, False, camera.believed)
-        if not self._sees(camera.name, now) or self._covered(q, eye, ball):
-            return look
-        if self.normal is not None and float(self.normal @ ray) > -ASLANT:
-            return look
-        noise = 1e-3 * self.errors.fixed_noise_mm
-        seen = ball + self.rng.normal(0, noise, 3) + camera.depth * ray
-        place = _moved(camera, seen)
-        cap = 0.0 if self.normal is not None else 2.0 / 3.0 * RADIUS
-        near = seen - cap * ray + self.rng.normal(0, 0.003, 3)
-        sigma = noise**2 * np.eye(3)
-        found = _sighting(camera.name, now, place, sigma, _moved(camera, near))
-        if self.along is not None:
-            along = self.along + self.rng.normal(0, 0.1, 3)
-            found = replace(found, along=along / np.linalg.norm(along))
-        return replace(look, sightings=(self._facing(found, 0.015),))
-
-    def _facing(self, sighting: Sighting, tilt: float) -> Sighting:
-        """With the normal of a flat target, as well as it is seen [rad]."""
-        if self.normal is None:
-            return sighting
-        normal = self.normal + self.rng.normal(0, tilt, 3)
-        return replace(sighting, normal=normal / np.linalg.norm(normal), tilt=tilt)
-
-    def _wrist(self, pair: ModelPair, now: float, q: JointVector, ball: Vector3) -> Look:
-        T_true = flange_pose(self.true_robot, q) @ pair.true
-        T_believed = flange_pose(self.robot, q) @ pair.believed
-        p = T_true[:3, :3].T @ (ball - T_true[:3, 3])
-        noise = 1e-3 * self.errors.wrist_noise_mm * np.array([1.0, 1.0, 2.0])
-        mark = self._mark(q, T_true, T_believed, noise) if self.marked else None
-        sigma = T_believed[:3, :3] @ np.diag(noise**2) @ T_believed[:3, :3].T
-        look = Look("wrist", now, True, T_believed, mark=mark, mark_covariance=sigma)
-        margin = 0.3 * RADIUS / max(p[2], 0.05)
-        left = abs(p[0]) < (pair.half[0] - margin) * p[2]
-        right = abs(p[0] - 0.06) < (pair.half[0] - margin) * p[2]
-        inside = left and right and abs(p[1]) < (pair.half[1] - margin) * p[2]
-        if self.normal is not None:
-            inside = inside and float(self.normal @ (ball - T_true[:3, 3])) < 0.0
-        if not (inside and 0.12 < p[2] < 0.8) or not self._sees("wrist", now):
-            return look
-        if p[2] < 0.35 and self.rng.random() < self.errors.hidden_near:
-            return look
-        p = p + self.rng.normal(0, 1, 3) * noise * max(p[2] / 0.27, 1.0) ** 2
-        place = T_believed[:3, :3] @ p + T_believed[:3, 3]
-        surface = _planes(p, self.rng, self.glossy, 0.0 if self.normal is not None else RADIUS)
-        near = T_believed[:3, :3] @ surface + T_believed[:3, 3]
-        found = _sighting("wrist", now, place, sigma, near, True)
-        return replace(look, sightings=(self._facing(found, 0.003),))
-
-    def _mark(self, q: JointVector, T_true: Pose, T_believed: Pose, noise: Floats) -> Vector3:
-        """The stylus' tip as the pair sees it, less where the joints say that it is."""
-        at = np.array([0.0, 0.0, -0.005, 1.0])
-        tip = (tcp_pose(self.true_robot, q) @ at)[:3]
-        p = T_true[:3, :3].T @ (tip - T_true[:3, 3]) + self.rng.normal(0, 1, 3) * noise
-        seen = T_believed[:3, :3] @ p + T_believed[:3, 3]
-        return np.asarray(seen - (tcp_pose(self.robot, q) @ at)[:3])
-
-    def _covered(self, q: JointVector, eye: Vector3, ball: Vector3) -> bool:
-        """Whether the arm stands before more than about half of the ball."""
-        centers = sphere_centers(self.true_robot, q)
-        way = ball - eye
-        length = float(np.linalg.norm(way))
-        along = (centers - eye) @ way / length
-        across = np.linalg.norm(np.cross(centers - eye, way / length), axis=1)
-        before = (along > 0.1) & (along < length - RADIUS)
-        return bool((before & (across < self.robot.spheres.radius * 0.8)).any())
-
-
-def _sighting(
-    camera: str, now: float, place: Vector3, sigma: Floats, near: Vector3, wrist: bool = False
-) -> Sighting:
-    return Sighting("ball", camera, now, place, sigma, near, None, wrist)
-
-
-def _moved(camera: ModelCamera, point: Vector3) -> Vector3:
-    """A point as the cell believes it: through the true pose, back through the believed one."""
-    T = camera.believed @ inverse(camera.true)
-    return np.asarray(T[:3, :3] @ point + T[:3, 3])
-
-
-def _planes(p: Vector3, rng: np.random.Generator, glossy: bool, radius: float) -> Vector3:
-    """Mean of the visible surface by V's planes, in the pair's frame; gloss puts it deeper."""
-    away = float(np.linalg.norm(p))
-    near = p * (1.0 - 2.0 / 3.0 * radius / away)
-    step = 0.20 / 29
-    depth = round((near[2] + rng.normal(0, 0.002)) / step) * step
-    if glossy and rng.random() < 0.1:
-        depth += rng.uniform(0.01, 0.03)
-    depth = min(max(depth, 0.20), 0.40)
-    return np.asarray(near * depth / near[2])
 
 
 @dataclass(frozen=True)
@@ -350,7 +129,9 @@ class Trial:
     ) -> None:
         self.eyes, self.task, self.ball = eyes, task, ball
         balls = [Ball(ball, RADIUS)] if mapped else []
-        self.cell = QuickCell(balls, robot=setup.robot, config=setup.guard, seed=seed, rate=60.0)
+        self.cell = QuickCell(
+            balls, robot=setup.robot, config=setup.guard, seed=seed, rate=60.0, box=_wide(setup)
+        )
         self.cell.q = np.array(start, float)
         self.course = Course()
         self._status: Any = None
@@ -433,6 +214,21 @@ def make_task(
     made = make_chase(mode, setup.robot, cameras, wrist, config)  # type: ignore[arg-type]
     make = HandoverTask if dock == "hand" else ServoTask
     return make(chosen, mode, made, [], config, standoff)  # type: ignore[arg-type]
+
+
+def mapped_box(setup: Setup) -> tuple[Vector3, Vector3] | None:
+    """Corners (3,) of what the cell's cameras map, upright in ``base`` [m]; None: not declared."""
+    mapping = setup.workcell.mapping
+    if mapping.lower is None or mapping.upper is None:
+        return None
+    corners = world_to_base(setup, [mapping.lower, mapping.upper])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _wide(setup: Setup) -> tuple[Vector3, Vector3] | None:
+    """The same, and no less than the cube that is mapped without pictures otherwise."""
+    box = mapped_box(setup)
+    return box and (np.minimum(box[0], -HALF), np.maximum(box[1], HALF))
 
 
 def world_to_base(setup: Setup, points: Sequence[Sequence[float]]) -> Floats:

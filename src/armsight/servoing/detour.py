@@ -16,9 +16,9 @@ from armsight.geometry.pose import make_pose
 from armsight.motion.data import GuardStatus
 from armsight.motion.intents import PoseIntent
 
-HELD, PACE, MOVES = 0.2, 0.2, 0.2
-"""The way is blocked when of wishes of at least so much [rad/s] less than this share is driven, in
-the mean over about so long [s]."""
+HELD, PACE, MOVES = 0.2, 0.2, 0.1
+"""The way is blocked when in the mean over about so long [s] less than this share of the wishes is
+driven, of those of at least so much [rad/s]."""
 BEFORE = 0.07
 """It leads to this far before the target's surface [m]."""
 TICK = 0.02
@@ -86,11 +86,17 @@ class Detour:
 
 
 def _driven(guard: GuardStatus) -> float:
-    """Share of a wish that is driven; 1 where little is wanted, or a permit is waited for."""
-    wanted = 0.0 if guard.wanted is None else float(np.abs(guard.wanted).max())
-    if wanted < MOVES or guard.permit is None or not guard.permit.holds:
+    """Share of a wish that is driven; 1 where little is wanted, or a permit is waited for.
+
+    What goes elsewhere than the wish is none of it: where there is no room to stop the command goes
+    to and fro as fast as one that gets there.
+    """
+    wanted = guard.wanted
+    if wanted is None or guard.permit is None or not guard.permit.holds:
         return 1.0
-    return min(float(np.abs(guard.command).max()) / wanted, 1.0)
+    if float(np.abs(wanted).max()) < MOVES:
+        return 1.0
+    return float(np.clip(guard.command @ wanted / (wanted @ wanted), 0.0, 1.0))
 
 
 def _pose(place: Vector3, axis: Vector3, down: Vector3) -> Pose:

@@ -58,6 +58,7 @@ class Docking:
     Attributes:
         name: of the task; detector: makes what finds its target in pictures.
         direction: how the tool points.
+        turned: share of the way from there to against the target's normal that ``normal`` takes.
         radius: of the target's surface about its point [m]; 0 for a plane.
         gap: how far before the surface the tip ends [m]; below 0 presses.
         permit: kind of the contact permit.
@@ -76,6 +77,7 @@ class Docking:
     name: str
     detector: Callable[[], Target]
     direction: Direction = "facing"
+    turned: float = 1.0
     radius: float = 0.0
     gap: float = 0.0
     permit: ContactKind = "thing"
@@ -151,9 +153,10 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
             "bullseye", Bullseye, "normal", shape="box", size=(0.19, 0.19, 0.02),
             offset=(-0.005, 0.0, 0.0), drift=0.03,
         ),
-        # The head behind and above the mouth; a straw bends before anything gives way.
+        # The head behind and above the mouth; a straw bends before anything gives way. It need not
+        # come along the normal, for which the wrist would fold against the forearm.
         "straw": Docking(
-            "straw", Mouth, "normal", gap=-0.012, permit="face", size=(0.17, 0.0, 0.0),
+            "straw", Mouth, "normal", turned=0.5, gap=-0.012, permit="face", size=(0.17, 0.0, 0.0),
             offset=(-0.06, 0.045, 0.0), reach=0.08, gentle=0.09, speed=0.1, force=5.0,
             stiffness=150.0,
         ),

@@ -47,7 +47,7 @@ class ChaseConfig:
     Attributes:
         vertical: (3,) unit, up in ``base``; front: (3,) unit, towards the person's side.
         radius: of the target's surface about its point [m]; 0 for a plane.
-        direction: how the tool points.
+        direction: how the tool points; turned: see :class:`~armsight.servoing.docking.Docking`.
         pitch: how far below the horizontal our tool points [rad]: the wrist keeps off the table,
             and off the pose in which its axes lie in one plane; V's points horizontally.
         funnel: of the touch.
@@ -59,6 +59,7 @@ class ChaseConfig:
     front: Vector3
     radius: float
     direction: Direction = "facing"
+    turned: float = 1.0
     pitch: float = math.radians(30.0)
     funnel: Funnel = field(default_factory=Funnel)
     gentle: float = math.inf
@@ -343,7 +344,7 @@ def tool_direction(
     axis = math.cos(config.pitch) * flat - math.sin(config.pitch) * config.vertical
     if config.direction == "normal" and normal is not None:
         between = math.acos(float(np.clip(-normal @ axis, -1.0, 1.0)))
-        share = min(1.0, WIDEST / max(between, 1e-6))
+        share = config.turned * min(1.0, WIDEST / max(between, 1e-6))
         axis = (1.0 - share) * axis - share * normal
         axis = axis / np.linalg.norm(axis)
     return np.asarray(axis), -config.vertical

@@ -12,9 +12,7 @@ from armsight.arrays import Bytes, Floats, Ints, Poses
 from armsight.robots.robot import Robot
 from armsight.simulation import looks
 from armsight.simulation.board import BoardUnit
-from armsight.simulation.finger import add_actuator
 from armsight.simulation.gl import mujoco
-from armsight.simulation.lid import add_lid
 from armsight.simulation.model_arm import add_arm
 from armsight.simulation.model_fingers import add_finger_servos, finger_places
 from armsight.simulation.model_movers import LedBodies, Movers
@@ -89,8 +87,7 @@ def build_model(
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "static")
     for solid in spec.undeclared:
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "undeclared")
-    fingers = spec.pushes and spec.gripper is not None and spec.plug is None
-    lid_finger = None if spec.plug is None else spec.plug.finger
+    fingers = spec.pushes and spec.gripper is not None
     link_names = add_arm(
         builder,
         spec.arm.robot,
@@ -102,9 +99,7 @@ def build_model(
         spec.plug,
     )
     if spec.socket is not None:
-        body = add_socket(builder, spec.socket)
-        if spec.socket.lid is not None:
-            add_lid(builder, body, spec.socket.lid, port=True)
+        add_socket(builder, spec.socket)
     movers = Movers(builder, spec.pushes)
     people_first = tuple(movers.add_person(person) for person in people)
     for item in spec.objects:
@@ -112,8 +107,6 @@ def build_model(
     add_servos(mj, spec.arm.robot)
     if fingers and spec.gripper is not None:
         add_finger_servos(mj, spec.gripper)
-    if lid_finger is not None:
-        add_actuator(mj, lid_finger)
     model = mj.compile()
     load = set_servo_gains(model, spec.arm.robot)
     parts = tuple(builder.parts[model.geom(i).name] for i in range(model.ngeom))

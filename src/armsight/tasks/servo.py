@@ -99,6 +99,7 @@ def chase_config(
         front=T_base_world[:3, 0],
         radius=dock.radius,
         direction=dock.direction,
+        turned=dock.turned,
         funnel=Funnel(gap=standoff if standoff > 0.0 else dock.gap),
         gentle=dock.gentle,
         law=LawConfig(

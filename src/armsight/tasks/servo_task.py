@@ -123,7 +123,7 @@ class ServoTask:
     def _around(self, now: float, guard: GuardStatus | None) -> PoseIntent | None:
         """A planned way, where the own one is blocked."""
         seen, far = self.chase.touchable(), self.chase.distance > BEFORE + NEAR
-        if self.mode != "ours" or self.dock.permit != "thing" or seen is None:
+        if self.mode != "ours" or seen is None:
             return None
         if not far and not self.detour.going:
             return None  # what holds the arm here is the permit's own law
