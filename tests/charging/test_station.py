@@ -357,3 +357,64 @@ def test_a_killed_station_whose_plug_is_out_stands_by(cell, tmp_path):
     assert flange_pose(robot, stub.q)[0, 3] < 0.5  # it stands by
     assert stub.station.state is State.STAND_BY
     assert not file.exists()
+
+
+@pytest.mark.parametrize("says", [{"locked": True}, {"charging": True}])
+def test_a_car_that_holds_or_charges_a_plug_that_is_out_is_not_plugged_in(cell, says):
+    car = OddCar()
+    stub = stub_in(cell, State.TARE, car=car)
+    car.says = VehicleStatus(parked=True, **says)
+    stub.rest(1.0)
+    assert stub.station.state is State.LEAVE
+    assert "and the plug is not in it" in stub.station.outcome.problem
+
+
+def test_cameras_that_contradict_each_other_are_said_to_be_uncalibrated(cell):
+    stub = Stub(cell, station(cell, patience=1000.0))
+    stub.station.begin()
+    for _ in range(12):
+        stub.rest(0.7)
+        far = stub.station.state is State.FIND
+        port = (seen_port(cell, away=0.0 if far else 0.11),)
+        pair = "post" if far else "flange"
+        stub.looks = (PortLook(stub.now, pair, port, np.zeros((4, 4, 3), np.uint8)),)
+        if not stub.station.busy:
+            break
+        stub.guard = SimpleNamespace(
+            permit=None, reason="", reached=True, mode=GuardMode.VELOCITY,
+            goal=f"look {stub.station._goals}",
+        )  # fmt: skip
+    problem = stub.station.outcomes[-1].problem
+    assert "11 cm from where post saw it: calibrate the cameras" in problem
+
+
+def test_a_pair_that_sends_nothing_ends_the_visit_in_words(cell):
+    stub = Stub(cell, station(cell, patience=2.0))
+    stub.station.begin()
+    stub.rest(2.5)
+    assert stub.station.outcomes[-1].problem == "find: no end after 2 s"
+
+
+def test_a_car_that_drives_off_while_it_is_plugged_is_unplugged(cell):
+    car = SimulatedCar()
+    stub = stub_in(cell, State.CHARGE, distance=-0.03, car=car)
+    stub.station.feeling.tare = np.zeros(6)
+    car.parked = False
+    stub.step()
+    assert stub.station.state is State.UNPLUG
+    assert "moves" in stub.station.outcome.problem
+
+
+def test_a_sensor_that_stands_at_its_limit_is_no_plug_and_pushes_nothing(cell):
+    """Saturated before the port it is a weight that cannot be; while plugging in the law yields."""
+    stub = stub_in(cell, State.INSERT)
+    tip = stub.robot.tool.T_flange_tcp[:3, 3]
+    pressed = np.array([0.0, -16.0, -300.0])
+    for _ in range(60):
+        stub.now += 0.008
+        joints = JointState(stub.now, stub.q, np.zeros(6))
+        wrench = Wrench(stub.now, pressed, np.cross(tip, pressed))
+        wish = stub.station.step(Seen(stub.now, joints, wrench, stub.guard))
+    assert isinstance(wish.intent, VelocityIntent)
+    assert wish.intent.velocity[2] < 0.0
+    assert "weighs" in stub.station.feeling.not_ours(31.0)

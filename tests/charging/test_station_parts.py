@@ -1,6 +1,8 @@
 """The station's small parts: journal, hanging plug, straight lines, simulated car, permission."""
 
+import errno
 import json
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -47,7 +49,9 @@ def test_a_journal_says_after_a_restart_what_was_written(tmp_path):
         (lambda d: "{", "is no journal"),
         (lambda d: "[" * 5000, "is no journal"),
         (lambda d: " " * 200_000, "too long"),
-        (lambda d: json.dumps({**d, "version": 2}), "version 1"),
+        (lambda d: json.dumps({**d, "version": 1}), "version 2"),
+        (lambda d: json.dumps({**d, "at_lid": True}), "T_base_lid is none"),
+        (lambda d: json.dumps({**d, "T_base_lid": [[1.0]]}), "T_base_lid is no pose"),
         (lambda d: json.dumps({**d, "tare": [0, 1]}), "tare"),
         (lambda d: json.dumps({**d, "plugged": "yes"}), "plugged"),
         (lambda d: json.dumps({**d, "port": 5}), "port"),
@@ -72,6 +76,21 @@ def test_a_journal_that_cannot_be_written_says_so(tmp_path):
     (tmp_path / "folder").write_text("a file where the folder should be")
     with pytest.raises(JournalError, match="cannot be written"):
         Journal(tmp_path / "folder" / "j.json").write(entry())
+
+
+def test_a_full_disk_leaves_no_half_of_a_journal(tmp_path, monkeypatch):
+    file = tmp_path / "j.json"
+    Journal(file).write(entry())
+    before = file.read_bytes()
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(JournalError, match="cannot be written: No space left on device"):
+        Journal(file).write(entry(plugged=True))
+    assert file.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [file]
 
 
 def test_a_plug_hangs_as_far_as_its_weight_over_the_springs_says():

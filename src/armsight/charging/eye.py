@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, Floats, Pose
+from armsight.arrays import Bytes, ColorImage, Floats, Mask, Pose
 from armsight.charging.find import FindOptions
 from armsight.charging.fit import model_points
 from armsight.charging.plane_fit import contact_pixels, paper_pose
@@ -147,11 +147,18 @@ def gray(image: ColorImage) -> Bytes:
 
 def drawn(image: ColorImage, lens: PinholeCamera, pose: PortPose | None) -> ColorImage:
     """A picture about a port with its edges, seen ones green and missed ones red."""
+    if pose is None:
+        return drawn_edges(image, None)
+    return drawn_edges(image, (lens.project(model_points(pose.fit)), pose.fit.found))
+
+
+def drawn_edges(image: ColorImage, edges: tuple[Floats, Mask] | None) -> ColorImage:
+    """A picture about (n, 2) pixels of edges, and whether each was seen; all of it without any."""
     out = image
-    if pose is not None:
-        pixels = lens.project(model_points(pose.fit))
+    if edges is not None:
+        pixels, found = edges
         out = image.copy()
-        for (u, v), seen in zip(pixels, pose.fit.found[: len(pixels)]):
+        for (u, v), seen in zip(pixels, found[: len(pixels)]):
             if np.isfinite([u, v]).all():
                 at = (round(16 * float(u)), round(16 * float(v)))
                 cv2.circle(out, at, 16, GREEN if seen else RED, -1, cv2.LINE_AA, 4)

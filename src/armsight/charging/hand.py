@@ -74,7 +74,7 @@ class PlugHand:
     def straight(self, seen: Seen, goal: Pose, name: str) -> Wish:
         """In free air towards a pose of the plug."""
         twist = straight(self.plug(seen), goal, self._options.speed)
-        return self._moving(seen, twist, name)
+        return self.moving(seen, twist, name)
 
     def by_force(self, seen: Seen, name: str, face: Pose) -> tuple[Answer | None, Wish]:
         """One step of the law; no answer where nobody feels.
@@ -92,9 +92,10 @@ class PlugHand:
         self.answer = answer
         if answer.depth > IN:
             self._permission.felt(seen.now)
-        return answer, self._moving(seen, answer.twist, name, bound=answer.depth > 0.0)
+        return answer, self.moving(seen, answer.twist, name, bound=answer.depth > 0.0)
 
-    def _moving(self, seen: Seen, twist: Floats, name: str, bound: bool = False) -> Wish:
+    def moving(self, seen: Seen, twist: Floats, name: str, bound: bool = False) -> Wish:
+        """The (6,) twist of the plug in its axes, as a wish."""
         stamp = seen.joints.stamp
         permit = self._permission.ask(seen.now, seen.guard)
         tip = self.feeling.tip_twist(twist)

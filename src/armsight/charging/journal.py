@@ -17,7 +17,7 @@ from armsight.arrays import Floats, Pose
 from armsight.errors import ArmsightError
 from armsight.writing import write_text
 
-VERSION = 1
+VERSION = 2
 MOST = 100_000
 """A longer file is none of ours [bytes]."""
 
@@ -36,6 +36,8 @@ class Entry:
         T_flange_plug: how the plug hangs, by its own weight and cable.
         tare: (6,) what the force sensor says without contact [N], [N m].
         plugged: the plug was seated; else it was on its way in or out.
+        T_base_lid: a lid that this station has opened, or works at; None without one.
+        at_lid: the finger works at it; the plug is out.
     """
 
     port: str
@@ -44,6 +46,8 @@ class Entry:
     T_flange_plug: Pose
     tare: Floats
     plugged: bool = False
+    T_base_lid: Pose | None = None
+    at_lid: bool = False
 
 
 class Journal:
@@ -72,6 +76,8 @@ class Journal:
             "T_flange_plug": entry.T_flange_plug.tolist(),
             "tare": entry.tare.tolist(),
             "plugged": entry.plugged,
+            "T_base_lid": None if entry.T_base_lid is None else entry.T_base_lid.tolist(),
+            "at_lid": entry.at_lid,
         }
         write_text(self.file, json.dumps(data, indent=1, allow_nan=False) + "\n", JournalError)
 
@@ -115,9 +121,12 @@ def _entry(data: object) -> Entry:
     tare = np.asarray(data["tare"], float)
     if tare.shape != (6,) or not np.isfinite(tare).all():
         raise ValueError("tare is no (6,) of numbers")
-    plugged = data["plugged"]
-    if not isinstance(plugged, bool):
-        raise ValueError("plugged is neither true nor false")
+    plugged, at_lid, lid = data["plugged"], data["at_lid"], data["T_base_lid"]
+    for name, value in (("plugged", plugged), ("at_lid", at_lid)):
+        if not isinstance(value, bool):
+            raise ValueError(f"{name} is neither true nor false")
+    if at_lid and lid is None:
+        raise ValueError("it works at a lid, but T_base_lid is none")
     for name in ("port", "plug"):
         if not isinstance(data[name], str):
             raise ValueError(f"{name} is no text")
@@ -128,6 +137,8 @@ def _entry(data: object) -> Entry:
         _pose(data["T_flange_plug"], "T_flange_plug"),
         tare,
         plugged,
+        None if lid is None else _pose(lid, "T_base_lid"),
+        at_lid,
     )
 
 

@@ -32,10 +32,13 @@ BUMP = 15.0
 """Felt on the way through free air, it has met something that should not be there [N]."""
 AJAR = 0.008
 """A lid whose latch has let go stands out so far at least [m]."""
+AWAY = 0.26
+"""Before the lid no part of it that swings is met so far out [m]."""
 LAG = 0.015
 """A lid that is led is followed no farther ahead than this [m]."""
 Plan = Generator[tuple[Vector3, Vector3], None, str]
 """Wanted velocity [m/s] and force [N] in the lid's frame, tick by tick; ends with what is wrong."""
+Work = Literal["open", "shut", "leave"]
 Arc = Callable[[float], Vector3]
 """Where the tip is when the lid is so far open [rad]."""
 
@@ -76,24 +79,31 @@ class LidHand:
 
     Args:
         options: of lid and finger.
-        opening: else it shuts it.
+        task: opens it, shuts it, or comes away from it.
 
     Attributes:
         ended: whether it has; problem: what is wrong then, in words; empty when nothing is.
         words: what is being done.
     """
 
-    def __init__(self, options: LidOptions, opening: bool = True) -> None:
+    def __init__(self, options: LidOptions, task: Work = "open") -> None:
         self.options = options
         self.ended, self.problem, self.words = False, "", ""
-        self._plan = self._open() if opening else self._shut()
+        self._plan = {"open": self._open, "shut": self._shut, "leave": self._leave}[task]()
         self._now = 0.0
         self._p, self._f = np.zeros(3), np.zeros(3)
         self._twist = np.zeros(6)
         self._last: float | None = None
         self._face = 0.0
 
-    def step(self, now: float, T_lid_finger: Pose, wrench: Floats, held: bool = False) -> Floats:
+    def step(
+        self,
+        now: float,
+        T_lid_finger: Pose,
+        wrench: Floats,
+        held: bool = False,
+        give: Vector3 | None = None,
+    ) -> Floats:
         """One tick.
 
         Args:
@@ -101,6 +111,8 @@ class LidHand:
             T_lid_finger: of its tip by the joints and by what is believed of the lid.
             wrench: (6,) of the surroundings on the finger, tared, about its tip, in its axes.
             held: somebody else holds the arm still: no time passes.
+            give: (3,) how far that has moved the tip, in its axes [m]; left out for a mount that
+                turns about the tip.
 
         Returns:
             (6,) twist of the tip in its own axes [m/s], [rad/s].
@@ -113,7 +125,8 @@ class LidHand:
             return np.zeros(6)
         self._now += dt
         self._f = R @ wrench[:3]
-        self._p = T_lid_finger[:3, 3] + R @ o.admittance.deflection(wrench)[:3]
+        moved = o.admittance.deflection(wrench)[:3] if give is None else give
+        self._p = T_lid_finger[:3, 3] + R @ moved
         try:
             velocity, force = next(self._plan)
         except StopIteration as end:
@@ -139,15 +152,20 @@ class LidHand:
             self.words = "feels whether it is open"
             felt = yield from self._against(LEFT, 0.04)
             problem = "" if felt else "the lid was lost on the way: look where it is"
+        yield from self._leave()
+        return problem
+
+    def _leave(self) -> Plan:
+        """Away from the hinge, from under an edge that may be there, and out."""
+        self.words = "comes away from the lid"
         out = self._p + np.array([0.03, 0.0, 0.0])
         yield from self._to(out)
-        yield from self._to(np.array([out[0], 0.0, 0.26]))
-        return problem
+        return (yield from self._to(np.array([out[0], 0.0, AWAY])))
 
     def _shut(self) -> Plan:
         o = self.options
         self.words = "goes round the lid"
-        problem = yield from self._by((-0.02, 0.26), (-0.17, 0.26), (-0.17, 0.12))
+        problem = yield from self._by((-0.02, AWAY), (-0.17, AWAY), (-0.17, 0.12))
         if problem:
             return problem
         felt = yield from self._against(RIGHT, 0.14)

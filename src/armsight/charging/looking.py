@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from armsight.charging.eye import PortLook, SeenPort
+from armsight.charging.lid_eye import LidLook
 from armsight.charging.visit import Seen, StationOptions
 
+AnyLook = TypeVar("AnyLook", PortLook, LidLook)
 INLETS_OF = {"type1_plug": ("type1",), "type2_plug": ("type2",), "ccs2_plug": ("ccs2",)}
 """Which inlets a plug enters."""
 OTHER = 0.75
@@ -27,7 +31,7 @@ class Looker:
     def __init__(self, options: StationOptions) -> None:
         self._options = options
         self._resting: float | None = None
-        self._last = -math.inf
+        self._last = self._last_lid = -math.inf
 
     def take(self, seen: Seen) -> None:
         """Another round."""
@@ -42,16 +46,25 @@ class Looker:
 
     def fresh(self, seen: Seen, pair: str, begun: float) -> PortLook | None:
         """A look that was exposed since the arm came to rest in this state, each one once."""
+        look = self._newest(seen, seen.looks, pair, begun, self._last)
+        self._last = self._last if look is None else look.stamp
+        return look
+
+    def fresh_lid(self, seen: Seen, pair: str, begun: float) -> LidLook | None:
+        """The same of looks at a lid."""
+        look = self._newest(seen, seen.lids, pair, begun, self._last_lid)
+        self._last_lid = self._last_lid if look is None else look.stamp
+        return look
+
+    def _newest(
+        self, seen: Seen, looks: Sequence[AnyLook], pair: str, begun: float, last: float
+    ) -> AnyLook | None:
         settle = self._options.settle
         if not self.rests(seen, begun, settle):
             return None
         assert self._resting is not None
-        after = max(self._resting + settle - 0.1, begun, self._last + 1e-3)
-        for look in seen.looks:
-            if look.pair == pair and look.stamp > after:
-                self._last = look.stamp
-                return look
-        return None
+        after = max(self._resting + settle - 0.1, begun, last + 1e-3)
+        return next((k for k in looks if k.pair == pair and k.stamp > after), None)
 
     def of_ours(self, look: PortLook) -> SeenPort | None:
         """The surest port that the plug fits into, or None."""

@@ -1,11 +1,13 @@
-"""What the station asks of the guard: to touch the port, with the plug, and nothing else."""
+"""What the station asks of the guard: to touch port or lid, with the tool, and nothing else."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from armsight.arrays import Floats, Pose
 from armsight.charging.eye import SeenPort
 from armsight.charging.visit import StationOptions
+from armsight.geometry.pose import make_pose
 from armsight.motion.data import GuardStatus
 from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.regions import Region
@@ -14,6 +16,10 @@ RENEW = 90.0
 """A permit is asked for under a new name after this time, before it ends [s]."""
 SPEED = 0.06
 """Of the plug in the region at most [m/s]."""
+LID_SPEED = 0.08
+"""Of the finger in that of a lid [m/s]."""
+LID_BOX = np.array([[-0.13, -0.10, -0.07], [0.22, 0.10, 0.18]])
+"""Where a lid swings, and the finger and the plug beside it work it, in the lid's frame [m]."""
 
 
 class Permission:
@@ -26,19 +32,41 @@ class Permission:
     def __init__(self, options: StationOptions) -> None:
         self._options = options
         self._region: Region | None = None
+        self._what, self._speed = "port", SPEED
         self._since = -np.inf
         self._number = 0
         self._pausing = False
 
     def see(self, port: SeenPort, stamp: float, sigma: float) -> None:
         """The port was seen at ``stamp`` [s]; its place is known to ``sigma`` [m] besides."""
-        R = port.T_base_port[:3, :3]
-        covariance = R @ port.covariance[:3, :3] @ R.T + sigma**2 * np.eye(3)
-        covariance = 0.5 * (covariance + covariance.T)
         side = 2.0 * self._options.aside
-        self._region = Region(
-            "box", (side, side, side), port.T_base_port, stamp, np.zeros(3), covariance, 0.0
-        )
+        self._name("port", SPEED)
+        self._about(port.T_base_port, (side, side, side), port.covariance, stamp, sigma)
+
+    def see_lid(self, T_base_lid: Pose, covariance: Floats, stamp: float, sigma: float) -> None:
+        """The lid was seen likewise: the finger may touch where it swings."""
+        x, y, z = (float(v) for v in LID_BOX[1] - LID_BOX[0])
+        self._name("lid", LID_SPEED)
+        T = T_base_lid @ make_pose(None, LID_BOX.mean(axis=0))
+        self._about(T, (x, y, z), covariance, stamp, sigma)
+
+    def _name(self, what: str, speed: float) -> None:
+        if what != self._what:  # another place under the same name would have jumped there
+            self._since = -np.inf
+        self._what, self._speed = what, speed
+
+    def _about(
+        self, T: Pose, size: tuple[float, float, float], six: Floats, stamp: float, sigma: float
+    ) -> None:
+        R = T[:3, :3]
+        covariance = R @ six[:3, :3] @ R.T + sigma**2 * np.eye(3)
+        covariance = 0.5 * (covariance + covariance.T)
+        self._region = Region("box", size, T, stamp, np.zeros(3), covariance, 0.0)
+
+    @property
+    def exposure(self) -> float:
+        """When what may be touched was seen, or felt, last [s]."""
+        return -np.inf if self._region is None else self._region.exposure
 
     def felt(self, now: float) -> None:
         """The plug is in the socket: the port is where it was."""
@@ -61,10 +89,10 @@ class Permission:
             self._since, self._number = now, self._number + 1
         o = self._options
         return PermitRequest(
-            f"port {self._number}",
+            f"{self._what} {self._number}",
             "thing",
             self._region,
-            speed=SPEED,
+            speed=self._speed,
             force=o.force,
             torque=o.torque,
             seconds=120.0,

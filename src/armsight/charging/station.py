@@ -9,6 +9,7 @@ that finds that entry when it starts brings the plug out first.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,26 +18,23 @@ from armsight.charging.hand import IN, after_kill
 from armsight.charging.insert import Answer, Insertion, Phase
 from armsight.charging.insert_paper import PaperInsertion
 from armsight.charging.journal import Entry
+from armsight.charging.lid_states import LidStates
 from armsight.charging.looking import INLETS_OF
 from armsight.charging.moves import SIDES, apart, before_port, looking_pose
-from armsight.charging.station_core import StationCore
+from armsight.charging.station_core import ARRIVED, SAME, reached
 from armsight.charging.vehicle import VehicleStatus
-from armsight.charging.visit import IN_CONTACT, Outcome, Seen, State, Wish
+from armsight.charging.visit import AT_LID, IN_CONTACT, Outcome, Seen, State, Wish
 from armsight.geometry.pose import inverse
 from armsight.motion.intents import JointIntent, PoseIntent, Rest
 
-ARRIVED = (0.0015, math.radians(0.6))
-"""A straight line has ended within this [m], [rad]."""
 RELAX = 1.5
 """After seating the law lets the force go down for so long [s]."""
 NUMB = 0.5
 """A force sensor that has said nothing for so long is dead [s]."""
-SAME = 0.06
-"""A second look finds the same port within this [m]."""
 
 
-class Station(StationCore):
-    """One plug, one place for cars; see :class:`StationCore` for what it is made of."""
+class Station(LidStates):
+    """One plug, one place for cars; see ``StationCore`` for what it is made of."""
 
     def step(self, seen: Seen) -> Wish:
         """One round."""
@@ -49,7 +47,10 @@ class Station(StationCore):
         car = self.vehicle.status(seen.now)
         self._watch(seen, car)
         wish: Wish = getattr(self, f"_{self.state.name.lower()}")(seen, car)
-        return wish
+        if self._lid_setup is None or self.state in (State.STUCK, State.HELD):
+            return wish  # a finger that is at a lid stays as it is
+        width = 0.0 if self.state in AT_LID else self._lid_setup.stroke
+        return replace(wish, intent=replace(wish.intent, width=width))
 
     # -- what may end any state -----------------------------------------------------------------
 
@@ -58,24 +59,31 @@ class Station(StationCore):
         state, lost = self.state, self.permission.lost(seen.guard)
         if state in IN_CONTACT and lost:
             self.visits.blame(lost)
+            self._lid_held = state in (State.LID_WORK, State.LID_AWAY)
             self._go(State.HELD, seen.now, lost)
             return
         if state in (State.STAND_BY, State.STUCK, State.HELD):
             return
-        if state in (State.INSERT, State.UNPLUG) and self._hand.feeling.silent(seen.now) > NUMB:
+        forced = (State.INSERT, State.UNPLUG, State.LID_WORK, State.LID_AWAY)
+        if state in forced and self._hand.feeling.silent(seen.now) > NUMB:
             self._numb(seen)
             return
-        if car is not None and not car.parked and state not in (State.UNPLUG, State.LEAVE):
+        leaving = state in (State.UNPLUG, State.LEAVE, State.LID_AWAY)
+        shutting = self.finger is not None and self.finger.shutting
+        if car is not None and not car.parked and not leaving:
+            if self.finger is not None:
+                self.finger.opened = False  # it is where the car went
             self._fail(seen, car.problem or "the car moves")
         elif state is State.CHARGE:
             return
-        elif self._ending and state not in (State.UNPLUG, State.LEAVE):
+        elif self._ending and not leaving and not shutting:
             self._fail(seen, "ended by hand")
-        elif self._in_state(seen) > self.options.patience:
+        elif self._in_state(seen) > self._patience:
             why = seen.guard.reason if seen.guard is not None and seen.guard.reason else ""
-            words = f"{state.value}: no end after {self.options.patience:.0f} s"
+            words = f"{state.value}: no end after {self._patience:.0f} s"
+            why = why or (self.words if self.words.startswith("waits") else "")
             words = f"{words} ({why})" if why else words
-            if state in (State.UNPLUG, State.LEAVE):
+            if leaving:
                 self._go(State.STUCK, seen.now, f"{words}; help by hand")
             else:
                 self._fail(seen, words)
@@ -83,7 +91,11 @@ class Station(StationCore):
     def _numb(self, seen: Seen) -> None:
         """Nobody feels any more: what is in the car stays in it, what is out leaves."""
         silent = "the force sensor is silent"
-        if self._hand.depth(seen, self._face) > IN:
+        if self.state in (State.LID_WORK, State.LID_AWAY):
+            self.visits.blame(silent)
+            words = f"{silent} and the finger is at the lid: bring it out by hand"
+            self._go(State.STUCK, seen.now, words)
+        elif self._hand.depth(seen, self._face) > IN:
             self.visits.blame(silent)
             words = f"{silent} and the plug is in the car: mend the sensor, or take it out by hand"
             self._go(State.STUCK, seen.now, words)
@@ -101,6 +113,15 @@ class Station(StationCore):
         self._hand.feeling.T_flange_plug, self._hand.feeling.tare = entry.T_flange_plug, entry.tare
         self.visits.begin(Outcome(port=entry.port, began=seen.now, out=False, seated=entry.plugged))
         state, words = after_kill(entry, self._hand.plug(seen))
+        if self.finger is not None and entry.T_base_lid is not None:
+            self.finger.T_base_lid, self.finger.opened = entry.T_base_lid, not entry.at_lid
+            self.finger.covariance = np.zeros((6, 6))
+            if entry.at_lid:
+                sigma = self.options.near_sigma
+                self.permission.see_lid(entry.T_base_lid, np.zeros((6, 6)), seen.now, sigma)
+                self.visits.blame(words)
+                self._leave_lid(seen)
+                return
         if state is State.STAND_BY:
             self._out(seen)
         if state is not State.CHARGE:
@@ -117,6 +138,8 @@ class Station(StationCore):
             self._wanted = False
             self._looked = self._side = self._tries = self._again = 0
             self.port = self._hand.answer = None
+            if self.finger is not None:
+                self.finger.begin()
             self.visits.begin(Outcome(began=seen.now))
             self._go(State.FIND, seen.now)
         elif self._wanted and car is None:
@@ -141,16 +164,16 @@ class Station(StationCore):
                 self._found(seen, port, look.stamp, self.options.far_sigma)
             elif self._looked >= self.options.looks:
                 self._fail(seen, self._looker.why_none(look))
+        if self.finger is not None and self.state is State.FIND:
+            lid = self._looker.fresh_lid(seen, self.options.far, self._begun(seen))
+            if lid is not None and lid.T_base_lid is not None:
+                self._lid_found(seen, lid, self.options.far_sigma)
         return Wish(JointIntent("stand by", self._stand_by_joints), (self.options.far,))
 
     def _found(self, seen: Seen, port: SeenPort, stamp: float, sigma: float) -> None:
-        away = float(np.linalg.norm(port.T_base_port[:3, 3]))
-        if away > self.options.reach:
-            self._fail(seen, f"the port is {away:.2f} m from the base: out of reach")
-            return
-        other = self._contradiction(port.T_base_port)
-        if other:
-            self._fail(seen, f"not the car that is expected: {other}")
+        wrong = self._impossible(port.T_base_port)
+        if wrong:
+            self._fail(seen, wrong)
             return
         self.port, self._looked = port, 0
         self.permission.see(port, stamp, sigma)
@@ -167,7 +190,7 @@ class Station(StationCore):
         T_camera = looking_pose(port.T_base_port, o.look_from, o.look_aside, self._side)
         T_tip = T_camera @ inverse(self._T_near) @ self._T_tip
         goal = PoseIntent(self._goal("look"), T_tip, 0.005, 0.02, permit=self._ask(seen))
-        if not _reached(seen, goal.name):
+        if not reached(seen, goal.name):
             if self._in_state(seen) > 0.5 * o.patience and self._side + 1 < len(SIDES):
                 self._side += 1
                 self._go(State.LOOK, seen.now, "from another side")
@@ -182,9 +205,14 @@ class Station(StationCore):
             if near is not None and gap < SAME and not near.doubtful:
                 self._found(seen, near, look.stamp, o.near_sigma)
             elif self._looked >= o.looks:
-                doubt = (
-                    "its roll cannot be told" if near is not None else self._looker.why_none(look)
-                )
+                doubt = "its roll cannot be told"
+                if near is None:
+                    doubt = self._looker.why_none(look)
+                elif gap >= SAME:
+                    doubt = (
+                        f"the port is {100 * gap:.0f} cm from where {o.far} saw it: "
+                        "calibrate the cameras"
+                    )
                 self._fail(seen, f"second look: {doubt}")
             else:
                 self._side += 1
@@ -203,7 +231,7 @@ class Station(StationCore):
             0.02,
             permit=self._ask(seen),
         )
-        if _reached(seen, goal.name) and self._rests(seen, 0.3):
+        if reached(seen, goal.name) and self._rests(seen, 0.3):
             self._hand.feeling.hang()
             self.visits.note(approached=seen.now)
             wrong = "" if self._weight is None else self._hand.feeling.not_ours(self._weight)
@@ -225,6 +253,10 @@ class Station(StationCore):
         """At rest: what the sensor says now is no contact; then the way out is written down."""
         o, port = self.options, self.port
         assert port is not None
+        if car is not None and (car.locked or car.charging):
+            does = "charges" if car.charging else "locks its plug"
+            self._fail(seen, f"the car says that it {does}, and the plug is not in it")
+            return Wish(Rest("tares", permit=self._ask(seen)))
         if not self.permission.holds(seen.guard):
             reason = (
                 ""
@@ -235,7 +267,7 @@ class Station(StationCore):
         elif self._rests(seen, o.settle):
             if not self._hand.feeling.zero(seen.now):
                 self._fail(seen, "the force sensor is silent or noisy: nobody would feel the port")
-            elif problem := self._way_out.keep(port, self._hand.feeling, False):
+            elif problem := self._way_out.keep(port, self._hand.feeling, False, self._open_lid):
                 self._fail(seen, f"does not plug in: {problem}")
             else:
                 law = PaperInsertion if o.mode == "paper" else Insertion
@@ -253,7 +285,7 @@ class Station(StationCore):
         if answer.phase is Phase.SEATED:
             self.visits.note(seated=True, plugged=seen.now)
             assert self.port is not None
-            self._way_out.keep(self.port, self._hand.feeling, True)
+            self._way_out.keep(self.port, self._hand.feeling, True, self._open_lid)
             self.vehicle.tell("plugged", seen.now)
             self._go(State.CHARGE, seen.now, answer.words)
         elif answer.phase is Phase.FAILED:
@@ -300,7 +332,9 @@ class Station(StationCore):
     def _held(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """A permit was lost in contact: the guard backs out; then out along the axis."""
         if self._rests(seen, 0.8) and self._in_state(seen) > 1.0:
-            if self._hand.depth(seen, self._face) > IN:
+            if self._lid_held:
+                self._leave_lid(seen)
+            elif self._hand.depth(seen, self._face) > IN:
                 self._begin_unplug(seen)
             else:
                 self._go(State.LEAVE, seen.now, self.words)
@@ -328,11 +362,6 @@ class Station(StationCore):
         """Nobody can go on but a person."""
         self.visits.blame(self.words)
         return Wish(Rest(self.words, fault=True, permit=self._ask(seen)))
-
-
-def _reached(seen: Seen, name: str) -> bool:
-    guard = seen.guard
-    return guard is not None and guard.reached and guard.goal == name
 
 
 def _said(answer: Answer) -> str:

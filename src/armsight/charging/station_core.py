@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from armsight.charging.feeling import Feeling
 from armsight.charging.hand import IN, PlugHand
 from armsight.charging.insert import Answer, Insertion
 from armsight.charging.journal import Journal
+from armsight.charging.lid_finger import LidFinger, LidSetup
 from armsight.charging.looking import Looker
 from armsight.charging.moves import before_port
 from armsight.charging.permission import Permission
@@ -24,6 +26,10 @@ from armsight.charging.way_out import WayOut
 from armsight.motion.permits import PermitRequest
 from armsight.robots.robot import Robot
 
+ARRIVED = (0.0015, math.radians(0.6))
+"""A straight line has ended within this [m], [rad]."""
+SAME = 0.06
+"""A second look finds the same port, or lid, within this [m]."""
 GRAVITY = 9.81
 """[m/s^2]"""
 
@@ -40,12 +46,14 @@ class StationCore:
         T_flange_near: the near pair's left camera on the flange; None without one.
         contradiction: why the car that is expected cannot have its port at ``T_base_port``, in
             words; empty when it can.
+        lid: the finger, and the lid that the car that is expected has; None without either.
 
     Attributes:
         state: what it is doing; words: why, or what is wrong.
         visits: how they went.
         port: what it believes of the port, or None.
         permission: what the guard is asked for.
+        finger: at the lid; None where there is none.
 
     Raises:
         JournalError: there is a journal that cannot be believed.
@@ -60,6 +68,7 @@ class StationCore:
         options: StationOptions | None = None,
         T_flange_near: Pose | None = None,
         contradiction: Callable[[Pose], str] = lambda T_base_port: "",
+        lid: LidSetup | None = None,
     ) -> None:
         assert robot.tool is not None
         self.options = o = options or StationOptions()
@@ -70,6 +79,7 @@ class StationCore:
         self._T_tip = robot.tool.T_flange_tcp
         self._weight = None if o.cable is None else GRAVITY * robot.tool.mass + o.cable
         self._T_near = T_flange_near if o.mode == "ours" else None
+        self._lid_setup = lid
         self.reset()
 
     def reset(self) -> None:
@@ -79,6 +89,10 @@ class StationCore:
         self.words = ""
         self.permission = Permission(self.options)
         self._hand = PlugHand(self._robot, self.options, self.permission)
+        self.finger: LidFinger | None = None
+        if self._lid_setup is not None:
+            feeling = self._hand.feeling
+            self.finger = LidFinger(self._lid_setup, self._T_tip, feeling, self.options)
         self._looker = Looker(self.options)
         self.state = State.STAND_BY
         self._way_out = WayOut(self._journal, self.options.plug)
@@ -86,6 +100,7 @@ class StationCore:
         self._since: float | None = None
         self._looked = self._side = self._tries = self._again = self._goals = 0
         self._told, self._told_at = "", 0.0
+        self._lid_held = False
 
     @property
     def outcomes(self) -> list[Outcome]:
@@ -132,7 +147,10 @@ class StationCore:
     def _fail(self, seen: Seen, problem: str) -> None:
         """What went wrong is said; the plug comes out, the arm leaves."""
         self.visits.blame(problem)
-        if self.port is None or self.state not in NEAR:
+        if self.state is State.LID_WORK and self.finger is not None:
+            self.finger.work("leave")
+            self._go(State.LID_AWAY, seen.now, problem)
+        elif self.port is None or self.state not in NEAR:
             self._finish(seen)
         elif self._hand.depth(seen, self._face) > IN:
             self._begin_unplug(seen)
@@ -140,6 +158,14 @@ class StationCore:
             self._go(State.LEAVE, seen.now, problem)
 
     def _finish(self, seen: Seen) -> None:
+        lid = self.finger
+        if lid is not None and lid.opened and not lid.shutting and lid.T_base_lid is not None:
+            lid.shutting = True
+            exposure = self.permission.exposure
+            sigma = self.options.near_sigma
+            self.permission.see_lid(lid.T_base_lid, lid.covariance, exposure, sigma)
+            self._go(State.LID_BEFORE, seen.now, "shuts the lid")
+            return
         self.visits.end(seen.now)
         good = "charged, and the plug is out again" if self.outcome.charged else ""
         self._go(State.STAND_BY, seen.now, self.outcome.problem or good)
@@ -159,6 +185,39 @@ class StationCore:
         assert self.port is not None
         return before_port(self.port.T_base_port, 0.0)
 
+    @property
+    def lid_open(self) -> bool:
+        """Whether a lid stands open that this station has opened, and is not worked at now."""
+        lid = self.finger
+        working = self.state in (State.LID_WORK, State.LID_AWAY)
+        return lid is not None and lid.opened and not working
+
+    @property
+    def expected_lid(self) -> Pose | None:
+        """Where a lid that was seen in this visit is, to be looked at again; else None."""
+        near = self.state is State.LID_LOOK
+        return self.finger.T_base_lid if near and self.finger is not None else None
+
+    @property
+    def _open_lid(self) -> Pose | None:
+        """Of the lid that has to be shut again, its pose."""
+        lid = self.finger
+        return lid.T_base_lid if lid is not None and lid.opened else None
+
+    @property
+    def _patience(self) -> float:
+        """For this state [s]."""
+        at_lid = self.state in (State.LID_WORK, State.LID_AWAY)
+        return self.options.lid_patience if at_lid else self.options.patience
+
+    def _impossible(self, T_base_port: Pose) -> str:
+        """Why a port cannot be there, or nobody can plug in, in words; empty when that can be."""
+        away = float(np.linalg.norm(T_base_port[:3, 3]))
+        if away > self.options.reach:
+            return f"the port is {away:.2f} m from the base: out of reach"
+        other = self._contradiction(T_base_port)
+        return f"not the car that is expected: {other}" if other else ""
+
     def _ask(self, seen: Seen) -> PermitRequest | None:
         return self.permission.ask(seen.now, seen.guard)
 
@@ -174,3 +233,9 @@ class StationCore:
 
     def _in_state(self, seen: Seen) -> float:
         return seen.now - self._begun(seen)
+
+
+def reached(seen: Seen, name: str) -> bool:
+    """Whether the goal of this name was reached."""
+    guard = seen.guard
+    return guard is not None and guard.reached and guard.goal == name

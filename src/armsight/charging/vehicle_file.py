@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from armsight.arrays import Pose
 from armsight.charging.ports.table import PORTS
 from armsight.errors import UsageError
-from armsight.geometry.pose import make_pose
+from armsight.geometry.pose import from_rpy, make_pose
 from armsight.geometry.shapes import Solid
 
 FOLDER = Path(__file__).parent / "vehicles"
@@ -24,6 +24,11 @@ MOST = 100_000
 """A longer file is none of ours [bytes]."""
 GROUND = 1.3
 """The body goes on for so long below the port, into the ground if need be [m]."""
+HINGES = {"left": 0.0, "bottom": 90.0, "right": 180.0, "top": -90.0}
+"""How far a lid's frame is turned about the port's axis [deg]."""
+LID_HALF, LID_THICK = 0.075, 0.008
+"""Half the edge of a lid, and its thickness [m]."""
+Offset = Annotated[float, Field(ge=-60.0, le=60.0, allow_inf_nan=False)]
 Millimetres = Annotated[float, Field(ge=1.0, le=500.0, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=0.05, le=5.0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
@@ -51,6 +56,22 @@ class Side(_Table):
     up: Metres
 
 
+class LidShape(_Table):
+    """A lid over the port, flush with the body: 150 x 150 x 8 mm, a recess for fingers beside it.
+
+    Attributes:
+        latch: ``push`` opens when it is pushed in; ``spring`` is pulled over its catch.
+        hinge: at which of its edges, for who looks at it; the recess is at the other.
+        opens_deg: how far it opens.
+        middle_mm: of its middle from the AC contacts, to the right and up.
+    """
+
+    latch: Literal["push", "spring"]
+    hinge: Literal["left", "right", "top", "bottom"] = "left"
+    opens_deg: Annotated[float, Field(ge=80.0, le=135.0, allow_inf_nan=False)] = 106.0
+    middle_mm: tuple[Offset, Offset] = (0.0, 0.0)
+
+
 class VehicleShape(_Table):
     """A car's side about its port.
 
@@ -64,6 +85,7 @@ class VehicleShape(_Table):
         thickness_m: of what counts as the car behind its side.
         height_m: least and greatest height of the port above the floor.
         lean_deg: least and greatest angle of its axis above the horizontal.
+        lid: over the port; None where there is none.
     """
 
     inlet: str
@@ -75,6 +97,7 @@ class VehicleShape(_Table):
     thickness_m: Metres = 0.6
     height_m: tuple[Metres, Metres]
     lean_deg: tuple[Degrees, Degrees] = (-10.0, 20.0)
+    lid: LidShape | None = None
 
     @model_validator(mode="after")
     def _possible(self) -> VehicleShape:
@@ -121,6 +144,24 @@ class VehicleShape(_Table):
             pose = make_pose(None, 0.5 * (low + high))
             solids.append(Solid(f"car/{name}", "box", size, pose, color, material))
         return tuple(solids)
+
+    @property
+    def T_port_lid(self) -> Pose:
+        """The shut lid's frame (see :mod:`armsight.charging.lid`) in the port's."""
+        assert self.lid is not None
+        turn = from_rpy((0.0, 0.0, float(np.deg2rad(HINGES[self.lid.hinge]))))
+        x, y = self.lid.middle_mm
+        return make_pose(turn[:3, :3], (1e-3 * x, 1e-3 * y, 1e-3 * self.front_mm))
+
+    @property
+    def open_lid(self) -> Solid:
+        """The lid as it stands open, in the port's frame."""
+        assert self.lid is not None
+        angle = float(np.deg2rad(self.lid.opens_deg))
+        hinge = make_pose(None, (-LID_HALF, 0.0, -0.5 * LID_THICK)) @ from_rpy((0.0, -angle, 0.0))
+        T = self.T_port_lid @ hinge @ make_pose(None, (LID_HALF, 0.0, 0.0))
+        size = (2.0 * LID_HALF, 2.0 * LID_HALF, LID_THICK)
+        return Solid("car/lid", "box", size, T, self.color)
 
     def contradiction(self, T_world_port: Pose) -> str:
         """Why this vehicle cannot be what was found, in words; empty when it can.

@@ -9,6 +9,7 @@ from typing import Literal
 
 from armsight.charging.eye import PortLook
 from armsight.charging.insert import InsertOptions
+from armsight.charging.lid_eye import LidLook
 from armsight.devices.data import JointState, Wrench
 from armsight.motion.data import GuardStatus
 from armsight.motion.intents import Intent
@@ -28,12 +29,20 @@ class State(StrEnum):
     UNPLUG = "unplug"
     HELD = "held up"
     LEAVE = "leave"
+    LID_LOOK = "looks at the lid"
+    LID_BEFORE = "goes to the lid"
+    LID_ALIGN = "aligns with the lid"
+    LID_TARE = "tares at the lid"
+    LID_WORK = "works the lid"
+    LID_AWAY = "leaves the lid"
     STUCK = "stuck"
 
 
 NEAR = (State.ALIGN, State.TARE, State.INSERT, State.CHARGE, State.UNPLUG, State.LEAVE)
 """States in which the plug is before the port or in it, and asks to touch it."""
-IN_CONTACT = (State.INSERT, State.CHARGE, State.UNPLUG)
+IN_CONTACT = (State.INSERT, State.CHARGE, State.UNPLUG, State.LID_WORK, State.LID_AWAY)
+AT_LID = (State.LID_BEFORE, State.LID_ALIGN, State.LID_TARE, State.LID_WORK, State.LID_AWAY)
+"""States in which the finger is out."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +61,8 @@ class StationOptions:
         force, torque: that the permit asks for [N], [N m].
         settle: at rest before a look and before taring [s].
         looks: of each kind at most; tries: of the whole way from the second look on.
-        patience: for one state at most, but for charging [s].
+        patience: for one state at most, but for charging [s]; lid_patience: for working a lid.
+        lid_from: distance of the near look at a lid [m].
         far_sigma, near_sigma: of a port's place in ``base`` by each pair, beyond what the pictures
             leave open: calibration and arm [m].
         least: score of a port that is believed.
@@ -77,6 +87,8 @@ class StationOptions:
     looks: int = 4
     tries: int = 3
     patience: float = 45.0
+    lid_patience: float = 90.0
+    lid_from: float = 0.40
     far_sigma: float = 0.004
     near_sigma: float = 0.002
     least: float = 0.6
@@ -90,7 +102,8 @@ class Seen:
 
     Attributes:
         now: [s]; joints: newest; wrench: newest of the force sensor, or None.
-        guard: its newest word; looks: newest of each pair.
+        guard: its newest word; looks: newest of each pair; lids: likewise of a lid.
+        drawn_back: how far the finger beside the plug is drawn back [m]; None without one.
     """
 
     now: float
@@ -98,6 +111,8 @@ class Seen:
     wrench: Wrench | None = None
     guard: GuardStatus | None = None
     looks: tuple[PortLook, ...] = ()
+    lids: tuple[LidLook, ...] = ()
+    drawn_back: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +138,7 @@ class Outcome:
         port: type that was found, or empty; score: of it.
         began, found, approached, plugged, ended: times [s]; NaN where it did not come to that.
         tries: of plugging in.
+        lid_opened: a lid was opened; lid_shut: and shut again.
     """
 
     seated: bool = False
@@ -137,3 +153,5 @@ class Outcome:
     plugged: float = math.nan
     ended: float = math.nan
     tries: int = 0
+    lid_opened: bool = False
+    lid_shut: bool = False

@@ -95,11 +95,15 @@ def told(outcome: Outcome) -> str:
     words = []
     if outcome.port:
         words.append(f"{outcome.port} found ({100 * outcome.score:.0f} %)")
+    if outcome.lid_opened:
+        words.append("lid opened")
     if outcome.seated:
         words.append(f"seated after {outcome.plugged - outcome.began:.1f} s")
     if outcome.charged:
         words.append("charged")
     words.append("out" if outcome.out else "NOT out")
+    if outcome.lid_opened:
+        words.append("lid shut" if outcome.lid_shut else "lid NOT shut")
     if outcome.problem:
         words.append(outcome.problem)
     return ", ".join(words)

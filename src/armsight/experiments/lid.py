@@ -11,7 +11,7 @@ from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.lid_bench import Fault, LidTrial, draw, run_trial
 from armsight.experiments.rows import Row, share_row
-from armsight.simulation.lid import Latch
+from armsight.simulation.spec import Latch
 
 VERSION = 1
 ABOUT = """

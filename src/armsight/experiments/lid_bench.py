@@ -12,8 +12,8 @@ from armsight.experiments.insertion_bench import TICK, at_plug, joint_rates, joi
 from armsight.geometry.pose import exp, from_rpy, inverse, make_pose
 from armsight.robots import load_robot
 from armsight.robots.kinematics import flange_pose
-from armsight.simulation.lid import Latch, LidSpec
 from armsight.simulation.plugging import PlugBench, PlugSetup
+from armsight.simulation.spec import Latch, LidSpec
 
 T_FLANGE_FINGER = make_pose(None, (0.07, 0.0, 0.25))
 """The tip beside the plug and 5 cm before its mouth; the mount carries both."""
@@ -82,7 +82,7 @@ def run_trial(trial: LidTrial) -> dict[str, Any]:
     if not result["opened"]:
         return result | {"shut": False, "shut_said": "", "shut_s": float("nan")}
     began = bench.time
-    shutting = bench.drive(LidHand(bench.options, opening=False))
+    shutting = bench.drive(LidHand(bench.options, "shut"))
     shut = bool(bench.lid.shut)
     return result | {
         "shut_deg": float(np.rad2deg(bench.lid.angle)),

@@ -18,6 +18,8 @@ from armsight.charging.admittance import Admittance
 from armsight.charging.eye import PortLook
 from armsight.charging.insert import InsertOptions
 from armsight.charging.journal import Journal
+from armsight.charging.lid_eye import LidLook
+from armsight.charging.lid_finger import LidSetup
 from armsight.charging.station import Station
 from armsight.charging.vehicle import Vehicle
 from armsight.charging.visit import Seen, StationOptions
@@ -33,6 +35,7 @@ from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.simulation.plugs import Plugged
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell import robot_in, world_spec
+from armsight.workcell.car import finger_pose, vehicle_of
 from armsight.workcell.packaged import load
 from armsight.workcell.schema import Workcell
 
@@ -81,7 +84,7 @@ class StationBench:
 
     Attributes:
         peaks: greatest forces so far.
-        looks: newest of each pair.
+        looks: newest of each pair; lids: likewise of the lid.
         withdrawn: why the guard withdraws the permit, in words; empty while it grants it.
         numb: the force sensor says nothing any more.
     """
@@ -96,9 +99,12 @@ class StationBench:
         car, plug = workcell.simulation.car, workcell.plug
         assert car is not None
         assert plug is not None
-        self._eyes: Eyes = DrawnEyes(car.port, seed)
+        vehicle = vehicle_of(workcell, plug.vehicle)
+        lid = None if vehicle is None else vehicle.lid
+        T_port_lid = None if lid is None or vehicle is None else vehicle.T_port_lid
+        self._eyes: Eyes = DrawnEyes(car.port, seed, T_port_lid, self._lid_shut)
         if rendered:
-            self._eyes = RenderedEyes(self.world, self.robot, plug.kind, mode)
+            self._eyes = RenderedEyes(self.world, self.robot, plug.kind, mode, lid)
         self._status = _status("", False, None)
         self._wrench: Wrench | None = None
         self._joints: JointState | None = None
@@ -106,6 +112,8 @@ class StationBench:
         self._path: JointVector | None = None
         self._speed = np.zeros(self.robot.n)
         self.looks: dict[str, PortLook] = {}
+        self.lids: dict[str, LidLook] = {}
+        self._width: float | None = None
         self.peaks = Peaks()
         self.withdrawn = ""
         self.numb = False
@@ -130,10 +138,27 @@ class StationBench:
         joints = world.arm.read() or self._joints
         if joints is not None:
             self._joints = joints
-            seen = Seen(self.now, joints, self._wrench, self._status, tuple(self.looks.values()))
+            hand = world.gripper
+            seen = Seen(
+                self.now,
+                joints,
+                self._wrench,
+                self._status,
+                tuple(self.looks.values()),
+                tuple(self.lids.values()),
+                None if hand is None else hand.wanted(self.now),
+            )
             wish = station.step(seen)
+            self._eyes.expect(station.expected_lid)
             for look in self._eyes.look(self.now, joints, wish.pairs, self.T_base_port):
-                self.looks[look.pair] = look
+                if isinstance(look, LidLook):
+                    self.lids[look.pair] = look
+                else:
+                    self.looks[look.pair] = look
+            width = getattr(wish.intent, "width", None)
+            if hand is not None and width is not None and width != self._width:
+                self._width = width
+                hand.move(width)
             world.arm.command_velocity(self._follow(wish.intent, joints))
         world.advance(self.now + TICK)
         assert world.plugged is not None
@@ -161,6 +186,9 @@ class StationBench:
         """See :func:`depth_and_tilt`."""
         assert self.world.plugged is not None
         return depth_and_tilt(self.world.plugged)
+
+    def _lid_shut(self) -> bool:
+        return self.world.lid is not None and self.world.lid.shut
 
     def _follow(self, intent: Intent | None, joints: JointState) -> JointVector:
         q, robot = joints.position, self.robot
@@ -237,4 +265,9 @@ def make_station(
     mount = Admittance((1e3 * plug.mount_n_per_mm, plug.mount_nm_per_rad), 0.074)
     law = InsertOptions(admittance=mount, port_depth=0.002)
     options = StationOptions(plug.kind, mode, law, POST, FLANGE, cable=plug.cable_n)
-    return Station(bench.robot, bench.robot.home, car, Journal(file), options, near)
+    vehicle, T_finger, lid = vehicle_of(cell, plug.vehicle), finger_pose(plug), None
+    if vehicle is not None and vehicle.lid is not None and T_finger is not None:
+        assert cell.gripper is not None
+        lid = LidSetup(vehicle, T_finger, cell.gripper.opening)
+    journal = Journal(file)
+    return Station(bench.robot, bench.robot.home, car, journal, options, near, lid=lid)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -11,7 +11,9 @@ import numpy as np
 from armsight.arrays import Pose
 from armsight.charging.eye import PortEye, PortLook, SeenPort
 from armsight.charging.find import INLETS
+from armsight.charging.lid_eye import LidEye, LidLook
 from armsight.charging.looking import INLETS_OF
+from armsight.charging.vehicle_file import LidShape
 from armsight.devices.data import JointState
 from armsight.devices.history import JointHistory
 from armsight.geometry.pose import exp
@@ -31,8 +33,12 @@ class Eyes(Protocol):
 
     def look(
         self, now: float, joints: JointState, wanted: Sequence[str], T_base_port: Pose
-    ) -> tuple[PortLook, ...]:
+    ) -> tuple[PortLook | LidLook, ...]:
         """Those that have become known at ``now`` [s]; the true pose is for drawn ones."""
+        ...
+
+    def expect(self, T_base_lid: Pose | None) -> None:
+        """About where a lid is, or None."""
         ...
 
 
@@ -58,26 +64,42 @@ class DrawnEyes:
     Args:
         port: type of the inlet that is there.
         seed: of the errors.
+        T_port_lid: where a lid is, or None.
+        shut: whether it is.
     """
 
-    def __init__(self, port: str, seed: int) -> None:
-        self._port = port
+    def __init__(
+        self,
+        port: str,
+        seed: int,
+        T_port_lid: Pose | None = None,
+        shut: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._port, self._T_port_lid, self._shut = port, T_port_lid, shut
         self._rng = np.random.default_rng((seed, 77))
         self._last: dict[str, float] = {}
 
     def look(
         self, now: float, joints: JointState, wanted: Sequence[str], T_base_port: Pose
-    ) -> tuple[PortLook, ...]:
+    ) -> tuple[PortLook | LidLook, ...]:
         """See :class:`Eyes`."""
         due = [pair for pair in wanted if now - self._last.get(pair, -1.0) >= EVERY]
         self._last |= dict.fromkeys(due, now)
         return tuple(self._drawn(pair, now, T_base_port) for pair in due)
 
-    def _drawn(self, pair: str, now: float, T_base_port: Pose) -> PortLook:
+    def expect(self, T_base_lid: Pose | None) -> None:
+        """See :class:`Eyes`; a drawn look is as good without."""
+
+    def _drawn(self, pair: str, now: float, T_base_port: Pose) -> PortLook | LidLook:
         errors = FAR if pair == POST else NEAR
         sigma = np.array([errors.lateral, errors.lateral, errors.depth] + [errors.tilt] * 2)
         sigma = np.append(sigma, errors.roll)
-        T = T_base_port @ exp(self._rng.standard_normal(6) * sigma)
+        off = exp(self._rng.standard_normal(6) * sigma)
+        if self._T_port_lid is not None and self._shut():
+            T_lid = np.asarray(T_base_port @ self._T_port_lid @ off)
+            picture = np.zeros((4, 4, 3), np.uint8)
+            return LidLook(now, pair, T_lid, np.diag(sigma**2), errors.score, picture)
+        T = T_base_port @ off
         port = SeenPort(self._port, errors.score, T, np.diag(sigma**2), False)
         return PortLook(now, pair, (port,), np.zeros((4, 4, 3), np.uint8))
 
@@ -90,20 +112,34 @@ class RenderedEyes:
         robot: as it is believed to be.
         plug: type of the station's plug.
         mode: the station's.
+        lid: that the car has, or None.
     """
 
-    def __init__(self, world: SimulatedWorld, robot: Robot, plug: str, mode: Mode) -> None:
+    def __init__(
+        self,
+        world: SimulatedWorld,
+        robot: Robot,
+        plug: str,
+        mode: Mode,
+        lid: LidShape | None = None,
+    ) -> None:
         self._world, self._robot = world, robot
         self._eyes = {
             POST: PortEye(POST, INLETS, paper=mode == "paper"),
             FLANGE: PortEye(FLANGE, INLETS_OF[plug], (0.15, 0.8)),
         }
+        self._lids = {} if lid is None else {pair: LidEye(pair, lid) for pair in (POST, FLANGE)}
         self._history = JointHistory()
-        self._known: list[tuple[float, PortLook]] = []
+        self._known: list[tuple[float, PortLook | LidLook]] = []
+
+    def expect(self, T_base_lid: Pose | None) -> None:
+        """See :attr:`LidEye.expected`."""
+        for eye in self._lids.values():
+            eye.expected = T_base_lid
 
     def look(
         self, now: float, joints: JointState, wanted: Sequence[str], T_base_port: Pose
-    ) -> tuple[PortLook, ...]:
+    ) -> tuple[PortLook | LidLook, ...]:
         """See :class:`Eyes`; what was exposed is known when the cell would know it."""
         self._history.add(joints)
         for camera in self._world.stereo_cameras:
@@ -111,10 +147,12 @@ class RenderedEyes:
             frame = camera.read()
             if frame is None or camera.info.name not in wanted:
                 continue
-            eye = self._eyes[camera.info.name]
-            seen = eye.update([posed_pair(frame, camera.info, self._robot, self._history)])
-            if seen is not None:
-                self._known.append((now + eye.latency, seen))
+            view = posed_pair(frame, camera.info, self._robot, self._history)
+            lid = self._lids.get(camera.info.name)
+            for eye in (self._eyes[camera.info.name], *(() if lid is None else (lid,))):
+                seen = eye.update([view])
+                if seen is not None:
+                    self._known.append((now + eye.latency, seen))
         due = tuple(look for when, look in self._known if when <= now)
         self._known = [(when, look) for when, look in self._known if when > now]
         return due

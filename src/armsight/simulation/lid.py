@@ -6,23 +6,22 @@ car, z towards who looks. The hinge is at its left edge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Pose
-from armsight.geometry.pose import to_wxyz
+from armsight.geometry.pose import make_pose, to_wxyz
+from armsight.geometry.shapes import Solid
 from armsight.simulation.gl import mujoco
 from armsight.simulation.model_parts import Builder, Part
 from armsight.simulation.plugs import PLUG, SOCKET, SOFT
+from armsight.simulation.spec import LidSpec
 
-Latch = Literal["push", "spring"]
 HALF, THICK = 0.075, 0.008
 """Half the edge of the lid, and its thickness [m]."""
 SCOOP, DEEP = 0.045, 0.045
 """The recess beside its free edge, into which a finger fits: width, depth [m]."""
-LEAF = "lid"
+LEAF, HINGE = "lid", "lid/hinge"
 IN = float(np.deg2rad(-1.4))
 """A push latch lets go, or catches, when it is pushed in so far [rad]."""
 SHUT = float(np.deg2rad(1.5))
@@ -34,47 +33,35 @@ TURN = float(np.deg2rad(40.0))
 """Over this it opens by itself, under it it closes [rad]."""
 
 
-@dataclass(frozen=True)
-class LidSpec:
-    """A lid.
+def add_lid(builder: Builder, body: Any, spec: LidSpec, port: bool = False) -> None:
+    """The lid, and the flank about it.
 
-    Attributes:
-        T_world_lid: where it is when it is shut.
-        latch: how it is held: ``push`` opens and catches when it is pushed in; ``spring`` is
-            pulled over its catch.
-        holds: force at its free edge that works the latch [N].
-        friction: of its surface.
-        mass: [kg].
-        stuck: it does not open farther than this [rad], or at all at 0; None for one that does.
-        there: whether there is one.
+    Args:
+        builder: of the model.
+        body: that both belong to.
+        spec: of the lid.
+        port: there is a port behind it; else there is a wall.
     """
-
-    T_world_lid: Pose
-    latch: Latch
-    holds: float = 25.0
-    friction: float = 0.25
-    mass: float = 0.25
-    stuck: float | None = None
-    there: bool = True
-
-
-def add_lid(builder: Builder, spec: LidSpec) -> None:
-    """The lid, and the body of the car about it."""
-    T = spec.T_world_lid
-    car = builder.mj.worldbody.add_body(name="car", pos=T[:3, 3], quat=to_wxyz(T))
+    T = spec.T_frame_lid
+    car = body.add_body(name="flank", pos=T[:3, 3], quat=to_wxyz(T))
     right = HALF + SCOOP
     for low, high in (
-        ((-0.30, -0.20, -0.10), (right, 0.20, -DEEP)),  # behind lid and recess
+        ((HALF if port else -0.30, -0.20, -0.10), (right, 0.20, -DEEP)),  # behind lid and recess
         ((right, -0.20, -0.10), (0.40, 0.20, 0.0)),
         ((-0.40, -0.20, -0.10), (-HALF - 0.003, 0.20, -0.002)),
     ):
         _box(builder, car, spec, np.array(low), np.array(high), "car")
+    if port:
+        size = (SCOOP, 2.0 * HALF, 0.01)
+        T_floor = make_pose(None, (HALF + 0.5 * SCOOP, 0.0, -DEEP - 0.005))
+        floor = Solid("car/recess", "box", size, T_floor, (0.05, 0.05, 0.05), "black_plastic")
+        builder.solid(car, floor, T_floor, "undeclared")
     if not spec.there:
         return
     leaf = car.add_body(name=LEAF, pos=(-HALF, 0.0, -0.5 * THICK))
     most = 1.85 if spec.stuck is None else max(spec.stuck, 1e-3)
     leaf.add_joint(
-        name="lid/hinge",
+        name=HINGE,
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=(0.0, -1.0, 0.0),  # opens towards who looks
         limited=mujoco.mjtLimited.mjLIMITED_TRUE,
@@ -84,10 +71,13 @@ def add_lid(builder: Builder, spec: LidSpec) -> None:
         solref_limit=[0.004, 1.0],
     )
     half = 0.5 * THICK
-    _box(
-        builder, leaf, spec, np.array((0.002, -HALF, -half)), np.array((2 * HALF, HALF, half)),
-        "lid", spec.mass,
-    )  # fmt: skip
+    ends = np.array([(0.002, -HALF, -half), (2 * HALF, HALF, half)])
+    _box(builder, leaf, spec, ends[0], ends[1], LEAF, spec.mass)
+    if port:
+        size = (2.0 * HALF - 0.002, 2.0 * HALF, THICK)
+        T_seen = make_pose(None, ends.mean(axis=0))
+        seen = Solid("car/lid", "box", size, T_seen, spec.color)
+        builder.solid(leaf, seen, T_seen, "undeclared")
 
 
 def _box(
@@ -116,10 +106,10 @@ class Lid:
 
     def __init__(self, model: Any, data: Any, spec: LidSpec) -> None:
         self._data, self._spec = data, spec
-        joint = model.joint("lid/hinge") if spec.there else None
+        joint = model.joint(HINGE) if spec.there else None
         self._q = -1 if joint is None else int(joint.qposadr[0])
         self._v = -1 if joint is None else int(joint.dofadr[0])
-        self._latched, self._armed = True, True
+        self.reset()
 
     @property
     def angle(self) -> float:
@@ -131,6 +121,10 @@ class Lid:
         """Whether it is shut and held so."""
         held = self._latched or self._spec.latch == "spring"
         return self._q >= 0 and self.angle < SHUT and held
+
+    def reset(self) -> None:
+        """Shut, and held."""
+        self._latched, self._armed = True, True
 
     def push(self) -> None:
         """Write the torque for the next step."""

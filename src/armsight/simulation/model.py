@@ -12,7 +12,9 @@ from armsight.arrays import Bytes, Floats, Ints, Poses
 from armsight.robots.robot import Robot
 from armsight.simulation import looks
 from armsight.simulation.board import BoardUnit
+from armsight.simulation.finger import add_actuator
 from armsight.simulation.gl import mujoco
+from armsight.simulation.lid import add_lid
 from armsight.simulation.model_arm import add_arm
 from armsight.simulation.model_fingers import add_finger_servos, finger_places
 from armsight.simulation.model_movers import LedBodies, Movers
@@ -87,7 +89,8 @@ def build_model(
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "static")
     for solid in spec.undeclared:
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "undeclared")
-    fingers = spec.pushes and spec.gripper is not None
+    fingers = spec.pushes and spec.gripper is not None and spec.plug is None
+    lid_finger = None if spec.plug is None else spec.plug.finger
     link_names = add_arm(
         builder,
         spec.arm.robot,
@@ -99,7 +102,9 @@ def build_model(
         spec.plug,
     )
     if spec.socket is not None:
-        add_socket(builder, spec.socket)
+        body = add_socket(builder, spec.socket)
+        if spec.socket.lid is not None:
+            add_lid(builder, body, spec.socket.lid, port=True)
     movers = Movers(builder, spec.pushes)
     people_first = tuple(movers.add_person(person) for person in people)
     for item in spec.objects:
@@ -107,6 +112,8 @@ def build_model(
     add_servos(mj, spec.arm.robot)
     if fingers and spec.gripper is not None:
         add_finger_servos(mj, spec.gripper)
+    if lid_finger is not None:
+        add_actuator(mj, lid_finger)
     model = mj.compile()
     load = set_servo_gains(model, spec.arm.robot)
     parts = tuple(builder.parts[model.geom(i).name] for i in range(model.ngeom))

@@ -12,6 +12,7 @@ from armsight.geometry.pose import inverse, to_wxyz, transform
 from armsight.robots.robot import Capsules, LinkMesh, Robot, Tool
 from armsight.simulation import looks
 from armsight.simulation.board import BoardUnit
+from armsight.simulation.finger import add_finger
 from armsight.simulation.gl import mujoco
 from armsight.simulation.hulls import convex_pieces, load_mesh
 from armsight.simulation.model_fingers import add_fingers
@@ -152,7 +153,10 @@ def _plug(
     body = add_plug(flange, plug, tool.T_flange_tcp, mass, center)
     meshes = [(m, np.asarray(T_tcp_flange @ m.T_link_mesh)) for m in tool.meshes]
     _link(builder, body, robot, robot.n, meshes, "arm/tool")
-    add_sleeve(builder, body, plug, Part("arm", robot.name, robot.link_names[robot.n], robot.n))
+    part = Part("arm", robot.name, robot.link_names[robot.n], robot.n)
+    add_sleeve(builder, body, plug, part)
+    if plug.finger is not None:
+        add_finger(builder, part, plug.finger, plug.friction)
 
 
 def _held(builder: Builder, body: Any, robot: Robot, T_body_flange: Pose) -> None:

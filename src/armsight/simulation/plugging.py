@@ -16,12 +16,12 @@ from armsight.arrays import Floats, JointVector, Pose
 from armsight.geometry.pose import make_pose
 from armsight.robots.robot import Capsules, Robot
 from armsight.simulation.gl import mujoco
-from armsight.simulation.lid import Lid, LidSpec, add_lid
+from armsight.simulation.lid import Lid, add_lid
 from armsight.simulation.model import add_servos, set_servo_gains
 from armsight.simulation.model_arm import add_arm
 from armsight.simulation.model_parts import Builder, Part
 from armsight.simulation.plugs import BODY, Plugged, add_plug, add_sleeve, add_socket
-from armsight.simulation.spec import PlugSpec, SocketSpec
+from armsight.simulation.spec import LidSpec, PlugSpec, SocketSpec
 
 STEP = 0.001
 """[s]"""
@@ -198,7 +198,7 @@ def _build(robot: Robot, setup: PlugSetup) -> Any:
     if setup.lid is None:
         add_socket(builder, setup.socket)
     else:
-        add_lid(builder, setup.lid)
+        add_lid(builder, mj.worldbody, setup.lid)
     model = mj.compile()
     set_servo_gains(model, robot)
     return model

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, Pose
+from armsight.arrays import Floats, Pose, Vector3
 from armsight.geometry.pose import inverse, make_pose, to_wxyz
+from armsight.simulation.cable import cable_pull
 from armsight.simulation.gl import mujoco
 from armsight.simulation.model_parts import COLOR_ONLY, CONTACT, SEEN, Builder, Part, set_inertia
-from armsight.simulation.spec import PlugSpec, SocketSpec
+from armsight.simulation.spec import CableSpec, PlugSpec, SocketSpec
 
 SOCKET, PLUG = 8, 16
 """Contact bits of the two; they touch each other alone."""
@@ -28,6 +29,8 @@ DAMPING = 0.4
 """Damping ratio of the mount."""
 RUBS = 0.002
 """Mated contacts rub with all their force from this speed on [m/s]."""
+MOVED = 0.001
+"""A cable's pull is worked out anew when its end has moved so far [m]."""
 BODY, SOCKET_BODY = "plug", "socket"
 
 
@@ -78,8 +81,8 @@ def add_sleeve(builder: Builder, plug: Any, spec: PlugSpec, part: Part) -> None:
         )
 
 
-def add_socket(builder: Builder, spec: SocketSpec) -> None:
-    """Walls to touch, surfaces to see, and the car about them; all of it can be led elsewhere."""
+def add_socket(builder: Builder, spec: SocketSpec) -> Any:
+    """Walls to touch, surfaces to see, and the car about them: one body that can be led."""
     T = spec.T_world_socket
     body = builder.mj.worldbody.add_body(
         name=SOCKET_BODY, mocap=True, pos=T[:3, 3], quat=to_wxyz(T)
@@ -118,6 +121,7 @@ def add_socket(builder: Builder, spec: SocketSpec) -> None:
         part = Part("static", spec.name, material=look.material or "plain")
         group = SEEN if look.material else COLOR_ONLY
         builder.looks(body, part, name, np.eye(4), name, group)
+    return body
 
 
 class Plugged:
@@ -134,6 +138,7 @@ class Plugged:
         self._body = int(model.body(BODY).id)
         self._at = -1 if socket is None else int(model.body(SOCKET_BODY).id)
         self._weight, self._rear = np.array([0.0, 0.0, -plug.cable]), np.asarray(plug.rear)
+        self._hung_at = np.full(3, np.inf)
         self._velocity = np.zeros(6)
         self._contact = np.zeros(6)
         self._rubs = np.zeros(3)
@@ -142,8 +147,11 @@ class Plugged:
         """Write the forces for the next step."""
         data, body = self._data, self._body
         R = data.xmat[body].reshape(3, 3)
-        force, at = self._weight, R @ self._rear
-        torque = np.array([at[1] * force[2], -at[0] * force[2], 0.0])  # at x force, which is down
+        at = R @ self._rear
+        if self._plug.hung is not None:
+            self._hang(self._plug.hung, data.xpos[body] + at)
+        force = self._weight
+        torque = _cross(at, force)
         socket = self._socket
         self._rubs[:] = 0.0
         if socket is not None and self.depth > socket.mates:
@@ -155,6 +163,11 @@ class Plugged:
             force = force + self._rubs
         data.xfrc_applied[body, :3] = force
         data.xfrc_applied[body, 3:] = torque
+
+    def _hang(self, cable: CableSpec, end: Vector3) -> None:
+        """The pull of a cable whose end has moved; it is a curve, not worth it every step."""
+        if float(np.abs(end - self._hung_at).max()) > MOVED:
+            self._hung_at, self._weight = end.copy(), cable_pull(cable, end)
 
     @property
     def T_world_socket(self) -> Pose:
@@ -195,3 +208,10 @@ class Plugged:
             total[:3] += force
             total[3:] += np.cross(contact.pos - origin, force)
         return total
+
+
+def _cross(a: Vector3, b: Vector3) -> Vector3:
+    """Numpy's takes twenty times as long."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )

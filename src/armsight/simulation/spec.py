@@ -17,6 +17,9 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.shapes import Solid
 from armsight.robots.robot import Robot
 
+Latch = Literal["push", "spring"]
+"""How a charging lid is held shut."""
+
 
 @dataclass(frozen=True)
 class ArmSpec:
@@ -100,6 +103,22 @@ class WrenchSpec:
     latency: float = 0.004
     drift: tuple[float, float] = (0.3, 0.006)
     greatest: tuple[float, float] = (300.0, 20.0)
+
+
+@dataclass(frozen=True)
+class CableSpec:
+    """A plug's cable that is hung up.
+
+    Attributes:
+        hanger: (3,) where it is hung up, in world [m]; length: from the plug to there [m].
+        mass: of a metre [kg/m]; bending: stiffness [N m^2]; radius: [m].
+    """
+
+    hanger: tuple[float, float, float]
+    length: float
+    mass: float = 2.26
+    bending: float = 0.3
+    radius: float = 0.016
 
 
 @dataclass(frozen=True)
@@ -240,7 +259,9 @@ class PlugSpec:
         capsules: (m, 6) ends of what enters a socket; radius: of each [m].
         stiffness: of the mount along and about the plug's axes [N/m], [N m/rad].
         cable: weight of the cable that hangs on it [N]; rear: (3,) where [m].
+        hung: the cable as it hangs, instead of its weight; None where nobody says how.
         friction: of its sleeve.
+        finger: beside it, for lids, or None.
     """
 
     capsules: Floats
@@ -249,6 +270,8 @@ class PlugSpec:
     cable: float = 15.0
     rear: tuple[float, float, float] = (0.0, -0.02, -0.12)
     friction: float = 0.25
+    finger: FingerSpec | None = None
+    hung: CableSpec | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +293,50 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
+class FingerSpec:
+    """A rod beside the plug that a linear actuator puts out; the cell's gripper drives it.
+
+    Attributes:
+        T_plug_tip: its tip when it is out, z along the rod, x the way of the pin across its tip.
+        stroke: how far it is drawn back [m].
+        radius: of rod and pin [m]; length: of the rod, pin: of the pin [m].
+        mass: [kg]; force: of the actuator at most [N].
+    """
+
+    T_plug_tip: Pose
+    stroke: float
+    radius: float = 0.005
+    length: float = 0.14
+    pin: float = 0.015
+    mass: float = 0.06
+    force: float = 200.0
+
+
+@dataclass(frozen=True, eq=False)
+class LidSpec:
+    """A lid.
+
+    Attributes:
+        T_frame_lid: where it is when it is shut, in the frame of what it belongs to.
+        latch: ``push`` opens and catches when it is pushed in, ``spring`` is pulled over its catch.
+        holds: force at its free edge that works the latch [N].
+        friction: of its surface; mass: [kg].
+        stuck: it does not open farther than this [rad], or at all at 0; None for one that does.
+        there: whether there is one.
+        color: of its paint, RGB 0..1.
+    """
+
+    T_frame_lid: Pose
+    latch: Latch
+    holds: float = 25.0
+    friction: float = 0.25
+    mass: float = 0.25
+    stuck: float | None = None
+    there: bool = True
+    color: tuple[float, float, float] = (0.5, 0.5, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
 class SocketSpec:
     """A cavity that a plug enters.
 
@@ -281,6 +348,7 @@ class SocketSpec:
         solids: of the car that it belongs to, likewise.
         friction: of its walls.
         mated: friction of the contacts once they are mated [N]; mates: from which depth on [m].
+        lid: over it, or None.
     """
 
     name: str
@@ -292,6 +360,7 @@ class SocketSpec:
     friction: float = 0.25
     mated: float = 25.0
     mates: float = 0.012
+    lid: LidSpec | None = None
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.giving import Followers
 from armsight.simulation.gl import mujoco
 from armsight.simulation.gripper import SimulatedGripper
+from armsight.simulation.lid_parts import LidParts
 from armsight.simulation.looks import cloth_colors
 from armsight.simulation.loose import LooseThings
 from armsight.simulation.memory import Memory
@@ -63,7 +64,7 @@ class SimulatedWorld:
         truth: what really happened, for experiments only.
         renderer: pictures from any pose (see also :meth:`picture`).
         plugged: the truth about a plug and its socket, or None.
-        car: the car that the socket belongs to, or None.
+        car: the car that the socket belongs to, or None; lid: the truth about its lid, or None.
         memory: where everything stands, for a program that takes over.
     """
 
@@ -91,6 +92,8 @@ class SimulatedWorld:
             if spec.plug is None
             else Plugged(self._cell.model, self._data, spec.plug, spec.socket)
         )
+        self._lid_parts = LidParts(self._cell.model, self._data, spec)
+        self.lid = self._lid_parts.lid
         self.arm = SimulatedArm(
             spec.arm,
             self.clock,
@@ -159,6 +162,7 @@ class SimulatedWorld:
         for device in (self.wrench, self.gripper):
             if device is not None:
                 device.reset()
+        self._lid_parts.reset()
         self.truth.reset()
         self._move_movers(0.0)
         self._followers.reset(self._data)
@@ -185,6 +189,7 @@ class SimulatedWorld:
                 self._push(now)
             if self.plugged is not None:
                 self.plugged.push()
+                self._lid_parts.push(self.gripper, now)
             before = None if self.wrench is None else data.qvel.copy()
             mujoco.mj_step(model, data)
             if data.ncon:
@@ -231,7 +236,7 @@ class SimulatedWorld:
             T = self.car.T_world_socket
             for solid in self.spec.socket.solids:
                 states.append(MovingSolid(solid.name, solid, T @ solid.T_frame_solid))
-        return tuple(states)
+        return (*states, *self._lid_parts.drawn())
 
     def bodies(self) -> tuple[MovingSurfaces, ...]:
         """What people look like, part by part, where they are now, for drawing."""

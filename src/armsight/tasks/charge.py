@@ -15,6 +15,8 @@ from armsight.charging.eye import PortEye, PortLook
 from armsight.charging.find import INLETS
 from armsight.charging.insert import InsertOptions
 from armsight.charging.journal import Journal
+from armsight.charging.lid_eye import LidEye, LidLook
+from armsight.charging.lid_finger import LidSetup
 from armsight.charging.looking import INLETS_OF
 from armsight.charging.moves import before_port
 from armsight.charging.station import Station
@@ -37,7 +39,7 @@ from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.tasks.parked_car import ParkedCarOnMap
-from armsight.workcell.car import vehicle_of
+from armsight.workcell.car import finger_pose, vehicle_of
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell
@@ -45,6 +47,9 @@ if TYPE_CHECKING:
 Mode = Literal["ours", "paper"]
 PORT_DEPTH = 0.002
 """How far the port's face may be from where a second look has it: two standard deviations [m]."""
+ASIDE, ASIDE_FINGER = 0.08, 0.10
+"""Half the side of what may be touched about a port, without and with a finger beside the plug: the
+guard counts with it as if it were always out [m]."""
 SENSOR, TICK = 0.006, 0.008
 """From a force to its reading, and between two commands [s]."""
 
@@ -93,6 +98,14 @@ class ChargeOptions:
             (1e3 * section.mount_n_per_mm, section.mount_nm_per_rad),
             workcell.robot.start_delay_ms / 1e3 + SENSOR + TICK,
         )
+        vehicle = vehicle_of(workcell, section.vehicle)
+        body = ParkedCarOnMap(vehicle, cell.T_world_base)
+        T_finger = finger_pose(section)
+        lid = None
+        has_lid = vehicle is not None and vehicle.lid is not None and self.mode == "ours"
+        if has_lid and T_finger is not None and cell.gripper is not None:
+            assert vehicle is not None
+            lid = LidSetup(vehicle, T_finger, cell.gripper.opening)
         options = StationOptions(
             section.kind,
             self.mode,
@@ -100,6 +113,7 @@ class ChargeOptions:
             fixed[0],
             carried[0].name if carried else "",
             cable=section.cable_n,
+            aside=ASIDE if T_finger is None else ASIDE_FINGER,
         )
         simulated = getattr(cell.world, "car", None)
         car = SimulatedCar(
@@ -107,7 +121,6 @@ class ChargeOptions:
             self.charging,
             stands=lambda: simulated is None or simulated.parked,
         )
-        body = ParkedCarOnMap(vehicle_of(workcell, section.vehicle), cell.T_world_base)
         station = Station(
             cell.robot,
             cell.robot.home,
@@ -116,10 +129,14 @@ class ChargeOptions:
             options,
             carried[0].T_mount_camera if carried else None,
             body.contradiction,
+            lid,
         )
-        eyes = [PortEye(fixed[0], looked_for, paper=self.mode == "paper")]
+        eyes: list[PortEye | LidEye] = [PortEye(fixed[0], looked_for, paper=self.mode == "paper")]
         if carried and self.mode == "ours":
             eyes.append(PortEye(carried[0].name, fits, (0.15, 0.8)))
+        if lid is not None and lid.shape.lid is not None:
+            pairs = [fixed[0], *(info.name for info in carried)]
+            eyes += [LidEye(pair, lid.shape.lid) for pair in pairs]
         return ChargeTask(station, eyes, self.visits, body)
 
 
@@ -141,12 +158,13 @@ class ChargeTask:
     latency = 0.002
 
     def __init__(
-        self, station: Station, eyes: list[PortEye], visits: int, body: ParkedCarOnMap
+        self, station: Station, eyes: list[PortEye | LidEye], visits: int, body: ParkedCarOnMap
     ) -> None:
         self.station, self.visits, self.body = station, visits, body
         self.park: Callable[[], None] | None = None
         self.perceivers = tuple(eyes)
         self._perceivers = tuple(eye.name for eye in eyes)
+        self._lid_eyes = tuple(eye for eye in eyes if isinstance(eye, LidEye))
         self.done: Callable[[], None] = lambda: None
         self._fresh()
 
@@ -175,6 +193,7 @@ class ChargeTask:
         self._pairs: tuple[str, ...] = ()
         self._begun = 0
         self._looks: dict[str, PortLook] = {}
+        self._lids: dict[str, LidLook] = {}
         self._face = Face("wait")
         self._objection = ""
 
@@ -193,6 +212,8 @@ class ChargeTask:
         for perceived in observation.perceived:
             if isinstance(perceived.evidence, PortLook):
                 self._looks[perceived.evidence.pair] = perceived.evidence
+            elif isinstance(perceived.evidence, LidLook):
+                self._lids[perceived.evidence.pair] = perceived.evidence
         joints = observation.joints
         if joints is None:
             return Rest("no joint reading yet")
@@ -205,8 +226,12 @@ class ChargeTask:
             observation.wrench,
             observation.guard,
             tuple(self._looks.values()),
+            tuple(self._lids.values()),
+            None if observation.gripper is None else observation.gripper.width,
         )
         wish = station.step(seen)
+        for eye in self._lid_eyes:
+            eye.expected = station.expected_lid
         self._on_map(observation)
         self._pairs = wish.pairs
         self._face = self._show(observation)
@@ -221,11 +246,21 @@ class ChargeTask:
             self.body.gone()
         elif self.station.port is not None:
             self.body.found(self.station.port.T_base_port, self.station.port.covariance)
+            self.body.lid(self.station.port.T_base_port if self.station.lid_open else None)
         self._objection = self.body.told(observation.snapshot)
 
     def face(self) -> Face:
         """What the page shows."""
         return self._face
+
+    def _pictures(self) -> tuple[Picture, ...]:
+        """Of each pair the newest that shows something; else the newest."""
+        out = []
+        for pair, look in sorted(self._looks.items()):
+            lid = self._lids.get(pair)
+            shown = lid is not None and lid.T_base_lid is not None and not look.ports
+            out.append(Picture(pair, lid.picture if shown and lid is not None else look.picture))
+        return tuple(out)
 
     def _show(self, observation: Observation) -> Face:
         station = self.station
@@ -239,6 +274,8 @@ class ChargeTask:
             side = 2.0 * station.options.aside
             marks.append(RegionMark("may be touched", T, np.full(3, side)))
             marks.append(FrameMark("plug goal", before_port(T, 0.0), 0.05))
+            if station.finger is not None and station.finger.T_base_lid is not None:
+                marks.append(FrameMark("lid", station.finger.T_base_lid, 0.08))
         if observation.joints is not None:
             tip = tcp_pose(observation.robot, observation.joints.position)
             marks.append(FrameMark("plug", tip, 0.05))
@@ -267,7 +304,7 @@ class ChargeTask:
                 Curve("across", aside, "N"),
                 Curve("depth", depth, "mm"),
             ),
-            pictures=tuple(Picture(n, look.picture) for n, look in sorted(self._looks.items())),
+            pictures=self._pictures(),
             marks=tuple(marks),
             buttons=(
                 Button("charge", "Charge the car", not station.busy),

@@ -28,9 +28,6 @@ class ParkedCarOnMap:
     Args:
         shape: of the car; None: its side is among the cell's solids, and nothing is to be said.
         T_world_base: of the arm.
-
-    Attributes:
-        standing: what to say, see :class:`~armsight.motion.task.Task`.
     """
 
     def __init__(self, shape: VehicleShape | None, T_world_base: Pose) -> None:
@@ -40,8 +37,24 @@ class ParkedCarOnMap:
 
     def gone(self) -> None:
         """It is not there, or not any more: whatever is may be a person."""
-        self.standing: dict[str, tuple[Solid, ...]] = {}
+        self._bodies: dict[str, tuple[Solid, ...]] = {}
+        self._lid: tuple[str, tuple[Solid, ...]] | None = None
         self._at: Pose | None = None
+
+    @property
+    def standing(self) -> dict[str, tuple[Solid, ...]]:
+        """What to say, see :class:`~armsight.motion.task.Task`."""
+        return self._bodies if self._lid is None else self._bodies | dict([self._lid])
+
+    def lid(self, T_base_port: Pose | None) -> None:
+        """The lid stands open, of the port that is here; None: it does not, or nobody knows."""
+        if self.shape is None or T_base_port is None:
+            self._lid = None
+        elif self._lid is None:
+            leaf = self.shape.open_lid
+            self._number += 1
+            T = T_base_port @ leaf.T_frame_solid
+            self._lid = f"lid {self._number}", (replace(leaf, T_frame_solid=T),)
 
     def contradiction(self, T_base_port: Pose) -> str:
         """Why the car that is expected cannot be where a port was found; empty when it can."""
@@ -71,8 +84,8 @@ class ParkedCarOnMap:
             replace(s, T_frame_solid=T_base_port @ s.T_frame_solid)
             for s in self.shape.within(margin)
         )
-        newest = list(self.standing.items())[-1:]
-        self.standing = dict([*newest, (f"car {self._number}", solids)])
+        newest = list(self._bodies.items())[-1:]
+        self._bodies = dict([*newest, (f"car {self._number}", solids)])
 
     def told(self, snapshot: WorkspaceSnapshot | None) -> str:
         """What the map says: once it counts the newest, the one before is withdrawn.
@@ -81,11 +94,14 @@ class ParkedCarOnMap:
             Why it does not count the newest, in words; empty when it does, or may.
         """
         declared = {} if snapshot is None else {d.name: d for d in snapshot.declared}
-        newest = next(reversed(self.standing), "") if self.standing else ""
+        newest = next(reversed(self._bodies), "") if self._bodies else ""
         mine = declared.get(newest)
-        if mine is None or mine.waiting:
+        if mine is not None and mine.taken:
+            self._bodies = {newest: self._bodies[newest]}
+        elif mine is not None and not mine.waiting:
+            return f"the car's side: {mine.reason}"
+        lid = None if self._lid is None else declared.get(self._lid[0])
+        if lid is None or lid.taken or lid.waiting:
             return ""
-        if mine.taken:
-            self.standing = {newest: self.standing[newest]}
-            return ""
-        return f"the car's side: {mine.reason}"
+        self._lid = None  # the finger was still there, say: once more
+        return f"the open lid: {lid.reason}"

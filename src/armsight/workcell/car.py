@@ -11,14 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
+from armsight.arrays import Pose
 from armsight.charging.ports.collision import plug_contours, socket_contours
 from armsight.charging.ports.meshes import Surface, surfaces
 from armsight.charging.ports.pocket import flank
 from armsight.charging.ports.table import PORTS, drawn, port
 from armsight.charging.vehicle_file import VehicleShape, load_vehicle, packaged
 from armsight.errors import UsageError, WorkcellError
-from armsight.simulation.spec import Look, PlugSpec, SocketSpec
+from armsight.geometry.pose import inverse, make_pose
+from armsight.robots.tools import load_tool
+from armsight.simulation.spec import CableSpec, FingerSpec, LidSpec, Look, PlugSpec, SocketSpec
 from armsight.workcell.schema import Workcell
+from armsight.workcell.schema_devices import PlugSection
 from armsight.workcell.schema_things import CarSection
 
 PLUG_OF = {"type1": "type1_plug", "type2": "type2_plug", "ccs2": "ccs2_plug"}
@@ -59,7 +63,34 @@ def plug_spec(workcell: Workcell) -> PlugSpec | None:
         raise WorkcellError(f"{file}: [plug] needs a [wrench] and robot.tool: what the plug is")
     contours = plug_contours(shape)
     stiffness = (1e3 * section.mount_n_per_mm, section.mount_nm_per_rad)
-    return PlugSpec(contours.capsules, contours.radius, stiffness, section.cable_n)
+    finger = _finger(workcell, section)
+    hung = None if section.hanger is None else CableSpec(section.hanger, section.cable_m)
+    return PlugSpec(
+        contours.capsules, contours.radius, stiffness, section.cable_n, finger=finger, hung=hung
+    )
+
+
+def _finger(workcell: Workcell, section: PlugSection) -> FingerSpec | None:
+    T = finger_pose(section)
+    if T is None:
+        return None
+    if workcell.gripper is None:
+        raise WorkcellError(
+            f"{workcell.file or workcell.name}: plug.finger_mm needs a [gripper], which draws the "
+            "finger back by its opening"
+        )
+    T_flange_plug = load_tool(workcell.robot.tool).T_flange_tcp
+    return FingerSpec(np.asarray(inverse(T_flange_plug) @ T), workcell.gripper.opening)
+
+
+def finger_pose(section: PlugSection) -> Pose | None:
+    """``T_flange_tip`` of the finger that is out, z along it, x away from the plug; None: none."""
+    if section.finger_mm is None:
+        return None
+    p = 1e-3 * np.asarray(section.finger_mm)
+    away = float(np.hypot(p[0], p[1]))
+    c, s = (1.0, 0.0) if away < 1e-6 else (float(p[0]) / away, float(p[1]) / away)
+    return make_pose([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], p)
 
 
 def socket_spec(workcell: Workcell) -> SocketSpec | None:
@@ -91,10 +122,29 @@ def socket_spec(workcell: Workcell) -> SocketSpec | None:
         section.pose,
         walls.boxes,
         walls.half,
-        _looks(section.port, section.make, PAINT if vehicle is None else vehicle.color),
+        _looks(
+            section.port,
+            section.make,
+            PAINT if vehicle is None else vehicle.color,
+            vehicle is None or vehicle.lid is None,
+        ),
         () if vehicle is None else vehicle.solids,
         section.friction,
         section.mated_n,
+        lid=_lid(section, vehicle),
+    )
+
+
+def _lid(section: CarSection, vehicle: VehicleShape | None) -> LidSpec | None:
+    if vehicle is None or vehicle.lid is None:
+        return None
+    return LidSpec(
+        vehicle.T_port_lid,
+        vehicle.lid.latch,
+        section.lid_holds_n,
+        stuck=0.0 if section.lid == "stuck" else None,
+        there=section.lid != "missing",
+        color=vehicle.color,
     )
 
 
@@ -118,12 +168,17 @@ def vehicle_of(workcell: Workcell, given: str) -> VehicleShape | None:
 
 
 @lru_cache(maxsize=8)
-def _looks(name: str, make: int, paint: tuple[float, float, float]) -> tuple[Look, ...]:
-    """What the port and the side about it look like."""
+def _looks(
+    name: str, make: int, paint: tuple[float, float, float], pocket: bool
+) -> tuple[Look, ...]:
+    """What the port and, with a pocket, the side about it look like.
+
+    Under a lid there is no pocket of its own: the edges of the car's solids are that of the lid.
+    """
     nominal = PORTS[name]
     made = nominal if make == 0 else drawn(nominal, np.random.default_rng((make, 11)))
     looks = [_look(surface, surface.look, "black_plastic") for surface in surfaces(made)]
-    for surface, look in flank(nominal):
+    for surface, look in flank(nominal) if pocket else ():
         made_so = _look(surface, look, "")
         looks.append(replace(made_so, color=paint) if look == "paint" else made_so)
     return tuple(looks)

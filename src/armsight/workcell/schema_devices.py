@@ -190,6 +190,20 @@ class PlugSection(Section):
     mount_n_per_mm: Positive = key(5.0, "Stiffness of the mount.", "N/mm", le=1000.0)
     mount_nm_per_rad: Positive = key(30.0, "Likewise in turning.", "N m/rad", le=10_000.0)
     cable_n: NotNegative = key(15.0, "Weight of the cable that hangs on it.", "N", le=200.0)
+    hanger: Triple | None = key(
+        None,
+        "Where the cable is hung up: a simulated one then pulls as what hangs there does, and "
+        "`cable_n` is what is expected of it before the port. Without the key it is a weight.",
+        "m",
+    )
+    cable_m: Positive = key(1.9, "Its length between plug and hanger.", "m", le=10.0)
+    finger_mm: Triple | None = key(
+        None,
+        "Tip of the finger that opens lids when it is out, in the flange's frame, with a pin of "
+        "15 mm that points away from the plug; the cell's gripper draws it back by its `opening`. "
+        "Its shape belongs among the `[[held]]`. Without the key the plug has none.",
+        "mm",
+    )
     vehicle: Text = key(
         "",
         "What is parked here: a packaged vehicle (`hatchback`, `crossover`, `city_car`) or a "

@@ -237,6 +237,10 @@ class CarSection(Section):
     chamfer_mm: Positive = key(1.75, "Of the mouth.", "mm", le=5.0)
     friction: NotNegative = key(0.25, "Of plug and wall.", le=2.0)
     mated_n: NotNegative = key(25.0, "Friction of the mated contacts.", "N", le=200.0)
+    lid: Literal["shut", "stuck", "missing"] = key(
+        "shut", "Of a vehicle that has one: `shut`; `stuck`, which nobody opens; or `missing`."
+    )
+    lid_holds_n: Positive = key(22.0, "Force at its edge that works its latch.", "N", le=100.0)
     blocked_mm: Positive | None = key(
         None, "Ice or a bent pin lets no plug deeper than this; without the key none does.", "mm"
     )
