@@ -5,11 +5,12 @@ from __future__ import annotations
 from armsight.experiments.approach_episode import empty, episode, settings
 from armsight.experiments.approach_people import SECONDS
 from armsight.experiments.approach_plots import plot_course, plot_distances
-from armsight.experiments.approach_rows import above_row, contact_rows
+from armsight.experiments.approach_rows import above_row, contact_rows, over_rows
 from armsight.experiments.approach_use import use_rows
 from armsight.experiments.episodes import find_clips, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.hand_search import from_above, search
+from armsight.experiments.reach_over import reach_over
 
 SEARCH_SHARE, EMPTY_SHARE = 50, 20
 """One search, and one episode with nobody there, for so many episodes."""
@@ -28,8 +29,10 @@ moved faster than 0.05 m/s.
 The search looks for start, aim, timing and lead of a hand at full speed (both caps) that comes
 nearest to the moving arm, by the cross-entropy method, in a cell without pictures but with the same
 delays. It tries to break the guard, so its hands run after the arm as no recorded person does.
-Four dozen more of its hands come at random from above the mapped box, where nobody is looked for:
-what the proof takes for granted, broken (`above_contacts`).
+A second search has people who stand, with an arm up, lean or step over the mapped box, above which
+no camera looks (`over_contacts`): shoulder, elbow, swivel, aim and timing are its genes. Four dozen
+hands without anybody come at random from up there: what the proof takes for granted, broken
+(`above_contacts`).
 
 What the arm is good for stands beside it: how often it never moved; how much of the time it moved
 while somebody was within 1.5 m and S_p would have allowed it with a reaction time of 0.1 s; its
@@ -54,7 +57,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
     episodes = run_episodes("approach", episode, range(runs), seed, settings(), first)
     hunts = run_episodes("approach-search", search, range(searches), seed, {"version": 4}, second)
-    above = run_episodes("approach-above", from_above, range(4), seed, {"version": 1}, second)
+    over = run_episodes("approach-over", reach_over, range(searches), seed, {"version": 1}, second)
+    above = run_episodes("approach-above", from_above, range(4), seed, {"version": 2}, second)
     alone = max(2, runs // EMPTY_SHARE)
     nobody = run_episodes("approach-empty", empty, range(alone), seed, settings(), third)
     notes = [
@@ -68,6 +72,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     return Outcome(
         (
             *contact_rows(episodes, hunts),
+            *over_rows(over),
             above_row(above),
             *use_rows(episodes, nobody, 60.0 / SECONDS),
         ),

@@ -67,31 +67,40 @@ def contact_rows(episodes: list[dict[str, Any]], hunts: list[dict[str, Any]]) ->
             n=len(episodes),
         )
     )
+    what = "contacts of the moving arm that the search forced, in all its trials"
+    rows += _search_rows(hunts, ("search_contacts", what), ("search_margin_m", "hand at"))
+    return rows
+
+
+def over_rows(hunts: list[dict[str, Any]]) -> list[Row]:
+    """The same of people who reach over the top of the mapped box."""
+    what = (
+        "contacts with people who stand and reach in over the top of the mapped box, searched for"
+    )
+    return _search_rows(hunts, ("over_contacts", what), ("over_margin_m", "somebody at"))
+
+
+def _search_rows(
+    hunts: list[dict[str, Any]], contacts: tuple[str, str], margin: tuple[str, str]
+) -> list[Row]:
+    rows = []
     for cap in CAPS:
         mine = [h for h in hunts if h["cap"] == cap]
         if not mine:
             continue
-        touched = sum(h["contacts"] for h in mine)
+        touched, trials = (sum(h[key] for h in mine) for key in ("contacts", "trials"))
+        condition = f"{margin[1]} {cap} m/s"
         rows.append(
-            Row(
-                "search_contacts",
-                "contacts of the moving arm that the search forced, in all its trials",
-                f"hand at {cap} m/s",
-                float(touched),
-                n=sum(h["trials"] for h in mine),
-                must=0.0,
-                aim=0.0,
-            )
+            Row(*contacts, condition, float(touched), n=trials, must=0.0, aim=0.0),
         )
-        margins = [h["margin"] for h in mine]
         rows.append(
             Row(
-                "search_margin_m",
+                margin[0],
                 "least distance to the moving arm that the search found",
-                f"hand at {cap} m/s",
-                min(margins),
+                condition,
+                min(h["margin"] for h in mine),
                 "m",
-                n=sum(h["trials"] for h in mine),
+                n=trials,
                 better="higher",
             )
         )
@@ -103,8 +112,8 @@ def above_row(hunts: list[dict[str, Any]]) -> Row:
     touched, trials = (sum(h[key] for h in hunts) for key in ("contacts", "trials"))
     return share_row(
         "above_contacts",
-        "share of hands from above the mapped box that touch the moving arm: nobody is looked for "
-        "there, and the proof does not hold",
+        "share of hands from above the mapped box that touch the moving arm: there is nobody to "
+        "whom they belong, so the proof does not hold",
         "hands up to 2.0 m/s, alone in the air",
         touched,
         trials,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -83,16 +84,25 @@ def trial(
     return min(moving, default=3.0), int(bool(cell.moving_touches))
 
 
-def search(seed: int, run: int) -> dict[str, Any]:
-    """One search by the cross-entropy method; module-level, for worker processes."""
-    rng = np.random.default_rng((seed, 7, run))
-    speed = CAPS[run % len(CAPS)]
-    mean, spread = MEAN.copy(), SPREAD.copy()
-    mean[0] = rng.uniform(-1.5, 1.5)
+def cross_entropy(
+    one: Callable[[Floats], tuple[float, int]],
+    rng: np.random.Generator,
+    start: tuple[Floats, Floats],
+    bounds: tuple[Floats, Floats],
+) -> dict[str, Any]:
+    """Looks for the genes that bring somebody nearest to the moving arm.
+
+    Args:
+        one: a trial of genes: least distance [m], and 1 if the arm was touched.
+        rng: draws the genes.
+        start: mean and spread of the first genes.
+        bounds: least and greatest.
+    """
+    mean, spread = start[0].copy(), start[1].copy()
     best, best_genes, contacts, trials = np.inf, mean, 0, 0
     for _ in range(GENERATIONS):
-        genes = np.clip(rng.normal(mean, spread, (POPULATION, len(mean))), LOWEST, HIGHEST)
-        found = [trial(g, speed, run) for g in genes]
+        genes = np.clip(rng.normal(mean, spread, (POPULATION, len(mean))), *bounds)
+        found = [one(g) for g in genes]
         margins = np.array([margin for margin, _ in found])
         contacts += sum(touched for _, touched in found)
         trials += POPULATION
@@ -100,9 +110,8 @@ def search(seed: int, run: int) -> dict[str, Any]:
         if margins[order[0]] < best:
             best, best_genes = float(margins[order[0]]), genes[order[0]]
         elite = genes[order[:ELITE]]
-        mean, spread = elite.mean(axis=0), elite.std(axis=0) + 0.05 * SPREAD
+        mean, spread = elite.mean(axis=0), elite.std(axis=0) + 0.05 * start[1]
     return {
-        "cap": speed,
         "margin": best,
         "genes": [float(g) for g in best_genes],
         "contacts": contacts,
@@ -110,8 +119,20 @@ def search(seed: int, run: int) -> dict[str, Any]:
     }
 
 
+def search(seed: int, run: int) -> dict[str, Any]:
+    """One search by the cross-entropy method; module-level, for worker processes."""
+    rng = np.random.default_rng((seed, 7, run))
+    speed = CAPS[run % len(CAPS)]
+    mean = MEAN.copy()
+    mean[0] = rng.uniform(-1.5, 1.5)
+    found = cross_entropy(
+        lambda genes: trial(genes, speed, run), rng, (mean, SPREAD), (LOWEST, HIGHEST)
+    )
+    return {"cap": speed, **found}
+
+
 def from_above(seed: int, run: int) -> dict[str, Any]:
-    """Hands that come out of space that is in no map, above the box: a gap, as it is."""
+    """Hands without anybody, out of space that is in no map: what the proof takes for granted."""
     rng = np.random.default_rng((seed, 8, run))
     speed = CAPS[run % len(CAPS)]
     found = [

@@ -11,10 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from armsight.arrays import JointVector, Points, Vector3
 from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo, Wrench
 from armsight.geometry.camera import PinholeCamera
+from armsight.mapping.config import MappingConfig
+from armsight.mapping.overhead import Overhead
 from armsight.mapping.snapshot import FREE, CameraStatus, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import GuardStatus
@@ -31,6 +34,8 @@ from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 from armsight.simulation.kernels import drive_step
 
+REACH_ABOVE = 0.85
+"""Longest part of a person above the mapped box [m]."""
 STEP = 0.002
 """Time step of the drives [s]."""
 VOXEL = 0.02
@@ -111,6 +116,7 @@ class QuickCell:
         lower, upper = box or (np.full(3, -HALF), np.full(3, HALF))
         i, j, k = (round(float(edge)) for edge in (upper - lower) / VOXEL)
         self.grid = VoxelGrid(lower, VOXEL, (i, j, k))
+        self._overhead = _overhead(self.grid, box) if box is not None else None
         self.state = np.full(self.grid.shape, FREE, np.uint8)
         self.field = np.full(self.grid.shape, 0.3, np.float32)
         self._never = np.full(self.grid.shape, -np.inf, np.float32)
@@ -219,6 +225,8 @@ class QuickCell:
             inside = inside[inside[:, 2] < self.grid.shape[2]]  # above the box nobody looks
             points.append(np.asarray(self.grid.center(inside), float))
         hazards = np.concatenate(points).astype(np.float32)
+        if self._overhead is not None:
+            hazards = np.concatenate([hazards, self._above(hazards)])
         self._sequence += 1
         return WorkspaceSnapshot(
             sequence=self._sequence,
@@ -236,6 +244,17 @@ class QuickCell:
             cameras=(CameraStatus("cam", stamp, True, self._sequence + 1, 0),),
             distance_counts_unknown=True,
         )
+
+    def _above(self, hazards: Points) -> Points:
+        """The lid's points within a person's reach of what is seen right under it."""
+        assert self._overhead is not None
+        cells = self._overhead.cells
+        crossed = hazards[hazards[:, 2] > cells.origin[2] - VOXEL, :2]
+        if len(crossed) == 0:
+            return np.empty((0, 3), np.float32)
+        every = cells.center(np.indices(cells.shape).reshape(3, -1).T)[:, :2]
+        away = np.asarray(cKDTree(crossed).query(every)[0])
+        return self._overhead.points((away <= REACH_ABOVE).reshape(cells.shape[:2]))
 
     def _deliver(self) -> None:
         """Pictures and plans that have arrived by now."""
@@ -270,6 +289,12 @@ class QuickCell:
             self.margins.append(touch)
             if touch.distance < 0.0:
                 self.touches.append(touch)
+
+
+def _overhead(grid: VoxelGrid, box: tuple[Vector3, Vector3]) -> Overhead:
+    """The lid of a box without walls around it."""
+    lower, upper = (tuple(float(x) for x in corner) for corner in box)
+    return Overhead(grid, MappingConfig(lower=lower, upper=upper, reach=REACH_ABOVE), ())  # type: ignore[arg-type]
 
 
 def felt(cell: QuickCell, push: Vector3 | None = None) -> list[Wrench]:

@@ -46,6 +46,10 @@ class MappingConfig:
         hold: a voxel that one camera has hit is not cleared by another before this time [s].
         person_speed: how fast someone unseen may move through unseen space [m/s].
         hand: edge of the smallest cube that counts as room for a person [m].
+        reach: how far from where somebody reaches out of the top of the map a part of them may be
+            above it [m]: an arm's length, as ISO 13855 counts it, or what is left of 2.7 m from
+            foot to finger where that is more (ISO 13857). 0 where nobody is above the map.
+        up: away from the floor, in ``base``; its longest component tells the top of the map.
         static_margin: points this close to a declared solid are that solid [m], besides noise and
             calibration.
         threads: cameras worked on at the same time.
@@ -82,6 +86,8 @@ class MappingConfig:
     hold: float = 0.06
     person_speed: float = 2.0
     hand: float = 0.08
+    reach: float = 0.85
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     static_margin: float = 0.01
     threads: int = 2
 
@@ -118,6 +124,8 @@ class MappingConfig:
             )
         if not 1 <= self.far_parts <= 8:
             raise UsageError(f"mapping.far_parts is {self.far_parts}; expected 1 to 8 fine voxels")
+        if not 0.0 <= self.reach <= 3.0:
+            raise UsageError(f"mapping.reach is {self.reach} m; expected 0 to 3 m")
         if not 2 * self.voxel <= self.distance_cap <= 15 * self.voxel + 1e-9:
             raise UsageError(
                 f"mapping.distance_cap is {self.distance_cap} m; expected 2 to 15 voxels "

@@ -7,6 +7,9 @@ everything seen that is not declared, spreads from there through space that is n
 most as fast as a person moves, and loses whatever is seen free. A person hangs together: what is
 cut off from the outside and from everything seen hides nobody, though it once did not seem so
 (before all cameras had looked, say).
+
+Above the mapped box people are only as far as an arm is long from where they reach out of it
+(:mod:`.overhead`): :meth:`UnseenPeople.reaching` says where that could be.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from armsight.arrays import Bytes, Ints32, Mask, Words
 from armsight.mapping.kernels.flood import (
@@ -36,6 +40,10 @@ from armsight.mapping.kernels.flood import (
 from armsight.mapping.snapshot import ENCLOSED, UNKNOWN, VoxelGrid
 from armsight.mapping.tracked import TOUCHES, TrackedThing
 
+TRUNK = 0.18
+"""Edge of a cube that every trunk fills [m]. Voxels that it only touches count as filled: of 6 cm,
+those of whoever is 17 cm thick and stands upright, 21 cm in any pose, fill it."""
+
 
 class UnseenSets(NamedTuple):
     """Sets packed to bits, not to be written to.
@@ -49,6 +57,24 @@ class UnseenSets(NamedTuple):
     possible: Words
     room: Words
     rim: int
+
+
+class Lid(NamedTuple):
+    """What is above a grid, for :meth:`UnseenPeople.reaching`.
+
+    Attributes:
+        axis: that points up or down.
+        steps: voxels that an arm is long.
+        columns: first and last + 1 of the rows and columns of bits that matter.
+        below: set of all but what is above and below the grid.
+        above: set of what is right above it, where an arm could be.
+    """
+
+    axis: int
+    steps: int
+    columns: tuple[tuple[int, int], tuple[int, int]]
+    below: Words
+    above: Words
 
 
 class Tracked(NamedTuple):
@@ -189,6 +215,74 @@ class UnseenPeople:
         if seen >= TOUCHES or unseen >= TOUCHES:
             add_voxels(own, len(own), ny, nz, rim, bits)
 
+    def reaching(self, dynamic: Ints32, lid: Lid) -> Mask:
+        """Where an arm could be above the grid, as of the last update.
+
+        An arm belongs to a trunk, which is seen, or is where there is room for one unseen, or
+        beside the grid; from there it reaches through what could hide somebody, and over the top.
+
+        Args:
+            dynamic: as it was given to that update.
+            lid: what is above.
+
+        Returns:
+            (a, b) over the two axes beside ``lid.axis``.
+        """
+        _, ny, nz = self._grid.shape
+        rim, within, arms = self._rim, self._a, self._b
+        np.bitwise_and(self._possible, lid.below, out=within)
+        np.copyto(arms, within)
+        open_by_cube(arms, max(int(TRUNK / self._grid.voxel + 1e-6), 1), self._depth)
+        arms |= self._outside
+        add_voxels(dynamic, len(dynamic), ny, nz, rim, arms)
+        arms &= within
+        trunks = self._plane(arms, lid.axis)
+        within |= lid.above
+        near = tuple(slice(first, last) for first, last in lid.columns)
+        arms, within = np.ascontiguousarray(arms[near]), np.ascontiguousarray(within[near])
+        a, b = np.empty_like(arms), np.empty_like(arms)
+        for _ in range(lid.steps):
+            if not grow(arms, within, a, b):
+                break
+        every = np.zeros_like(lid.above)
+        every[near] = arms & lid.above[near]
+        # Steps to all neighbours go farther in between than along the axes.
+        away = distance_transform_edt(~trunks)
+        there = self._plane(every, lid.axis) & (away <= lid.steps)
+        return np.asarray(there[rim:-rim, rim:-rim])
+
+    def _plane(self, bits: Words, axis: int) -> Mask:
+        """(a + 2 rim, b + 2 rim) whether a set has anything along an axis."""
+        there = np.bitwise_or.reduce(bits, axis=axis)
+        if axis < 2:
+            there = np.unpackbits(there.view(np.uint8), axis=1, bitorder="little")
+            there = there[:, : self._depth]
+        return np.asarray(there != 0)
+
+    def lid(self, axis: int, upwards: bool, steps: int, open_: Mask) -> Lid:
+        """What is above the grid, for :meth:`reaching`.
+
+        Args:
+            axis: that points up or down.
+            upwards: whether up.
+            steps: voxels that an arm is long.
+            open_: (a, b) over the two other axes, where an arm could be.
+        """
+        shape, rim = self._possible.shape, self._rim
+        below, above = np.zeros((2, *shape[:2], 64 * shape[2]), bool)
+        last = self._grid.shape[axis] + rim
+        first = (slice(None),) * axis
+        below[(*first, slice(rim, last))] = True
+        there = [slice(rim, n + rim) for n in self._grid.shape]
+        there[axis] = slice(last, last + 1) if upwards else slice(rim - 1, rim)
+        above[tuple(there)] = np.expand_dims(open_, axis)
+        near = np.argwhere(above.any(axis=2))
+        if len(near) == 0 or steps == 0:
+            return Lid(axis, 0, ((0, 0), (0, 0)), _packed(below), _packed(above & False))
+        low, high = near.min(axis=0) - 1, near.max(axis=0) + 2
+        columns = (int(low[0]), int(high[0])), (int(low[1]), int(high[1]))
+        return Lid(axis, steps, columns, _packed(below), _packed(above))
+
     def _look_outside(self, around: UnseenPeople) -> None:
         """Note from which places people come: what the coarser set says of the rim."""
         self._outside.fill(0)
@@ -241,3 +335,9 @@ class UnseenPeople:
         out = np.zeros(self._grid.shape, np.uint8)
         unpack(self._possible, self._rim, out)
         return out
+
+
+def _packed(mask: Mask) -> Words:
+    """(x, y, z) truth values to bits, 64 to a word along z."""
+    eights = np.packbits(mask, axis=2, bitorder="little")
+    return np.ascontiguousarray(eights).view(np.uint64)

@@ -10,6 +10,7 @@ from armsight.mapping.declared import Change, Layers
 from armsight.mapping.hazards import Tracked, UnseenPeople
 from armsight.mapping.kernels.flood import face_points
 from armsight.mapping.occupancy import Occupancy
+from armsight.mapping.overhead import Overhead
 from armsight.mapping.snapshot import FREE, UNKNOWN, Emptiness
 from armsight.mapping.static_geometry import StaticGeometry
 from armsight.mapping.things import PATIENCE, TOUCHES, Things
@@ -59,6 +60,8 @@ class People:
         self.things: Floats32 = np.empty((0, 3), np.float32)
         self._points: Floats32 = np.zeros((int(np.prod(self.far.grid.shape)), 3), np.float32)
         self._tracked = TrackedThing(self.grid)
+        self._overhead = Overhead(self.grid, config, static[0].solids)
+        self._lid = self._overhead.lid(self.far.unseen)
         self._waiting_until = np.inf
 
     def declare_empty(self) -> None:
@@ -72,6 +75,8 @@ class People:
         for layer, static, filled, left in rows:
             layer.occupancy.redeclare(static.filled, filled)
             layer.unseen.redeclare(static.filled, left)
+        self._overhead.redeclare(change.layers[0].solids)
+        self._lid = self._overhead.lid(self.far.unseen)
 
     def turn_back(self, seconds: float) -> None:
         """The clock was turned back by a time [s]: what was seen occupied stays."""
@@ -159,19 +164,22 @@ class People:
         return clusters[may]
 
     def _far_hazards(self, state: Bytes, elapsed: float, now: float) -> list[tuple[Floats32, bool]]:
-        """The same of the coarse layer, outside the fine one, as faces of fine voxels."""
+        """The same of the coarse layer, outside the fine one, as faces of fine voxels; the lid."""
         far = self.far
         shape = np.asarray(far.grid.shape)
         parts = self._config.far_parts
         dynamic = self._people(far, state, far.occupancy.clusters(self._config.far_cluster), now)
         index, faces = far.unseen.update(state, dynamic, None, elapsed)
+        above = np.empty((0, 3), np.float32)
+        if not self._config.unseen_is_empty:
+            above = self._overhead.points(far.unseen.reaching(dynamic, self._lid))
         far.unseen.mark_enclosed(state)
         far.things.keep(state)
         seen = far.occupancy.occupied[index] != 0
         whole = np.full(len(dynamic), 63, np.uint8)
         lower = np.asarray(self.grid.origin, float)
         upper = lower + np.asarray(self.grid.shape) * self.grid.voxel
-        out = []
+        out = [(above, True)]
         for cells, open_faces, unseen in (
             (dynamic, whole, False),
             (index[~seen], faces[~seen], True),

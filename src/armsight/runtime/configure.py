@@ -24,6 +24,11 @@ SIDEWAYS = (1.2, 1.2)
 LOWEST = 0.13
 """Nobody lies lower than this above the floor [m]; cameras cannot tell what is thinner from it."""
 
+TALLEST = 2.7
+"""Nobody who stands on the floor reaches higher [m], nor is longer to the finger (ISO 13857)."""
+ARM = 0.85
+"""Nobody's arm is longer [m] (ISO 13855)."""
+
 
 def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> GuardConfig:
     """The guard's configuration: the arm's declared behaviour, and the file's ``[guard]``.
@@ -73,6 +78,7 @@ def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> Mapp
     below = max(float(low[2]) - LOWEST, 0.0)
     far_low = low - np.array([*SIDEWAYS, below])
     far_high = high + np.array([*SIDEWAYS, 0.0])
+    top = float(high[2])
     low, high = _in_base(low, high, T_world_base)
     far_low, far_high = _in_base(far_low, far_high, T_world_base)
     return MappingConfig(
@@ -88,6 +94,8 @@ def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> Mapp
         align=section.align,
         crop=section.crop,
         person_speed=workcell.guard.reaching_speed,
+        reach=max(TALLEST - top, ARM) if top < TALLEST else 0.0,
+        up=_triple(T_world_base[2, :3]),
         # The planner keeps out of unseen space; a field that counts it spares it a second one.
         unknown_is_solid=True,
     )
