@@ -294,7 +294,7 @@ class QuickCell:
 def _overhead(grid: VoxelGrid, box: tuple[Vector3, Vector3]) -> Overhead:
     """The lid of a box without walls around it."""
     lower, upper = (tuple(float(x) for x in corner) for corner in box)
-    return Overhead(grid, MappingConfig(lower=lower, upper=upper, reach=REACH_ABOVE), ())  # type: ignore[arg-type]
+    return Overhead(grid, MappingConfig(lower=lower, upper=upper, reach=REACH_ABOVE))  # type: ignore[arg-type]
 
 
 def felt(cell: QuickCell, push: Vector3 | None = None) -> list[Wrench]:

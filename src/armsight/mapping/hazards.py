@@ -40,10 +40,6 @@ from armsight.mapping.kernels.flood import (
 from armsight.mapping.snapshot import ENCLOSED, UNKNOWN, VoxelGrid
 from armsight.mapping.tracked import TOUCHES, TrackedThing
 
-TRUNK = 0.18
-"""Edge of a cube that every trunk fills [m]. Voxels that it only touches count as filled: of 6 cm,
-those of whoever is 17 cm thick and stands upright, 21 cm in any pose, fill it."""
-
 
 class UnseenSets(NamedTuple):
     """Sets packed to bits, not to be written to.
@@ -65,14 +61,12 @@ class Lid(NamedTuple):
     Attributes:
         axis: that points up or down.
         steps: voxels that an arm is long.
-        columns: first and last + 1 of the rows and columns of bits that matter.
         below: set of all but what is above and below the grid.
-        above: set of what is right above it, where an arm could be.
+        above: set of what is right above it.
     """
 
     axis: int
     steps: int
-    columns: tuple[tuple[int, int], tuple[int, int]]
     below: Words
     above: Words
 
@@ -218,8 +212,8 @@ class UnseenPeople:
     def reaching(self, dynamic: Ints32, lid: Lid) -> Mask:
         """Where an arm could be above the grid, as of the last update.
 
-        An arm belongs to a trunk, which is seen, or is where there is room for one unseen, or
-        beside the grid; from there it reaches through what could hide somebody, and over the top.
+        An arm belongs to somebody who is seen; from there it reaches, unseen as well, through what
+        could hide them, and over the top.
 
         Args:
             dynamic: as it was given to that update.
@@ -229,26 +223,23 @@ class UnseenPeople:
             (a, b) over the two axes beside ``lid.axis``.
         """
         _, ny, nz = self._grid.shape
+        if len(dynamic) == 0 or lid.steps == 0:
+            return np.zeros([n for k, n in enumerate(self._grid.shape) if k != lid.axis], bool)
         rim, within, arms = self._rim, self._a, self._b
         np.bitwise_and(self._possible, lid.below, out=within)
-        np.copyto(arms, within)
-        open_by_cube(arms, max(int(TRUNK / self._grid.voxel + 1e-6), 1), self._depth)
-        arms |= self._outside
+        arms.fill(0)
         add_voxels(dynamic, len(dynamic), ny, nz, rim, arms)
         arms &= within
-        trunks = self._plane(arms, lid.axis)
+        bodies = self._plane(arms, lid.axis)
         within |= lid.above
-        near = tuple(slice(first, last) for first, last in lid.columns)
-        arms, within = np.ascontiguousarray(arms[near]), np.ascontiguousarray(within[near])
         a, b = np.empty_like(arms), np.empty_like(arms)
         for _ in range(lid.steps):
             if not grow(arms, within, a, b):
                 break
-        every = np.zeros_like(lid.above)
-        every[near] = arms & lid.above[near]
+        arms &= lid.above
         # Steps to all neighbours go farther in between than along the axes.
-        away = distance_transform_edt(~trunks)
-        there = self._plane(every, lid.axis) & (away <= lid.steps)
+        away = distance_transform_edt(~bodies)
+        there = self._plane(arms, lid.axis) & (away <= lid.steps)
         return np.asarray(there[rim:-rim, rim:-rim])
 
     def _plane(self, bits: Words, axis: int) -> Mask:
@@ -259,14 +250,13 @@ class UnseenPeople:
             there = there[:, : self._depth]
         return np.asarray(there != 0)
 
-    def lid(self, axis: int, upwards: bool, steps: int, open_: Mask) -> Lid:
+    def lid(self, axis: int, upwards: bool, steps: int) -> Lid:
         """What is above the grid, for :meth:`reaching`.
 
         Args:
             axis: that points up or down.
             upwards: whether up.
             steps: voxels that an arm is long.
-            open_: (a, b) over the two other axes, where an arm could be.
         """
         shape, rim = self._possible.shape, self._rim
         below, above = np.zeros((2, *shape[:2], 64 * shape[2]), bool)
@@ -275,13 +265,8 @@ class UnseenPeople:
         below[(*first, slice(rim, last))] = True
         there = [slice(rim, n + rim) for n in self._grid.shape]
         there[axis] = slice(last, last + 1) if upwards else slice(rim - 1, rim)
-        above[tuple(there)] = np.expand_dims(open_, axis)
-        near = np.argwhere(above.any(axis=2))
-        if len(near) == 0 or steps == 0:
-            return Lid(axis, 0, ((0, 0), (0, 0)), _packed(below), _packed(above & False))
-        low, high = near.min(axis=0) - 1, near.max(axis=0) + 2
-        columns = (int(low[0]), int(high[0])), (int(low[1]), int(high[1]))
-        return Lid(axis, steps, columns, _packed(below), _packed(above))
+        above[tuple(there)] = True
+        return Lid(axis, steps, _packed(below), _packed(above))
 
     def _look_outside(self, around: UnseenPeople) -> None:
         """Note from which places people come: what the coarser set says of the rim."""

@@ -60,7 +60,7 @@ class People:
         self.things: Floats32 = np.empty((0, 3), np.float32)
         self._points: Floats32 = np.zeros((int(np.prod(self.far.grid.shape)), 3), np.float32)
         self._tracked = TrackedThing(self.grid)
-        self._overhead = Overhead(self.grid, config, static[0].solids)
+        self._overhead = Overhead(self.grid, config)
         self._lid = self._overhead.lid(self.far.unseen)
         self._waiting_until = np.inf
 
@@ -75,8 +75,6 @@ class People:
         for layer, static, filled, left in rows:
             layer.occupancy.redeclare(static.filled, filled)
             layer.unseen.redeclare(static.filled, left)
-        self._overhead.redeclare(change.layers[0].solids)
-        self._lid = self._overhead.lid(self.far.unseen)
 
     def turn_back(self, seconds: float) -> None:
         """The clock was turned back by a time [s]: what was seen occupied stays."""
