@@ -4,11 +4,13 @@ import json
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
-from painted_ports import LENS, facing, paint
+from painted_ports import LENS, PAIR, facing, paint
 
 from armsight.charging.ports.table import PORTS
 from armsight.cli import run
+from armsight.geometry.pose import inverse
 
 LENS_WORDS = ["--intrinsics", f"{LENS.fx},{LENS.fy},{LENS.cx},{LENS.cy}"]
 
@@ -66,11 +68,78 @@ def test_no_port_is_exit_code_1(tmp_path: Path, capsys) -> None:
         (["PICTURE", "--intrinsics", "1,2"], "expected fx,fy,cx,cy"),
         (["PICTURE", "--least-score", "2"], "expected above 0, at most 1"),
         (["TEXT"], "no picture that can be read"),
+        (["LONG"], "9000x16 pixels; at most 8192 a side"),
+        (["SPECK"], "40x40 pixels is too small"),
+        (["PICTURE", "SPECK", "--baseline", "0.15"], "another size than"),
+        (["PICTURE", "PICTURE", "--baseline", "-1"], "a pair needs --baseline"),
+        ([], "0 pictures; give one, or a pair"),
     ],
 )
 def test_bad_input(words, message: str, picture: Path, tmp_path: Path, capsys) -> None:
     text = tmp_path / "notes.png"
     text.write_text("no picture")
     names = {"PICTURE": str(picture), "TEXT": str(text)}
+    for name, shape in (("LONG", (16, 9000)), ("SPECK", (40, 40))):
+        names[name] = str(tmp_path / f"{name}.png")
+        cv2.imwrite(names[name], np.full(shape, 90, np.uint8))
     assert run(["detect-port", *(names.get(w, w) for w in words)]) == 2
     assert message in capsys.readouterr().err
+
+
+def _rows(file: Path, image, capsys, *words: str) -> list[dict]:
+    """What is found in a picture; the exit code says whether anything was."""
+    cv2.imwrite(str(file), image)
+    code = run(["detect-port", str(file), *LENS_WORDS, *words])
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert code == (0 if rows else 1)
+    return rows
+
+
+def test_two_ports_are_two_lines_each_with_its_type(tmp_path: Path, capsys) -> None:
+    one = paint(PORTS["type2"], facing(-0.10, 0.0, 0.5, (0.1, 0.1), 0.1), LENS, 0)
+    two = paint(PORTS["type1"], facing(0.10, 0.0, 0.5, (0.0, 0.2), 0.0), LENS, 1)
+    image = np.hstack([one[:, :320], two[:, 320:]])
+    rows = _rows(tmp_path / "two.png", image, capsys)
+    assert sorted((r["port"], round(r["position_m"][0], 1)) for r in rows) == [
+        ("type1", 0.1), ("type2", -0.1),
+    ]  # fmt: skip
+
+
+def test_a_covered_port_is_not_found(tmp_path: Path, capsys) -> None:
+    """A cloth over it to a sliver; over its lower third alone it is found, and scored for it."""
+    image = paint(PORTS["type2"], facing(0.0, 0.0, 0.4, (0.1, 0.1), 0.1), LENS, 0)
+    whole = _rows(tmp_path / "whole.png", image, capsys)
+    covered, third = image.copy(), image.copy()
+    covered[190:, :] = 150
+    third[265:, :] = 150
+    assert _rows(tmp_path / "covered.png", covered, capsys) == []
+    part = _rows(tmp_path / "third.png", third, capsys)
+    assert all(r["score"] < whole[0]["score"] - 0.1 for r in part)
+
+
+def test_through_a_dirty_lens_it_is_found_where_it_is_or_not_at_all(tmp_path: Path, capsys) -> None:
+    """Smears of a few pixels and haze: no pose that is wrong may look good."""
+    rng = np.random.default_rng(5)
+    image = paint(PORTS["type2"], facing(0.0, 0.0, 0.5, (0.2, 0.1), 0.1), LENS, 0)
+    veil = np.zeros(image.shape, np.float32)
+    for _ in range(40):
+        at = (int(rng.integers(640)), int(rng.integers(480)))
+        cv2.circle(veil, at, int(rng.integers(3, 14)), float(rng.uniform(0.2, 0.8)), -1)
+    veil = cv2.GaussianBlur(veil, (0, 0), 4.0)
+    dirty = np.clip((1 - veil) * image + veil * 130, 0, 255).astype(np.uint8)
+    for r in _rows(tmp_path / "dirty.png", dirty, capsys):
+        assert r["port"] == "type2"
+        assert np.allclose(r["position_m"], [0.0, 0.0, 0.5], atol=0.006)
+
+
+def test_exchanged_cameras_show_no_port(tmp_path: Path, capsys) -> None:
+    T = facing(0.02, 0.0, 0.6, (0.1, 0.1), 0.1)
+    views = [("left", PAIR.left, T), ("right", PAIR.right, inverse(PAIR.T_left_right) @ T)]
+    for seed, (side, lens, pose) in enumerate(views):
+        cv2.imwrite(str(tmp_path / f"{side}.png"), paint(PORTS["type2"], pose, lens, seed))
+    words = [*LENS_WORDS, "--baseline", "0.15", "--toe-in-deg", "12"]
+    files = [str(tmp_path / "left.png"), str(tmp_path / "right.png")]
+    assert run(["detect-port", *files, *words]) == 0
+    capsys.readouterr()
+    assert run(["detect-port", *files[::-1], *words]) == 1
+    assert "no port" in capsys.readouterr().err

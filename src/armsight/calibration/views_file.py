@@ -6,13 +6,16 @@ The first line says whose views they are, so that those of another cell or board
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from armsight.calibration.live.seen import SeenView
 from armsight.errors import CalibrationError
+
+Row = TypeVar("Row")
 
 
 def begin(file: Path, about: dict[str, Any]) -> None:
@@ -35,7 +38,7 @@ def begin(file: Path, about: dict[str, Any]) -> None:
     except OSError as error:
         raise CalibrationError(f"{file}: cannot be written: {error.strerror or error}") from None
     if not file.is_file() or not file.stat().st_size:
-        _write(file, {"about": about})
+        add_row(file, {"about": about})
 
 
 def append(file: Path, view: SeenView) -> None:
@@ -44,10 +47,15 @@ def append(file: Path, view: SeenView) -> None:
     Raises:
         CalibrationError: the file cannot be written.
     """
-    _write(file, _to_json(view))
+    add_row(file, _to_json(view))
 
 
-def _write(file: Path, row: dict[str, Any]) -> None:
+def add_row(file: Path, row: dict[str, Any]) -> None:
+    """Add a line, whole or not at all.
+
+    Raises:
+        CalibrationError: the file cannot be written.
+    """
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("a", encoding="utf-8") as stream:
@@ -58,14 +66,26 @@ def _write(file: Path, row: dict[str, Any]) -> None:
 
 
 def read(file: Path, about: dict[str, Any] | None = None) -> list[SeenView]:
-    """All whole views of a file; a last line cut short by a stop is dropped.
+    """All whole views of a file; see :func:`rows_of`."""
+    return rows_of(file, about, _from_json)
+
+
+def rows_of(
+    file: Path, about: dict[str, Any] | None, made: Callable[[dict[str, Any]], Row]
+) -> list[Row]:
+    """All whole rows of a file; a last line cut short by a stop is dropped.
+
+    Args:
+        file: JSON lines; none is there before the first.
+        about: what they have to be of.
+        made: a row from its JSON; raises ValueError, KeyError or TypeError for one that is none.
 
     Raises:
         CalibrationError: a line in the middle is broken, or the views are of something else.
     """
     if not file.is_file():
         return []
-    out = []
+    out: list[Row] = []
     try:
         rows = file.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -76,7 +96,7 @@ def read(file: Path, about: dict[str, Any] | None = None) -> list[SeenView]:
             if number == 1 and "about" in document:
                 _same(file, document["about"], about)
                 continue
-            out.append(_from_json(document))
+            out.append(made(document))
         except (ValueError, KeyError, TypeError):
             if number == len(rows):
                 break

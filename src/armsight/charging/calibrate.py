@@ -41,11 +41,14 @@ class PlugLook:
         joints: (n,) as the arm reports them [rad].
         T_camera_plug: the plug in the camera's frame.
         covariance: (6, 6) of it as a twist in the plug's frame [m, rad].
+        wrench: (6,) that the force sensor felt, in the flange's frame [N], [N m]; None where nobody
+            feels. What hangs in a soft mount is bent by it.
     """
 
     joints: JointVector
     T_camera_plug: Pose
     covariance: Floats
+    wrench: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,20 @@ class PlugCalibration:
         return np.asarray(A[0] @ self.T_flange_plug)
 
 
+def uncalibrated(T_base_camera: Pose, T_flange_plug: Pose, errors: RobotErrors) -> PlugCalibration:
+    """What is believed before the first look."""
+    size = errors.size
+    return PlugCalibration(
+        T_base_camera,
+        T_flange_plug,
+        np.zeros(size),
+        np.eye(12 + size),
+        np.zeros(0, bool),
+        np.zeros((0, 6)),
+        errors,
+    )
+
+
 def closed_form(robot: Robot, looks: Sequence[PlugLook]) -> tuple[Pose, Pose]:
     """``T_base_camera`` and ``T_flange_plug`` by Park's closed form, all looks alike.
 
@@ -99,6 +116,7 @@ def calibrate_by_plug(
     rng: np.random.Generator,
     arm: bool = True,
     rounds: int = 15,
+    errors: RobotErrors | None = None,
 ) -> PlugCalibration:
     """Closed form, wrong looks left out, then the bundle.
 
@@ -108,6 +126,7 @@ def calibrate_by_plug(
         rng: draws the subsets among which the start is chosen.
         arm: whether the arm's own errors are solved as well.
         rounds: of Gauss-Newton, at most.
+        errors: that the arm may have; those of its size if None.
 
     Raises:
         CalibrationError: too few looks, all turned alike, or most of them contradict each other.
@@ -115,18 +134,9 @@ def calibrate_by_plug(
     A, C = _stacked(robot, looks)
     check_looks(A)
     X, Z = _start(A, C, rng)
-    errors = RobotErrors(robot)
-    answer = PlugCalibration(
-        X,
-        Z,
-        np.zeros(errors.size),
-        np.eye(12 + errors.size),
-        np.ones(len(looks), bool),
-        np.zeros((len(looks), 6)),
-        errors,
-    )
+    answer = uncalibrated(X, Z, errors or RobotErrors(robot))
     joints = np.array([look.joints for look in looks])
-    W = np.array([np.linalg.inv(look.covariance + np.diag(REST_SIGMA**2)) for look in looks])
+    W = _weights(looks)
     for _ in range(rounds):
         answer, moved = _step(answer, joints, C, W, arm)
         if moved < 1e-8:
@@ -169,6 +179,12 @@ def _stacked(robot: Robot, looks: Sequence[PlugLook]) -> tuple[Poses, Poses]:
         return np.zeros((0, 4, 4)), np.zeros((0, 4, 4))
     A = flange_poses(robot, np.array([look.joints for look in looks]))
     return A, np.array([look.T_camera_plug for look in looks])
+
+
+def _weights(looks: Sequence[PlugLook]) -> Floats:
+    """(v, 6, 6) how much each look counts."""
+    C = np.array([look.covariance for look in looks])
+    return np.asarray(np.linalg.inv(C + np.diag(REST_SIGMA**2)))
 
 
 def _start(A: Poses, C: Poses, rng: np.random.Generator) -> tuple[Pose, Pose]:
@@ -256,6 +272,7 @@ def choose_looks(
     noise: Floats,
     targets: Floats,
     count: int,
+    taken: Sequence[PlugLook] = (),
 ) -> list[int]:
     """The looks that make the tip surest, one after the other (greedy A-optimal design).
 
@@ -266,6 +283,7 @@ def choose_looks(
         noise: (c, 6, 6) covariance to be expected of each look.
         targets: (t, n) configurations at which the tip has to be right.
         count: how many to choose.
+        taken: looks that tell something already.
 
     Returns:
         Indices of the chosen candidates, the most telling first.
@@ -281,6 +299,10 @@ def choose_looks(
     H = np.zeros((size, size))
     H[12:, 12:] = np.diag(1.0 / answer.errors.sigma**2)
     H[:12, :12] = np.eye(12) * 1e2  # what a cold start knows: a decimetre, some degrees
+    if taken:
+        q = np.array([look.joints for look in taken])
+        before = _jacobian(answer, q, np.array([look.T_camera_plug for look in taken]))
+        H += np.einsum("via,vij,vjb->ab", before, _weights(taken), before)
     chosen: list[int] = []
     for _ in range(min(count, len(candidates))):
         best, pick = np.inf, -1

@@ -9,13 +9,16 @@ import cv2
 import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats, Mask, Pose
+from armsight.calibration import se3
 from armsight.charging.find import FindOptions
 from armsight.charging.fit import model_points
 from armsight.charging.plane_fit import contact_pixels, paper_pose
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pose import PortPose, locate
 from armsight.charging.rehearsal import rehearse
+from armsight.devices.data import StereoInfo
 from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse
 from armsight.geometry.stereo import StereoPair
 from armsight.motion.perception import CameraUse, PosedPair
 
@@ -110,8 +113,9 @@ class PortEye:
             T = self._pose(pose, pair)
             if T is not None:
                 T_base_port = np.asarray(view.T_base_camera @ T)
+                covariance = pose.covariance + mounting_spread(info, T)
                 ports.append(
-                    SeenPort(pose.port, pose.score, T_base_port, pose.covariance, pose.doubtful)
+                    SeenPort(pose.port, pose.score, T_base_port, covariance, pose.doubtful)
                 )
         picture = drawn(frame.left, info.left, found[0] if found else None)
         reason = "" if ports else "no port in the pictures"
@@ -125,6 +129,14 @@ class PortEye:
             contact_pixels(pose.fit, view, names) + pose.fit.corners[view] for view in range(2)
         ]
         return paper_pose(pose.port, pixels[0], pixels[1], pair)
+
+
+def mounting_spread(info: StereoInfo, T_camera_port: Pose) -> Floats:
+    """(6, 6) what is not known of a pair's mounting, as a twist of a port in its own frame."""
+    if info.covariance is None:
+        return np.zeros((6, 6))
+    adjoint = se3.adjoints(inverse(T_camera_port)[None])[0]
+    return np.asarray(adjoint @ info.covariance @ adjoint.T)
 
 
 def picture_fault(

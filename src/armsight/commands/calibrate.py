@@ -33,7 +33,7 @@ class Calibrate:
 
     Examples: armsight calibrate ur5_calibration --out calibration;
     armsight calibrate --from recordings/monday --board checkerboard:9x7:25;
-    armsight calibrate ur5_four_cameras --markerless
+    armsight calibrate ur5_four_cameras --markerless; armsight calibrate ur10_charging --plug
 
     Attributes:
         workcell: a workcell file, or the name of a packaged cell, to calibrate live.
@@ -55,9 +55,11 @@ class Calibrate:
         write: put what was found into the cell's calibration file, which everything then reads.
         sphere: no board: the fixed cameras are registered by a ball of 150 mm that the arm carries
             (the tool sphere_marker); their lenses stay as they are.
+        plug: no board: a standing stereo pair and the charging plug in the hand are calibrated by
+            showing the plug to the pair (docs/charging.md); people are looked out for as ever.
         markerless: no board: the fixed cameras are placed by their view of the arm on its patrol.
-        camera: only this one, with --markerless; or whose pictures a recorded set has, with --from
-            and a workcell whose calibration file is to keep it.
+        camera: only this one, with --markerless; which pair, with --plug; or whose pictures a
+            recorded set has, with --from and a workcell whose calibration file is to keep it.
         fresh: forget the views of an earlier run.
         force: overwrite a better calibration.
         seed: of everything random.
@@ -82,6 +84,7 @@ class Calibrate:
     paper: bool = False
     write: bool = True
     sphere: bool = False
+    plug: bool = False
     markerless: bool = False
     camera: str | None = None
     fresh: bool = False
@@ -99,8 +102,29 @@ class Calibrate:
             raise UsageError(
                 "calibrate: give a workcell to calibrate live, or --from FOLDER for a recorded set"
             )
-        if self.camera is not None and not self.markerless and self.from_ is None:
-            raise UsageError("calibrate: --camera goes with --markerless or --from")
+        if self.camera is not None and not (self.markerless or self.plug or self.from_):
+            raise UsageError("calibrate: --camera goes with --markerless, --plug or --from")
+        if self.plug:
+            from armsight.commands.calibrate_plug import PlugOptions, calibrate_plug
+
+            if self.workcell is None or self.from_ is not None or self.sphere or self.markerless:
+                raise UsageError(
+                    "calibrate: --plug is shown to a pair of a live cell; it goes with neither "
+                    "--from nor --sphere nor --markerless"
+                )
+            return calibrate_plug(
+                self.workcell,
+                PlugOptions(
+                    self.out,
+                    self.camera,
+                    min(self.views, 26),
+                    self.write,
+                    self.fresh,
+                    self.seed,
+                    self.cell_is_empty,
+                    None if self.headless else self.page,
+                ),
+            )
         if self.sphere:
             from armsight.commands.calibrate_sphere import calibrate_sphere
 

@@ -10,7 +10,7 @@ import tyro
 
 if TYPE_CHECKING:
     from armsight.workcell import Workcell
-    from armsight.workcell.calibration_file.schema import CellCalibration
+    from armsight.workcell.calibration_file.schema import CellCalibration, MeasuredSection
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,20 @@ def lines(workcell: Workcell, calibration: CellCalibration | None) -> list[str]:
         x, y, z = 1e3 * np.array(calibration.board.position)
         on = calibration.board.mounted_on
         out.append(f"{'board':12} {on:>6} {x:6.1f} {y:6.1f} {z:6.1f}")
+    if calibration is not None:
+        out += [_placed(f"pair {p.name}", p.mount, p) for p in calibration.stereo]
+        out += [] if calibration.plug is None else [_placed("plug", "flange", calibration.plug)]
     if calibration is not None and calibration.arm is not None:
         offsets = " ".join(f"{v:+.3f}" for v in calibration.arm.joint_offset_deg)
         out.append(f"{'arm':12} joint offsets {offsets} deg")
     return out
+
+
+def _placed(name: str, mount: str, entry: MeasuredSection) -> str:
+    """A line of what has a place and a covariance, and no lens."""
+    import numpy as np
+
+    x, y, z = 1e3 * np.array(entry.position)
+    sigma = np.sqrt(np.diagonal(entry.C))
+    mm, deg = 1e3 * float(sigma[:3].max()), float(np.rad2deg(sigma[3:].max()))
+    return f"{name:12} {mount:>6} {x:6.1f} {y:6.1f} {z:6.1f} {mm:6.2f} mm {deg:.3f}\u00b0"

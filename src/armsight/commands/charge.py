@@ -75,6 +75,8 @@ class Charge(Working):
             seconds = session.now()
         for i, outcome in enumerate(outcomes):
             say(f"visit {i + 1}: {told(outcome)}")
+        if made[0].apart.words:
+            say(made[0].apart.words)
         if self.json is not None:
             summary = {
                 "workcell": session.cell.workcell.name,

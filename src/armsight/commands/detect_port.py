@@ -40,7 +40,7 @@ class DetectPort:
         baseline: distance of a pair's cameras [m].
         toe_in_deg: angle between a pair's axes, looking inward [deg].
         ports: types to look for, separated by commas: type1, type2, ccs1, ccs2, type1_plug,
-            type2_plug, ccs2_plug.
+            type2_plug, ccs2_plug. Only those are compared: one alone may be taken for another.
         least_score: what scores below is not reported.
         windows: search the darker-than-average regions only, as fast as these are small.
     """

@@ -217,6 +217,8 @@ class StereoInfo:
         T_mount_camera: the left lens in ``base`` or in ``flange``: the calibration.
         rate: pairs a second [Hz].
         latency: declared time from exposure to arrival [s].
+        covariance: (6, 6) of the mounting, in the left lens's axes [m], [rad]; None where it is
+            only declared.
     """
 
     name: str
@@ -228,3 +230,4 @@ class StereoInfo:
     T_mount_camera: Pose
     rate: float
     latency: float
+    covariance: Floats | None = None

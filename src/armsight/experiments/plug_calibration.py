@@ -10,16 +10,17 @@ import numpy as np
 
 from armsight.arrays import Floats, JointPath, Pose, Poses
 from armsight.calibration import se3
-from armsight.calibration.arm import flange_poses, reach_some
+from armsight.calibration.arm import flange_poses
 from armsight.calibration.robot_errors import RobotErrors
-from armsight.calibration.views import travel_seconds
 from armsight.charging.calibrate import (
     PlugCalibration,
     PlugLook,
     calibrate_by_plug,
     choose_looks,
     closed_form,
+    uncalibrated,
 )
+from armsight.charging.plug_views import expected_noise, plug_views, tour
 from armsight.charging.pose import fit_pose
 from armsight.devices.camera_models import stereo_pair
 from armsight.experiments.cache import RunCache
@@ -35,7 +36,7 @@ from armsight.simulation.arm_errors import true_geometry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 4
+VERSION = 5
 LOOKS = 26
 """As many as in the paper."""
 POOL = 160
@@ -76,65 +77,26 @@ def make_cell(rng: np.random.Generator) -> Cell:
     Z = Z @ make_pose(None, rng.normal(0, 0.01, 3))
     guess_X = X @ exp(rng.normal(0, [0.05] * 3 + [np.deg2rad(5)] * 3))
     guess_Z = Z @ exp(rng.normal(0, [0.03] * 3 + [np.deg2rad(5)] * 3))
-    errors = RobotErrors(nominal)
-    size = errors.size
-    believed = PlugCalibration(
-        guess_X,
-        guess_Z,
-        np.zeros(size),
-        np.eye(12 + size),
-        np.zeros(0, bool),
-        np.zeros((0, 6)),
-        errors,
-    )
+    believed = uncalibrated(guess_X, guess_Z, RobotErrors(nominal))
     return Cell(nominal, robot, X, Z, believed)
 
 
-def candidates(cell: Cell, count: int, rng: np.random.Generator) -> tuple[JointPath, Poses]:
-    """(c, n) configurations that hold the plug before the pair, as believed, and its poses."""
-    C = []
-    for _ in range(count):
-        z = rng.uniform(0.45, 0.85)
-        middle = np.array([0.08, 0.0, 0.0])  # between both lenses
-        place = middle + z * np.array([rng.uniform(-0.25, 0.2), rng.uniform(-0.22, 0.22), 1.0])
-        facing = from_rpy((np.pi, 0.0, 0.0))[:3, :3]
-        tilt = from_rpy((rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6)))
-        C.append(make_pose(tilt[:3, :3] @ facing, place))
-    X, Z = cell.believed.T_base_camera, cell.believed.T_flange_plug
-    flanges = np.array([X @ c @ inverse(Z) for c in C])
-    joints, reached = reach_some(cell.nominal, flanges, rng)
-    return joints[reached], np.array(C)[reached]
-
-
-def expected_noise(C: Poses) -> Floats:
-    """(c, 6, 6) covariance to expect of a look from its distance."""
-    z = C[:, 2, 3] / 0.5
-    sigma = np.stack(
-        [1e-4 * z, 1e-4 * z, 2.5e-4 * z**2, *(np.deg2rad(0.4) * z,) * 2, np.deg2rad(0.2) * z], 1
-    )
-    return np.asarray(np.eye(6) * (sigma**2)[:, None, :])
-
-
-def tour(robot: Robot, joints: JointPath) -> tuple[list[int], float]:
-    """Order by the shortest next way from home, and the time of the whole [s]."""
-    here, left, order, seconds = robot.home, list(range(len(joints))), [], 0.0
-    while left:
-        times = travel_seconds(robot, here, joints[left], SPEED, ACCELERATION)
-        k = int(np.argmin(times))
-        seconds += float(times[k]) + LOOK_SECONDS
-        order.append(left.pop(k))
-        here = joints[order[-1]]
-    return order, seconds
+def views(
+    cell: Cell, album: Album, count: int, rng: np.random.Generator
+) -> tuple[JointPath, Poses]:
+    """See :func:`plug_views`, as believed."""
+    return plug_views(cell.believed, cell.nominal, album.pair, "type2_plug", count, rng)
 
 
 def measure(album: Album, seed: int, run: int) -> dict[str, Any]:
     """Calibrate one cell and score it."""
     rng = np.random.default_rng((seed, run, 5))
     cell = make_cell(rng)
-    joints, C = candidates(cell, POOL, rng)
+    joints, C = views(cell, album, POOL, rng)
     goals = joints[rng.choice(len(joints), 12, replace=False)]
     chosen = choose_looks(cell.believed, joints, C, expected_noise(C), goals, LOOKS)
-    order, seconds = tour(cell.nominal, joints[chosen])
+    order, seconds = tour(cell.nominal, cell.nominal.home, joints[chosen], SPEED, ACCELERATION)
+    seconds += LOOK_SECONDS * len(order)
     q = joints[chosen][order]
     truth = inverse(cell.T_base_camera) @ flange_poses(cell.robot, q) @ cell.T_flange_plug
     looks, dropped = [], 0
@@ -159,7 +121,7 @@ def measure(album: Album, seed: int, run: int) -> dict[str, Any]:
             continue
         looks.append(PlugLook(configuration, seen.T_ref_port, seen.covariance))
     result: dict[str, Any] = {"seconds": seconds}
-    test, _ = candidates(cell, 90, rng)
+    test, _ = views(cell, album, 90, rng)
     test = test[:60]
     full = calibrate_by_plug(cell.nominal, looks, rng)
     result |= {"dropped": dropped + int((~full.used).sum()), "looks": len(looks)}

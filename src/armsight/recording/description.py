@@ -81,6 +81,9 @@ def to_metadata(description: CellDescription) -> dict[str, dict[str, str]]:
             "T_mount_camera": _json(pair.T_mount_camera),
             "rate": repr(float(pair.rate)),
             "latency": repr(float(pair.latency)),
+            "covariance": json.dumps(
+                None if pair.covariance is None else np.asarray(pair.covariance).tolist()
+            ),
         }
     for camera in description.cameras:
         records[CAMERA + camera.name] = {
@@ -218,6 +221,7 @@ def _pair(name: str, record: Mapping[str, str]) -> StereoInfo:
         _pose(record["T_mount_camera"]),
         float(record["rate"]),
         float(record["latency"]),
+        _covariance(json.loads(record.get("covariance", "null"))),
     )
 
 

@@ -287,6 +287,7 @@ class SimulatedStereo:
             info.T_mount_camera,
             info.rate,
             info.latency,
+            info.covariance,
         )
         self.reset()
 

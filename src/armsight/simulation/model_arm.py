@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, Pose, Poses
+from armsight.arrays import Floats, Ints, Points, Pose, Poses
 from armsight.geometry.pose import inverse, to_wxyz, transform
 from armsight.robots.robot import Capsules, LinkMesh, Robot, Tool
 from armsight.simulation import looks
@@ -27,7 +27,7 @@ from armsight.simulation.model_parts import (
     Part,
     set_inertia,
 )
-from armsight.simulation.plugs import add_plug, add_sleeve
+from armsight.simulation.plugs import add_looks, add_plug, add_sleeve
 from armsight.simulation.spec import GripperSpec, PlugSpec
 
 TOOL_GYRATION = 0.03
@@ -152,8 +152,9 @@ def _plug(
     center = transform(T_tcp_flange, tool.center_of_mass[None])[0]
     body = add_plug(flange, plug, tool.T_flange_tcp, mass, center)
     meshes = [(m, np.asarray(T_tcp_flange @ m.T_link_mesh)) for m in tool.meshes]
-    _link(builder, body, robot, robot.n, meshes, "arm/tool")
+    _link(builder, body, robot, robot.n, meshes, "arm/tool", plug.drawn)
     part = Part("arm", robot.name, robot.link_names[robot.n], robot.n)
+    add_looks(builder, body, plug.looks, "arm/plug", part)
     add_sleeve(builder, body, plug, part)
     if plug.finger is not None:
         add_finger(builder, part, plug.finger, plug.friction)
@@ -174,7 +175,9 @@ def _link(
     link: int,
     meshes: Sequence[tuple[LinkMesh, Pose]],
     prefix: str = "arm",
+    drawn: float = np.inf,
 ) -> None:
+    """Meshes of a link, seen and touched; drawn only behind this z of the body."""
     part = Part("arm", robot.name, robot.link_names[link], link)
     for number, (mesh, T) in enumerate(meshes):
         surface = load_mesh(mesh.path)
@@ -187,10 +190,14 @@ def _link(
             group = FINE
             plain = load_mesh(coarse)
             scaled = plain.vertices * np.asarray(mesh.scale)
-            builder.visual_mesh(f"{name}/coarse", scaled, plain.faces)
-            builder.looks(body, part, f"{name}/coarse", T, material, COARSE)
-        builder.visual_mesh(name, vertices, faces)
-        builder.looks(body, part, name, T, material, group)
+            shown = _behind(scaled, plain.faces, T, drawn)
+            if len(shown):
+                builder.visual_mesh(f"{name}/coarse", scaled, shown)
+                builder.looks(body, part, f"{name}/coarse", T, material, COARSE)
+        shown = _behind(vertices, faces, T, drawn)
+        if len(shown):
+            builder.visual_mesh(name, vertices, shown)
+            builder.looks(body, part, name, T, material, group)
         for i, piece in enumerate(convex_pieces(vertices, faces)):
             builder.mj.add_mesh(name=f"{name}/{i}", uservert=piece.ravel(), maxhullvert=48)
             builder.geom(
@@ -209,6 +216,12 @@ def _link(
             material = looks.arm_material(builder.mj, (0.75, 0.77, 0.8))
             builder.geom(body, part, **shape, material=material, contype=0, conaffinity=0)
             builder.geom(body, part, **shape, **TOUCHING)
+
+
+def _behind(vertices: Points, faces: Ints, T: Pose, z: float) -> Ints:
+    """The triangles that lie wholly before this z of the body do not count."""
+    height = transform(T, np.asarray(vertices, float))[:, 2]
+    return np.asarray(faces)[~(height[np.asarray(faces)] > z).all(axis=1)]
 
 
 def _inertia(body: Any, robot: Robot, link: int, with_tool: bool = True) -> None:

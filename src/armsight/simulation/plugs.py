@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from armsight.geometry.pose import inverse, make_pose, to_wxyz
 from armsight.simulation.cable import cable_pull
 from armsight.simulation.gl import mujoco
 from armsight.simulation.model_parts import COLOR_ONLY, CONTACT, SEEN, Builder, Part, set_inertia
-from armsight.simulation.spec import CableSpec, PlugSpec, SocketSpec
+from armsight.simulation.spec import CableSpec, Look, PlugSpec, SocketSpec
 
 SOCKET, PLUG = 8, 16
 """Contact bits of the two; they touch each other alone."""
@@ -102,10 +104,16 @@ def add_socket(builder: Builder, spec: SocketSpec) -> Any:
             friction=[spec.friction, 0.002, 0.0001],
             **SOFT,
         )
-    for i, look in enumerate(spec.looks):
+    add_looks(builder, body, spec.looks, spec.name, Part("static", spec.name))
+    return body
+
+
+def add_looks(builder: Builder, body: Any, looks: Sequence[Look], prefix: str, part: Part) -> None:
+    """Surfaces that are seen and touch nothing, in a body's frame."""
+    for i, look in enumerate(looks):
         if not len(look.faces):
             continue
-        name = f"{spec.name}/{i}"
+        name = f"{prefix}/{i}"
         builder.mj.add_material(
             name=name, rgba=[*look.color, 1.0], specular=look.gloss, shininess=0.4
         )
@@ -118,10 +126,9 @@ def add_socket(builder: Builder, spec: SocketSpec) -> Any:
             userfacenormal=faces,
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         )
-        part = Part("static", spec.name, material=look.material or "plain")
         group = SEEN if look.material else COLOR_ONLY
-        builder.looks(body, part, name, np.eye(4), name, group)
-    return body
+        seen = replace(part, material=look.material or "plain")
+        builder.looks(body, seen, name, np.eye(4), name, group)
 
 
 class Plugged:

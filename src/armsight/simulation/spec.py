@@ -262,6 +262,8 @@ class PlugSpec:
         hung: the cable as it hangs, instead of its weight; None where nobody says how.
         friction: of its sleeve.
         finger: beside it, for lids, or None.
+        looks: what its front looks like; drawn: of the tool's own meshes only what lies behind this
+            z is drawn [m], since they show no contacts.
     """
 
     capsules: Floats
@@ -272,6 +274,8 @@ class PlugSpec:
     friction: float = 0.25
     finger: FingerSpec | None = None
     hung: CableSpec | None = None
+    looks: tuple[Look, ...] = ()
+    drawn: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)

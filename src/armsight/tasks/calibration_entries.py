@@ -154,7 +154,12 @@ def arm_of(answer: Calibration, source: str) -> CalibratedArm | None:
     errors = answer.problem.robot
     if not isinstance(errors, RobotErrors) or not answer.freedom.robot:
         return None
-    theta, n = answer.solution.state.theta, errors.robot.n
+    return arm_of_errors(errors, answer.solution.state.theta, source)
+
+
+def arm_of_errors(errors: RobotErrors, theta: Floats, source: str) -> CalibratedArm:
+    """The arm's entry: (size,) errors as found."""
+    n = errors.robot.n
     offset, shift = np.zeros(n), np.zeros((n, 3))
     offset[list(errors.offset_joints)] = theta[: len(errors.offset_joints)]
     lengths = theta[len(errors.offset_joints) :]

@@ -19,6 +19,7 @@ from armsight.charging.lid_eye import LidEye, LidLook
 from armsight.charging.lid_finger import LidSetup
 from armsight.charging.looking import INLETS_OF
 from armsight.charging.moves import before_port
+from armsight.charging.residual import PairsApart
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, Vehicle
 from armsight.charging.visit import Seen, State, StationOptions
@@ -137,7 +138,7 @@ class ChargeOptions:
         if lid is not None and lid.shape.lid is not None:
             pairs = [fixed[0], *(info.name for info in carried)]
             eyes += [LidEye(pair, lid.shape.lid) for pair in pairs]
-        return ChargeTask(station, eyes, self.visits, body)
+        return ChargeTask(station, eyes, self.visits, body, workcell.name)
 
 
 class ChargeTask:
@@ -147,8 +148,10 @@ class ChargeTask:
         station: that decides.
         eyes: the perceivers; visits: to begin by itself.
         body: says to the cell what the parked car is.
+        cell: its name, for what is said.
 
     Attributes:
+        apart: whether both pairs see the ports in one place.
         done: told once all visits that were asked for have ended.
         park: parks a simulated car anew; None where that cannot be.
     """
@@ -158,10 +161,16 @@ class ChargeTask:
     latency = 0.002
 
     def __init__(
-        self, station: Station, eyes: list[PortEye | LidEye], visits: int, body: ParkedCarOnMap
+        self,
+        station: Station,
+        eyes: list[PortEye | LidEye],
+        visits: int,
+        body: ParkedCarOnMap,
+        cell: str = "CELL",
     ) -> None:
         self.station, self.visits, self.body = station, visits, body
         self.park: Callable[[], None] | None = None
+        self.apart = PairsApart(station.options.far, station.options.near, cell)
         self.perceivers = tuple(eyes)
         self._perceivers = tuple(eye.name for eye in eyes)
         self._lid_eyes = tuple(eye for eye in eyes if isinstance(eye, LidEye))
@@ -212,6 +221,7 @@ class ChargeTask:
         for perceived in observation.perceived:
             if isinstance(perceived.evidence, PortLook):
                 self._looks[perceived.evidence.pair] = perceived.evidence
+                self.apart.take(perceived.evidence)
             elif isinstance(perceived.evidence, LidLook):
                 self._lids[perceived.evidence.pair] = perceived.evidence
         joints = observation.joints
@@ -290,7 +300,7 @@ class ChargeTask:
         good = sum(o.seated and o.out and not o.problem for o in station.outcomes)
         return Face(
             state=station.state.value,
-            reason=self._objection or station.words or outcome.problem,
+            reason=self._objection or station.words or outcome.problem or self.apart.words,
             figures=(
                 Figure("visits", float(len(station.outcomes))),
                 Figure("without a fault", float(good)),

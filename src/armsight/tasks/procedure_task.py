@@ -17,8 +17,9 @@ from typing import Generic, TypeVar
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, JointVector
+from armsight.arrays import Bytes, Floats, JointVector
 from armsight.calibration.live.seen import LookAt, Looked, MoveTo, Picture, Request
+from armsight.devices.data import StereoFrame, Wrench
 from armsight.errors import ArmsightError
 from armsight.motion.face import Face
 from armsight.motion.intents import Intent, JointIntent, Rest
@@ -55,6 +56,7 @@ class ProcedureTask(Generic[Result]):
         cameras: Sequence[CameraUse],
         steps: Callable[[Callable[[], float]], Generator[Request, bool | Looked, Result]],
         face: Callable[[], Face],
+        pairs: Sequence[str] = (),
     ) -> None:
         """Prepare.
 
@@ -62,12 +64,15 @@ class ProcedureTask(Generic[Result]):
             cameras: whose pictures, and which, it looks at; the procedure counts them so.
             steps: begins the procedure, given the cell's clock [s].
             face: what it shows.
+            pairs: stereo pairs that it looks at; they count on after the cameras.
         """
         self.result: Result | None = None
         self.error: ArmsightError | None = None
         self._cameras, self._begin, self.face = tuple(cameras), steps, face
+        self._pairs = tuple(pairs)
         self._now = 0.0
-        self._quiet, self._watching = Subscriptions(), Subscriptions(self._cameras)
+        self._quiet = Subscriptions()
+        self._watching = Subscriptions(self._cameras, stereo=self._pairs)
         self.reset()
 
     def reset(self) -> None:
@@ -79,7 +84,7 @@ class ProcedureTask(Generic[Result]):
         self._number = 0
         self._still_since = math.inf
         self._looking_since = math.inf
-        self._taken: list[list[PosedFrame]] = [[] for _ in self._cameras]
+        self._forget()
 
     @property
     def done(self) -> bool:
@@ -123,8 +128,14 @@ class ProcedureTask(Generic[Result]):
             self.error, self._request = error, None
         self._number += 1
         self._looking_since = math.inf
-        self._taken = [[] for _ in self._cameras]
+        self._forget()
         self._still_since = self._now if isinstance(self._request, MoveTo) else self._still_since
+
+    def _forget(self) -> None:
+        """What was taken is of another place, or of an arm that moved."""
+        self._taken: list[list[PosedFrame]] = [[] for _ in self._cameras]
+        self._paired: list[list[StereoFrame]] = [[] for _ in self._pairs]
+        self._felt: list[Wrench] = []
 
     def _notice_rest(self, observation: Observation) -> None:
         assert observation.joints is not None
@@ -152,28 +163,58 @@ class ProcedureTask(Generic[Result]):
         """The pictures of the resting arm; None while they are being taken."""
         since = self._still_since + request.rest
         if math.isinf(self._still_since):
-            self._taken = [[] for _ in self._cameras]
+            self._forget()
             return None
         if math.isinf(self._looking_since):
             self._looking_since = max(since, observation.now)
-        for index in request.cameras:
-            use = self._cameras[index]
-            posed = observation.frame(use.camera)
-            if posed is None or posed.frame.stamp < since or not _complete(posed, use):
-                continue
-            taken = self._taken[index]
-            if len(taken) < request.frames and (
-                not taken or taken[-1].frame.sequence < posed.frame.sequence
-            ):
-                taken.append(posed)
-        enough = all(len(self._taken[i]) >= request.frames for i in request.cameras)
+        wrench, first = observation.wrench, len(self._cameras)
+        last = self._felt[-1].stamp if self._felt else -math.inf
+        if wrench is not None and wrench.stamp >= since and wrench.stamp > last:
+            self._felt.append(wrench)
+        counts = [
+            self._take(observation, self._cameras[i], self._taken[i], request.frames, since)
+            if i < first
+            else self._take_pair(observation, i - first, request.frames, since)
+            for i in request.cameras
+        ]
+        enough = all(count >= request.frames for count in counts)
         if not enough and observation.now - self._looking_since < WAIT:
             return None
         assert observation.joints is not None
         return Looked(
             self._joints(observation.joints.position),
-            [self._picture(i) for i in range(len(self._cameras))],
+            [
+                *(self._picture(i) for i in range(len(self._cameras))),
+                *(_pair_picture(frames) for frames in self._paired),
+            ],
+            _mean_wrench(self._felt),
         )
+
+    def _take(
+        self,
+        observation: Observation,
+        use: CameraUse,
+        taken: list[PosedFrame],
+        most: int,
+        since: float,
+    ) -> int:
+        """Keep a camera's newest frame; how many there are."""
+        posed = observation.frame(use.camera)
+        if posed is None or posed.frame.stamp < since or not _complete(posed, use):
+            return len(taken)
+        if len(taken) < most and (not taken or taken[-1].frame.sequence < posed.frame.sequence):
+            taken.append(posed)
+        return len(taken)
+
+    def _take_pair(self, observation: Observation, pair: int, most: int, since: float) -> int:
+        """Likewise of a stereo pair."""
+        taken, name = self._paired[pair], self._pairs[pair]
+        frame = next((f for f in observation.pairs if f.camera == name), None)
+        if frame is None or frame.stamp < since:
+            return len(taken)
+        if len(taken) < most and (not taken or taken[-1].sequence < frame.sequence):
+            taken.append(frame)
+        return len(taken)
 
     def _joints(self, now: JointVector) -> JointVector:
         """Mean of the joints at the exposures, or as they are now without any."""
@@ -194,6 +235,19 @@ class ProcedureTask(Generic[Result]):
             _mean([p.frame.infrared for p in taken if p.frame.infrared is not None]),
             np.where(count > 0, mean, np.nan).astype(np.float32),
         )
+
+
+def _pair_picture(taken: Sequence[StereoFrame]) -> Picture:
+    if not taken:
+        return Picture(None, None, None, "the pair sent no pictures")
+    left, right = (_mean([_grey(getattr(f, side)) for f in taken]) for side in ("left", "right"))
+    return Picture(left, None, None, right=right)
+
+
+def _mean_wrench(felt: Sequence[Wrench]) -> Floats | None:
+    if not felt:
+        return None
+    return np.asarray(np.mean([np.concatenate([w.force, w.torque]) for w in felt], axis=0))
 
 
 def _complete(posed: PosedFrame, use: CameraUse) -> bool:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from armsight.arrays import JointVector, Pose
 from armsight.devices.clock import WallClock
-from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.data import RgbdCameraInfo, StereoInfo
 from armsight.devices.line import DeviceHealth
 from armsight.devices.protocols import Arm, Clock, ForceSensor, Gripper, RgbdCamera, StereoCamera
 from armsight.devices.world import World
@@ -20,6 +20,7 @@ from armsight.robots.robot import Robot
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell.beliefs import believed, robot_in
 from armsight.workcell.calibration_file.reading import (
+    calibrated_pair,
     calibrated_robot,
     calibration_of,
 )
@@ -129,7 +130,12 @@ class Cell:
 
 
 def open_cell(
-    workcell: Workcell, seed: int = 0, clock: WallClock | None = None, *, calibrated: bool = True
+    workcell: Workcell,
+    seed: int = 0,
+    clock: WallClock | None = None,
+    *,
+    calibrated: bool = True,
+    by_plug: bool = True,
 ) -> Cell:
     """Open every device of a cell.
 
@@ -142,12 +148,13 @@ def open_cell(
         clock: for real devices, else one that starts now; a simulation brings its own.
         calibrated: believe the cell's calibration file, where there is one; else only what the
             workcell file declares.
+        by_plug: with what ``calibrate --plug`` has found.
 
     Raises:
         DeviceError: a device is missing or refuses; those opened before it are closed again.
         WorkcellError: the calibration is not this cell's.
     """
-    calibration = calibration_of(workcell) if calibrated else None
+    calibration = calibration_of(workcell, by_plug) if calibrated else None
     robot = calibrated_robot(robot_in(workcell), calibration)
     simulated = [section.driver == SIMULATED for section in _device_sections(workcell)]
     world = SimulatedWorld(world_spec(workcell, calibration), seed) if any(simulated) else None
@@ -157,6 +164,9 @@ def open_cell(
 
     def believe(declared: RgbdCameraInfo) -> RgbdCameraInfo:
         return believed(declared, calibration)
+
+    def believe_pair(declared: StereoInfo) -> StereoInfo:
+        return calibrated_pair(declared, calibration)
 
     def keep(device: Device) -> Device:
         opened.append(device)
@@ -190,7 +200,8 @@ def open_cell(
             tuple(_in_base(s.solid, workcell.robot.T_world_base) for s in workcell.solid),
             world,
             stereo=tuple(
-                pairs.get(s.name) or keep(open_stereo(workcell, s, clock)) for s in workcell.stereo
+                pairs.get(s.name) or keep(open_stereo(workcell, s, clock, believe_pair))
+                for s in workcell.stereo
             ),
             wrench=wrench,
             gripper=gripper,

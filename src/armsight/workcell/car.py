@@ -65,8 +65,16 @@ def plug_spec(workcell: Workcell) -> PlugSpec | None:
     stiffness = (1e3 * section.mount_n_per_mm, section.mount_nm_per_rad)
     finger = _finger(workcell, section)
     hung = None if section.hanger is None else CableSpec(section.hanger, section.cable_m)
+    seen = tuple(_look(surface, surface.look, "plain") for surface in surfaces(shape))
     return PlugSpec(
-        contours.capsules, contours.radius, stiffness, section.cable_n, finger=finger, hung=hung
+        contours.capsules,
+        contours.radius,
+        stiffness,
+        section.cable_n,
+        finger=finger,
+        hung=hung,
+        looks=seen,
+        drawn=min(float(look.vertices[:, 2].min()) for look in seen) - 0.5e-3,
     )
 
 

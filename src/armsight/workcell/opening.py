@@ -96,12 +96,17 @@ def open_camera(
     )
 
 
-def open_stereo(workcell: Workcell, section: StereoSection, clock: WallClock) -> DrivenStereo:
-    """Open a stereo pair."""
+def open_stereo(
+    workcell: Workcell,
+    section: StereoSection,
+    clock: WallClock,
+    believe: Callable[[StereoInfo], StereoInfo] = lambda info: info,
+) -> DrivenStereo:
+    """Open a stereo pair; see :func:`open_camera`."""
 
     def describe(report: StereoReport) -> StereoInfo:
         mount, T = mounting(workcell, section)
-        return StereoInfo(
+        declared = StereoInfo(
             section.name,
             section.model or report.model,
             report.left,
@@ -112,6 +117,7 @@ def open_stereo(workcell: Workcell, section: StereoSection, clock: WallClock) ->
             report.rate,
             report.latency if latency is None else latency,
         )
+        return believe(declared)
 
     latency = None if section.latency_ms is None else section.latency_ms / 1e3
     settings = CameraSettings(section.name, section.connection, section.rate_hz)

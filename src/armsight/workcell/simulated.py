@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from armsight.devices.camera_models import camera_info
@@ -67,7 +69,9 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
         ),
         floor=settings.floor,
         time_step=(settings.time_step_ms or (1.0 if settings.contact_pushes else 2.0)) / 1e3,
-        stereo=tuple(_pair(workcell, s) for s in workcell.stereo if s.driver == SIMULATED),
+        stereo=tuple(
+            _pair(workcell, s, calibration) for s in workcell.stereo if s.driver == SIMULATED
+        ),
         wrench=_wrench(workcell),
         gripper=_gripper(workcell),
         board=board_spec(workcell),
@@ -97,20 +101,28 @@ def _camera(
     )
 
 
-def _pair(workcell: Workcell, section: StereoSection) -> CameraSpec:
+def _pair(
+    workcell: Workcell, section: StereoSection, calibration: CellCalibration | None
+) -> CameraSpec:
     """A simulated pair: its left lens is ``depth``, its right lens ``color``."""
     settings = workcell.simulation
     mount = "base" if section.mounted_on == "world" else "flange"
+    declared = camera_info(
+        section.name,
+        section.model or DEFAULT_STEREO,
+        mount,
+        mount_pose(workcell, section),
+        rate=section.rate_hz,
+        latency=None if section.latency_ms is None else section.latency_ms / 1e3,
+        ideal_lens=not settings.sensor_errors,
+    )
+    found = None if calibration is None else calibration.of_pair(section.name)
+    info = declared
+    if found is not None:
+        info = replace(declared, T_mount_camera=found.pose, covariance=found.C)
     return CameraSpec(
-        info=camera_info(
-            section.name,
-            section.model or DEFAULT_STEREO,
-            mount,
-            mount_pose(workcell, section),
-            rate=section.rate_hz,
-            latency=None if section.latency_ms is None else section.latency_ms / 1e3,
-            ideal_lens=not settings.sensor_errors,
-        ),
+        info=info,
+        declared=declared,
         T_mount_camera_declared=section.T_mount_camera,
         errors=False,
         pose_error=(

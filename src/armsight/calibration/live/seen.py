@@ -41,21 +41,28 @@ class LookAt:
 class Picture:
     """What a camera delivered: grey pictures and depth, None for what it has not.
 
-    ``problem`` says why there is nothing at all, such as a lost camera.
+    ``problem`` says why there is nothing at all, such as a lost camera. Of a stereo pair, ``color``
+    is the left lens's picture and ``right`` the other's.
     """
 
     color: Bytes | None
     infrared: Bytes | None
     depth: DepthImage | None
     problem: str = ""
+    right: Bytes | None = None
 
 
 @dataclass(frozen=True)
 class Looked:
-    """The reply to :class:`LookAt`: (n,) joint angles that the arm reported meanwhile, pictures."""
+    """The reply to :class:`LookAt`: (n,) joint angles that the arm reported meanwhile, pictures.
+
+    ``wrench`` is the mean of what a force sensor at the flange has felt, (6,) in the flange's frame
+    [N], [N m]; None where nobody feels.
+    """
 
     joints: JointVector
     pictures: list[Picture]
+    wrench: Floats | None = None
 
 
 @dataclass(frozen=True)

@@ -11,20 +11,27 @@ import numpy as np
 from pydantic import ValidationError
 
 from armsight.arrays import Pose
-from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.data import RgbdCameraInfo, StereoInfo
 from armsight.errors import WorkcellError
 from armsight.geometry.pose import exp, inverse, log
 from armsight.robots.robot import Robot
 from armsight.robots.tools import BOARD_TOOL
-from armsight.workcell.calibration_file.schema import CalibratedCamera, CellCalibration
+from armsight.workcell.calibration_file.schema import (
+    CalibratedCamera,
+    CalibratedStereo,
+    CellCalibration,
+)
+from armsight.workcell.checks import robot_of
 from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, nearest
 from armsight.workcell.schema import Workcell
-from armsight.workcell.schema_devices import CameraSection, MountedSection
+from armsight.workcell.schema_devices import CameraSection, MountedSection, StereoSection
 
 LARGEST = 1_000_000
 """A calibration file is never larger [bytes]."""
 BOARD_ON_FLANGE = (BOARD_TOOL, "flange")
 """Only this tool is the board itself; another one merely holds it, if that."""
+BY_PLUG = "armsight calibrate --plug"
+"""Where an entry comes from that the plug has told."""
 FARTHEST_OFF, MOST_TURNED = 0.5, np.deg2rad(45.0)
 """A camera that was found farther than this from where the workcell file puts it is another [m],
 [rad]."""
@@ -38,8 +45,12 @@ def mount_pose(workcell: Workcell, section: MountedSection) -> Pose:
     return np.asarray(inverse(workcell.robot.T_world_base) @ T)
 
 
-def calibration_of(workcell: Workcell) -> CellCalibration | None:
+def calibration_of(workcell: Workcell, by_plug: bool = True) -> CellCalibration | None:
     """The calibration that belongs to a cell; None for a cell that was never calibrated.
+
+    Args:
+        workcell: the cell.
+        by_plug: with what ``calibrate --plug`` has found; False where it is to be found anew.
 
     Raises:
         WorkcellError: it is named and not there, broken, or not this cell's; one line a problem.
@@ -53,6 +64,11 @@ def calibration_of(workcell: Workcell) -> CellCalibration | None:
             )
         return None
     calibration = read_calibration(file)
+    if not by_plug:
+        arm = calibration.arm
+        own = arm is not None and arm.source.startswith(BY_PLUG)
+        changes = {"stereo": (), "plug": None, "arm": None if own else arm}
+        calibration = calibration.model_copy(update=changes)
     problems = list(mismatches(calibration, workcell))
     if problems:
         raise WorkcellFileError(str(file), problems)
@@ -95,10 +111,11 @@ def parse_calibration(text: str, file: str = "cell.calibration.toml") -> CellCal
         calibration = CellCalibration.model_validate(raw)
     except ValidationError as error:
         raise WorkcellFileError(file, from_validation(error, raw, CellCalibration)) from None
-    names = [c.name for c in calibration.camera]
-    twice = sorted({n for n in names if names.count(n) > 1})
-    if twice:
-        raise WorkcellFileError(file, [Problem("camera", f'"{twice[0]}" is there more than once')])
+    for what, entries in (("camera", calibration.camera), ("stereo", calibration.stereo)):
+        names = [c.name for c in entries]
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            raise WorkcellFileError(file, [Problem(what, f'"{twice[0]}" is there more than once')])
     return calibration
 
 
@@ -135,10 +152,42 @@ def mismatches(calibration: CellCalibration, workcell: Workcell) -> Iterator[Pro
             yield Problem(where, f"the cell has no such camera; {nearest(camera.name, sections)}")
             continue
         yield from _another(where, camera, workcell, section)
+    pairs = {c.name: c for c in workcell.stereo}
+    for pair in calibration.stereo:
+        where = f'stereo "{pair.name}"'
+        if pair.name not in pairs:
+            yield Problem(where, f"the cell has no such pair; {nearest(pair.name, pairs)}")
+            continue
+        yield from _another(where, pair, workcell, pairs[pair.name])
+    yield from _another_plug(calibration, workcell)
+
+
+def _another_plug(calibration: CellCalibration, workcell: Workcell) -> Iterator[Problem]:
+    """Whether another plug hangs there than the one that was calibrated, or elsewhere."""
+    found, section = calibration.plug, workcell.plug
+    if found is None or section is None:
+        return
+    if found.kind != section.kind:
+        yield Problem(
+            "plug.kind",
+            f"is of a {found.kind}, and the cell has a {section.kind}: the plug was exchanged; "
+            f"calibrate again: '{BY_PLUG.replace('--', workcell.name + ' --')}'",
+        )
+        return
+    tool = robot_of(workcell.robot, workcell.held).tool
+    if tool is not None and found.moved(tool.T_flange_tcp):
+        yield Problem(
+            "plug.declared",
+            f"older than the cell's tool: its tip has been declared elsewhere since "
+            f"{found.calibrated:%Y-%m-%d %H:%M}; calibrate again, or take [plug] out here",
+        )
 
 
 def _another(
-    where: str, camera: CalibratedCamera, workcell: Workcell, section: CameraSection
+    where: str,
+    camera: CalibratedCamera | CalibratedStereo,
+    workcell: Workcell,
+    section: CameraSection | StereoSection,
 ) -> Iterator[Problem]:
     if section.model is not None and camera.model != section.model:
         yield Problem(
@@ -204,6 +253,14 @@ def calibrated_info(declared: RgbdCameraInfo, found: CalibratedCamera) -> RgbdCa
     )
 
 
+def calibrated_pair(declared: StereoInfo, calibration: CellCalibration | None) -> StereoInfo:
+    """What is believed of a stereo pair: as declared, or where it was calibrated."""
+    found = None if calibration is None else calibration.of_pair(declared.name)
+    if found is None:
+        return declared
+    return replace(declared, T_mount_camera=found.pose, covariance=found.C)
+
+
 def calibrated_robot(robot: Robot, calibration: CellCalibration | None) -> Robot:
     """The arm with the errors that calibration has found in its geometry, the board where it hangs.
 
@@ -215,6 +272,10 @@ def calibrated_robot(robot: Robot, calibration: CellCalibration | None) -> Robot
     board, tool = calibration.board, robot.tool
     if board is not None and tool is not None and (tool.name, board.mounted_on) == BOARD_ON_FLANGE:
         off = board.pose @ inverse(board.declared.pose)
+        robot = robot.without_tool().with_tool(tool.moved(off))
+    plug, tool = calibration.plug, robot.tool
+    if plug is not None and tool is not None and not plug.moved(tool.T_flange_tcp):
+        off = plug.pose @ inverse(plug.declared.pose)
         robot = robot.without_tool().with_tool(tool.moved(off))
     if calibration.arm is None:
         return robot

@@ -141,25 +141,14 @@ class DeclaredSection(PlacedSection):
     """Where the workcell file put the camera when it was calibrated, in the same mount."""
 
 
-class CalibratedCamera(PlacedSection):
-    """One camera: its depth lens's pose in base or flange, its lenses, its depth errors."""
+class MeasuredSection(PlacedSection):
+    """A pose that was found, how sure it is, and where it was declared to be."""
 
-    name: Name = key(..., "As in the workcell file.")
-    model: Text = key(..., "As in the workcell file.")
-    mount: Literal["base", "flange"] = key(..., "What the pose is in.")
-    calibrated: Moment = key(..., "When.")
-    source: Text = key("", "From what.")
-    target_error: Positive | None = key(
-        None, "Expected error of a point 1.0 to 1.5 m away, by the calibration itself.", "m"
-    )
     covariance: Matrix = key(..., "Of the pose: translation, then rotation, in its own axes.")
     declared: DeclaredSection = key(..., "Where the workcell file put it then.")
-    depth_lens: LensSection = key(..., "The depth (infrared) lens, at the depth image's size.")
-    color_lens: ColorLensSection | None = key(None, "The colour lens.")
-    depth_model: DepthModelSection | None = key(None, "Systematic error of its depth.")
 
     @model_validator(mode="after")
-    def _covariance_possible(self) -> CalibratedCamera:
+    def _covariance_possible(self) -> MeasuredSection:
         C = np.array(self.covariance)
         if not np.allclose(C, C.T, rtol=1e-6, atol=1e-15):
             raise ValueError("covariance is not symmetric")
@@ -174,9 +163,25 @@ class CalibratedCamera(PlacedSection):
         return np.array(self.covariance)
 
     def moved(self, T_mount_declared: Pose) -> bool:
-        """Whether the workcell file puts the camera elsewhere than when it was calibrated."""
+        """Whether it is declared elsewhere than when it was calibrated."""
         step = log(inverse(self.declared.pose) @ T_mount_declared)
         return bool(np.linalg.norm(step[:3]) > 1e-4 or np.linalg.norm(step[3:]) > 1e-4)
+
+
+class CalibratedCamera(MeasuredSection):
+    """One camera: its depth lens's pose in base or flange, its lenses, its depth errors."""
+
+    name: Name = key(..., "As in the workcell file.")
+    model: Text = key(..., "As in the workcell file.")
+    mount: Literal["base", "flange"] = key(..., "What the pose is in.")
+    calibrated: Moment = key(..., "When.")
+    source: Text = key("", "From what.")
+    target_error: Positive | None = key(
+        None, "Expected error of a point 1.0 to 1.5 m away, by the calibration itself.", "m"
+    )
+    depth_lens: LensSection = key(..., "The depth (infrared) lens, at the depth image's size.")
+    color_lens: ColorLensSection | None = key(None, "The colour lens.")
+    depth_model: DepthModelSection | None = key(None, "Systematic error of its depth.")
 
 
 class CalibratedArm(Section):
@@ -214,6 +219,27 @@ class CalibratedBoard(PlacedSection):
     declared: DeclaredSection = key(..., "Where the workcell file put it then.")
 
 
+class CalibratedStereo(MeasuredSection):
+    """One stereo pair: its left lens's pose in base. Its lenses stay as they are declared."""
+
+    name: Name = key(..., "As in the workcell file.")
+    model: Text = key(..., "As in the workcell file.")
+    mount: Literal["base", "flange"] = key(..., "What the pose is in.")
+    calibrated: Moment = key(..., "When.")
+    source: Text = key("", "From what.")
+
+
+class CalibratedPlug(MeasuredSection):
+    """Where its mount holds the charging plug: the tip on the flange, nothing hanging on it."""
+
+    kind: Name = key(..., "As in the workcell file.")
+    calibrated: Moment = key(..., "When.")
+    source: Text = key("", "From what.")
+    tip_error: Positive | None = key(
+        None, "Expected error of the tip against what the pair sees, where it looks.", "m"
+    )
+
+
 class CalibratedCell(Section):
     """Whose calibration it is."""
 
@@ -228,10 +254,16 @@ class CellCalibration(Section):
     arm: CalibratedArm | None = key(None, "Errors of the arm.")
     board: CalibratedBoard | None = key(None, "Where the board hangs.")
     camera: tuple[CalibratedCamera, ...] = key((), "The cameras that were calibrated.")
+    stereo: tuple[CalibratedStereo, ...] = key((), "The stereo pairs that were calibrated.")
+    plug: CalibratedPlug | None = key(None, "Where the charging plug sits.")
 
     def of(self, name: str) -> CalibratedCamera | None:
         """The entry of a camera, or None."""
         return next((c for c in self.camera if c.name == name), None)
+
+    def of_pair(self, name: str) -> CalibratedStereo | None:
+        """The entry of a stereo pair, or None."""
+        return next((c for c in self.stereo if c.name == name), None)
 
 
 def check_rigid(where: str, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:

@@ -10,6 +10,8 @@ from armsight.workcell.calibration_file.schema import (
     CalibratedArm,
     CalibratedBoard,
     CalibratedCamera,
+    CalibratedPlug,
+    CalibratedStereo,
 )
 from armsight.workcell.calibration_file.writing import updated
 from armsight.workcell.schema import Workcell
@@ -21,6 +23,8 @@ def store(
     cameras: Sequence[CalibratedCamera],
     arm: CalibratedArm | None = None,
     board: CalibratedBoard | None = None,
+    stereo: Sequence[CalibratedStereo] = (),
+    plug: CalibratedPlug | None = None,
 ) -> Path:
     """Put entries into the cell's calibration file; what else stands there is kept.
 
@@ -36,7 +40,7 @@ def store(
         raise CalibrationError(f"{workcell.name}: came from no file, so nothing can be kept")
     try:
         text = file.read_text(encoding="utf-8") if file.is_file() else ""
-        new = updated(text, workcell, cameras, arm, str(file), board)
+        new = updated(text, workcell, cameras, arm, str(file), board, stereo, plug)
         write_atomically(file, new.encode())
     except (OSError, UnicodeDecodeError) as error:
         raise CalibrationError(f"{file}: cannot be written: {error}") from None

@@ -24,10 +24,12 @@ from armsight.workcell.calibration_file.schema import (
     CalibratedBoard,
     CalibratedCamera,
     CalibratedCell,
+    CalibratedPlug,
+    CalibratedStereo,
     CellCalibration,
 )
 from armsight.workcell.schema import Workcell
-from armsight.workcell.schema_devices import CameraSection
+from armsight.workcell.schema_devices import CameraSection, PlugSection, StereoSection
 from armsight.workcell.schema_things import BoardSection
 
 HEADER = (
@@ -85,7 +87,6 @@ def camera_entry(
             "rms": float(depth_model.rms),
         }
     color = None if color_lens is None else {**_lens(color_lens), **_placed(T_depth_color)}
-    C = 0.5 * (covariance + covariance.T)
     return CalibratedCamera.model_validate(
         {
             "name": section.name,
@@ -95,11 +96,67 @@ def camera_entry(
             "source": source,
             "target_error": target_error,
             **_placed(T_mount_camera),
-            "covariance": tuple(tuple(float(v) for v in row) for row in C),
-            "declared": _placed(mount_pose(workcell, section)),
+            **_measured(covariance, mount_pose(workcell, section)),
             "depth_lens": _lens(depth_lens),
             "color_lens": color,
             "depth_model": depths,
+        }
+    )
+
+
+def stereo_entry(
+    workcell: Workcell,
+    section: StereoSection,
+    T_mount_camera: Pose,
+    covariance: Floats,
+    *,
+    model: str,
+    source: str,
+    now: datetime | None = None,
+) -> CalibratedStereo:
+    """A stereo pair's entry: its left lens in base or flange, (6, 6) covariance in its own axes."""
+    return CalibratedStereo.model_validate(
+        {
+            "name": section.name,
+            "model": section.model or model,
+            "mount": "base" if section.mounted_on == "world" else "flange",
+            "calibrated": _moment(now),
+            "source": source,
+            **_placed(T_mount_camera),
+            **_measured(covariance, mount_pose(workcell, section)),
+        }
+    )
+
+
+def plug_entry(
+    section: PlugSection,
+    T_flange_plug: Pose,
+    covariance: Floats,
+    T_flange_declared: Pose,
+    *,
+    source: str,
+    tip_error: float | None = None,
+    now: datetime | None = None,
+) -> CalibratedPlug:
+    """The plug's entry.
+
+    Args:
+        section: of the cell.
+        T_flange_plug: where its mount holds it.
+        covariance: (6, 6) of that, in the plug's axes.
+        T_flange_declared: where its tool has the tip.
+        source: from what, for people.
+        tip_error: expected error of the tip against what the pair sees [m].
+        now: when; this moment if None.
+    """
+    return CalibratedPlug.model_validate(
+        {
+            "kind": section.kind,
+            "calibrated": _moment(now),
+            "source": source,
+            "tip_error": tip_error,
+            **_placed(T_flange_plug),
+            **_measured(covariance, T_flange_declared),
         }
     )
 
@@ -140,6 +197,8 @@ def updated(
     arm: CalibratedArm | None = None,
     file: str = "cell.calibration.toml",
     board: CalibratedBoard | None = None,
+    stereo: Sequence[CalibratedStereo] = (),
+    plug: CalibratedPlug | None = None,
 ) -> str:
     """The text of a calibration file with new entries in it.
 
@@ -150,6 +209,8 @@ def updated(
         arm: its errors, where they were found.
         file: how errors name it.
         board: where it hangs, where that was found.
+        stereo: pairs that were found.
+        plug: where it sits, where that was found.
 
     Raises:
         WorkcellError: ``text`` is broken; nothing of it can be kept, so nothing is written.
@@ -169,25 +230,39 @@ def updated(
         _put(document, "arm", arm.model_dump(exclude_none=True))
     if board is not None:
         _put(document, "board", board.model_dump(exclude_none=True))
-    if "camera" not in document:
-        document["camera"] = tomlkit.aot()
-    entries = document["camera"]
+    if plug is not None:
+        _put(document, "plug", plug.model_dump(exclude_none=True))
+    _entries(document, "camera", cameras, {c.name for c in workcell.camera})
+    _entries(document, "stereo", stereo, {c.name for c in workcell.stereo})
+    out = re.sub(r"(?<!\n)\n(?=\[)", "\n\n", tomlkit.dumps(document))
+    CellCalibration.model_validate(tomlkit.parse(out).unwrap())  # never write what we would refuse
+    return out
+
+
+def _entries(
+    document: tomlkit.TOMLDocument,
+    name: str,
+    found: Sequence[CalibratedCamera] | Sequence[CalibratedStereo],
+    known: set[str],
+) -> None:
+    """What was found by name; entries of what the cell no longer has go."""
+    if name not in document:
+        if not found:
+            return
+        document[name] = tomlkit.aot()
+    entries = document[name]
     assert isinstance(entries, AoT)
-    known = {c.name for c in workcell.camera}
     for i in range(len(entries) - 1, -1, -1):
         if entries[i].get("name") not in known:
-            del entries[i]  # a camera that the cell no longer has
-    for camera in cameras:
-        values = camera.model_dump(exclude_none=True)
+            del entries[i]
+    for one in found:
+        values = one.model_dump(exclude_none=True)
         values = {k: values[k] for k in (*FIRST, *values) if k in values}
-        entry = next((e for e in entries if e.get("name") == camera.name), None)
+        entry = next((e for e in entries if e.get("name") == one.name), None)
         if entry is None:
             entries.append(_table(values))
         else:
             _renew(entry, values)
-    out = re.sub(r"(?<!\n)\n(?=\[)", "\n\n", tomlkit.dumps(document))
-    CellCalibration.model_validate(tomlkit.parse(out).unwrap())  # never write what we would refuse
-    return out
 
 
 def _renew(table: Any, values: dict[str, Any]) -> None:
@@ -237,6 +312,14 @@ def _placed(T: Pose) -> dict[str, Any]:
     return {
         "position": tuple(float(v) for v in T[:3, 3]),
         "quaternion_xyzw": tuple(float(v) for v in to_quaternion(T)),
+    }
+
+
+def _measured(covariance: Floats, T_declared: Pose) -> dict[str, Any]:
+    C = 0.5 * (covariance + covariance.T)
+    return {
+        "covariance": tuple(tuple(float(v) for v in row) for row in C),
+        "declared": _placed(T_declared),
     }
 
 

@@ -1,0 +1,262 @@
+"""Calibrating a standing pair and the plug by showing the plug to it: moves, looks, the solve.
+
+It knows neither the arm nor the pair: it yields what it wants and is sent what came of it, as the
+sphere's procedure does (:mod:`armsight.calibration.live.sphere`). What hangs in a soft mount is
+seen as it hangs; what the force sensor feels says how far that is from where the mount holds it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armsight.arrays import Bytes, Floats, JointVector, Pose
+from armsight.calibration.live.seen import LookAt, Looked, MoveTo, Request
+from armsight.calibration.robot_errors import RobotErrors
+from armsight.calibration.views import FreeCheck
+from armsight.charging.admittance import Admittance
+from armsight.charging.calibrate import (
+    LEAST_VIEWS,
+    PlugCalibration,
+    PlugLook,
+    calibrate_by_plug,
+    choose_looks,
+    uncalibrated,
+)
+from armsight.charging.eye import picture_fault
+from armsight.charging.find import FindOptions
+from armsight.charging.hanging import hung
+from armsight.charging.plug_views import expected_noise, plug_views, tour
+from armsight.charging.pose import PortPose, fit_pose, locate
+from armsight.devices.data import StereoInfo
+from armsight.errors import CalibrationError
+from armsight.geometry.pose import inverse
+from armsight.geometry.stereo import StereoPair
+from armsight.robots.robot import Robot
+
+POOL = 160
+"""Configurations that looks are chosen from."""
+FIRST = 9
+"""Looks after which pair and plug are known well enough to choose the others better."""
+GOALS = 12
+"""Places of the workspace at which the tip has to be right."""
+REST = 0.5
+"""Before each look: the plug swings in its mount [s]."""
+CLEAR = 0.7
+"""A look that scores less is not used."""
+ROUNDS = 3
+"""Of taking out how the plug hangs about where it was found to be held."""
+RANGE = (0.3, 1.2)
+"""Where a plug is searched that is not where it is expected [m]."""
+
+
+@dataclass(frozen=True)
+class PlugSetup:
+    """What is there to calibrate.
+
+    Attributes:
+        robot: the arm as believed, the plug its tool: it is moved by this.
+        errors: of which arm which errors are solved; None for an arm that is believed as it is.
+        pair: that stands, as believed.
+        plug: type of the plug.
+        mount: in which it hangs; None for a rigid one.
+        free: whether the arm may stand at joint angles.
+        looks: how many are taken, with those that are there already.
+        speed, acceleration: shares of the arm's limits.
+    """
+
+    robot: Robot
+    errors: RobotErrors | None
+    pair: StereoInfo
+    plug: str
+    mount: Admittance | None
+    free: FreeCheck
+    looks: int = 26
+    speed: float = 0.5
+    acceleration: float = 0.5
+
+    @property
+    def lenses(self) -> StereoPair:
+        """The pair's geometry."""
+        return StereoPair(self.pair.left, self.pair.right, self.pair.T_left_right)
+
+    @property
+    def believed(self) -> PlugCalibration:
+        """Before the first look."""
+        assert self.robot.tool is not None
+        errors = self.errors or RobotErrors(self.robot)
+        return uncalibrated(self.pair.T_mount_camera, self.robot.tool.T_flange_tcp, errors)
+
+
+@dataclass(frozen=True, eq=False)
+class PlugNews:
+    """What a watcher is told after each look, or where there could be none.
+
+    Attributes:
+        done, of: looks so far, and how many there will be.
+        picture: the left one, grey; None where none came.
+        seen: the plug in it, or None; problem: why there is none, in words.
+        joints: (n,) of the arm [rad].
+        answer: what is believed by now.
+    """
+
+    done: int
+    of: int
+    picture: Bytes | None
+    seen: PortPose | None
+    problem: str
+    joints: JointVector
+    answer: PlugCalibration
+
+
+@dataclass(frozen=True, eq=False)
+class PlugResult:
+    """What comes of it.
+
+    Attributes:
+        answer: pair in base, plug on flange, the arm's errors.
+        looks: that were taken; dropped: why others were not, in words.
+        sigma: of the tip against what the pair sees, over the places it has to be right at [m].
+    """
+
+    answer: PlugCalibration
+    looks: tuple[PlugLook, ...]
+    dropped: tuple[str, ...]
+    sigma: float
+
+
+Told = Callable[[PlugNews], None]
+Kept = Callable[[PlugLook], None]
+
+
+def plug_procedure(
+    setup: PlugSetup,
+    rng: np.random.Generator,
+    told: Told = lambda news: None,
+    kept: Kept = lambda look: None,
+    done: Sequence[PlugLook] = (),
+) -> Generator[Request, bool | Looked, PlugResult]:
+    """Show the plug from many sides, first as believed, then as the first looks have told.
+
+    Args:
+        setup: what is there.
+        rng: of places.
+        told: told of every look.
+        kept: told of every one that counts.
+        done: looks of a run that was stopped: they count as taken.
+
+    Raises:
+        CalibrationError: the plug cannot be shown, was not seen often enough, or its looks
+            contradict each other or turn it about one axis only.
+    """
+    looks, dropped = list(done), list[str]()
+    answer, goals = setup.believed, np.zeros((0, setup.robot.n))
+    here = setup.robot.home
+    for stage, until in (("look about", FIRST), ("look where it tells most", setup.looks)):
+        if len(looks) >= LEAST_VIEWS:
+            with suppress(CalibrationError):  # more looks may tell; the end decides
+                answer = _solved(setup, looks, rng)
+        joints, C = plug_views(answer, setup.robot, setup.lenses, setup.plug, POOL, rng, setup.free)
+        if len(joints) < LEAST_VIEWS:
+            raise CalibrationError(
+                f"the arm can hold its plug before the pair {setup.pair.name} in {len(joints)} "
+                f"places only, {LEAST_VIEWS} are needed: check where the pair is said to be, and "
+                "what the arm must keep from"
+            )
+        goals = np.vstack([joints[rng.permutation(len(joints))[:GOALS]], setup.robot.home])
+        wanted = min(until, setup.looks) - len(looks) - len(dropped)
+        chosen = choose_looks(answer, joints, C, expected_noise(C), goals, max(wanted, 0), looks)
+        order, _ = tour(setup.robot, here, joints[chosen], setup.speed, setup.acceleration)
+        for index in order:
+            goal = joints[chosen[index]]
+            arrived = yield MoveTo(goal, stage)
+            if not arrived:
+                dropped.append("the arm did not get there")
+                count = len(looks) + len(dropped)
+                told(PlugNews(count, setup.looks, None, None, dropped[-1], goal, answer))
+                continue
+            here = goal
+            looked = yield LookAt((0,), REST, 1)
+            assert isinstance(looked, Looked)
+            seen, problem = read_look(setup, answer, looked)
+            if seen is not None:
+                looks.append(
+                    PlugLook(looked.joints, seen.T_ref_port, seen.covariance, looked.wrench)
+                )
+                kept(looks[-1])
+            else:
+                dropped.append(problem)
+            picture = looked.pictures[0].color
+            count = len(looks) + len(dropped)
+            told(PlugNews(count, setup.looks, picture, seen, problem, looked.joints, answer))
+    if len(looks) < LEAST_VIEWS and dropped:
+        raise CalibrationError(
+            f"plug calibration: {len(looks)} good looks of {len(looks) + len(dropped)}, at least "
+            f"{LEAST_VIEWS} are needed; most often: {max(set(dropped), key=dropped.count)}"
+        )
+    answer = _solved(setup, looks, rng)
+    sigma = float(np.sqrt(np.mean([answer.tip_sigma(q) ** 2 for q in goals])))
+    return PlugResult(answer, tuple(looks), tuple(dropped), sigma)
+
+
+def read_look(
+    setup: PlugSetup, answer: PlugCalibration, looked: Looked
+) -> tuple[PortPose | None, str]:
+    """The plug in a look's pictures, or None and why not.
+
+    It is fitted where it is expected, and searched where it is not there.
+    """
+    picture, pair = looked.pictures[0], setup.lenses
+    if picture.color is None or picture.right is None:
+        return None, picture.problem or "the pair sent one picture only"
+    images = (picture.color, picture.right)
+    fault = picture_fault(*images, pair.left, pair.right)
+    if fault:
+        return None, fault
+    lenses, T_lens_ref = (pair.left, pair.right), (np.eye(4), inverse(pair.T_left_right))
+    start = inverse(answer.T_base_camera) @ answer.base_tip(looked.joints)
+    start = start @ hanging(answer.T_flange_plug, looked.wrench, setup.mount)
+    seen = fit_pose(images, lenses, T_lens_ref, setup.plug, start)
+    if seen.score < CLEAR or seen.doubtful:
+        found = locate(images, pair, FindOptions((setup.plug,), RANGE))
+        if not found:
+            return None, f"no {setup.plug} in the pictures"
+        seen = found[0]
+    if seen.score < CLEAR:
+        return None, "the plug is not clear enough"
+    if seen.doubtful:
+        return None, "the plug's roll cannot be told"
+    return seen, ""
+
+
+def hanging(T_flange_plug: Pose, wrench: Floats | None, mount: Admittance | None) -> Pose:
+    """The hanging plug in the frame of where its mount holds it."""
+    if mount is None or wrench is None:
+        return np.eye(4)
+    return np.asarray(inverse(T_flange_plug) @ hung(T_flange_plug, wrench, mount))
+
+
+def _solved(
+    setup: PlugSetup, looks: Sequence[PlugLook], rng: np.random.Generator
+) -> PlugCalibration:
+    """The bundle of where the mount holds the plug; how it hangs depends on where that is."""
+    errors = setup.errors or RobotErrors(setup.robot)
+    answer = setup.believed
+    for _ in range(ROUNDS if setup.mount is not None else 1):
+        held = [
+            replace(
+                look,
+                T_camera_plug=np.asarray(
+                    look.T_camera_plug
+                    @ inverse(hanging(answer.T_flange_plug, look.wrench, setup.mount))
+                ),
+            )
+            for look in looks
+        ]
+        answer = calibrate_by_plug(
+            errors.robot, held, rng, arm=setup.errors is not None, errors=errors
+        )
+    return answer
