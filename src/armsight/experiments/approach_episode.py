@@ -117,4 +117,4 @@ def empty(seed: int, run: int) -> dict[str, Any]:
 
 def settings() -> dict[str, Any]:
     """All that changes an episode, besides its seed."""
-    return {"seconds": SECONDS, "caps": list(CAPS), "clips": len(find_clips()), "version": 5}
+    return {"seconds": SECONDS, "caps": list(CAPS), "clips": len(find_clips()), "version": 6}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import threading
@@ -65,7 +66,7 @@ def run_episodes(
     for begin in range(0, len(missing), FRESH * workers):
         batch = missing[begin : begin + FRESH * workers]
         with ProcessPoolExecutor(workers, context, initializer=_end_with_parent) as pool:
-            waiting = {pool.submit(episode, seed, run): run for run in batch}
+            waiting = {pool.submit(_one, episode, seed, run): run for run in batch}
             try:
                 for future in as_completed(waiting):
                     run, result = waiting[future], future.result()
@@ -75,6 +76,18 @@ def run_episodes(
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
     return [results[run] for run in runs]
+
+
+def _one(episode: Callable[[int, int], dict[str, Any]], seed: int, run: int) -> dict[str, Any]:
+    """An episode, and nothing of it left.
+
+    A session refers to itself in circles, and Python looks for those ever more rarely the more
+    modules are loaded: after 18 episodes a worker had 5.8 GB and 102 threads.
+    """
+    try:
+        return episode(seed, run)
+    finally:
+        gc.collect()
 
 
 def _end_with_parent() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -34,7 +35,8 @@ class Outcome(Generic[Result]):
 class ForeignThread:
     """One thread for the calls of one task or perceiver, so that they come one after the other.
 
-    The thread is a daemon: code that never returns cannot keep the process from ending.
+    The thread is a daemon: code that never returns cannot keep the process from ending. It ends
+    with this object, so it must not know it.
 
     Args:
         name: of the thread.
@@ -45,7 +47,7 @@ class ForeignThread:
     def __init__(self, name: str, patience: float) -> None:
         self._name = name
         self._patience = patience
-        self._jobs: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self.hung = False
 
@@ -54,8 +56,12 @@ class ForeignThread:
         if self.hung:
             return lambda: Outcome(None, "has hung", 0.0, True)
         if self._thread is None:
-            self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
+            jobs = self._jobs
+            self._thread = threading.Thread(
+                target=_work, args=(jobs,), name=self._name, daemon=True
+            )
             self._thread.start()
+            weakref.finalize(self, jobs.put, None)
         done = threading.Event()
         box: list[Outcome[Result]] = []
 
@@ -89,6 +95,8 @@ class ForeignThread:
         """Make a call and wait for its outcome."""
         return self.begin(job)()
 
-    def _work(self) -> None:
-        while True:
-            self._jobs.get()()
+
+def _work(jobs: queue.SimpleQueue[Callable[[], None] | None]) -> None:
+    while (job := jobs.get()) is not None:
+        job()
+        del job  # it may know the owner, who could not go while the thread waits
