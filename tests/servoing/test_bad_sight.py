@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from armsight.geometry.pose import make_pose
 from armsight.servoing.targets.ball import Ball
 
 from .test_estimate import filter_, look
-from .traced import frame, pair
+from .traced import WRIST, cast, frame, pair
 
 BALL, COLOR = Ball(0.04), (205, 30, 25)
 CENTER = np.array([0.01, 0.0, 0.27])
@@ -73,3 +74,19 @@ def test_a_clock_that_lies_by_20_ms_costs_what_the_target_moves_meanwhile():
         worst[lie] = max(off)
     assert worst[0.0] < 0.003
     assert worst[0.020] < 0.008
+
+
+def test_a_pair_of_unequal_lenses_is_as_good_as_its_declaration():
+    """The right lens a fifth shorter: declared, the centre is right; undeclared, nothing is said
+    that is wrong by more than it says."""
+    short = replace(WRIST, fx=0.8 * WRIST.fx, fy=0.8 * WRIST.fy)
+    T = make_pose(None, (0.06, 0.0, 0.0))
+    view = pair([(CENTER, 0.04, COLOR)], np.eye(4))
+    right, _ = cast(short, T, [(CENTER, 0.04, COLOR)])
+    unequal = replace(view.frame, right=right)
+    known = replace(view, frame=unequal, info=replace(view.info, right=short))
+    (seen,) = BALL.in_pair(known)
+    assert np.linalg.norm(seen.position - CENTER) < 0.0005
+    for seen in BALL.in_pair(replace(view, frame=unequal)):
+        off = seen.position - CENTER
+        assert off @ np.linalg.solve(seen.covariance, off) < 16.0
