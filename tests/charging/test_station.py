@@ -172,6 +172,22 @@ def test_nothing_goes_in_that_could_not_be_written_down(cell, tmp_path):
     assert "does not plug in" in stub.station.outcome.problem
 
 
+def test_the_way_back_is_on_disk_before_the_plug_goes_near(cell, tmp_path):
+    """Killed 16 mm before the face it did not know of the car, and the guard held it there."""
+    file = tmp_path / "journal.json"
+    stub = stub_in(cell, State.APPROACH, distance=0.10, file=file)
+    assert not file.exists()
+    stub.guard.reached, stub.guard.goal = True, f"approach {stub.station._goals}"
+    stub.rest(0.6)
+    assert stub.station.state is State.ALIGN
+    assert Journal(file).read().plugged is False
+    again = Stub(cell, station(cell, file))
+    before(again, cell, 0.016)
+    again.rest(0.1)
+    assert again.station.state is State.LEAVE
+    assert again.station.words == "was killed before the port"
+
+
 def test_nothing_goes_in_without_a_force_sensor_or_leave_to_touch(cell):
     stub = stub_in(cell, State.TARE, wrench=False)
     stub.rest(1.0, wrench=False)

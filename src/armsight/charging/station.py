@@ -2,8 +2,8 @@
 
 Find the port from afar, look again from near, approach, align, plug in by force, charge, unplug,
 stand by. It never sees the arm: what it wants are intents to the guard, and near the port a permit
-to touch it with the plug. What is needed to come out is on disk before the plug goes in; a station
-that finds that entry when it starts brings the plug out first.
+to touch it with the plug. What is needed to come out is on disk before the plug goes near; a
+station that finds that entry when it starts brings the plug out first.
 """
 
 from __future__ import annotations
@@ -235,6 +235,10 @@ class Station(LidStates):
             self._hand.feeling.hang()
             self.visits.note(approached=seen.now)
             wrong = "" if self._weight is None else self._hand.feeling.not_ours(self._weight)
+            if not wrong and self._hand.feeling.zero(seen.now):
+                # from here on nobody who does not know of the car would find the way back
+                kept = self._way_out.keep(self.port, self._hand.feeling, False, self._open_lid)
+                wrong = f"does not plug in: {kept}" if kept else ""
             if wrong:
                 self._fail(seen, wrong)
             else:
