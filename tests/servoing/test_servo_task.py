@@ -217,7 +217,7 @@ def test_what_the_permits_own_law_slows_is_no_blocked_way(dock):
 @pytest.mark.parametrize("dock", ["straw", "ball"])
 def test_a_command_that_goes_elsewhere_is_not_driven_for_its_speed(dock):
     """Where the wrist folds against the forearm there is no room to stop, and the command goes to
-    and fro as fast as one that gets there: 3 of 24 straws never came to a face at rest."""
+    and fro as fast as one that gets there: a straw never came to a face at rest."""
     task, place = task_of(dock=dock), tcp_pose(UR10, HOME)[:3, 3] + (0.3, 0.0, 0.0)
     kinds = []
     for k in range(120):
