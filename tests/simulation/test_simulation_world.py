@@ -9,6 +9,7 @@ from simulation_cells import TABLE, camera, person
 from armsight.errors import UsageError
 from armsight.geometry.pose import from_rpy, make_pose
 from armsight.geometry.shapes import Solid
+from armsight.simulation import truth
 from armsight.simulation.spec import MovingObjectSpec, PersonSpec, WorldSpec
 from armsight.simulation.world import SimulatedWorld
 
@@ -235,6 +236,21 @@ def test_far_people_are_infinitely_far(arm_spec):
     with SimulatedWorld(WorldSpec(arm_spec)) as world:
         world.advance(0.1)
         assert not world.truth.separations
+
+
+def test_only_the_newest_distances_are_kept_and_the_least_of_all(arm_spec, monkeypatch):
+    monkeypatch.setattr(truth, "KEPT", 40)
+    with SimulatedWorld(WorldSpec(arm_spec, people=(hand(),))) as world:
+        least = np.inf
+        for until in np.arange(0.1, 1.01, 0.1):
+            world.advance(until)
+            least = min(least, *(s.distance for s in world.truth.separations))
+            assert len(world.truth.separations) <= 40
+        assert world.truth.separations[0].time > 0.1  # the first ones are gone
+        assert world.truth.min_distance == least
+        assert world.truth.min_moving_distance == np.inf  # the arm stands
+        world.reset()
+        assert world.truth.min_distance == np.inf
 
 
 def test_movers_show_every_part(arm_spec):

@@ -13,8 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Progress
 from armsight.motion.data import GuardMode, GuardStatus
@@ -152,15 +150,9 @@ class Watch:
 
 def least_moving_distance(cell: Cell) -> float:
     """Least true distance to a person while the arm moved faster than 0.05 m/s [m]; 3 if none."""
-    from armsight.simulation.truth import MOVING
     from armsight.workcell import simulated_world
 
-    found = [
-        s.distance
-        for s in simulated_world(cell).truth.separations
-        if max(s.arm_speed, s.tip_speed) > MOVING and np.isfinite(s.distance)
-    ]
-    return float(min(found, default=3.0))
+    return min(simulated_world(cell).truth.min_moving_distance, 3.0)
 
 
 def find_clips() -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ APART = 0.05
 """A contact is over when the two have been apart for this long [s]."""
 FAR = 3.0
 """Distances beyond this are not measured [m]."""
+KEPT = 20_000
+"""Measurements that are remembered."""
 
 
 @dataclass
@@ -79,7 +82,14 @@ class Separation:
 
 
 class Truth:
-    """Collects what happens; :attr:`contacts` and :attr:`separations` grow until a reset."""
+    """Collects what happens.
+
+    Attributes:
+        contacts: of the arm since the last reset.
+        separations: of the last :data:`KEPT` measurements; a cell may run for days.
+        min_distance: least distance of the arm to a person so far [m]; ``inf`` with nobody near.
+        min_moving_distance: the same while the arm moved faster than :data:`MOVING`.
+    """
 
     def __init__(self, cell: CellModel, robot: Robot, data: Any) -> None:
         self._cell = cell
@@ -106,7 +116,8 @@ class Truth:
     def reset(self) -> None:
         """Forget everything."""
         self.contacts: list[Contact] = []
-        self.separations: list[Separation] = []
+        self.separations: deque[Separation] = deque(maxlen=KEPT)
+        self.min_distance = self.min_moving_distance = float("inf")
         self._open: dict[tuple[int, str, str], Contact] = {}
         self._last_pair = (0, 0)
 
@@ -114,11 +125,6 @@ class Truth:
     def moving_contacts(self) -> list[Contact]:
         """Contacts that count: the arm moved faster than :data:`MOVING`."""
         return [contact for contact in self.contacts if contact.moving]
-
-    @property
-    def min_distance(self) -> float:
-        """Least distance of the arm to a person so far [m]; ``inf`` with nobody near."""
-        return min((s.distance for s in self.separations), default=float("inf"))
 
     def tip_position(self) -> Vector3:
         """(3,) true position of the tip in world [m]."""
@@ -172,6 +178,9 @@ class Truth:
         self.separations.append(
             Separation(now, distance, person.owner, person.part, arm.link, speed, tip_speed)
         )
+        self.min_distance = min(self.min_distance, distance)
+        if max(speed, tip_speed) > MOVING:
+            self.min_moving_distance = min(self.min_moving_distance, distance)
 
     def _note(
         self, arm: Part, other: Part, geom: int, now: float, gap: float, point: Vector3
