@@ -174,3 +174,13 @@ def test_where_the_drives_ramp_lags_behind_what_is_allowed_the_brakes_are_used(m
     place[:] = tip + 0.4 * velocity / np.linalg.norm(velocity)
     cell.run(0.4)
     assert any(command[-1] for command in cell.commands[before:]), "brakes, not only a ramp"
+
+
+def test_what_was_measured_of_reaction_has_the_drives_answer_in_it():
+    """Older pictures than declared: the person comes until the next decision has the arm brake."""
+    filter_, _ = filter_and_watch()
+    for k in range(200):
+        filter_.measure(NOW + 0.008 * k, 0.6)
+    answers = CONFIG.start_delay + 2 * CONFIG.period  # the next tick, which may be one late
+    assert filter_.reaction.value >= 0.6 + answers - 1e-9
+    assert filter_.reaction.value < 0.6 + answers + 0.05
