@@ -69,10 +69,15 @@ def test_it_plugs_in_and_comes_out_and_knows_after_a_kill_where_the_plug_is(cell
     assert depth > PLUG_DEPTH - 1e-3
     assert np.rad2deg(tilt) < 2.0
     third = station(cell, file, car)  # killed while it charges
-    until(bench, third, lambda: not third.busy)
+    until(bench, third, lambda: third.state is State.LEAVE)
+    assert third.outcome.charged
+    assert third.outcome.out
+    assert bench.score()[0] > -0.05
+    assert file.exists()  # before the port nobody else knows that there is a car
+    fourth = station(cell, file, car)  # killed 3 cm before the face
+    until(bench, fourth, lambda: not fourth.busy)
     assert bench.score()[0] < -0.05
-    assert third.outcomes[-1].charged
-    assert third.outcomes[-1].out
+    assert not file.exists()
     assert bench.peaks.axial < 125.0
 
 

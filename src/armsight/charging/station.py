@@ -327,7 +327,7 @@ class Station(LidStates):
             self.words = _said(answer)
         if answer is not None and answer.phase is Phase.OUT:
             self.vehicle.tell("unplugged", seen.now)
-            self._out(seen)
+            self.visits.note(out=True)  # the way back from the port is kept until it is gone
             self._go(State.LEAVE, seen.now, "unplugged")
         elif answer is not None and answer.phase is Phase.FAILED:
             self._go(State.STUCK, seen.now, f"unplugging: {answer.words}; help by hand")
