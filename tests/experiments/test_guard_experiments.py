@@ -288,12 +288,10 @@ def test_what_an_arm_is_good_for_is_counted_beside_what_others_would_allow():
 def test_a_hunting_hand_keeps_to_its_speed():
     genes = np.array([0.2, 0.4, 1.0, 0.7, 0.9, 0.1])
     hunter = hand_search.Hunter(genes, 2.0)
-    cell = hand_search.QuickCell(
-        [hand_search.Ball(hunter.center, hand_search.RADIUS)], hand_search.GOALS, rate=15.0
-    )
+    cell = hand_search.QuickCell(hunter.balls(), hand_search.GOALS, rate=15.0)
     hunter.cell = cell
     cell.run(1.6)
-    path = np.array([hunter.center(t) for t in np.arange(0.0, 1.6, hand_search.DT)])
+    path = np.array([hunter.at(t) for t in np.arange(0.0, 1.6, hand_search.DT)])
     speeds = np.array([np.linalg.norm(b - a) for a, b in pairwise(path)]) / hand_search.DT
     assert speeds[: round(0.65 / hand_search.DT)].max() == 0.0
     assert 1.9 < speeds.max() <= 2.0 + 1e-9

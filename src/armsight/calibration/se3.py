@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armsight.arrays import Floats, Poses
+from armsight.arrays import Floats, Pose, Poses
 from armsight.geometry.pose import skews
 
 
@@ -77,6 +77,13 @@ def adjoints(T: Poses) -> Floats:
     out[:, 3:, 3:] = R
     out[:, :3, 3:] = skews(T[:, :3, 3]) @ R
     return out
+
+
+def carried(T: Pose, covariance: Floats) -> Floats:
+    """(6, 6) covariance of a twist d seen in another frame: that of ``Ad(T) d``."""
+    adjoint = adjoints(T[None])[0]
+    out = adjoint @ covariance @ adjoint.T
+    return np.asarray(0.5 * (out + out.T))
 
 
 def log_derivatives(twists: Floats) -> Floats:

@@ -135,8 +135,7 @@ def mounting_spread(info: StereoInfo, T_camera_port: Pose) -> Floats:
     """(6, 6) what is not known of a pair's mounting, as a twist of a port in its own frame."""
     if info.covariance is None:
         return np.zeros((6, 6))
-    adjoint = se3.adjoints(inverse(T_camera_port)[None])[0]
-    return np.asarray(adjoint @ info.covariance @ adjoint.T)
+    return se3.carried(inverse(T_camera_port), info.covariance)
 
 
 def picture_fault(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armsight.arrays import Floats, Pose
+from armsight.calibration import se3
 from armsight.charging.feeling import Feeling
 from armsight.charging.hanging import at_plug
 from armsight.charging.lid import AWAY, R_LID_FINGER, LidHand, LidOptions, Work
@@ -69,12 +70,8 @@ class LidFinger:
         """A lid was seen; where its port is then, and the covariance of that."""
         self.T_base_lid, self.covariance = T_base_lid, covariance
         T_port_lid = self.setup.shape.T_port_lid
-        R, p = T_port_lid[:3, :3], T_port_lid[:3, 3]
-        adjoint = np.zeros((6, 6))
-        adjoint[:3, :3] = adjoint[3:, 3:] = R
-        adjoint[:3, 3:] = np.column_stack([np.cross(p, column) for column in R.T])
-        six = adjoint @ covariance @ adjoint.T
-        return np.asarray(T_base_lid @ inverse(T_port_lid)), np.asarray(0.5 * (six + six.T))
+        six = se3.carried(T_port_lid, covariance)
+        return np.asarray(T_base_lid @ inverse(T_port_lid)), six
 
     def looked_at(self) -> Pose:
         """Middle of the lid, turned as its port is: right and up for who looks at the car."""

@@ -10,7 +10,7 @@ from armsight.charging.eye import SeenPort
 from armsight.charging.lid_eye import LidLook
 from armsight.charging.lid_finger import OUT, LidFinger
 from armsight.charging.looking import INLETS_OF
-from armsight.charging.moves import SIDES, apart, looking_pose
+from armsight.charging.moves import apart
 from armsight.charging.station_core import ARRIVED, SAME, StationCore, reached
 from armsight.charging.vehicle import VehicleStatus
 from armsight.charging.visit import Seen, State, Wish
@@ -42,15 +42,9 @@ class LidStates(StationCore):
     def _lid_look(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """From near: the finger has to meet it within millimetres."""
         o, lid = self.options, self._finger
-        assert self._T_near is not None
         assert lid.T_base_lid is not None
-        T_camera = looking_pose(lid.looked_at(), o.lid_from, o.look_aside, self._side)
-        T_tip = T_camera @ inverse(self._T_near) @ self._T_tip
-        goal = PoseIntent(self._goal("look at lid"), T_tip, 0.005, 0.02, permit=self._ask(seen))
-        if not reached(seen, goal.name):
-            if self._in_state(seen) > 0.5 * o.patience and self._side + 1 < len(SIDES):
-                self._side += 1
-                self._go(State.LID_LOOK, seen.now, "from another side")
+        goal, there = self._from_near(seen, lid.looked_at(), o.lid_from, "look at lid")
+        if not there:
             return Wish(goal)
         look = self._looker.fresh_lid(seen, o.near, self._begun(seen))
         if look is not None:
@@ -63,8 +57,7 @@ class LidStates(StationCore):
             elif self._looked >= o.looks:
                 self._fail(seen, "the lid that was seen from afar is not seen from near")
             else:
-                self._side += 1
-                self._go(State.LID_LOOK, seen.now, "again from another side")
+                self._other_side(seen, "again from another side")
         return Wish(goal, (o.near,))
 
     def _lid_before(self, seen: Seen, car: VehicleStatus | None) -> Wish:

@@ -20,7 +20,7 @@ from armsight.charging.insert_paper import PaperInsertion
 from armsight.charging.journal import Entry
 from armsight.charging.lid_states import LidStates
 from armsight.charging.looking import INLETS_OF
-from armsight.charging.moves import SIDES, apart, before_port, looking_pose
+from armsight.charging.moves import apart, before_port
 from armsight.charging.station_core import ARRIVED, SAME, reached
 from armsight.charging.vehicle import VehicleStatus
 from armsight.charging.visit import AT_LID, IN_CONTACT, Outcome, Seen, State, Wish
@@ -186,14 +186,8 @@ class Station(LidStates):
         """From near and off the axis, where the tilt shows."""
         o, port = self.options, self.port
         assert port is not None
-        assert self._T_near is not None
-        T_camera = looking_pose(port.T_base_port, o.look_from, o.look_aside, self._side)
-        T_tip = T_camera @ inverse(self._T_near) @ self._T_tip
-        goal = PoseIntent(self._goal("look"), T_tip, 0.005, 0.02, permit=self._ask(seen))
-        if not reached(seen, goal.name):
-            if self._in_state(seen) > 0.5 * o.patience and self._side + 1 < len(SIDES):
-                self._side += 1
-                self._go(State.LOOK, seen.now, "from another side")
+        goal, there = self._from_near(seen, port.T_base_port, o.look_from, "look")
+        if not there:
             return Wish(goal)
         look = self._looker.fresh(seen, o.near, self._begun(seen))
         if look is not None:
@@ -215,8 +209,7 @@ class Station(LidStates):
                     )
                 self._fail(seen, f"second look: {doubt}")
             else:
-                self._side += 1
-                self._go(State.LOOK, seen.now, "again from another side")
+                self._other_side(seen, "again from another side")
         return Wish(goal, (o.near,))
 
     def _approach(self, seen: Seen, car: VehicleStatus | None) -> Wish:

@@ -16,13 +16,15 @@ from armsight.charging.insert import Answer, Insertion
 from armsight.charging.journal import Journal
 from armsight.charging.lid_finger import LidFinger, LidSetup
 from armsight.charging.looking import Looker
-from armsight.charging.moves import before_port
+from armsight.charging.moves import SIDES, before_port, looking_pose
 from armsight.charging.permission import Permission
 from armsight.charging.ports.table import PORTS
 from armsight.charging.vehicle import Vehicle
 from armsight.charging.visit import NEAR, Outcome, Seen, State, StationOptions
 from armsight.charging.visit_log import VisitLog
 from armsight.charging.way_out import WayOut
+from armsight.geometry.pose import inverse
+from armsight.motion.intents import PoseIntent
 from armsight.motion.permits import PermitRequest
 from armsight.robots.robot import Robot
 
@@ -209,6 +211,27 @@ class StationCore:
         """For this state [s]."""
         at_lid = self.state in (State.LID_WORK, State.LID_AWAY)
         return self.options.lid_patience if at_lid else self.options.patience
+
+    def _from_near(
+        self, seen: Seen, T_base_target: Pose, distance: float, what: str
+    ) -> tuple[PoseIntent, bool]:
+        """The goal that has the near pair look at something, and whether the arm is there.
+
+        A side that it does not get to in half its patience is given up for the next one.
+        """
+        o = self.options
+        assert self._T_near is not None
+        T_camera = looking_pose(T_base_target, distance, o.look_aside, self._side)
+        T_tip = T_camera @ inverse(self._T_near) @ self._T_tip
+        goal = PoseIntent(self._goal(what), T_tip, 0.005, 0.02, permit=self._ask(seen))
+        there = reached(seen, goal.name)
+        if not there and self._in_state(seen) > 0.5 * o.patience and self._side + 1 < len(SIDES):
+            self._other_side(seen, "from another side")
+        return goal, there
+
+    def _other_side(self, seen: Seen, words: str) -> None:
+        self._side += 1
+        self._go(self.state, seen.now, words)
 
     def _impossible(self, T_base_port: Pose) -> str:
         """Why a port cannot be there, or nobody can plug in, in words; empty when that can be."""

@@ -39,46 +39,82 @@ STANDING = 0.05
 """An arm slower than this counts as standing [m/s]."""
 
 
-class Hunter:
-    """A hand that waits, then runs at full speed at where a part of the arm will be.
+class Chaser:
+    """Somebody who waits, then runs at full speed at where a part of the arm will be.
 
-    It sees the true arm at every instant, which no person does.
+    They see the true arm at every instant, which no person does.
+
+    Args:
+        begins: when they run [s].
+        part: of the arm, 0..1; lead: how far ahead of it they aim [s].
+        speed: of them [m/s].
+
+    Attributes:
+        cell: in which the arm is.
     """
 
+    def __init__(self, begins: float, part: float, lead: float, speed: float) -> None:
+        self._begins, self._part = float(begins), float(part)
+        self._lead, self._speed = float(lead), speed
+        self._path: list[Floats] = []
+        self.cell: QuickCell | None = None
+
+    def at(self, time: float) -> Floats:
+        """What there is of them at a time that they have lived through, or begin to now [s]."""
+        index = round(time / DT)
+        while len(self._path) <= index:
+            if self.cell is not None and len(self._path) * DT > self._begins:
+                center, velocity = self.cell.guard.body.motion(self.cell.q, self.cell.v)
+                k = min(int(self._part * len(center)), len(center) - 1)
+                self._chase(center[k] + self._lead * velocity[k])
+            self._path.append(self._now())
+        return self._path[index]
+
+    def balls(self) -> list[Ball]:
+        """What the cell sees."""
+        raise NotImplementedError
+
+    def _chase(self, target: Vector3) -> None:
+        """A step of DT towards a (3,) place [m]."""
+        raise NotImplementedError
+
+    def _now(self) -> Floats:
+        raise NotImplementedError
+
+    def _moved(self, place: Vector3, to: Vector3) -> Vector3:
+        """A (3,) place [m] after DT towards another, no faster than they are."""
+        way = to - place
+        length = float(np.linalg.norm(way))
+        return np.asarray(place + way * min(1.0, self._speed * DT / max(length, 1e-9)))
+
+
+class Hunter(Chaser):
+    """A hand alone."""
+
     def __init__(self, genes: Floats, speed: float) -> None:
-        azimuth, height, distance, self._begins, part, self._lead = genes
-        self._part, self._speed = float(part), speed
+        azimuth, height, distance, begins, part, lead = genes
+        super().__init__(begins, part, lead, speed)
         self._place = np.array(
             [distance * np.cos(azimuth), distance * np.sin(azimuth), height], float
         )
-        self._path = [self._place.copy()]
-        self.cell: QuickCell | None = None
 
-    def center(self, time: float) -> Vector3:
-        """(3,) where the hand is at a time that it has lived through, or begins to now [s]."""
-        index = round(time / DT)
-        while len(self._path) <= index:
-            self._step(len(self._path) * DT)
-        return self._path[index]
+    def balls(self) -> list[Ball]:
+        """See :class:`Chaser`."""
+        return [Ball(self.at, RADIUS)]
 
-    def _step(self, time: float) -> None:
-        if time > self._begins and self.cell is not None:
-            center, velocity = self.cell.guard.body.motion(self.cell.q, self.cell.v)
-            k = min(int(self._part * len(center)), len(center) - 1)
-            way = center[k] + self._lead * velocity[k] - self._place
-            length = float(np.linalg.norm(way))
-            if length > 1e-9:
-                self._place = self._place + way * min(1.0, self._speed * DT / length)
-        self._path.append(self._place.copy())
+    def _chase(self, target: Vector3) -> None:
+        self._place = self._moved(self._place, target)
+
+    def _now(self) -> Floats:
+        return self._place
 
 
-def trial(
-    genes: Floats, speed: float, seed: int, box: tuple[Vector3, Vector3] | None = None
+def chased(
+    chaser: Chaser, seed: int, box: tuple[Vector3, Vector3] | None = None
 ) -> tuple[float, int]:
-    """Least distance to the moving arm [m], and 1 if it touched it."""
-    hunter = Hunter(genes, speed)
-    cell = QuickCell([Ball(hunter.center, RADIUS)], GOALS, rate=15.0, seed=seed, box=box)
-    hunter.cell = cell
+    """Least distance to the moving arm [m], and 1 if it touched them."""
+    cell = QuickCell(chaser.balls(), GOALS, rate=15.0, seed=seed, box=box)
+    chaser.cell = cell
     cell.run(SECONDS)
     moving = [m.distance for m in cell.margins if m.speed > STANDING]
     return min(moving, default=3.0), int(bool(cell.moving_touches))
@@ -126,7 +162,7 @@ def search(seed: int, run: int) -> dict[str, Any]:
     mean = MEAN.copy()
     mean[0] = rng.uniform(-1.5, 1.5)
     found = cross_entropy(
-        lambda genes: trial(genes, speed, run), rng, (mean, SPREAD), (LOWEST, HIGHEST)
+        lambda genes: chased(Hunter(genes, speed), run), rng, (mean, SPREAD), (LOWEST, HIGHEST)
     )
     return {"cap": speed, **found}
 
@@ -136,7 +172,8 @@ def from_above(seed: int, run: int) -> dict[str, Any]:
     rng = np.random.default_rng((seed, 8, run))
     speed = CAPS[run % len(CAPS)]
     found = [
-        trial(rng.uniform(ABOVE_LOWEST, ABOVE_HIGHEST), speed, run, BOX) for _ in range(POPULATION)
+        chased(Hunter(rng.uniform(ABOVE_LOWEST, ABOVE_HIGHEST), speed), run, BOX)
+        for _ in range(POPULATION)
     ]
     return {
         "cap": speed,

@@ -6,17 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, Points, Vector3
-from armsight.experiments.hand_search import (
-    BOX,
-    CAPS,
-    DT,
-    GOALS,
-    SECONDS,
-    STANDING,
-    cross_entropy,
-)
-from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.arrays import Floats, Vector3
+from armsight.experiments.hand_search import BOX, CAPS, Chaser, chased, cross_entropy
+from armsight.experiments.quick_cell import Ball
 
 UPPER, FORE = 0.36, 0.44
 """Shoulder to elbow, elbow to the middle of the hand [m]."""
@@ -37,17 +29,17 @@ LOWEST = np.array([-np.pi, 0.3, 0.4, -np.pi, 0.95, 0.0, -np.pi, 0.6, 0.0, 0.0])
 HIGHEST = np.array([np.pi, 1.9, 0.83, np.pi, 1.5, 1.0, np.pi, 5.0, 1.0, 0.6])
 
 
-class Reacher:
-    """Somebody with an arm up, whose hand runs at full speed at where a part of the arm will be.
+class Reacher(Chaser):
+    """Somebody with an arm up, whose hand runs at a part of the arm.
 
     The hand takes the arm along, and the arm the body, which leans or steps: nothing of them is
-    faster than the hand. They see the true arm at every instant.
+    faster than the hand.
     """
 
     def __init__(self, genes: Floats, speed: float) -> None:
         azimuth, away, height, bearing, over, share, swivel, begins, part, lead = genes
-        self._begins, self._part, self._lead = float(begins), float(part), float(lead)
-        self._speed, self._swivel = speed, float(swivel)
+        super().__init__(begins, part, lead, speed)
+        self._swivel = float(swivel)
         self._shoulder = np.array([away * np.cos(azimuth), away * np.sin(azimuth), height])
         up = min(over - height, 0.98 * (UPPER + FORE))
         aside = share * np.sqrt(max((0.99 * (UPPER + FORE)) ** 2 - up**2, 0.0))
@@ -56,8 +48,6 @@ class Reacher:
             [aside * np.cos(towards), aside * np.sin(towards), up]
         )
         self._elbow = self._bent()
-        self._path = [self._balls()]
-        self.cell: QuickCell | None = None
 
     @property
     def radii(self) -> list[float]:
@@ -65,36 +55,20 @@ class Reacher:
         return [*[ARM] * (2 * PIECES), HAND, HEAD, *[TRUNK] * len(SPINE)]
 
     def balls(self) -> list[Ball]:
-        """What the cell sees."""
+        """See :class:`~.hand_search.Chaser`."""
 
         def ball(k: int, radius: float) -> Ball:
-            return Ball(lambda time: np.asarray(self._at(time)[k], float), radius)
+            return Ball(lambda time: np.asarray(self.at(time)[k], float), radius)
 
         return [ball(k, radius) for k, radius in enumerate(self.radii)]
 
-    def _at(self, time: float) -> Points:
-        index = round(time / DT)
-        while len(self._path) <= index:
-            self._step(len(self._path) * DT)
-        return self._path[index]
-
-    def _step(self, time: float) -> None:
-        if time > self._begins and self.cell is not None:
-            center, velocity = self.cell.guard.body.motion(self.cell.q, self.cell.v)
-            k = min(int(self._part * len(center)), len(center) - 1)
-            self._hand = self._moved(self._hand, center[k] + self._lead * velocity[k])
-            way = self._hand - self._shoulder
-            far = float(np.linalg.norm(way)) - 0.995 * (UPPER + FORE)
-            if far > 0.0:
-                self._shoulder = self._moved(self._shoulder, self._shoulder + far * _unit(way))
-            self._elbow = self._moved(self._elbow, self._bent())
-        self._path.append(self._balls())
-
-    def _moved(self, place: Vector3, to: Vector3) -> Vector3:
-        """Towards a place, no faster than anybody is."""
-        way = to - place
-        length = float(np.linalg.norm(way))
-        return np.asarray(place + way * min(1.0, self._speed * DT / max(length, 1e-9)))
+    def _chase(self, target: Vector3) -> None:
+        self._hand = self._moved(self._hand, target)
+        way = self._hand - self._shoulder
+        far = float(np.linalg.norm(way)) - 0.995 * (UPPER + FORE)
+        if far > 0.0:
+            self._shoulder = self._moved(self._shoulder, self._shoulder + far * _unit(way))
+        self._elbow = self._moved(self._elbow, self._bent())
 
     def _bent(self) -> Vector3:
         """Where the elbow belongs between shoulder and hand."""
@@ -110,27 +84,17 @@ class Reacher:
         out = np.cos(self._swivel) * upwards + np.sin(self._swivel) * aside
         return np.asarray(self._shoulder + along * axis + np.sqrt(UPPER**2 - along**2) * out)
 
-    def _balls(self) -> Points:
+    def _now(self) -> Floats:
         share = (np.arange(PIECES) / PIECES)[:, None]
         upper = self._shoulder + share * (self._elbow - self._shoulder)
         fore = self._elbow + share * (self._hand - self._elbow)
         head = self._shoulder + np.array([0.0, 0.0, NECK])
         spine = self._shoulder - np.multiply.outer(SPINE, [0.0, 0.0, 1.0])
-        return np.concatenate([upper, fore, [self._hand], [head], spine])
+        return np.asarray(np.concatenate([upper, fore, [self._hand], [head], spine]), float)
 
 
 def _unit(way: Vector3) -> Vector3:
     return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9))
-
-
-def trial(genes: Floats, speed: float, seed: int) -> tuple[float, int]:
-    """Least distance of somebody to the moving arm [m], and 1 if it touched them."""
-    reacher = Reacher(genes, speed)
-    cell = QuickCell(reacher.balls(), GOALS, rate=15.0, seed=seed, box=BOX)
-    reacher.cell = cell
-    cell.run(SECONDS)
-    moving = [m.distance for m in cell.margins if m.speed > STANDING]
-    return min(moving, default=3.0), int(bool(cell.moving_touches))
 
 
 def reach_over(seed: int, run: int) -> dict[str, Any]:
@@ -140,6 +104,9 @@ def reach_over(seed: int, run: int) -> dict[str, Any]:
     mean = MEAN.copy()
     mean[0] = rng.uniform(-np.pi, np.pi)
     found = cross_entropy(
-        lambda genes: trial(genes, speed, run), rng, (mean, SPREAD), (LOWEST, HIGHEST)
+        lambda genes: chased(Reacher(genes, speed), run, BOX),
+        rng,
+        (mean, SPREAD),
+        (LOWEST, HIGHEST),
     )
     return {"cap": speed, **found}

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from armsight.arrays import Floats
+from armsight.calibration import se3
 from armsight.calibration.calibrate import Calibration
 from armsight.calibration.robot_errors import RobotErrors
 from armsight.devices.data import RgbdCameraInfo
@@ -99,7 +100,7 @@ def _entry(
     else:
         color = answer.lens(by_kind["color"])
         T_mount_depth = T_mount_depth @ inverse(T_depth_color)
-        C = _carried(C, T_depth_color)
+        C = se3.carried(T_depth_color, C)  # an error d of the colour lens moves the other by Ad d
     return camera_entry(
         workcell,
         section,
@@ -135,15 +136,6 @@ def _kind_of(section: CameraSection, info: RgbdCameraInfo, answer: Calibration, 
         f'camera "{section.name}": the pictures are {size[0]}x{size[1]} px, and its lenses have '
         f"{sizes}: take them in the mode that the cell uses"
     )
-
-
-def _carried(C: Floats, T_depth_color: Floats) -> Floats:
-    """Covariance of the depth lens's pose, in its axes, by that of the colour lens beside it."""
-    R, t = T_depth_color[:3, :3], T_depth_color[:3, 3]
-    # An error d of the colour lens moves the depth lens by Ad(T_depth_color) d.
-    cross = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
-    adjoint = np.block([[R, cross @ R], [np.zeros((3, 3)), R]])
-    return np.asarray(adjoint @ C @ adjoint.T)
 
 
 def arm_of(answer: Calibration, source: str) -> CalibratedArm | None:
