@@ -10,8 +10,16 @@ from armsight.charging.ports.collision import plug_contours, sleeves, socket_con
 from armsight.charging.ports.outline import inside_any, sample_union
 from armsight.charging.ports.table import PORTS
 from armsight.charging.spiral import Spiral, SpiralOptions
-from armsight.experiments.insertion_bench import draw, run_trial
+from armsight.experiments.insertion_bench import (
+    T_FLANGE_PLUG,
+    T_PORT_PLUG,
+    draw,
+    joints_at,
+    run_trial,
+)
 from armsight.geometry.pose import inverse, make_pose, transform
+from armsight.robots import load_robot
+from armsight.simulation import plugging, plugs
 
 PLUGS = ("type1_plug", "type2_plug", "ccs2_plug")
 
@@ -158,6 +166,39 @@ def test_the_papers_way_halts_where_it_is_pressed() -> None:
     assert law.step(_felt(0.0, -0.03, -10.0)).phase is Phase.INSERT
     assert law.step(_felt(0.1, -0.02, -90.0)).phase is Phase.SEATED
     assert "halted at 16.0 mm" in law.words
+
+
+def test_steps_of_a_millisecond_strike_like_finer_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plug that comes loose at 60 N leaps from wall to wall: how hard is no matter of the step.
+
+    A contact of 2 ms in fine steps is what is meant; in steps of 1 ms it struck 1.7 times as hard.
+    """
+    plug, robot = PORTS["ccs2_plug"], load_robot("ur10")
+    T_port = make_pose([[0, 0, -1], [-1, 0, 0], [0, 1, 0]], [0.95, 0.16, 0.78])
+    sleeve, socket = plug_contours(plug), socket_contours(plug, 0.59e-3, 1.9e-3, plug.depth)
+    setup = plugging.PlugSetup(
+        T_port, T_FLANGE_PLUG, socket.boxes, socket.half, sleeve.capsules, sleeve.radius,
+        friction=0.33, contacts=20.0, cable=0.0,
+    )  # fmt: skip
+    T_plug = T_port @ T_PORT_PLUG @ make_pose(None, [0.0, 0.0, plug.depth - 1e-3])
+    q = joints_at(robot, T_plug @ inverse(T_FLANGE_PLUG))
+
+    def struck(step: float) -> float:
+        """Greatest force across, as the mean of a millisecond [N]."""
+        monkeypatch.setattr(plugging, "STEP", step)
+        bench = plugging.PlugBench(robot, setup, q)
+        bench._model.opt.gravity[:] = 0.0, 0.0, -4.0  # hangs a little, touches nothing
+        bench._data.qpos[8] -= 0.012  # of the mount's spring, along
+        bench._data.qvel[7] = 0.05
+        forces = []
+        for _ in range(round(0.05 / step)):
+            bench.step()
+            forces.append(np.linalg.norm(bench.truth()[1][:2]))
+        return float(np.reshape(forces, (50, -1)).mean(axis=1).max())
+
+    shipped = struck(0.001)
+    monkeypatch.setitem(plugs.SOFT, "solref", [0.002, 1.0])
+    assert 0.75 < shipped / struck(0.000125) < 1.3
 
 
 def test_a_plug_goes_in_and_out_in_contact_physics() -> None:

@@ -19,7 +19,7 @@ from armsight.experiments.station_eyes import Mode
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 5
+VERSION = 6
 ABOUT = """
 Cars with Type 2, Type 1 and CCS2 inlets in turn, parked within 10 x 20 cm and 10 deg, the port at
 0.75 to 0.95 m, looking up by 0 to 10 deg; clearance 0.3 to 0.6 mm, friction 0.1 to 0.4, mated

@@ -18,13 +18,15 @@ from armsight.simulation.spec import CableSpec, Look, PlugSpec, SocketSpec
 SOCKET, PLUG = 8, 16
 """Contact bits of the two; they touch each other alone."""
 SOFT: dict[str, Any] = {
-    "solref": [0.002, 1.0],
+    "solref": [0.003, 1.0],
     "solimp": [0.95, 0.99, 0.0005, 0.5, 2.0],
     "condim": 4,
     "margin": 0.0,
     "group": CONTACT,
 }
-"""For steps of 1 ms: at 2 ms the plug sinks into the wall by 0.1 mm, a quarter of the clearance."""
+"""For steps of 1 ms: at 2 ms the plug sinks into the wall by 0.1 mm, a quarter of the clearance.
+They strike like a contact of 2 ms in fine steps; one of 2 ms, MuJoCo's fastest, struck 1.7 times as
+hard, and a plug that slid from wall to wall rattled itself up to 97 N, where fine steps have 20."""
 INERTIA = (0.00375, 0.00375, 0.00125)
 """Of a plug about its axes, a kilogram of it [m^2]."""
 DAMPING = 0.4
