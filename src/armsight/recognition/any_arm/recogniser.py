@@ -43,10 +43,13 @@ TYPES = 2
 """Likeliest types that are fitted."""
 RIVAL = 0.05
 """Probability of a type below which it is not fitted."""
-COMPARED = 3
+COMPARED = 5
 """Fits of a type whose outlines are drawn."""
-OUTLINE = 30.0
-"""Cost of an outline that overlaps nowhere, against landmarks."""
+OUTLINE = 120.0
+"""Cost of an outline that overlaps nowhere, against landmarks; chosen on held-back crops of the
+training's renderer."""
+KIND = 16.0
+"""Cost of a type for each unit by which the log of its probability is less; chosen likewise."""
 ASSUMED_FOV = np.deg2rad(65.0)
 """Horizontal field of view of a picture that says nothing of its lens: phones' 60 to 70 deg."""
 
@@ -278,7 +281,7 @@ class ArmRecogniser:
         fit, overlap = found
         cost = cost_of(fit, seen)
         mass = float(look.places[name].mass.mean())
-        score = cost + OUTLINE * (1.0 - overlap) - 4.0 * float(np.log(kind + 1e-3))
+        score = cost + OUTLINE * (1.0 - overlap) - KIND * float(np.log(kind + 1e-3))
         return _Candidate(fit, overlap, score, kind, mass, len(seen.link), cost)
 
 
