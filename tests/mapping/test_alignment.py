@@ -1,5 +1,8 @@
 """Fine alignment of one camera against the arm and declared solids, on synthetic truth."""
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -97,28 +100,43 @@ def test_the_map_uses_the_camera_where_it_is(cell):
 @pytest.mark.parametrize("run", [11, 19])
 def test_a_wrong_start_does_not_win(run):
     """Cameras 5 mm and 0.5 deg (1 sigma) off; in these cells a start 8 cm along the view explains
-    more points than the believed pose does, and leads 14 cm along the table."""
+    more points than the believed pose does, and leads 14 cm along the table. Nor
+    does a neighbour's picture, of which another pose explains two thirds."""
     errors = {"calibration_error_mm": 5.0, "calibration_error_deg": 0.5, "stamp_jitter_ms": 20.0}
     workcell = with_simulation(packaged_cell(), person=(), object=(), **errors)
     seed = int(np.random.default_rng((0, run)).integers(2**31))
     with open_cell(workcell, seed=seed) as opened:
         mapping = make_parts(opened, SessionConfig()).workspace
         home, history = np.asarray(opened.robot.home, float), JointHistory()
-        for now in np.arange(0.004, 0.3, 0.004):
+        newest, told = {}, []
+        for now in np.arange(0.004, 0.6, 0.004):
             opened.world.advance(float(now))
             history.add(JointState(float(now), home, np.zeros(6)))
             frames = [f for f in (camera.read() for camera in opened.cameras) if f is not None]
+            newest |= {f.camera: f.depth for f in frames}
+            if now >= 0.3:
+                others = list(newest.values())
+                frames = [
+                    replace(f, depth=others[list(newest).index(f.camera) - 3]) for f in frames
+                ]
             snapshot = mapping.update(frames, history, float(now))
+            told.append(snapshot)
         mapping.close()
-    assert len(snapshot.cameras) == 4
-    assert [c.reason for c in snapshot.cameras if not c.alive] == []
+    before, after = told[73], told[-1]
+    assert len(before.cameras) == 4
+    assert [c.reason for c in before.cameras if not c.alive] == []
+    assert [c.name for c in after.cameras if not c.reason] == []
+    for was, is_ in zip(before.corrections, after.corrections):
+        moved = inverse(was.T_believed_corrected) @ is_.T_believed_corrected
+        assert np.linalg.norm(moved[:3, 3]) < 0.02
 
 
 def test_a_bumped_camera_is_noticed_whichever_way(cell):
     """By 10 to 30 mm and 1 to 3 deg, in 36 directions; a camera that nobody touched is not blamed.
 
     One step of Gauss and Newton from the believed pose finds small bumps. Of large ones it missed
-    three in four here, for their points are drawn to other surfaces: in ``faults`` one of 49.
+    three in four here, for their points are drawn to other surfaces: in ``faults`` one of 49. And
+    it is aligned to where it is, or not used: a quarter of bumps was aligned up to 21 cm off.
     """
     robot, depth = cell
     filter_ = SelfFilter(robot)
@@ -128,17 +146,20 @@ def test_a_bumped_camera_is_noticed_whichever_way(cell):
     things = [*THINGS, *scenes.arm_solids(robot, Q)]
     rng = np.random.default_rng(7)
 
+    settled = Mounting(INFO, lens, filter_, known, CONFIG)
+    settled.look(depth, INFO.T_mount_camera, body, 0.0)
+    assert settled.settled
+
     def told(pictures):
-        mounting = Mounting(INFO, lens, filter_, known, CONFIG)
-        mounting.look(depth, INFO.T_mount_camera, body, 0.0)
-        assert mounting.settled
+        mounting = copy(settled)
         for k in range(CHECKS):
             picture = scenes.add_noise(pictures, INFO.noise, rng)
             mounting.look(picture, INFO.T_mount_camera, body, 0.1 * (k + 1))
-        return mounting.warning(0.4) or mounting.problem
+        return mounting, mounting.warning(0.4) or mounting.problem or mounting.lost
 
-    assert told(scenes.ray_cast(INFO.depth, INFO.T_mount_camera, things)) == ""
-    missed = []
+    assert not told(scenes.ray_cast(INFO.depth, INFO.T_mount_camera, things))[1]
+    missed, astray, found = [], [], 0
+    at = np.array([[x, y, 1.5] for x in (-0.5, 0.5) for y in (-0.5, 0.5)])
     for share in (0.33, 0.66, 1.0):
         for k in range(12):
             shift, turn = rng.normal(size=(2, 3))
@@ -149,6 +170,13 @@ def test_a_bumped_camera_is_noticed_whichever_way(cell):
             if np.linalg.norm(transform(T, ahead) - ahead) < 1.2 * MOVED and share < 1.0:
                 continue  # what is ahead stays where it was
             picture = scenes.ray_cast(INFO.depth, INFO.T_mount_camera @ T, things)
-            if not told(picture):
+            mounting, said = told(picture)
+            if not said:
                 missed.append((share, k))
+            off = np.abs(transform(mounting.T_old_new, at) - transform(T, at)).max()
+            found += said and not mounting.lost
+            if off > 0.03 and not (mounting.lost or mounting.problem):
+                astray.append((share, k, off))
     assert missed == []
+    assert astray == []
+    assert found >= 30

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from armsight.mapping.kernels.body import MIDDLE
 from armsight.mapping.occupancy import FORGET, Occupancy, Sight
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from armsight.mapping.workspace_map import WorkspaceMap
@@ -108,18 +109,27 @@ def test_an_obstacle_is_not_cleared_while_one_ray_of_its_voxel_is_not_seen_throu
 
 
 @pytest.mark.parametrize(
-    ("depth", "stays"), [(1.005, False), (0.985, True), (0.0, True)], ids=["past", "before", "none"]
+    ("depth", "fills", "stays"),
+    [
+        (1.005, 0, False),
+        (0.985, 0, True),
+        (0.0, 0, True),
+        (0.96, MIDDLE, False),
+        (0.94, MIDDLE, True),
+    ],
+    ids=["past", "before", "none", "on the arm", "before the arm"],
 )
-def test_a_sighting_that_nobody_confirms_is_withdrawn(depth, stays):
+def test_a_sighting_that_nobody_confirms_is_withdrawn(depth, fills, stays):
     """Right before a wall nothing is ever seen through; a stray hit there must not stay for ever.
 
-    It does stay where the looks do not reach the voxel's middle: something may hide it.
+    It does stay where the looks do not reach the voxel's middle: something may hide it. Where the
+    arm fills that, they end on the arm right before it.
     """
     grid = VoxelGrid(np.array([-0.1, -0.1, 0.9]), 0.02, (10, 10, 10))
     occupancy = Occupancy(grid, 1, np.zeros(grid.shape, np.uint8), 0.06, 0.15)
     image = np.full((60, 80), int(depth * 10_000), np.uint16)
     sight = Sight(image, 10_000.0, np.array([100.0, 100.0, 39.5, 29.5]), np.eye(4), 0.3)
-    nobody = np.zeros(1000, np.uint8)
+    nobody = np.full(1000, fills, np.uint8)
     none = (np.empty(0, np.int32), np.empty(0, np.uint8))
     voxel = np.array([(5 * 10 + 5) * 10 + 4], np.int32)  # its middle is 0.99 m away
     occupancy.take(0, 0.0, voxel, np.ones(1, np.uint8), nobody, sight)

@@ -46,11 +46,11 @@ class Cell:
         depth = scenes.ray_cast(self.info.depth, self.info.T_mount_camera, [*solids, *things])
         return (depth + self.rng.normal(0.0, self.noise, depth.shape)).astype(np.float32)
 
-    def tell(self, depth):
+    def tell(self, depth, q=HOME):
         self.count += 1
         stamp = self.count * PERIOD
         frame = scenes.frame(self.info, stamp, depth, self.count)
-        self.snapshot = self.map.update([frame], arm_at(HOME, stamp), stamp + 0.001)
+        self.snapshot = self.map.update([frame], arm_at(q, stamp), stamp + 0.001)
         return self.snapshot.cameras[0]
 
 
@@ -84,6 +84,18 @@ def test_the_arm_elsewhere(cell):
     said = cell.tell(cell.true(arm=(-1.2, 0.3))).reason
     assert "sees through the arm" in said
     assert "sees through the arm" in cell.tell(cell.true(arm=None)).reason
+
+
+def test_an_arm_that_was_taken_for_something_else_is_forgotten(cell):
+    """Joints whose readings stood still while it moved tell the truth again: the arm hides from all
+    cameras what they saw of it meanwhile, in part for ever."""
+    there = HOME + np.array([0.2, 0.1])
+    for _ in range(3):
+        cell.tell(cell.true(arm=there))
+    assert len(cell.snapshot.cloud) > 50
+    for _ in range(18):
+        cell.tell(cell.true(arm=there), there)
+    assert len(cell.snapshot.cloud) == 0
 
 
 def test_an_arm_behind_somebody_is_no_lie(cell):

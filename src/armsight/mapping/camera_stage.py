@@ -19,7 +19,7 @@ from armsight.mapping.kernels.depth import correct_depth
 from armsight.mapping.kernels.hits import collect_hits, grade_hits
 from armsight.mapping.kernels.pixels import VALID, label_valid
 from armsight.mapping.lens import DepthLens
-from armsight.mapping.mounting import Mounting
+from armsight.mapping.mounting import LOST, Mounting
 from armsight.mapping.occupancy import Sight
 from armsight.mapping.plausibility import Plausibility
 from armsight.mapping.self_filter import BodyPose, SelfFilter
@@ -166,6 +166,8 @@ class CameraStage:
             mounting.look(self._known(depth), T_base_camera, body, stamp)
         if mounting.problem or mounting.excluded:
             return Evidence((), returns, 0)
+        if mounting.lost:
+            return Evidence((), returns, 0, problem=LOST)
         T = np.ascontiguousarray(T_base_camera @ mounting.T_old_new, float)
         depth = np.multiply(depth, np.float32(mounting.gain), out=self._scaled)
         error_m, error_rad = mounting.error
@@ -214,8 +216,7 @@ class CameraStage:
         there = mounting.other_pose(known, T_base_camera, body, stamp)
         if there is None or look.contradiction(scaled, self.label, there, body, *margins):
             return lie
-        mounting.moved(known, T_base_camera, body, stamp)
-        return ""
+        return "" if mounting.moved(known, T_base_camera, body, stamp) else lie
 
     def _corrected(self, depth: Floats32) -> Floats32:
         """Without the systematic error that calibration has found."""

@@ -86,7 +86,7 @@ class Occupancy:
             stamp: exposure [s].
             hits: (m,) int32 flat indices of the voxels hit.
             strong: (m,) uint8, 1 where the sighting is strong.
-            body: flat uint8, 1 where the arm's own body fills the voxel.
+            body: flat uint8, what the arm's own body fills of each voxel: nothing, MIDDLE or WHOLE.
             sight: the frame, to see which occupied voxels it looked at in vain.
         """
         bit = 1 << camera
@@ -111,6 +111,7 @@ class Occupancy:
                 self._origin,
                 self.grid.voxel,
                 self._shape,
+                body,
                 stamp,
                 self._last,
                 self._looks,

@@ -286,20 +286,20 @@ class SelfFilter:
         self,
         grid: VoxelGrid,
         body: BodyPose,
-        limits: tuple[float, float],
+        limits: tuple[float, float, float],
         near: Bytes,
-        deep: Bytes,
+        filled: Bytes,
         listed: Ints32,
     ) -> int:
-        """Mark the voxels whose centre is close to the body, or deep in it.
+        """Mark the voxels that are close to the body, and those that it fills.
 
         Args:
             grid: the grid.
             body: where the body is.
-            limits: how far from the surface a voxel counts as near and as deep [m]; the second is
-                the smaller one, negative inside the body.
+            limits: how far from the surface the centre of a voxel is at most that is near, whose
+                middle the body fills, and all of which it fills [m]; negative inside the body.
             near: (nx, ny, nz) uint8, set to 1 where a voxel is near.
-            deep: the same, where it is deep.
+            filled: the same, set to :data:`MIDDLE` or :data:`WHOLE`.
             listed: (nx ny nz,) int32 out: flat indices of the voxels newly near.
 
         Returns:
@@ -318,9 +318,9 @@ class SelfFilter:
                 self.fields.shape,
                 np.asarray(grid.origin, float),
                 grid.voxel,
-                *limits,
+                limits,
                 near,
-                deep,
+                filled,
                 listed,
             )
         )

@@ -93,7 +93,7 @@ class WorkspaceMap:
             self.grid.shape, self.grid.voxel, config.distance_cap, config.unknown_is_solid
         )
         self._body_near = np.zeros(self.grid.shape, np.uint8)
-        self._body_deep = np.zeros(self.grid.shape, np.uint8)
+        self._body_fills = np.zeros(self.grid.shape, np.uint8)
         self._no_body = np.zeros(int(np.prod(self._people.far.grid.shape)), np.uint8)
         self._body_voxels = np.zeros(self._body_near.size, np.int32)
         self._body_count = 0
@@ -377,23 +377,23 @@ class WorkspaceMap:
         for layer, hits, body in zip(
             (self._people.fine, self._people.far),
             seen.hits,
-            (self._body_deep.reshape(-1), self._no_body),
+            (self._body_fills.reshape(-1), self._no_body),
         ):
             layer.occupancy.take(
                 job.camera, job.frame.stamp, hits.index, hits.strong, body, seen.sight
             )
 
     def _move_body(self, jobs: list[_Job]) -> None:
-        """Mark the arm's newest place: near it nobody hides unseen; deep in it nothing else is."""
+        """Mark the arm's newest place: near it nobody hides unseen, what it fills is the arm."""
         if not jobs:
             return
         newest = max(jobs, key=lambda job: job.frame.stamp).body
-        near = self.grid.voxel + self.config.self_margin
-        deep = -0.5 * np.sqrt(3.0) * self.grid.voxel - self.config.self_margin
-        for mask in (self._body_near, self._body_deep):
+        skin, half = self.config.self_margin, float(0.5 * np.sqrt(3.0) * self.grid.voxel)
+        limits = (self.grid.voxel + skin, skin, -half - skin)
+        for mask in (self._body_near, self._body_fills):
             mask.reshape(-1)[self._body_voxels[: self._body_count]] = 0
         self._body_count = self._filter.mark(
-            self.grid, newest, (near, deep), self._body_near, self._body_deep, self._body_voxels
+            self.grid, newest, limits, self._body_near, self._body_fills, self._body_voxels
         )
 
     def _field_and_cloud(self, state: Bytes) -> tuple[Floats32, Floats32, Floats32]:

@@ -12,6 +12,9 @@ from numba import njit
 from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Points, Poses, Vector3
 from armsight.mapping.kernels.pixels import ROBOT, VALID
 
+MIDDLE, WHOLE = 1, 2
+"""What the arm fills of a voxel."""
+
 
 @njit(cache=True, nogil=True)
 def triangle_distance2(
@@ -320,16 +323,17 @@ def mark_body(
     shape: Ints,
     origin: Vector3,
     voxel: float,
-    near_limit: float,
-    deep_limit: float,
+    limits: tuple[float, float, float],
     near: Bytes,
-    deep: Bytes,
+    filled: Bytes,
     listed: Ints32,
 ) -> int:
-    """Mark the voxels whose centre is within ``near_limit`` or ``deep_limit`` [m] of a link.
+    """Mark the voxels that are close to a link, and those that it fills.
 
     Of the arguments:
-        near, deep: (nx, ny, nz) uint8, set to 1; a deep voxel is near as well.
+        limits: a voxel is near, its middle or all of it is filled, where its centre is within these
+            of a link [m], negative inside; from large to small.
+        near: (nx, ny, nz) uint8, set to 1; filled: the same, set to MIDDLE or WHOLE.
         listed: (nx ny nz,) out: flat indices of the voxels that were not near before.
         T_field_base: (m, 4, 4) base in each field's grid frame, lengths in cells.
         box: (m, 6) int64 voxel ranges i0 i1 j0 j1 k0 k1 (inclusive, inside the grid).
@@ -338,6 +342,7 @@ def mark_body(
         How many are listed.
     """
     count = 0
+    near_limit, middle_limit, whole_limit = limits
     for f in range(offset.shape[0]):
         T = T_field_base[f]
         nx, ny, nz = shape[f, 0], shape[f, 1], shape[f, 2]
@@ -357,8 +362,9 @@ def mark_body(
                     d = interpolate(values, offset[f], nx, ny, nz, gx, gy, gz)
                     if d > near_limit:
                         continue
-                    if d <= deep_limit:
-                        deep[i, j, k] = 1
+                    if d <= middle_limit:
+                        fills = WHOLE if d <= whole_limit else MIDDLE
+                        filled[i, j, k] = max(filled[i, j, k], np.uint8(fills))
                     if near[i, j, k] == 0:
                         near[i, j, k] = 1
                         listed[count] = (i * near.shape[1] + j) * near.shape[2] + k

@@ -8,7 +8,11 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Bytes, Floats, Ints, Ints32, Pose, Shorts
+from armsight.mapping.kernels.body import MIDDLE, WHOLE
 from armsight.mapping.snapshot import OCCUPIED, UNKNOWN
+
+SKIN = 2.0
+"""A look at a voxel whose middle the arm fills ends this many voxels before it: on the arm."""
 
 
 @njit(cache=True, nogil=True)
@@ -67,6 +71,7 @@ def add_looks(
     origin: Floats,
     voxel: float,
     shape: Ints,
+    body: Bytes,
     stamp: float,
     last: Floats,
     looks: Bytes,
@@ -75,10 +80,13 @@ def add_looks(
 ) -> None:
     """Count the looks that reached the middle of an occupied voxel and did not hit it.
 
+    No look reaches the middle of one that the arm fills, where the arm was taken for something else
+    while its joints lied, say; there one that ends right before it, on the arm, found nothing.
+
     Of the arguments:
         image: (h, w) uint16 depth through an ideal lens, ``units`` a metre, 0 for no return.
         lens: (4,) fx fy cx cy of it; T: camera in base; near: its least depth [m].
-        origin, voxel, shape: of the grid.
+        origin, voxel, shape: of the grid; body: uint8 per voxel, what the arm fills of each.
         stamp: exposure of the frame [s]; last: of each voxel's last sighting [s].
         looks: uint8 per voxel, in and out.
     """
@@ -98,6 +106,8 @@ def add_looks(
         row = lens[1] * (T[0, 1] * x + T[1, 1] * y + T[2, 1] * z) / depth + lens[3] + 0.5
         if not (0.0 <= column < w and 0.0 <= row < h):
             continue
+        if body[v] == MIDDLE:
+            depth -= SKIN * voxel
         if image[int(row), int(column)] > depth * units and looks[v] < 255:
             looks[v] += 1
 
@@ -105,7 +115,7 @@ def add_looks(
 @njit(cache=True, nogil=True)
 def clear_seen_through(
     free: Bytes,
-    gone: Bytes,
+    body: Bytes,
     stamp: float,
     bit: int,
     hold: float,
@@ -130,8 +140,7 @@ def clear_seen_through(
 
     Of the arguments:
         free: uint8 per voxel, 1 where this frame saw through the whole voxel.
-        gone: uint8 per voxel, 1 where this frame proves the voxel empty of anything foreign in
-            another way (the arm's own body is there).
+        body: uint8 per voxel, what the arm fills of each: what it fills wholly holds nothing else.
 
     Returns:
         The new length of the list; the order of the rest is kept.
@@ -139,9 +148,10 @@ def clear_seen_through(
     kept = 0
     for a in range(count):
         v = listed[a]
-        if (free[v] != 0 or gone[v] != 0) and last[v] < stamp:
+        gone = body[v] == WHOLE
+        if (free[v] != 0 or gone) and last[v] < stamp:
             seen_by[v] &= ~bit
-            if seen_by[v] == 0 or stamp - last[v] >= hold or gone[v] != 0:
+            if seen_by[v] == 0 or stamp - last[v] >= hold or gone:
                 occupied[v] = 0
                 seen_by[v] = 0
                 continue
