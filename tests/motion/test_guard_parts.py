@@ -17,7 +17,6 @@ from armsight.motion.keep_out import (
     KeepOutConfig,
     SeparationPlanner,
     enlarged,
-    with_lid,
     with_remembered,
 )
 from armsight.motion.nearest import Hazards
@@ -249,46 +248,6 @@ def test_a_way_around_a_remembered_place_is_taken_if_it_costs_little():
         return planner.predicted_time(plan.trajectory, hazards)
 
     assert time_there(before, 0.5) < 0.8 * time_there(before, 0.0)
-
-
-def test_a_lid_bounds_what_it_says():
-    snapshot = QuickCell([Ball(lambda t: np.array([0.5, 0.1, 0.3]), 0.05)]).snapshot_at(0.0)
-    closed = with_lid(snapshot, 0.2)
-    grid = snapshot.grid
-    top = grid.origin[2] + grid.shape[2] * grid.voxel
-    heights = grid.center(np.argwhere(closed.state == OCCUPIED))[:, 2]
-    assert heights.min() - 0.5 * grid.voxel == pytest.approx(top - 0.2)
-    assert (closed.state[:, :, : -round(0.2 / grid.voxel)] == snapshot.state[:, :, :-10]).all()
-    rng = np.random.default_rng(0)
-    index = rng.integers(0, np.array(grid.shape), (400, 3))
-    points = grid.origin + (index + rng.random((400, 3))) * grid.voxel
-    gap = np.maximum(top - 0.2 - points[:, 2], 0.0)
-    assert (closed.distance[tuple(index.T)] <= gap + 1e-6).all()
-    assert with_lid(snapshot, 0.01) is snapshot
-    assert with_lid(snapshot, -0.3) is snapshot
-
-
-def test_paths_keep_below_the_lid_unless_a_goal_does_not():
-    """Over a wall, or round it a longer way; the space above is free, but nobody looks there."""
-    cell = QuickCell()
-    start, goal = np.deg2rad([[0, -70, 85, -105, -90, 0], [0, -90, 0, -90, 0, 0]])
-    asked = []
-
-    class Asked:
-        def plan(self, request, snapshot, time_limit, rng):
-            asked.append(snapshot)
-            return Plan(0, np.zeros((0, 6)), None, np.inf, 0, 0.0, 0.0, "none")
-
-    planner = SeparationPlanner(Asked(), cell.robot, [cell.info], cell.config)
-    snapshot = cell.snapshot_at(0.0)
-    for end in (start, goal):  # the second is upright: its wrist is 0.14 m below the box's top
-        request = PlanRequest(0, start, JointIntent("G", end))
-        planner.plan(request, snapshot, 0.05, np.random.default_rng(0))
-    low, high = ((s.state == OCCUPIED).sum(axis=2).max() * cell.grid.voxel for s in asked)
-    assert low == pytest.approx(0.2)
-    center = cell.guard.body.motion(goal, np.zeros(6))[0]
-    room = 1.2 - (center[:, 2] + cell.guard.body.radius).max()
-    assert room - 0.05 - 1e-6 <= high <= room
 
 
 def test_a_short_wait_beats_a_long_way_round_until_it_has_lasted():

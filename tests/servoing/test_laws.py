@@ -8,9 +8,17 @@ import pytest
 from armsight.devices.data import JointState
 from armsight.geometry.pose import look_at
 from armsight.robots import load_robot
-from armsight.robots.kinematics import tcp_pose
-from armsight.servoing.aim import Aim, joint_velocity, joints_for, pose_error
+from armsight.robots.kinematics import sphere_centers, tcp_jacobian, tcp_pose
+from armsight.servoing.aim import (
+    Aim,
+    Weights,
+    held_under,
+    joint_velocity,
+    joints_for,
+    pose_error,
+)
 from armsight.servoing.approach import Funnel, facing
+from armsight.servoing.ceiling import Ceiling
 from armsight.servoing.law import LawConfig, VelocityLaw
 from armsight.servoing.master import Frustum, PaperMaster, Source
 from armsight.servoing.segments import SegmentConfig, SegmentPlanner
@@ -261,3 +269,120 @@ def test_three_times_the_gain_shows_the_limit_that_the_delay_sets():
     wild, _ = chase(lambda t: (place, np.zeros(3)), 5.0, delay=0.104, gain=60.0)
     assert calm[-100:].max() < 0.003
     assert wild[-100:].max() > 2 * calm[-100:].max()
+
+
+def test_the_compiled_joints_are_those_of_its_plain_twin():
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        q = HOME + rng.uniform(-0.5, 0.5, 6)
+        axis = facing(rng.normal(0, 1, 3), UP, FRONT)
+        aim = Aim(START + rng.uniform(-0.3, 0.3, 3), np.zeros(3), axis, -UP)
+        assert np.allclose(joints_for(UR10, aim, q, rounds=3), plain_joints(aim, q, 3), atol=1e-9)
+
+
+def plain_joints(aim, q, rounds):
+    """V's eq. 2 in so many words of numpy."""
+    weights = Weights()
+    for _ in range(rounds):
+        T = tcp_pose(UR10, q)
+        z, y = T[:3, 2], T[:3, 1]
+        turn = np.cross(z, aim.axis)
+        sine = np.linalg.norm(turn)
+        turn = turn * np.arctan2(sine, z @ aim.axis) / max(sine, 1e-9)
+        down = aim.down - z * (z @ aim.down)
+        down /= np.linalg.norm(down)
+        roll = np.arctan2(np.cross(y, down) @ z, y @ down)
+        error = np.concatenate([aim.position - T[:3, 3], turn + roll * z])
+        W = weights.position * np.eye(6)
+        along = np.outer(z, z)
+        W[3:, 3:] = weights.axis * (np.eye(3) - along) + weights.roll * along
+        A = W @ tcp_jacobian(UR10, q)
+        step = np.linalg.solve(A.T @ A + np.diag(weights.posture**2), A.T @ (W @ error))
+        step *= min(1.0, 0.25 / np.abs(step).max())
+        q = np.clip(q + step, UR10.limits.lower + 0.01, UR10.limits.upper - 0.01)
+    return q
+
+
+def under(height, path):
+    """Whether the arm stays under a height, link by link, at each of (k, n) joints."""
+    rises = UR10.spheres.link > 1
+    tops = [(sphere_centers(UR10, q) @ UP + UR10.spheres.radius)[rises].max() for q in path]
+    return max(tops) < height + 0.002
+
+
+def test_under_a_ceiling_the_tool_points_otherwise_before_the_arm_rises():
+    """A ball in the upper half of the cell was come to with the elbow above what is mapped."""
+    rng, ceiling = np.random.default_rng(0), Ceiling(UP, 0.0)
+    missed = 0
+    for _ in range(30):
+        place = np.array([rng.uniform(0.6, 0.9), rng.uniform(-0.3, 0.3), rng.uniform(0.45, 0.9)])
+        axis = facing(place, UP, FRONT) * np.cos(0.5) - np.sin(0.5) * UP
+        aim = Aim(place, np.zeros(3), axis, -UP)
+        free = joints_for(UR10, aim, HOME, rounds=200)
+        q = joints_for(UR10, aim, HOME, rounds=200, ceiling=ceiling)
+        assert under(0.0, [q])
+        if under(-0.03, [free]):
+            assert np.abs(q - free).max() < 1e-3  # far below it nothing changes
+        missed += np.linalg.norm(pose_error(UR10, q, aim)[:3]) > 0.002
+    assert missed <= 3
+
+
+@pytest.mark.parametrize("high", [False, True])
+def test_a_target_that_is_pulled_up_leads_no_part_above_the_ceiling_and_down_again(high):
+    """Up by 25 cm at once, and down after 3 s: the arm goes along as far as it may, and returns.
+    Without a ceiling it rises above it, as it did in the browser."""
+    low, up = np.array([0.85, -0.02, 0.66]), np.array([0.85, -0.02, 0.35])
+    ceiling = None if high else Ceiling(UP, 0.0)
+    law = VelocityLaw(UR10, LawConfig(delay=0.056, ceiling=ceiling))
+    drives, joints = Drives(HOME, 0.056), JointState(0.0, HOME, np.zeros(6))
+    path, errors = [], []
+    for k in range(1000):
+        place = up if 375 <= k < 700 else low
+        axis = np.array([np.cos(0.5), 0.0, np.sin(0.5)])
+        command = law.command(drives.now, joints, Aim(place, np.zeros(3), axis, -UP))
+        law.hear(Word(drives.now, command))
+        joints = drives.step(command)
+        path.append(drives.q.copy())
+        errors.append(np.linalg.norm(tcp_pose(UR10, drives.q)[:3, 3] - place))
+    assert under(0.005, path) != high
+    assert errors[374] < 0.002
+    assert errors[-1] < 0.002
+
+
+def test_an_arm_above_its_ceiling_comes_down_and_one_below_is_held_the_least():
+    rng, ceiling = np.random.default_rng(3), Ceiling(UP, 0.0)
+    raised = UR10.home.copy()
+    raised[1] = 0.3
+    assert ceiling.under(UR10, raised) < 0.0
+    for q in (UR10.home, raised):
+        room = ceiling.under(UR10, q)
+        for _ in range(20):
+            wanted = rng.normal(0, 1, 6)
+            held = held_under(UR10, q, wanted, ceiling)
+            rises = (room - ceiling.under(UR10, q + 1e-6 * held)) / 1e-6
+            assert rises <= 4.0 * room + 1e-3
+            free = (room - ceiling.under(UR10, q + 1e-6 * wanted)) / 1e-6
+            if free <= 4.0 * room - 1e-3:
+                assert np.array_equal(held, wanted)
+
+
+def test_a_ceiling_leaves_an_arm_the_room_that_it_needs_at_home():
+    given = Ceiling(UP, -0.2)  # below the shoulder
+    fitted = given.above(UR10)
+    assert fitted.under(UR10, UR10.home) >= 0.03 - 1e-9
+    assert Ceiling(UP, 0.5).above(UR10).height == 0.5
+
+
+def test_no_way_is_planned_to_where_the_arm_would_have_to_rise_above_its_ceiling():
+    law = VelocityLaw(UR10, LawConfig(ceiling=Ceiling(UP, 0.0)))
+    joints = JointState(0.0, HOME, np.zeros(6))
+    axis = np.array([np.cos(0.5), 0.0, np.sin(0.5)])
+    for z, way in ((0.7, "as wished"), (0.5, "otherwise"), (0.1, None)):
+        aim = Aim(np.array([0.8, 0.0, z]), np.zeros(3), axis, -UP)
+        for _ in range(60):
+            law.command(0.0, joints, aim)
+        T = law.pose(aim)
+        assert (T is None) == (way is None)
+        if T is not None:
+            assert np.linalg.norm(T[:3, 3] - aim.position) < 0.01
+            assert (T[:3, 2] @ axis > 0.9999) == (way == "as wished")

@@ -116,7 +116,8 @@ class QuickCell:
         lower, upper = box or (np.full(3, -HALF), np.full(3, HALF))
         i, j, k = (round(float(edge)) for edge in (upper - lower) / VOXEL)
         self.grid = VoxelGrid(lower, VOXEL, (i, j, k))
-        self._overhead = _overhead(self.grid, box) if box is not None else None
+        self._upwards = self.config.up[2] > 0.0
+        self._overhead = _overhead(self.grid, box, self.config.up) if box is not None else None
         self.state = np.full(self.grid.shape, FREE, np.uint8)
         self.field = np.full(self.grid.shape, 0.3, np.float32)
         self._never = np.full(self.grid.shape, -np.inf, np.float32)
@@ -222,7 +223,9 @@ class QuickCell:
             corner = self.grid.origin + index * VOXEL
             gap = np.maximum(np.maximum(corner - center, center - corner - VOXEL), 0.0)
             inside = index[np.linalg.norm(gap, axis=1) <= ball.radius]
-            inside = inside[inside[:, 2] < self.grid.shape[2]]  # above the box nobody looks
+            # above the box nobody looks
+            below = inside[:, 2] < self.grid.shape[2] if self._upwards else inside[:, 2] >= 0
+            inside = inside[below]
             points.append(np.asarray(self.grid.center(inside), float))
         hazards = np.concatenate(points).astype(np.float32)
         if self._overhead is not None:
@@ -249,7 +252,10 @@ class QuickCell:
         """The lid's points within a person's reach of what is seen right under it."""
         assert self._overhead is not None
         cells = self._overhead.cells
-        crossed = hazards[hazards[:, 2] > cells.origin[2] - VOXEL, :2]
+        if self._upwards:
+            crossed = hazards[hazards[:, 2] > cells.origin[2] - VOXEL, :2]
+        else:
+            crossed = hazards[hazards[:, 2] < cells.origin[2] + cells.voxel + VOXEL, :2]
         if len(crossed) == 0:
             return np.empty((0, 3), np.float32)
         every = cells.center(np.indices(cells.shape).reshape(3, -1).T)[:, :2]
@@ -291,10 +297,11 @@ class QuickCell:
                 self.touches.append(touch)
 
 
-def _overhead(grid: VoxelGrid, box: tuple[Vector3, Vector3]) -> Overhead:
+def _overhead(grid: VoxelGrid, box: tuple[Vector3, Vector3], up: Sequence[float]) -> Overhead:
     """The lid of a box without walls around it."""
     lower, upper = (tuple(float(x) for x in corner) for corner in box)
-    return Overhead(grid, MappingConfig(lower=lower, upper=upper, reach=REACH_ABOVE))  # type: ignore[arg-type]
+    config = MappingConfig(lower=lower, upper=upper, reach=REACH_ABOVE, up=tuple(up))  # type: ignore[arg-type]
+    return Overhead(grid, config)
 
 
 def felt(cell: QuickCell, push: Vector3 | None = None) -> list[Wrench]:

@@ -18,6 +18,10 @@ LAG = 0.1
 """Share by which the drives' ramp may lag behind the allowed speed before the brakes are used."""
 LEAD = 0.75
 """The command is the motion's velocity this far into the coming tick: the drives ramp up to it."""
+LOOK = 0.02
+"""A way out is looked at so far ahead, of the arm's fastest point [m]."""
+SIDEWAYS = 0.15
+"""On it a part may come nearer to something by this share of what the nearest one leaves."""
 STOP_ROOM = 0.04
 """Phase time that is kept free before a blocked place, besides the way to stop [s]."""
 
@@ -93,7 +97,8 @@ class RouteFollower:
         wanted = monitor.away(near, tick.ahead.position, self._filter.hazards, FLEE)
         wanted = self._filter.conform(tick, wanted)
         tick.view = self._filter.judge(tick, wanted)
-        scale = self.scale.towards(min(tick.view.allowed, 1.0), tick.elapsed, math.inf)
+        share = max(min(tick.view.allowed, 1.0), self._creeps_out(tick, wanted))
+        scale = self.scale.towards(share, tick.elapsed, math.inf)
         tick.command = scale * wanted
         tick.scale = scale
         if self._filter.stop_is_free(tick):
@@ -101,6 +106,27 @@ class RouteFollower:
         tick.command = np.zeros(len(tick.command))
         self.scale.reset()
         return False
+
+    def _creeps_out(self, tick: Tick, motion: JointVector) -> float:
+        """Share of a way out that an arm may take which counts as standing; 0 for none.
+
+        Every turn brings some part a little nearer to something: the other end of the link that
+        leaves. An arm between places that could hide somebody would stand there for good. So a way
+        that leads away from the nearest one is taken, if no part comes nearer to anything by more
+        than a small share of that.
+        """
+        monitor, hazards, q = self._filter.monitor, self._filter.hazards, tick.ahead.position
+        velocity = monitor.body.motion(q, motion)[1]
+        fastest = monitor.body.fastest(q, motion, velocity)
+        if fastest < 1e-6:
+            return 0.0
+        here = monitor.at_rest(q, hazards)
+        there = monitor.at_rest(q + LOOK * motion / fastest, hazards)
+        gain = there.least - here.least
+        lost = np.where(np.isfinite(here.distance), here.distance - there.distance, 0.0)
+        if gain < SIDEWAYS * LOOK or float(lost.max()) > SIDEWAYS * gain:
+            return 0.0
+        return self._config.retreat_speed / fastest
 
     def _room_scale(self, route: Route, velocity: JointVector) -> float:
         """Greatest scale from which the arm still stops before a blocked place."""

@@ -24,6 +24,7 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.mapping.snapshot import FREE, OCCUPIED, WorkspaceSnapshot
 from armsight.motion.data import PlanRequest
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.lid import Lid
 from armsight.motion.nearest import Hazards
 from armsight.motion.plan import Plan, Planner
 from armsight.motion.separation_monitor import SeparationMonitor, declared_reaction
@@ -32,8 +33,6 @@ from armsight.robots.robot import Robot
 
 COARSE = 3
 """Fine voxels along the edge of a coarse one."""
-ROOM = 0.03
-"""Start and goal keep at least this far from the lid [m]."""
 SAMPLE = 0.1
 """Phase time between two looks at a motion when its time is predicted [s]."""
 SLOWEST = 0.02
@@ -72,7 +71,11 @@ class KeepOutConfig:
 
 
 class SeparationPlanner:
-    """Wraps a planner: asks it more than once and takes the path that can be driven soonest."""
+    """Wraps a planner: asks it more than once and takes the path that can be driven soonest.
+
+    Attributes:
+        lid: the top of the mapped box, under which paths keep.
+    """
 
     def __init__(
         self,
@@ -87,6 +90,7 @@ class SeparationPlanner:
         brake = robot.limits.acceleration * max(guard.brake, guard.acceleration)
         self._gate = SeparationMonitor(robot, guard, brake)
         self._reaction = declared_reaction(cameras, guard)
+        self.lid = Lid(self._gate.body, guard.up, self._config.lid)
 
     def plan(
         self,
@@ -99,7 +103,7 @@ class SeparationPlanner:
         hazards = Hazards.of(snapshot)
         self._gate.set_reaction(self._reaction, hazards.radius)
         config = self._config
-        snapshot = self._under_the_lid(request, snapshot)
+        snapshot = self.lid.over(snapshot, (request.start, request.target))
         best = self._planner.plan(request, snapshot, time_limit, rng)
         before = with_remembered(snapshot, config.memory)
         if best.trajectory is None or len(before.hazards) == 0:
@@ -152,19 +156,6 @@ class SeparationPlanner:
             return now
         again = min(self.predicted_time(trajectory, worse), now + config.stay)
         return (1.0 - config.returns) * now + config.returns * again
-
-    def _under_the_lid(
-        self, request: PlanRequest, snapshot: WorkspaceSnapshot
-    ) -> WorkspaceSnapshot:
-        """The surroundings closed by a lid, as high as start and goal need it."""
-        body, still = self._gate.body, np.zeros(len(request.start))
-        ends = [
-            body.motion(np.asarray(q, float), still)[0] for q in (request.start, request.target)
-        ]
-        highest = max(float((center[:, 2] + body.radius).max()) for center in ends)
-        grid = snapshot.grid
-        top = float(grid.origin[2]) + grid.shape[2] * grid.voxel
-        return with_lid(snapshot, min(self._config.lid, top - highest - ROOM))
 
     def _candidates(
         self,
@@ -250,21 +241,6 @@ def enlarged(
     state = np.where(_fine(away <= distance, grid.shape), np.uint8(OCCUPIED), snapshot.state)
     field = _fine(np.maximum(bound, 0.0).astype(np.float32), grid.shape)
     return replace(snapshot, state=state, distance=np.minimum(snapshot.distance, field))
-
-
-def with_lid(snapshot: WorkspaceSnapshot, depth: float) -> WorkspaceSnapshot:
-    """The same surroundings, occupied down to at most ``depth`` [m] below the top of the box."""
-    grid = snapshot.grid
-    layers = int(np.floor(depth / grid.voxel + 1e-6))
-    if layers <= 0:
-        return snapshot
-    first = grid.shape[2] - layers
-    state = snapshot.state.copy()
-    state[:, :, first:] = OCCUPIED
-    # Between any points of two voxels in a column there are the voxels between them.
-    above = np.maximum(first - 1 - np.arange(grid.shape[2]), 0)
-    bound = (above * grid.voxel).astype(np.float32)
-    return replace(snapshot, state=state, distance=np.minimum(snapshot.distance, bound))
 
 
 def _fine(coarse: NDArray[Any], shape: tuple[int, int, int]) -> NDArray[Any]:

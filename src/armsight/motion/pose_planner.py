@@ -1,7 +1,9 @@
 """Plans to a pose of the TCP: of all inverse solutions the one that is there soonest wins.
 
 The time that counts is what separation would let the arm have, not the length of the way: an elbow
-that turns towards somebody loses to one that turns away (:mod:`armsight.motion.keep_out`).
+that turns towards somebody loses to one that turns away (:mod:`armsight.motion.keep_out`). One that
+ends close under the top of the mapped box, where the arm hides what nobody else looks at and might
+not be let away again, is taken only where there is no other.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from armsight.motion.data import PlanRequest
 from armsight.motion.ik import solve_ik
 from armsight.motion.intents import JointIntent, PoseIntent
 from armsight.motion.keep_out import SeparationPlanner
+from armsight.motion.lid import ROOM
 from armsight.motion.plan import Plan, failed
 from armsight.motion.trajectory import straight
 from armsight.robots.robot import JointLimits, Robot
@@ -53,7 +56,7 @@ class PosePlanner:
         goal = request.goal
         if isinstance(goal, JointIntent):
             return self._planner.plan(request, snapshot, time_limit, rng)
-        candidates = self._candidates(goal, request.start, rng)
+        candidates = self._candidates(goal, request.start, snapshot, rng)
         if not candidates:
             x, y, z = np.asarray(goal.T_base_tcp, float)[:3, 3]
             words = f"out of reach: no joints bring the TCP to ({x:.3f}, {y:.3f}, {z:.3f}) m so"
@@ -61,8 +64,8 @@ class PosePlanner:
         best: Plan | None = None
         first: Plan | None = None
         best_time, spent, tries = np.inf, 0.0, 0
-        for least, q in candidates:
-            if best is not None and (least >= best_time or tries >= PLANNED):
+        for high, least, q in candidates:
+            if best is not None and (high or least >= best_time or tries >= PLANNED):
                 break
             tries += 1
             joints = JointIntent(goal.name, q, speed=goal.speed)
@@ -80,9 +83,23 @@ class PosePlanner:
         return replace(answer, optimisation_s=max(spent - answer.planning_s, 0.0))
 
     def _candidates(
-        self, goal: PoseIntent, start: JointVector, rng: np.random.Generator
-    ) -> list[tuple[float, JointVector]]:
-        """Inverse solutions with the least time in which each could be reached, soonest first."""
+        self,
+        goal: PoseIntent,
+        start: JointVector,
+        snapshot: WorkspaceSnapshot,
+        rng: np.random.Generator,
+    ) -> list[tuple[bool, float, JointVector]]:
+        """Inverse solutions: whether one ends under the very top, and the least time to it [s].
+
+        Those that do not come first, the soonest first.
+        """
         found = solve_ik(self._robot, goal.T_base_tcp, start, rng, wanted=SOLUTIONS)
-        timed = [(straight(start, q, self._limits).duration, q) for q in found]
-        return sorted(timed, key=lambda pair: pair[0])
+        timed = [
+            (
+                self._planner.lid.below_the_top(q, snapshot.grid) < ROOM,
+                straight(start, q, self._limits).duration,
+                q,
+            )
+            for q in found
+        ]
+        return sorted(timed, key=lambda entry: entry[:2])

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Vector3
-from armsight.robots.kinematics import tcp_jacobian, tcp_pose
+from armsight.robots.kinematics import link_poses, tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
+from armsight.servoing.aim_kernels import Chain, Cost, Goal, aimed_joints, highest, tip_error
+from armsight.servoing.ceiling import HARD, LEAST, NEAR, RISES, Ceiling
 
 
 @dataclass(frozen=True)
@@ -45,21 +47,7 @@ class Weights:
 
 def pose_error(robot: Robot, q: JointVector, aim: Aim) -> Floats:
     """(6,) error of the tip [m], and of its axis and roll [rad], in ``base``."""
-    T = tcp_pose(robot, q)
-    z, y = T[:3, 2], T[:3, 1]
-    turn = np.cross(z, aim.axis)
-    sine, cosine = float(np.linalg.norm(turn)), float(z @ aim.axis)
-    if cosine < 0.0 and sine < 1e-6:
-        turn, sine = T[:3, 0].copy(), 1.0
-    angle = np.arctan2(sine, cosine)
-    turn = turn * (angle / max(sine, 1e-9))
-    down = aim.down - z * (z @ aim.down)
-    length = float(np.linalg.norm(down))
-    roll = 0.0
-    if length > 0.1:
-        down = down / length
-        roll = float(np.arctan2(np.cross(y, down) @ z, y @ down))
-    return np.concatenate([aim.position - T[:3, 3], turn + roll * z])
+    return np.asarray(tip_error(np.ascontiguousarray(tcp_pose(robot, q)), _goal(aim)))
 
 
 def joints_for(
@@ -69,25 +57,33 @@ def joints_for(
     weights: Weights | None = None,
     rounds: int = 4,
     most: float = 0.25,
+    ceiling: Ceiling | None = None,
 ) -> JointVector:
     """(n,) joints that minimise V's cost (eq. 2) near a start, by damped Gauss-Newton [rad].
 
     ``f = |y* - y|^2_W1 + |a* - a|^2_W2 + |q* - q|^2_C`` with a* the wanted direction; the last
-    term is what damps each round. A round turns no joint by more than ``most`` [rad].
+    term is what damps each round. A round turns no joint by more than ``most`` [rad], and leads no
+    part above the ceiling.
     """
-    weights = weights or Weights()
-    q = np.array(start, float)
-    limits = robot.limits
-    C = np.diag(_fitting(weights.posture, robot.n) ** 2)
-    for _ in range(rounds):
-        e = pose_error(robot, q, aim)
-        J = tcp_jacobian(robot, q)
-        W = _task_weights(tcp_pose(robot, q)[:3, 2], weights)
-        A = W @ J
-        step = np.linalg.solve(A.T @ A + C, A.T @ (W @ e))
-        step *= min(1.0, most / max(float(np.abs(step).max()), 1e-9))
-        q = np.clip(q + step, limits.lower + 0.01, limits.upper - 0.01)
-    return q
+    cost = _cost(weights or Weights(), robot.n, ceiling)
+    begin = np.array(start, float)
+    return np.asarray(aimed_joints(_chain(robot), cost, _goal(aim), begin, rounds, most))
+
+
+def held_under(robot: Robot, q: JointVector, motion: JointVector, ceiling: Ceiling) -> JointVector:
+    """(n,) joint velocities [rad/s] nearest to wanted ones that lead no part above a ceiling.
+
+    The highest part rises no faster than ``RISES`` times the room that it has; above the ceiling it
+    comes down.
+    """
+    chain = _chain(robot)
+    poses = np.ascontiguousarray(link_poses(robot, q))
+    top, rise = highest(poses, chain, np.ascontiguousarray(ceiling.up, float))
+    excess = float(rise @ motion) - RISES * (ceiling.height - top)
+    square = float(rise @ rise)
+    if excess <= 0.0 or square < 1e-6:
+        return motion
+    return np.asarray(motion - rise * (excess / square))
 
 
 def joint_velocity(
@@ -101,6 +97,33 @@ def joint_velocity(
     C = np.diag(_fitting(weights.posture, robot.n) ** 2)
     twist = np.concatenate([linear, np.zeros(3)])
     return np.asarray(np.linalg.solve(A.T @ A + C, A.T @ (W @ twist)))
+
+
+def _goal(aim: Aim) -> Goal:
+    return Goal(*(np.ascontiguousarray(v, float) for v in (aim.position, aim.axis, aim.down)))
+
+
+def _chain(robot: Robot) -> Chain:
+    spheres, limits = robot.spheres, robot.limits
+    tip = robot.T_last_flange
+    if robot.tool is not None:
+        tip = tip @ robot.tool.T_flange_tcp
+    rises = np.asarray(spheres.link) > 1
+    return Chain(
+        np.ascontiguousarray(robot.T_link_joint), np.ascontiguousarray(robot.axis),
+        np.ascontiguousarray(tip), np.ascontiguousarray(limits.lower, float),
+        np.ascontiguousarray(limits.upper, float), np.asarray(spheres.link, np.int64)[rises],
+        np.ascontiguousarray(np.asarray(spheres.center, float)[rises]),
+        np.asarray(spheres.radius, float)[rises],
+    )  # fmt: skip
+
+
+def _cost(weights: Weights, n: int, ceiling: Ceiling | None) -> Cost:
+    up, height = (np.zeros(3), np.inf) if ceiling is None else (ceiling.up, ceiling.height)
+    return Cost(
+        weights.position, weights.axis, weights.roll, _fitting(weights.posture, n),
+        np.ascontiguousarray(up, float), height, HARD, NEAR, LEAST,
+    )  # fmt: skip
 
 
 def _task_weights(z: Vector3, weights: Weights) -> Floats:

@@ -8,11 +8,11 @@ the guard's planner is asked for a way to a place before the target, and the law
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from armsight.arrays import Pose, Vector3
-from armsight.geometry.pose import make_pose
 from armsight.motion.data import GuardStatus
 from armsight.motion.intents import PoseIntent
 
@@ -57,7 +57,7 @@ class Detour:
         now: float,
         guard: GuardStatus | None,
         target: Vector3,
-        before: tuple[Vector3, Vector3, Vector3],
+        before: Callable[[], Pose | None],
     ) -> PoseIntent | None:
         """The goal to be driven to instead of the law's velocities, or None.
 
@@ -65,8 +65,7 @@ class Detour:
             now: time [s].
             guard: what it did in its newest tick.
             target: (3,) where the target is [m].
-            before: where the tool should wait before it (3,) [m], where its z should point and
-                where its y (3,), unit.
+            before: ``T_base_tcp`` where the tool should wait before it, if there is such a place.
         """
         if guard is None:
             return None
@@ -80,8 +79,12 @@ class Detour:
         self._share += (_driven(guard) - self._share) * passed / HELD
         if self._share > PACE or now < self._next:
             return None
+        place = before()
+        if place is None:
+            self._share, self._next = 1.0, now + PAUSE
+            return None
         self._began, self._target = now, np.array(target)
-        self._goal = PoseIntent(self.name, _pose(*before), tolerance=0.01, tolerance_rad=0.05)
+        self._goal = PoseIntent(self.name, place, tolerance=0.01, tolerance_rad=0.05)
         return self._goal
 
 
@@ -97,10 +100,3 @@ def _driven(guard: GuardStatus) -> float:
     if float(np.abs(wanted).max()) < MOVES:
         return 1.0
     return float(np.clip(guard.command @ wanted / (wanted @ wanted), 0.0, 1.0))
-
-
-def _pose(place: Vector3, axis: Vector3, down: Vector3) -> Pose:
-    """``T_base_tcp`` of a tool at a place with its z along an axis and its y down, if it can."""
-    y = down - axis * float(axis @ down)
-    y = y / max(float(np.linalg.norm(y)), 1e-9)
-    return make_pose(np.stack([np.cross(y, axis), y, axis], axis=1), place)

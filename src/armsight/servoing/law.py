@@ -15,14 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armsight.arrays import JointVector
+from armsight.arrays import JointVector, Pose, Vector3
 from armsight.devices.data import JointState
+from armsight.geometry.pose import make_pose
 from armsight.motion.arm_model import DelayedArm
 from armsight.motion.data import GuardStatus
-from armsight.robots.kinematics import tcp_jacobian
+from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
-from armsight.servoing.aim import Aim, Weights, joint_velocity, joints_for
+from armsight.servoing.aim import Aim, Weights, held_under, joint_velocity, joints_for
+from armsight.servoing.ceiling import NEAR, Ceiling
 
+SETTLES, THERE = 60, 0.01
+"""Rounds after which joints for a goal have settled, and how near they lead to it then [m]."""
 FAR = 3.0
 """Joints for the goal that are farther away than this [rad] are looked for anew from here."""
 
@@ -38,6 +42,7 @@ class LawConfig:
         brake: share of that acceleration by which the arm slows towards its goal.
         predict: feed the target's velocity forward (an ablation turns it off).
         gain: [1/s] instead of that from the latency; None for that.
+        ceiling: what no part of the arm rises above; None without one.
     """
 
     delay: float = 0.062
@@ -47,6 +52,7 @@ class LawConfig:
     brake: float = 0.6
     predict: bool = True
     gain: float | None = None
+    ceiling: Ceiling | None = None
 
     @property
     def safe_gain(self) -> float:
@@ -59,9 +65,6 @@ class VelocityLaw:
 
     Args:
         robot: the arm with its tool; config: settings; weights: of position against direction.
-
-    Attributes:
-        error: of the tip where the last command will act [m].
     """
 
     def __init__(
@@ -72,6 +75,8 @@ class VelocityLaw:
         limits = robot.limits.scaled(self.config.speed, self.config.acceleration)
         self._velocity, self._acceleration = limits.velocity, limits.acceleration
         self._arm = DelayedArm(self.config.delay, limits.acceleration, robot.limits.acceleration)
+        ceiling = self.config.ceiling
+        self._ceiling = None if ceiling is None else ceiling.above(robot)
         self._told = -math.inf
         self._wanted: JointVector | None = None
 
@@ -94,6 +99,25 @@ class VelocityLaw:
         """(n,) where the joints will be when a command of ``now`` acts [rad]."""
         return self._arm.ahead(joints, now + self.config.delay).position
 
+    @property
+    def pointing(self) -> Vector3 | None:
+        """(3,) where the tool's z points at the last goal: under a ceiling not where it should."""
+        return None if self._wanted is None else tcp_pose(self.robot, self._wanted)[:3, 2]
+
+    def pose(self, aim: Aim) -> Pose | None:
+        """``T_base_tcp`` at an aim; None where the arm would have to rise above its ceiling."""
+        y = aim.down - aim.axis * float(aim.axis @ aim.down)
+        y = y / max(float(np.linalg.norm(y)), 1e-9)
+        wished = make_pose(np.stack([np.cross(y, aim.axis), y, aim.axis], axis=1), aim.position)
+        ceiling, start = self._ceiling, self._wanted
+        if ceiling is None or start is None:
+            return wished
+        q = joints_for(self.robot, aim, start, self.weights, SETTLES, ceiling=ceiling)
+        if ceiling.under(self.robot, q) > NEAR:
+            return wished
+        T = tcp_pose(self.robot, q)
+        return T if np.linalg.norm(T[:3, 3] - aim.position) < THERE else None
+
     def command(
         self, now: float, joints: JointState, aim: Aim, most: float = math.inf
     ) -> JointVector:
@@ -110,7 +134,8 @@ class VelocityLaw:
         start = self._wanted
         if start is None or np.abs(start - q).max() > FAR:
             start = q
-        self._wanted = wanted = joints_for(self.robot, aim, start, self.weights)
+        wanted = joints_for(self.robot, aim, start, self.weights, ceiling=self._ceiling)
+        self._wanted = wanted
         error = wanted - q
         size = np.maximum(np.abs(error), 1e-9)
         braking = np.sqrt(2.0 * self.config.brake * self._acceleration / size)
@@ -124,4 +149,6 @@ class VelocityLaw:
             J = tcp_jacobian(self.robot, q)[:3]
             motion = min(1.0, most / max(float(np.linalg.norm(J @ motion)), 1e-9)) * motion
         motion = motion + along
+        if self._ceiling is not None:  # on its straight way in joint space, too
+            motion = held_under(self.robot, q, motion, self._ceiling)
         return np.asarray(motion / max(float((np.abs(motion) / self._velocity).max()), 1.0))

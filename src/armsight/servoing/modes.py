@@ -9,12 +9,12 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from armsight.arrays import JointVector, Vector3
+from armsight.arrays import JointVector, Pose, Vector3
 from armsight.devices.data import JointState
 from armsight.motion.data import GuardStatus
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
-from armsight.servoing.aim import Weights
+from armsight.servoing.aim import Aim, Weights
 from armsight.servoing.approach import Funnel, facing, touch_aim
 from armsight.servoing.docking import Direction, Touchable
 from armsight.servoing.estimate import FilterConfig, TargetEstimate, TargetFilter
@@ -35,6 +35,8 @@ NEAR_BODY = 0.3
 """So near to somebody's face or hand the guard lets the arm move gently only [m]."""
 WIDEST = math.radians(50.0)
 """The tool is turned no farther than this from the operator's side for a target's normal [rad]."""
+STRAIGHT = math.radians(10.0)
+"""A tool that points so far from where it should comes along where it should [rad]."""
 PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
 """What V's estimate of a target is worth, for a permit [m], [m], [m/s]: it has no covariance."""
 SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
@@ -117,6 +119,10 @@ class Chase(Protocol):
         """The target as whoever wants to touch it has to describe it; None if it is not known."""
         ...
 
+    def before(self, gap: float) -> Pose | None:
+        """``T_base_tcp`` so far before the target [m] that a planned way may lead to; or None."""
+        ...
+
     def reset(self) -> None:
         """Begin anew."""
         ...
@@ -196,6 +202,8 @@ class OurChase:
         self._acts = now + config.law.delay
         at, velocity = estimate.at(self._acts)
         axis, down = tool_direction(config, at, estimate.normal)
+        if config.direction == "facing":
+            axis = self._along_the_tool(axis)
         tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
         # Nobody presses against what nobody sees: the tip goes back before the permit has to end.
         retreat = min(RETREAT, RETREAT_SPEED * max(age - SEEN_WITHIN, 0.0))
@@ -203,6 +211,28 @@ class OurChase:
         aim = touch_aim(tip, touched, velocity, axis, down, config.funnel)
         most = config.gentle if self.distance < NEAR_BODY else math.inf
         return Wish(self.law.command(now, joints, aim, most), estimate.seen)
+
+    def before(self, gap: float) -> Pose | None:
+        """Of the tip, so far before the target's surface."""
+        seen = self.touchable()
+        if seen is None:
+            return None
+        axis, down = tool_direction(self.config, seen.position, seen.normal)
+        place = seen.position - (gap + self.config.radius) * axis
+        return self.law.pose(Aim(place, np.zeros(3), axis, down))
+
+    def _along_the_tool(self, axis: Vector3) -> Vector3:
+        """The way to what may be touched from any side, where the tool cannot point as it should.
+
+        Under a ceiling it points up: along the wanted way its shaft would graze a ball.
+        """
+        tool = self.law.pointing
+        if tool is None:
+            return axis
+        between = math.acos(float(np.clip(tool @ axis, -1.0, 1.0)))
+        share = max(between - STRAIGHT, 0.0) / max(between, 1e-6)
+        mixed = (1.0 - share) * axis + share * tool
+        return np.asarray(mixed / max(float(np.linalg.norm(mixed)), 1e-9))
 
     def touchable(self) -> Touchable | None:
         """By the estimate, as on the tangent of its way where the command acts.
@@ -322,6 +352,10 @@ class PaperChase:
             self._stamp, self.place, np.zeros(3), sigma, PAPER_MARGIN, PAPER_DRIFT,
             along=self._along,
         )  # fmt: skip
+
+    def before(self, gap: float) -> Pose | None:
+        """V knows no planned way."""
+        return None
 
     def _before(self, place: Vector3 | None, here: JointVector) -> Vector3 | None:
         """What is servoed to: the place itself, or before it by the stand-off that is asked for."""

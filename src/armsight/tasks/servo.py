@@ -12,6 +12,7 @@ from armsight.arrays import Pose
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse, transform
 from armsight.servoing.approach import Funnel
+from armsight.servoing.ceiling import BELOW, Ceiling
 from armsight.servoing.docking import Docking, docking
 from armsight.servoing.eyes import Eye, WristEye
 from armsight.servoing.law import LawConfig
@@ -106,11 +107,21 @@ def chase_config(
             delay=section.start_delay_ms / 1e3 + 0.002,
             speed=speed,
             acceleration=section.acceleration,
+            ceiling=_ceiling(workcell, T_base_world),
         ),
         segments=SegmentConfig(
             speed=speed, acceleration=section.acceleration, lower=lower, upper=upper
         ),
     )
+
+
+def _ceiling(workcell: Workcell, T_base_world: Pose) -> Ceiling | None:
+    """Below the top of the mapped box; None where the cell declares none."""
+    if workcell.mapping.upper is None:
+        return None
+    up = T_base_world[:3, 2]
+    top = T_base_world[:3, 3] + workcell.mapping.upper[2] * up
+    return Ceiling(up, float(up @ top) - BELOW)
 
 
 def _box(lower: Triple | None, upper: Triple | None, T_base_world: Pose) -> tuple[Triple, Triple]:

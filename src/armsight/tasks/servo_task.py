@@ -123,15 +123,12 @@ class ServoTask:
     def _around(self, now: float, guard: GuardStatus | None) -> PoseIntent | None:
         """A planned way, where the own one is blocked."""
         seen, far = self.chase.touchable(), self.chase.distance > BEFORE + NEAR
-        if self.mode != "ours" or seen is None:
-            return None
         if not far and not self.detour.going:
             return None  # what holds the arm here is the permit's own law
-        axis, down = tool_direction(self.config, seen.position, seen.normal)
-        gap = max(self.chase.config.funnel.gap, BEFORE) + self.config.radius
-        return self.detour.update(
-            now, guard, seen.position, (seen.position - gap * axis, axis, down)
-        )
+        if seen is None or self.mode != "ours":
+            return None
+        gap = max(self.chase.config.funnel.gap, BEFORE)
+        return self.detour.update(now, guard, seen.position, lambda: self.chase.before(gap))
 
     def _permit(self, observation: Observation) -> PermitRequest | None:
         """Asks to touch the target, as far as anybody knows where it is.
