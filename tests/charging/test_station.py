@@ -19,7 +19,7 @@ from armsight.experiments.station_bench import StationBench, charging_cell
 from armsight.geometry.pose import inverse, make_pose
 from armsight.motion.data import GuardMode
 from armsight.motion.ik import solve_ik
-from armsight.motion.intents import Rest, VelocityIntent
+from armsight.motion.intents import JointIntent, Rest, VelocityIntent
 from armsight.motion.permits import Permit, PermitState
 from armsight.robots.kinematics import flange_pose
 from armsight.workcell import robot_in
@@ -75,9 +75,8 @@ def test_it_plugs_in_and_comes_out_and_knows_after_a_kill_where_the_plug_is(cell
     assert bench.score()[0] > -0.05
     assert file.exists()  # before the port nobody else knows that there is a car
     fourth = station(cell, file, car)  # killed 3 cm before the face
-    until(bench, fourth, lambda: not fourth.busy)
+    until(bench, fourth, lambda: fourth.state is State.STAND_BY)
     assert bench.score()[0] < -0.05
-    assert not file.exists()
     assert bench.peaks.axial < 125.0
 
 
@@ -177,8 +176,49 @@ def test_nothing_goes_in_that_could_not_be_written_down(cell, tmp_path):
     assert "does not plug in" in stub.station.outcome.problem
 
 
+def test_the_way_home_is_on_disk_before_the_arm_leaves_its_stand_by(cell, tmp_path):
+    """Killed on its way to the port it did not know of the car, and the guard held it there."""
+    file = tmp_path / "journal.json"
+    stub = Stub(cell, station(cell, file))
+    stub.station.begin()
+    stub.rest(0.7)
+    assert not file.exists()
+    ports = (seen_port(cell),)
+    stub.looks = (PortLook(stub.now, "post", ports, np.zeros((4, 4, 3), np.uint8)),)
+    stub.rest(0.1)
+    assert stub.station.state is State.LOOK
+    again = Stub(cell, station(cell, file))
+    before(again, cell, 0.40)
+    again.station.port = None
+    wish = again.rest(60.0)
+    assert isinstance(wish.intent, JointIntent)
+    assert again.station.port is not None
+    assert again.station.busy
+    assert "is not back at its stand-by" in again.station.words
+    assert file.exists()
+    again.q = again.station._stand_by_joints.copy()
+    again.rest(0.1)
+    assert not again.station.busy
+    assert not file.exists()
+    assert again.station.outcomes[-1].problem == "was killed with the plug out of the car"
+
+
+def test_a_plug_that_was_never_near_and_stands_as_if_in_the_car_is_somebodys_to_look_at(
+    cell, tmp_path
+):
+    file = tmp_path / "journal.json"
+    port = seen_port(cell)
+    T = robot_in(cell).tool.T_flange_tcp
+    Journal(file).write(Entry("type2", "type2_plug", port.T_base_port, port.covariance, T))
+    stub = Stub(cell, station(cell, file))
+    before(stub, cell, -0.02)
+    stub.rest(0.1)
+    assert stub.station.state is State.STUCK
+    assert "look at the plug" in stub.station.words
+
+
 def test_the_way_back_is_on_disk_before_the_plug_goes_near(cell, tmp_path):
-    """Killed 16 mm before the face it did not know of the car, and the guard held it there."""
+    """Killed 16 mm before the face it goes back along the axis first."""
     file = tmp_path / "journal.json"
     stub = stub_in(cell, State.APPROACH, distance=0.10, file=file)
     assert not file.exists()
@@ -357,7 +397,7 @@ def test_of_two_ports_the_surer_one_is_taken(cell):
 def test_a_journal_of_another_plug_or_a_broken_one_stops_the_station(cell, tmp_path):
     file = tmp_path / "j.json"
     T = seen_port(cell).T_base_port
-    Journal(file).write(Entry("type1", "type1_plug", T, make_pose(None, [0, 0, 0.2]), np.zeros(6)))
+    Journal(file).write(Entry("type1", "type1_plug", T, np.eye(6), make_pose(None, [0, 0, 0.2])))
     stub = Stub(cell, station(cell, file))
     wish = stub.step()
     assert stub.station.state is State.STUCK
@@ -371,7 +411,7 @@ def test_a_killed_station_whose_plug_is_out_stands_by(cell, tmp_path):
     file = tmp_path / "j.json"
     port, robot = seen_port(cell), robot_in(cell)
     Journal(file).write(
-        Entry("type2", "type2_plug", port.T_base_port, robot.tool.T_flange_tcp, np.zeros(6))
+        Entry("type2", "type2_plug", port.T_base_port, np.eye(6), robot.tool.T_flange_tcp)
     )
     stub = Stub(cell, station(cell, file))
     stub.step()
@@ -439,3 +479,12 @@ def test_a_sensor_that_stands_at_its_limit_is_no_plug_and_pushes_nothing(cell):
     assert isinstance(wish.intent, VelocityIntent)
     assert wish.intent.velocity[2] < 0.0
     assert "weighs" in stub.station.feeling.not_ours(31.0)
+
+
+def test_who_is_stuck_keeps_its_leave_while_the_car_holds_the_plug_and_only_then(cell):
+    """A permit that nobody renews ends after a minute, and the guard backs out of contact."""
+    stub = stub_in(cell, State.STUCK, distance=-0.03)
+    permit = stub.rest(2.0).intent.permit
+    assert permit.region.exposure == pytest.approx(stub.now)
+    stub = stub_in(cell, State.STUCK, distance=0.08)
+    assert stub.rest(0.1).intent.permit is None

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,7 +27,8 @@ PORT = from_rpy((0.3, -1.2, 0.4), (0.9, 0.1, 0.4))
 
 
 def entry(plugged=False):
-    return Entry("type2", "type2_plug", PORT, make_pose(None, [0, 0, 0.2]), np.arange(6.0), plugged)
+    T, six = make_pose(None, [0, 0, 0.2]), np.diag([1e-6] * 3 + [1e-4] * 3)
+    return Entry("type2", "type2_plug", PORT, six, T, np.arange(6.0), plugged)
 
 
 def test_a_journal_says_after_a_restart_what_was_written(tmp_path):
@@ -37,6 +39,9 @@ def test_a_journal_says_after_a_restart_what_was_written(tmp_path):
     assert (read.port, read.plug, read.plugged) == ("type2", "type2_plug", True)
     np.testing.assert_array_equal(read.T_base_port, PORT)
     np.testing.assert_array_equal(read.tare, np.arange(6.0))
+    np.testing.assert_array_equal(read.covariance, entry().covariance)
+    Journal(file).write(replace(entry(), tare=None))
+    assert Journal(file).read().tare is None
     Journal(file).clear()
     assert Journal(file).read() is None
     Journal(file).clear()  # clearing nothing is nothing
@@ -49,13 +54,15 @@ def test_a_journal_says_after_a_restart_what_was_written(tmp_path):
         (lambda d: "{", "is no journal"),
         (lambda d: "[" * 5000, "is no journal"),
         (lambda d: " " * 200_000, "too long"),
-        (lambda d: json.dumps({**d, "version": 1}), "version 2"),
+        (lambda d: json.dumps({**d, "version": 1}), "version 3"),
         (lambda d: json.dumps({**d, "at_lid": True}), "T_base_lid is none"),
-        (lambda d: json.dumps({**d, "T_base_lid": [[1.0]]}), "T_base_lid is no pose"),
+        (lambda d: json.dumps({**d, "T_base_lid": [[1.0]]}), "T_base_lid is no"),
         (lambda d: json.dumps({**d, "tare": [0, 1]}), "tare"),
+        (lambda d: json.dumps({**d, "covariance": [0, 1]}), "covariance is no"),
+        (lambda d: json.dumps({**d, "covariance": (-np.eye(6)).tolist()}), "covariance is none"),
         (lambda d: json.dumps({**d, "plugged": "yes"}), "plugged"),
         (lambda d: json.dumps({**d, "port": 5}), "port"),
-        (lambda d: json.dumps({**d, "T_base_port": [[1, 0], [0, 1]]}), "T_base_port is no pose"),
+        (lambda d: json.dumps({**d, "T_base_port": [[1, 0], [0, 1]]}), "T_base_port is no"),
         (lambda d: json.dumps({**d, "T_flange_plug": (2 * np.eye(4)).tolist()}), "no pose"),
         (lambda d: json.dumps({k: v for k, v in d.items() if k != "tare"}), "tare"),
     ],

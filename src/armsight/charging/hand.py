@@ -111,6 +111,8 @@ def after_kill(entry: Entry, T_base_plug: Pose) -> tuple[State, str]:
     """
     T = inverse(before_port(entry.T_base_port, 0.0)) @ T_base_plug
     aside = float(np.linalg.norm(T[:2, 3]))
+    if aside < ASIDE and T[2, 3] > IN and entry.tare is None:
+        return State.STUCK, "stands as if in the car, where it had not been yet: look at the plug"
     if aside < ASIDE and T[2, 3] > IN:
         words = "was killed with the plug in the car"
         return (State.CHARGE if entry.plugged else State.HELD), words

@@ -1,4 +1,4 @@
-"""What is needed to come out again, on disk before the plug goes in.
+"""What is needed to come out again and home, on disk from the first look until the stand-by.
 
 A station that is killed and started again reads it: whether it may be plugged in, where the port
 is, how the plug hung and what the force sensor said without contact.
@@ -17,7 +17,7 @@ from armsight.arrays import Floats, Pose
 from armsight.errors import ArmsightError
 from armsight.writing import write_text
 
-VERSION = 2
+VERSION = 3
 MOST = 100_000
 """A longer file is none of ours [bytes]."""
 
@@ -32,9 +32,10 @@ class Entry:
 
     Attributes:
         port: type of the inlet; plug: type of the plug.
-        T_base_port: where the port is.
+        T_base_port: where the port is; covariance: (6, 6) of that, as a twist in its own frame.
         T_flange_plug: how the plug hangs, by its own weight and cable.
-        tare: (6,) what the force sensor says without contact [N], [N m].
+        tare: (6,) what the force sensor says without contact [N], [N m]; None before it was asked:
+            the plug has not been near the port yet.
         plugged: the plug was seated; else it was on its way in or out.
         T_base_lid: a lid that this station has opened, or works at; None without one.
         at_lid: the finger works at it; the plug is out.
@@ -43,8 +44,9 @@ class Entry:
     port: str
     plug: str
     T_base_port: Pose
+    covariance: Floats
     T_flange_plug: Pose
-    tare: Floats
+    tare: Floats | None = None
     plugged: bool = False
     T_base_lid: Pose | None = None
     at_lid: bool = False
@@ -73,8 +75,9 @@ class Journal:
             "port": entry.port,
             "plug": entry.plug,
             "T_base_port": entry.T_base_port.tolist(),
+            "covariance": entry.covariance.tolist(),
             "T_flange_plug": entry.T_flange_plug.tolist(),
-            "tare": entry.tare.tolist(),
+            "tare": None if entry.tare is None else entry.tare.tolist(),
             "plugged": entry.plugged,
             "T_base_lid": None if entry.T_base_lid is None else entry.T_base_lid.tolist(),
             "at_lid": entry.at_lid,
@@ -82,7 +85,7 @@ class Journal:
         write_text(self.file, json.dumps(data, indent=1, allow_nan=False) + "\n", JournalError)
 
     def clear(self) -> None:
-        """The plug is out: nothing is under way.
+        """The arm is where it waits: nothing is under way.
 
         Raises:
             JournalError: the file cannot be removed.
@@ -118,9 +121,10 @@ class Journal:
 def _entry(data: object) -> Entry:
     if not isinstance(data, dict) or data.get("version") != VERSION:
         raise ValueError(f"expected a journal of version {VERSION}")
-    tare = np.asarray(data["tare"], float)
-    if tare.shape != (6,) or not np.isfinite(tare).all():
-        raise ValueError("tare is no (6,) of numbers")
+    tare = None if data["tare"] is None else _numbers(data["tare"], (6,), "tare")
+    covariance = _numbers(data["covariance"], (6, 6), "covariance")
+    if np.linalg.eigvalsh(covariance).min() < -1e-12:
+        raise ValueError("covariance is none")
     plugged, at_lid, lid = data["plugged"], data["at_lid"], data["T_base_lid"]
     for name, value in (("plugged", plugged), ("at_lid", at_lid)):
         if not isinstance(value, bool):
@@ -134,6 +138,7 @@ def _entry(data: object) -> Entry:
         data["port"],
         data["plug"],
         _pose(data["T_base_port"], "T_base_port"),
+        covariance,
         _pose(data["T_flange_plug"], "T_flange_plug"),
         tare,
         plugged,
@@ -142,14 +147,17 @@ def _entry(data: object) -> Entry:
     )
 
 
+def _numbers(value: object, shape: tuple[int, ...], name: str) -> Floats:
+    numbers = np.asarray(value, float)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise ValueError(f"{name} is no {shape} of numbers")
+    return numbers
+
+
 def _pose(value: object, name: str) -> Pose:
-    T = np.asarray(value, float)
-    good = T.shape == (4, 4) and bool(np.isfinite(T).all())
-    if good:
-        R = T[:3, :3]
-        good = np.allclose(R @ R.T, np.eye(3), atol=1e-6) and math.isclose(
-            float(np.linalg.det(R)), 1.0, abs_tol=1e-6
-        )
-    if not good:
+    T = _numbers(value, (4, 4), name)
+    R = T[:3, :3]
+    turned = np.allclose(R @ R.T, np.eye(3), atol=1e-6)
+    if not turned or not math.isclose(float(np.linalg.det(R)), 1.0, abs_tol=1e-6):
         raise ValueError(f"{name} is no pose")
     return T

@@ -33,7 +33,10 @@ class LidStates(StationCore):
             return
         port = INLETS_OF[self.options.plug][0]
         self.port, self._looked = SeenPort(port, look.score, T_port, covariance, False), 0
+        self._sigma = sigma
         self.permission.see_lid(look.T_base_lid, look.covariance, look.stamp, sigma)
+        if self._unkept(seen):
+            return
         if math.isnan(self.outcome.found):
             self.visits.note(port=port, score=look.score, found=seen.now)
         near = self.state is State.FIND and self._T_near is not None
@@ -78,8 +81,7 @@ class LidStates(StationCore):
 
     def _lid_tare(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """At rest, the finger out: what is felt now is no contact; where it works is written."""
-        lid, port = self._finger, self.port
-        assert port is not None
+        lid = self._finger
         if not self.permission.holds(seen.guard):
             permit = None if seen.guard is None else seen.guard.permit
             self.words = f"waits for leave to touch: {'' if permit is None else permit.reason}"
@@ -88,9 +90,7 @@ class LidStates(StationCore):
         elif self._rests(seen, self.options.settle):
             if not self._hand.feeling.zero(seen.now):
                 self._fail(seen, "the force sensor is silent or noisy: nobody would feel the lid")
-            elif problem := self._way_out.keep(
-                port, self._hand.feeling, False, lid.T_base_lid, at_lid=True
-            ):
+            elif problem := self._keep(at_lid=True):
                 self._fail(seen, f"does not touch the lid: {problem}")
             else:
                 lid.work("shut" if lid.shutting else "open")
@@ -114,20 +114,19 @@ class LidStates(StationCore):
             words = f"coming away from the lid: {hand.problem}; help by hand"
             self._go(State.STUCK, seen.now, words)
         elif hand.ended:
-            self._out(seen)
             self._finger.opened = False
+            self._out()
             self._finish(seen)
         return wish
 
     def _lid_worked(self, seen: Seen, problem: str) -> None:
         """The hand has ended and is out of the lid's way."""
         lid = self._finger
-        self._out(seen)
+        lid.opened = not lid.shutting and not problem
+        self._out()
         if lid.shutting:
-            lid.opened = False
             self.visits.note(lid_shut=not problem)
         elif not problem:
-            lid.opened = True
             self.visits.note(lid_opened=True)
             self._looked = self._side = 0
             self._go(State.LOOK, seen.now, "the lid is open")

@@ -108,8 +108,9 @@ class Station(LidStates):
         if entry.plug != self.options.plug:
             self._go(State.STUCK, seen.now, f"the journal is of a {entry.plug}; look at the plug")
             return
-        self.port = SeenPort(entry.port, 1.0, entry.T_base_port, np.zeros((6, 6)), False)
-        self.permission.see(self.port, seen.now, self.options.near_sigma)
+        self.port = SeenPort(entry.port, 1.0, entry.T_base_port, entry.covariance, False)
+        self._sigma = 0.0  # it is in what was written
+        self.permission.see(self.port, seen.now, self._sigma)
         self._hand.feeling.T_flange_plug, self._hand.feeling.tare = entry.T_flange_plug, entry.tare
         self.visits.begin(Outcome(port=entry.port, began=seen.now, out=False, seated=entry.plugged))
         state, words = after_kill(entry, self._hand.plug(seen))
@@ -122,18 +123,25 @@ class Station(LidStates):
                 self.visits.blame(words)
                 self._leave_lid(seen)
                 return
-        if state is State.STAND_BY:
-            self._out(seen)
         if state is not State.CHARGE:
             self.visits.blame(words)
             self._again = self.options.tries  # out, and no more: somebody asks for the next visit
-        self._go(state, seen.now, words)
+        if state is State.STAND_BY:
+            self._out()
+            self._finish(seen)
+        else:
+            self._go(state, seen.now, words)
 
     # -- states ---------------------------------------------------------------------------------
 
     def _stand_by(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         there = np.abs(seen.joints.position - self._stand_by_joints).max() < 0.02
         self._ending = False
+        if self._way_out.kept and there:
+            self.words = self._way_out.forget() or self.words
+        elif self._way_out.kept and self._in_state(seen) > self._patience:
+            why = "" if seen.guard is None else seen.guard.reason
+            self.words = f"is not back at its stand-by: {why or 'the arm does not get there'}"
         if self._wanted and there and car is not None and car.parked:
             self._wanted = False
             self._looked = self._side = self._tries = self._again = 0
@@ -175,8 +183,10 @@ class Station(LidStates):
         if wrong:
             self._fail(seen, wrong)
             return
-        self.port, self._looked = port, 0
+        self.port, self._sigma, self._looked = port, sigma, 0
         self.permission.see(port, stamp, sigma)
+        if self._unkept(seen):
+            return
         if math.isnan(self.outcome.found):
             self.visits.note(port=port.port, score=port.score, found=seen.now)
         second = self.state is State.FIND and self._T_near is not None
@@ -228,13 +238,9 @@ class Station(LidStates):
             self._hand.feeling.hang()
             self.visits.note(approached=seen.now)
             wrong = "" if self._weight is None else self._hand.feeling.not_ours(self._weight)
-            if not wrong and self._hand.feeling.zero(seen.now):
-                # from here on nobody who does not know of the car would find the way back
-                kept = self._way_out.keep(self.port, self._hand.feeling, False, self._open_lid)
-                wrong = f"does not plug in: {kept}" if kept else ""
             if wrong:
                 self._fail(seen, wrong)
-            else:
+            elif not (self._hand.feeling.zero(seen.now) and self._unkept(seen)):
                 self._go(State.ALIGN, seen.now)
         return Wish(goal)
 
@@ -264,9 +270,7 @@ class Station(LidStates):
         elif self._rests(seen, o.settle):
             if not self._hand.feeling.zero(seen.now):
                 self._fail(seen, "the force sensor is silent or noisy: nobody would feel the port")
-            elif problem := self._way_out.keep(port, self._hand.feeling, False, self._open_lid):
-                self._fail(seen, f"does not plug in: {problem}")
-            else:
+            elif not self._unkept(seen):
                 law = PaperInsertion if o.mode == "paper" else Insertion
                 self._hand.begin(law(self._law_options))
                 self._tries += 1
@@ -281,8 +285,7 @@ class Station(LidStates):
         self.words = _said(answer)
         if answer.phase is Phase.SEATED:
             self.visits.note(seated=True, plugged=seen.now)
-            assert self.port is not None
-            self._way_out.keep(self.port, self._hand.feeling, True, self._open_lid)
+            self._keep(plugged=True)
             self.vehicle.tell("plugged", seen.now)
             self._go(State.CHARGE, seen.now, answer.words)
         elif answer.phase is Phase.FAILED:
@@ -320,7 +323,7 @@ class Station(LidStates):
             self.words = _said(answer)
         if answer is not None and answer.phase is Phase.OUT:
             self.vehicle.tell("unplugged", seen.now)
-            self.visits.note(out=True)  # the way back from the port is kept until it is gone
+            self.visits.note(out=True)
             self._go(State.LEAVE, seen.now, "unplugged")
         elif answer is not None and answer.phase is Phase.FAILED:
             self._go(State.STUCK, seen.now, f"unplugging: {answer.words}; help by hand")
@@ -343,7 +346,7 @@ class Station(LidStates):
         goal = before_port(self.port.T_base_port, self.options.before)
         T = inverse(goal) @ self._hand.plug(seen)
         if T[2, 3] < 0.005:
-            self._out(seen)
+            self._out()
             again = self.outcome.problem and not self._ending and not self.outcome.seated
             if again and self._again + 1 < self.options.tries and self._T_near is not None:
                 self._again += 1
@@ -356,9 +359,17 @@ class Station(LidStates):
         return self._hand.straight(seen, goal, self.state.value)
 
     def _stuck(self, seen: Seen, car: VehicleStatus | None) -> Wish:
-        """Nobody can go on but a person."""
+        """Nobody can go on but a person.
+
+        What holds the arm says where it is, for as long as it takes; a permit that grows old would
+        be withdrawn, and the guard would back out, with the plug in its socket.
+        """
         self.visits.blame(self.words)
-        return Wish(Rest(self.words, fault=True, permit=self._ask(seen)))
+        plugged = self.port is not None and self._hand.depth(seen, self._face) > IN
+        held = plugged or (self.finger is not None and self.finger.touches(seen.now))
+        if held:
+            self.permission.felt(seen.now)
+        return Wish(Rest(self.words, fault=True, permit=self._ask(seen) if held else None))
 
 
 def _said(answer: Answer) -> str:

@@ -103,6 +103,7 @@ class StationCore:
         self._looked = self._side = self._tries = self._again = self._goals = 0
         self._told, self._told_at = "", 0.0
         self._lid_held = False
+        self._sigma = self.options.far_sigma  # of the port's place, besides what it says itself
 
     @property
     def outcomes(self) -> list[Outcome]:
@@ -136,9 +137,8 @@ class StationCore:
 
     @property
     def busy(self) -> bool:
-        """Whether a visit is under way or wanted, or one that was killed has to be ended."""
-        killed = self._way_out.left is not None
-        return killed or self._wanted or self.state is not State.STAND_BY
+        """Whether a visit is under way or wanted, or the arm is still to come home from one."""
+        return self._way_out.kept or self._wanted or self.state is not State.STAND_BY
 
     # -- for its states -------------------------------------------------------------------------
 
@@ -176,10 +176,25 @@ class StationCore:
         self._hand.begin(Insertion(self._law_options, out=True))
         self._go(State.UNPLUG, seen.now, self.words)
 
-    def _out(self, seen: Seen) -> None:
-        """The plug is out: nothing is under way any more."""
-        self.words = self._way_out.forget() or self.words
+    def _out(self) -> None:
+        """The plug is out, the finger away: all that is left is the way home."""
+        self.words = self._keep() or self.words
         self.visits.note(out=True)
+
+    def _unkept(self, seen: Seen) -> bool:
+        """Whether the way out could not be written down: then nothing goes in."""
+        problem = self._keep()
+        if problem:
+            self._fail(seen, f"does not plug in: {problem}")
+        return bool(problem)
+
+    def _keep(self, plugged: bool = False, at_lid: bool = False) -> str:
+        """Write the way out down; why that cannot be, in words."""
+        assert self.port is not None
+        lid = self.finger
+        T_lid = lid.T_base_lid if lid is not None and (lid.opened or at_lid) else None
+        feeling = self._hand.feeling
+        return self._way_out.keep(self.port, self._sigma, feeling, plugged, T_lid, at_lid)
 
     @property
     def _face(self) -> Pose:
@@ -199,12 +214,6 @@ class StationCore:
         """Where a lid that was seen in this visit is, to be looked at again; else None."""
         near = self.state is State.LID_LOOK
         return self.finger.T_base_lid if near and self.finger is not None else None
-
-    @property
-    def _open_lid(self) -> Pose | None:
-        """Of the lid that has to be shut again, its pose."""
-        lid = self.finger
-        return lid.T_base_lid if lid is not None and lid.opened else None
 
     @property
     def _patience(self) -> float:

@@ -1,6 +1,8 @@
-"""What is needed to come out of a car again, kept on disk while the plug may be in it."""
+"""What is needed to come out of a car and home again, kept on disk until the arm is there."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from armsight.arrays import Pose
 from armsight.charging.eye import SeenPort
@@ -17,6 +19,7 @@ class WayOut:
 
     Attributes:
         left: what a station that was killed has left; None when nothing.
+        kept: something is on disk.
 
     Raises:
         JournalError: there is a journal that cannot be believed.
@@ -25,37 +28,42 @@ class WayOut:
     def __init__(self, journal: Journal, plug: str) -> None:
         self._journal, self._plug = journal, plug
         self.left: Entry | None = journal.read()
+        self.kept = self.left is not None
 
     def keep(
         self,
         port: SeenPort,
+        sigma: float,
         feeling: Feeling,
-        plugged: bool,
+        plugged: bool = False,
         T_base_lid: Pose | None = None,
         at_lid: bool = False,
     ) -> str:
         """Write down how to come out of a port; why that cannot be, in words; empty when it was.
 
         Args:
-            port: where it is.
-            feeling: of a plug that has been tared.
-            plugged: the plug is seated; else it is on its way in.
+            port: where it is; sigma: of that, besides what it says itself [m].
+            feeling: of the plug.
+            plugged: the plug is seated; else it is on its way in, or out.
             T_base_lid: a lid that was opened, or is worked at.
             at_lid: it is worked at.
         """
-        assert feeling.tare is not None
-        hung, tare = feeling.T_flange_plug, feeling.tare
-        T = port.T_base_port
+        covariance = port.covariance + np.diag([sigma**2] * 3 + [0.0] * 3)
         try:
             self._journal.write(
-                Entry(port.port, self._plug, T, hung, tare, plugged, T_base_lid, at_lid)
-            )
+                Entry(
+                    port.port, self._plug, port.T_base_port, covariance, feeling.T_flange_plug,
+                    feeling.tare, plugged, T_base_lid, at_lid,
+                )
+            )  # fmt: skip
         except JournalError as error:
             return str(error)
+        self.kept = True
         return ""
 
     def forget(self) -> str:
-        """The plug is out; what went wrong in saying so, in words."""
+        """The arm is home; what went wrong in saying so, in words."""
+        self.kept = False
         try:
             self._journal.clear()
         except JournalError as error:

@@ -29,12 +29,12 @@ file. Two ways:
 * *process killed*: the session of `armsight charge ur10_charging --headless` in a process of its
   own (map, guard, rendered cameras and pairs), killed by SIGKILL; where arm, plug and car stand in
   its simulation is handed to the next process, as a real arm would stand where its watchdog stopped
-  it. A tenth as many, one of each phase at least. Safe: nothing is under way, nobody is asked for
-  help, the file is gone, the arm touched nothing but the port, and the plug is out of the car by
-  the truth (more than 5 cm before its face).
+  it. A tenth as many, one of each phase at least. Safe: it stands by or is on its way there, nobody
+  is asked for help, the arm touched nothing but the port, and the plug is out of the car by the
+  truth (more than 5 cm before its face). Home: it is at its stand-by, and its file is gone.
 * *objects thrown away*: contact physics alone (`experiments/station_bench.py`: no guard, looks
   drawn from the pairs' errors); everything that the program knows is thrown away but the file.
-  Safe: as above.
+  Safe: as above, and at home.
 """
 PHASES = (
     State.FIND,
@@ -49,8 +49,6 @@ PHASES = (
 )
 LATEST = {State.FIND: 0.5, State.TARE: 0.4, State.INSERT: 3.5, State.CHARGE: 1.5}
 """A phase is killed within so long after it began [s]; 1.5 unless named."""
-HOMEWARD = 10.0
-"""From the end of a visit to the stand-by [s]."""
 PATIENCE = 120.0
 """For each part of a visit [s]."""
 
@@ -114,9 +112,6 @@ def _round(seed: int, i: int) -> dict[str, Any]:
             again = make_station(bench, file, car)
             bench.stop()
             ended = bench.run(again, PATIENCE)
-            home = bench.now + HOMEWARD
-            while ended and bench.now < home and bench.score()[0] > -OUT:
-                bench.step(again)  # one that had nothing to end still goes home
             words = again.outcomes[-1].problem if again.outcomes else again.words
             out = bench.score()[0] < -OUT or not np.isfinite(bench.score()[0])
             safe = reached and ended and out and not file.exists()

@@ -49,15 +49,15 @@ def killed(phase: State, when: float, seed: int) -> dict[str, Any]:
         after: dict[str, Any] = {"words": "it did not start", "state": "", "now": 0.0}
         with _program(file, seed, before.get("world")) as lines:
             for after in lines:
-                back = _done(after) and (after["home"] or after["now"] > HOMEWARD)
+                back = _done(after) and (_home(after) or after["now"] > HOMEWARD)
                 if after["state"] == State.STUCK.value or after["now"] > PATIENCE or back:
                     break
         return {
             "phase": phase.value,
-            "safe": bool(began is not None and _done(after) and not file.exists()),
+            "safe": bool(began is not None and _done(after)),
             "words": after["problems"][-1] if after.get("problems") else after["words"],
             "depth_mm": 1e3 * before.get("depth", -1.0),
-            "home": bool(after.get("home", False)),
+            "home": _home(after) and not file.exists(),
             "left": left,
             "seconds": after["now"],
         }
@@ -67,9 +67,14 @@ def _is(line: dict[str, Any], phase: State) -> bool:
     return bool(line["state"] == phase.value)
 
 
+def _home(line: dict[str, Any]) -> bool:
+    """It waits where it should, and nothing is under way."""
+    return bool(line.get("home", False) and not line["busy"])
+
+
 def _done(line: dict[str, Any]) -> bool:
-    """Nothing is under way, the plug is out, and the arm touched nothing but the port."""
-    quiet = line.get("state") == State.STAND_BY.value and not line["busy"]
+    """All that is left is the way home; the plug is out, the arm touched nothing but the port."""
+    quiet = line.get("state") == State.STAND_BY.value
     return bool(quiet and line["depth"] < -OUT and line["contacts"] == 0 and line["now"] > 1.0)
 
 
