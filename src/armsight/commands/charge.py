@@ -68,7 +68,7 @@ class Charge(Working):
         with ran(asked, make) as session:
             station = made[0].station
             outcomes = [*station.outcomes]
-            if station.busy:
+            if station.outcome not in outcomes and station.busy:
                 outcomes.append(station.outcome)
             truth = getattr(session.cell.world, "truth", None)
             contacts = None if truth is None else len(truth.moving_contacts)
