@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, JointVector, Pose
+from armsight.arrays import Bytes, Floats, JointPath, JointVector, Pose, Poses
 from armsight.calibration.live.seen import LookAt, Looked, MoveTo, Request
 from armsight.calibration.robot_errors import RobotErrors
 from armsight.calibration.views import FreeCheck
@@ -96,7 +96,7 @@ class PlugNews:
     """What a watcher is told after each look, or where there could be none.
 
     Attributes:
-        done, of: looks so far, and how many there will be.
+        done, of: looks that count so far, and how many are wanted.
         picture: the left one, grey; None where none came.
         seen: the plug in it, or None; problem: why there is none, in words.
         joints: (n,) of the arm [rad].
@@ -141,6 +141,9 @@ def plug_procedure(
 ) -> Generator[Request, bool | Looked, PlugResult]:
     """Show the plug from many sides, first as believed, then as the first looks have told.
 
+    A place that was not reached, or where the plug was not clear, is replaced by another one, up to
+    half as often as looks are wanted.
+
     Args:
         setup: what is there.
         rng: of places.
@@ -152,46 +155,25 @@ def plug_procedure(
         CalibrationError: the plug cannot be shown, was not seen often enough, or its looks
             contradict each other or turn it about one axis only.
     """
-    looks, dropped = list(done), list[str]()
+    taken = _Taken(setup, told, kept, list(done))
+    looks, dropped = taken.looks, taken.dropped
     answer, goals = setup.believed, np.zeros((0, setup.robot.n))
-    here = setup.robot.home
+    most = setup.looks + setup.looks // 2
     for stage, until in (("look about", FIRST), ("look where it tells most", setup.looks)):
-        if len(looks) >= LEAST_VIEWS:
-            with suppress(CalibrationError):  # more looks may tell; the end decides
-                answer = _solved(setup, looks, rng)
-        joints, C = plug_views(answer, setup.robot, setup.lenses, setup.plug, POOL, rng, setup.free)
-        if len(joints) < LEAST_VIEWS:
-            raise CalibrationError(
-                f"the arm can hold its plug before the pair {setup.pair.name} in {len(joints)} "
-                f"places only, {LEAST_VIEWS} are needed: check where the pair is said to be, and "
-                "what the arm must keep from"
-            )
-        goals = np.vstack([joints[rng.permutation(len(joints))[:GOALS]], setup.robot.home])
-        wanted = min(until, setup.looks) - len(looks) - len(dropped)
-        chosen = choose_looks(answer, joints, C, expected_noise(C), goals, max(wanted, 0), looks)
-        order, _ = tour(setup.robot, here, joints[chosen], setup.speed, setup.acceleration)
-        for index in order:
-            goal = joints[chosen[index]]
-            arrived = yield MoveTo(goal, stage)
-            if not arrived:
-                dropped.append("the arm did not get there")
-                count = len(looks) + len(dropped)
-                told(PlugNews(count, setup.looks, None, None, dropped[-1], goal, answer))
-                continue
-            here = goal
-            looked = yield LookAt((0,), REST, 1)
-            assert isinstance(looked, Looked)
-            seen, problem = read_look(setup, answer, looked)
-            if seen is not None:
-                looks.append(
-                    PlugLook(looked.joints, seen.T_ref_port, seen.covariance, looked.wrench)
-                )
-                kept(looks[-1])
-            else:
-                dropped.append(problem)
-            picture = looked.pictures[0].color
-            count = len(looks) + len(dropped)
-            told(PlugNews(count, setup.looks, picture, seen, problem, looked.joints, answer))
+        while (left := min(until, setup.looks) - len(looks)) > 0 and taken.tried < most:
+            if not looks and taken.tried >= FIRST:
+                break  # the other places would tell no more
+            if len(looks) >= LEAST_VIEWS:
+                with suppress(CalibrationError):  # more looks may tell; the end decides
+                    answer = _solved(setup, looks, rng)
+            joints, C = _places(setup, answer, rng)
+            goals = np.vstack([joints[rng.permutation(len(joints))[:GOALS]], setup.robot.home])
+            wanted = min(left, most - taken.tried)
+            chosen = choose_looks(answer, joints, C, expected_noise(C), goals, wanted, looks)
+            way = joints[chosen]
+            order, _ = tour(setup.robot, taken.here, way, setup.speed, setup.acceleration)
+            for index in order:
+                yield from taken.look(way[index], stage, answer)
     if len(looks) < LEAST_VIEWS and dropped:
         raise CalibrationError(
             f"plug calibration: {len(looks)} good looks of {len(looks) + len(dropped)}, at least "
@@ -200,6 +182,68 @@ def plug_procedure(
     answer = _solved(setup, looks, rng)
     sigma = float(np.sqrt(np.mean([answer.tip_sigma(q) ** 2 for q in goals])))
     return PlugResult(answer, tuple(looks), tuple(dropped), sigma)
+
+
+class _Taken:
+    """Looks that were taken, and why others were not.
+
+    Attributes:
+        looks: that count; dropped: why others do not; here: (n,) where the arm is [rad].
+    """
+
+    def __init__(self, setup: PlugSetup, told: Told, kept: Kept, looks: list[PlugLook]) -> None:
+        self._setup, self._told, self._kept = setup, told, kept
+        self.looks, self.dropped, self.here = looks, list[str](), setup.robot.home
+
+    @property
+    def tried(self) -> int:
+        """Places that the arm went to, or could not reach."""
+        return len(self.looks) + len(self.dropped)
+
+    def look(
+        self, goal: JointVector, stage: str, answer: PlugCalibration
+    ) -> Generator[Request, bool | Looked, None]:
+        """Go there and look."""
+        arrived = yield MoveTo(goal, stage)
+        if not arrived:
+            self._tell(None, None, "the arm did not get there", goal, answer)
+            return
+        self.here = goal
+        looked = yield LookAt((0,), REST, 1)
+        assert isinstance(looked, Looked)
+        seen, problem = read_look(self._setup, answer, looked)
+        if seen is not None:
+            T, covariance = seen.T_ref_port, seen.covariance
+            self.looks.append(PlugLook(looked.joints, T, covariance, looked.wrench))
+            self._kept(self.looks[-1])
+        self._tell(looked.pictures[0].color, seen, problem, looked.joints, answer)
+
+    def _tell(
+        self,
+        picture: Bytes | None,
+        seen: PortPose | None,
+        problem: str,
+        joints: JointVector,
+        answer: PlugCalibration,
+    ) -> None:
+        if problem:
+            self.dropped.append(problem)
+        count = len(self.looks)
+        self._told(PlugNews(count, self._setup.looks, picture, seen, problem, joints, answer))
+
+
+def _places(
+    setup: PlugSetup, answer: PlugCalibration, rng: np.random.Generator
+) -> tuple[JointPath, Poses]:
+    """Configurations to choose looks from, and the plug in the left lens's frame there."""
+    joints, C = plug_views(answer, setup.robot, setup.lenses, setup.plug, POOL, rng, setup.free)
+    if len(joints) < LEAST_VIEWS:
+        raise CalibrationError(
+            f"the arm can hold its plug before the pair {setup.pair.name} in {len(joints)} "
+            f"places only, {LEAST_VIEWS} are needed: check where the pair is said to be, and what "
+            "the arm must keep from"
+        )
+    return joints, C
 
 
 def read_look(

@@ -193,8 +193,9 @@ class StationCore:
         assert self.port is not None
         lid = self.finger
         T_lid = lid.T_base_lid if lid is not None and (lid.opened or at_lid) else None
-        feeling = self._hand.feeling
-        return self._way_out.keep(self.port, self._sigma, feeling, plugged, T_lid, at_lid)
+        six = self.port.covariance + np.diag([self._sigma**2] * 3 + [0.0] * 3)
+        port = replace(self.port, covariance=six)
+        return self._way_out.keep(port, self._hand.feeling, plugged, T_lid, at_lid)
 
     @property
     def _face(self) -> Pose:

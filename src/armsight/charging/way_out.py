@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from armsight.arrays import Pose
 from armsight.charging.eye import SeenPort
 from armsight.charging.feeling import Feeling
@@ -33,7 +31,6 @@ class WayOut:
     def keep(
         self,
         port: SeenPort,
-        sigma: float,
         feeling: Feeling,
         plugged: bool = False,
         T_base_lid: Pose | None = None,
@@ -42,18 +39,17 @@ class WayOut:
         """Write down how to come out of a port; why that cannot be, in words; empty when it was.
 
         Args:
-            port: where it is; sigma: of that, besides what it says itself [m].
+            port: where it is, and how sure that is with all.
             feeling: of the plug.
             plugged: the plug is seated; else it is on its way in, or out.
             T_base_lid: a lid that was opened, or is worked at.
             at_lid: it is worked at.
         """
-        covariance = port.covariance + np.diag([sigma**2] * 3 + [0.0] * 3)
         try:
             self._journal.write(
                 Entry(
-                    port.port, self._plug, port.T_base_port, covariance, feeling.T_flange_plug,
-                    feeling.tare, plugged, T_base_lid, at_lid,
+                    port.port, self._plug, port.T_base_port, port.covariance,
+                    feeling.T_flange_plug, feeling.tare, plugged, T_base_lid, at_lid,
                 )
             )  # fmt: skip
         except JournalError as error:
