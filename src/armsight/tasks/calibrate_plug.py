@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -134,6 +135,8 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
         )
 
     def _look(self, news: PlugNews) -> None:
+        if news.picture is None and news.problem and self.held:
+            news = replace(news, problem=f"{news.problem}: {self.held}")
         self._face.told(news)
         self._told(news)
 

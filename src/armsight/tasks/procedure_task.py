@@ -45,6 +45,7 @@ class ProcedureTask(Generic[Result]):
         result: what was found, once the task is done; None before, and when it failed.
         error: why it failed, or None.
         done: whether it has ended, one way or the other.
+        held: why the arm did not get where it was sent last, by the guard; empty when nobody says.
     """
 
     name = "calibrate"
@@ -68,6 +69,7 @@ class ProcedureTask(Generic[Result]):
         """
         self.result: Result | None = None
         self.error: ArmsightError | None = None
+        self.held = ""
         self._cameras, self._begin, self.face = tuple(cameras), steps, face
         self._pairs = tuple(pairs)
         self._now = 0.0
@@ -156,6 +158,7 @@ class ProcedureTask(Generic[Result]):
         if resting and (off < TOLERANCE or (named and guard is not None and guard.reached)):
             return True
         if resting and observation.now - self._still_since > STUCK:
+            self.held = guard.reason if named and guard is not None else ""
             return False
         return None
 
