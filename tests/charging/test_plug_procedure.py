@@ -108,6 +108,24 @@ def test_pair_and_plug_are_found_from_cold(monkeypatch):
     assert result.sigma < 5e-4
 
 
+def test_an_arm_that_is_held_up_somewhere_looks_elsewhere(monkeypatch):
+    """The guard keeps it from half of the places: seven looks came of 24 tries before."""
+    cell = Cell(np.random.default_rng(1))
+    s, answer = setup(), cell.answer
+    rng = np.random.default_rng(3)
+    joints, _ = plug_views(s.believed, ROBOT, s.lenses, "type2_plug", 60, rng)
+    middle = float(np.median(joints[:, 0]))
+
+    def held(request):
+        reply = answer(request)
+        return reply and request.joints[0] < middle if isinstance(request, MoveTo) else reply
+
+    cell.answer = held
+    steps = plug_procedure.plug_procedure(setup(), np.random.default_rng(0))
+    result = carry_out(monkeypatch, cell, steps)
+    assert len(result.looks) == 16
+
+
 def test_without_a_force_sensor_how_it_hangs_stays_in_it(monkeypatch):
     """The same looks, nothing felt: what the mount gives way by is taken for the pair's place."""
     cell = Cell(np.random.default_rng(1))

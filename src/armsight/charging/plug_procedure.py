@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, JointPath, JointVector, Pose, Poses
+from armsight.arrays import Bytes, Floats, JointPath, JointVector, Mask, Pose, Poses
 from armsight.calibration.live.seen import LookAt, Looked, MoveTo, Request
 from armsight.calibration.robot_errors import RobotErrors
 from armsight.calibration.views import FreeCheck
@@ -45,6 +45,8 @@ GOALS = 12
 """Places of the workspace at which the tip has to be right."""
 REST = 0.5
 """Before each look: the plug swings in its mount [s]."""
+CARRIES = 3
+"""The joints that carry the arm about; the others turn its wrist."""
 CLEAR = 0.7
 """A look that scores less is not used."""
 ROUNDS = 3
@@ -167,13 +169,18 @@ def plug_procedure(
                 with suppress(CalibrationError):  # more looks may tell; the end decides
                     answer = _solved(setup, looks, rng)
             joints, C = _places(setup, answer, rng)
+            good = taken.promising(joints)
+            if good.sum() >= LEAST_VIEWS:
+                joints, C = joints[good], C[good]
             goals = np.vstack([joints[rng.permutation(len(joints))[:GOALS]], setup.robot.home])
             wanted = min(left, most - taken.tried)
             chosen = choose_looks(answer, joints, C, expected_noise(C), goals, wanted, looks)
             way = joints[chosen]
             order, _ = tour(setup.robot, taken.here, way, setup.speed, setup.acceleration)
+            before = taken.tried
             for index in order:
-                yield from taken.look(way[index], stage, answer)
+                if taken.tried == before or taken.promising(way[index : index + 1])[0]:
+                    yield from taken.look(way[index], stage, answer)
     if len(looks) < LEAST_VIEWS and dropped:
         raise CalibrationError(
             f"plug calibration: {len(looks)} good looks of {len(looks) + len(dropped)}, at least "
@@ -194,17 +201,34 @@ class _Taken:
     def __init__(self, setup: PlugSetup, told: Told, kept: Kept, looks: list[PlugLook]) -> None:
         self._setup, self._told, self._kept = setup, told, kept
         self.looks, self.dropped, self.here = looks, list[str](), setup.robot.home
+        self._reached = [look.joints for look in looks] or [self.here]
+        self._held: list[JointVector] = []
 
     @property
     def tried(self) -> int:
         """Places that the arm went to, or could not reach."""
         return len(self.looks) + len(self.dropped)
 
+    def promising(self, joints: JointPath) -> Mask:
+        """(c,) bool of (c, n) [rad]: nearer to where the arm came than to where it was held up.
+
+        The map is not seen whole; what keeps the guard from one place keeps it from those beside.
+        """
+        if not self._held:
+            return np.ones(len(joints), bool)
+
+        def away(places: list[JointVector]) -> Floats:
+            off = joints[:, None, :CARRIES] - np.array(places)[None, :, :CARRIES]
+            return np.asarray(np.abs(off).max(axis=2).min(axis=1))
+
+        return np.asarray(away(self._reached) <= away(self._held))
+
     def look(
         self, goal: JointVector, stage: str, answer: PlugCalibration
     ) -> Generator[Request, bool | Looked, None]:
         """Go there and look."""
         arrived = yield MoveTo(goal, stage)
+        (self._reached if arrived else self._held).append(goal)
         if not arrived:
             self._tell(None, None, "the arm did not get there", goal, answer)
             return
