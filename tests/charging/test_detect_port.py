@@ -65,7 +65,9 @@ def test_no_port_is_exit_code_1(tmp_path: Path, capsys) -> None:
         (["PICTURE", "PICTURE", "PICTURE"], "3 pictures; give one, or a pair"),
         (["PICTURE", "PICTURE"], "a pair needs --baseline"),
         (["PICTURE", "--ports", "chademo"], "no port or plug 'chademo'"),
+        (["FOLDER"], "is a folder, expected a picture"),
         (["PICTURE", "--intrinsics", "1,2"], "expected fx,fy,cx,cy"),
+        (["PICTURE", "--intrinsics", "900,900,nan,360"], "a middle at nan, 360 px cannot be"),
         (["PICTURE", "--least-score", "2"], "expected above 0, at most 1"),
         (["TEXT"], "no picture that can be read"),
         (["LONG"], "9000x16 pixels; at most 8192 a side"),
@@ -78,7 +80,7 @@ def test_no_port_is_exit_code_1(tmp_path: Path, capsys) -> None:
 def test_bad_input(words, message: str, picture: Path, tmp_path: Path, capsys) -> None:
     text = tmp_path / "notes.png"
     text.write_text("no picture")
-    names = {"PICTURE": str(picture), "TEXT": str(text)}
+    names = {"PICTURE": str(picture), "TEXT": str(text), "FOLDER": str(tmp_path)}
     for name, shape in (("LONG", (16, 9000)), ("SPECK", (40, 40))):
         names[name] = str(tmp_path / f"{name}.png")
         cv2.imwrite(names[name], np.full(shape, 90, np.uint8))

@@ -55,6 +55,7 @@ def test_what_is_not_understood_exits_2(words, capsys):
         (["patrol", "no.toml"], 1, "no.toml: no such file"),
         (["patrol", "ur5_four_cameras", "--headless"], 2, "--headless needs --seconds"),
         (["view", "ur5_four_cameras", "--headless"], 2, "--headless needs --seconds"),
+        (["charge", "ur10_charging", "--charging", "nan"], 2, "--charging is nan s; expected 0"),
         (["replay", "no.mcap"], 1, "no.mcap: no such recording"),
         (["experiment", "patrol-smook"], 2, 'did you mean "patrol-smoke"'),
         (["experiment", "patrol-smoke", "--runs", "0"], 2, "--runs is 0, expected at least 1"),

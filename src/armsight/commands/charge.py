@@ -49,6 +49,8 @@ class Charge(Working):
 
         if self.visits < 0:
             raise UsageError(f"--visits is {self.visits}; expected 0 or more")
+        if not self.charging >= 0.0:
+            raise UsageError(f"--charging is {self.charging:g} s; expected 0 or more")
         if self.headless and self.visits == 0:
             raise UsageError("--headless needs --visits: nobody would press the button")
         asked = self
@@ -71,7 +73,9 @@ class Charge(Working):
             if station.outcome not in outcomes and station.busy:
                 outcomes.append(station.outcome)
             truth = getattr(session.cell.world, "truth", None)
-            contacts = None if truth is None else len(truth.moving_contacts)
+            touched = None
+            if truth is not None:
+                touched = [f"{c.owner} {c.part}".strip() for c in truth.moving_contacts]
             seconds = session.now()
         for i, outcome in enumerate(outcomes):
             say(f"visit {i + 1}: {told(outcome)}")
@@ -83,7 +87,8 @@ class Charge(Working):
                 "mode": self.mode,
                 "seed": self.seed,
                 "seconds": round(seconds, 3),
-                "contacts": contacts,
+                "contacts": None if touched is None else len(touched),
+                "touched": touched,
                 "visits": [_finite(asdict(outcome)) for outcome in outcomes],
             }
             write_summary(self.json, summary)

@@ -138,6 +138,11 @@ class DetectPort:
                 ) from None
             if not (0.1 * width < fx < 50 * width and 0.1 * width < fy < 50 * width):
                 raise UsageError(f"--intrinsics: focal lengths of {fx:g} and {fy:g} px cannot be")
+            if not (-width < cx < 2 * width and -height < cy < 2 * height):
+                raise UsageError(
+                    f"--intrinsics: a middle at {cx:g}, {cy:g} px cannot be, the picture has "
+                    f"{width}x{height}"
+                )
             return PinholeCamera(width, height, fx, fy, cx, cy)
         f = 0.5 * width / 0.5773502691896257  # tan 30 deg
         return PinholeCamera(width, height, f, f, 0.5 * (width - 1), 0.5 * (height - 1))
@@ -155,7 +160,8 @@ def _read(file: Path) -> Bytes:
     from armsight.errors import UsageError
 
     if not file.is_file():
-        raise UsageError(f"{file}: there is no such picture")
+        what = "is a folder, expected a picture" if file.is_dir() else "there is no such picture"
+        raise UsageError(f"{file}: {what}")
     image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise UsageError(f"{file}: is no picture that can be read (PNG, JPEG, BMP, TIFF)")
