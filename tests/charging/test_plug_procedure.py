@@ -22,8 +22,10 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, inverse, log, look_at
 from armsight.geometry.stereo import converging_pair
 from armsight.robots.catalogue import load_robot
+from armsight.robots.kinematics import sphere_centers
 from armsight.robots.tools import load_tool
 from armsight.simulation.world import SimulatedWorld
+from armsight.tasks.calibrate_plug import _Room
 from armsight.workcell import robot_in, world_spec
 from armsight.workcell.packaged import load
 
@@ -124,6 +126,23 @@ def test_an_arm_that_is_held_up_somewhere_looks_elsewhere(monkeypatch):
     steps = plug_procedure.plug_procedure(setup(), np.random.default_rng(0))
     result = carry_out(monkeypatch, cell, steps)
     assert len(result.looks) == 16
+
+
+def test_places_where_somebody_could_be_are_not_gone_to():
+    """Unseen space 0.4 m from the elbow, say: the guard would stop the arm on its way there."""
+    room = _Room(ROBOT)
+    q = np.array([0.0, -1.7, 2.4, -0.7, 1.6, 0.0])
+    assert room.left(q)
+    elbow = sphere_centers(ROBOT, q)[np.asarray(ROBOT.spheres.link) == 3][0]
+    for away, left in ((0.4, False), (2.5, True)):
+        hazards = np.asarray(elbow + np.array([[0.0, away, 0.0]]), np.float32)
+        room.snapshot = SimpleNamespace(sequence=away, hazards=hazards, hazard_radius=0.02)
+        assert room.left(q) is left
+    asked = []
+    s = setup(roomy=lambda joints: asked.append(joints) or joints[0] < -0.6)
+    steps = plug_procedure.plug_procedure(s, np.random.default_rng(0))
+    assert next(steps).joints[0] < -0.6
+    assert max(joints[0] for joints in asked) > -0.6
 
 
 def test_without_a_force_sensor_how_it_hangs_stays_in_it(monkeypatch):

@@ -65,7 +65,8 @@ class PlugSetup:
         pair: that stands, as believed.
         plug: type of the plug.
         mount: in which it hangs; None for a rigid one.
-        free: whether the arm may stand at joint angles.
+        free: whether the arm may stand at joint angles; roomy: whether nobody could be so near
+            there that the guard would keep it away, as far as is known now.
         looks: how many are taken, with those that are there already.
         speed, acceleration: shares of the arm's limits.
     """
@@ -79,6 +80,7 @@ class PlugSetup:
     looks: int = 26
     speed: float = 0.5
     acceleration: float = 0.5
+    roomy: FreeCheck = lambda joints: True
 
     @property
     def lenses(self) -> StereoPair:
@@ -169,7 +171,7 @@ def plug_procedure(
                 with suppress(CalibrationError):  # more looks may tell; the end decides
                     answer = _solved(setup, looks, rng)
             joints, C = _places(setup, answer, rng)
-            good = taken.promising(joints)
+            good = taken.promising(joints) & np.array([setup.roomy(q) for q in joints], bool)
             if good.sum() >= LEAST_VIEWS:
                 joints, C = joints[good], C[good]
             goals = np.vstack([joints[rng.permutation(len(joints))[:GOALS]], setup.robot.home])
