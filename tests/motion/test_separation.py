@@ -92,6 +92,15 @@ def test_the_share_keeps_the_protective_distance(distance, closing, stopping, T_
         assert kept <= distance + 1e-9
 
 
+def test_the_stated_protective_distance_is_the_standards():
+    """Term by term, where the arm's own time and the person's differ."""
+    for v, T_r, T_a, a in ((0.0, 0.2, 0.016, 5.0), (0.5, 0.2, 0.016, 5.0), (1.2, 0.1, 0.05, 2.0)):
+        expected = K5.protective_distance(v, T_r, a, T_a=T_a)
+        assert protective(v, v / a, law(T_r, T_a)) == pytest.approx(expected, abs=1e-12)
+        receding = K5.protective_distance(0.0, T_r, a, T_s=v / a)
+        assert protective(-v, v / a, law(T_r, T_a)) == pytest.approx(receding, abs=1e-12)
+
+
 def test_moving_away_is_always_allowed_slowly():
     for distance in (-0.1, 0.0, 0.2, 0.4):
         share = allowed_share(distance, -1.0, 1.0, 0.3, law(retreat=0.045))

@@ -43,7 +43,6 @@ class BodyFields:
         values: flat float32 distances [m], one part after the other, C order.
         offset: (m,) where each part begins in ``values``.
         shape: (m, 3) nodes of each.
-        reach: (m,) greatest distance of the part's nodes from the link's origin [m].
     """
 
     link: Ints
@@ -51,7 +50,6 @@ class BodyFields:
     values: Floats32
     offset: Ints
     shape: Ints
-    reach: Floats
 
 
 def body_fields(robot: Robot, from_meshes: bool = True) -> BodyFields:
@@ -177,17 +175,12 @@ def _pack(parts: list[tuple[int, Floats32, Floats]]) -> BodyFields:
     T_link_grid[:, :3, 3] = [corner for _, _, corner in parts]
     shape = np.array([field.shape for _, field, _ in parts], np.int64)
     sizes = np.prod(shape, axis=1)
-    far = [
-        np.linalg.norm(np.maximum(np.abs(c), np.abs(c + (np.array(f.shape) - 1) * CELL)))
-        for _, f, c in parts
-    ]
     return BodyFields(
         np.array([link for link, _, _ in parts], np.int64),
         T_link_grid,
         np.concatenate([np.ascontiguousarray(field).ravel() for _, field, _ in parts]),
         np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
         shape,
-        np.asarray(far, float),
     )
 
 

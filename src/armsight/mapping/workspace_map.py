@@ -149,9 +149,9 @@ class WorkspaceMap:
         people = self._people
         state = people.state(people.fine, alive)
         lap("occupancy")
-        stamps = [h.stamp for h in self._health]
+        stamps = [h.stamp for h in self._health] or [-np.inf]
         elapsed = now - self._now if np.isfinite(self._now) else 0.0
-        times = (now, elapsed, max(stamps, default=-np.inf))
+        times = (now, elapsed, max(stamps))
         hazards, unknown = people.update(state, self._body_near, alive, times, tracked)
         lap("hazards")
         distance, last, cloud = self._field_and_cloud(state)
@@ -163,8 +163,8 @@ class WorkspaceMap:
         self._sequence += 1
         self._snapshot = WorkspaceSnapshot(
             sequence=self._sequence,
-            stamp=max(stamps, default=-np.inf),
-            oldest=min(stamps, default=-np.inf),
+            stamp=max(stamps),
+            oldest=min(stamps),
             grid=self.grid,
             state=state,
             distance=distance,
