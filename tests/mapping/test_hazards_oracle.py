@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
+from armsight.mapping.hazards import UnseenPeople
+from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from armsight.mapping.workspace_map import WorkspaceMap
 
 from . import scenes, twins
@@ -124,3 +125,25 @@ def test_the_check_notices_dropped_hazards(share):
     )
     with pytest.raises(AssertionError):
         compare(twin, mutant, static, 0.101)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_people_come_from_where_the_coarse_layer_has_them(axis, side):
+    """Unseen space on one side of the fine grid; three steps later they are three voxels in."""
+    coarse = VoxelGrid(np.zeros(3), 0.06, (14, 15, 16))
+    fine = VoxelGrid(np.full(3, 0.3), 0.02, (12, 15, 18))  # coarse cells 5 to 9, 10 and 11
+    around = UnseenPeople(coarse, np.zeros(coarse.shape, np.uint8), 2.0, 0.08)
+    people = UnseenPeople(fine, np.zeros(fine.shape, np.uint8), 2.0, 0.08, around)
+    nothing = np.zeros(0, np.int32)
+    outer, inner = np.full(coarse.shape, FREE, np.uint8), np.full(fine.shape, FREE, np.uint8)
+    around.update(outer, nothing, None, 0.0)
+    people.update(inner, nothing, None, 0.0)
+    assert not people.mask().any()
+    beyond = 5 + fine.shape[axis] // 3
+    np.moveaxis(outer, axis, 0)[slice(beyond, None) if side > 0 else slice(0, 5)] = UNKNOWN
+    around.update(outer, nothing, None, 9.0)
+    people.update(np.full(fine.shape, UNKNOWN, np.uint8), nothing, None, 0.031)
+    layers = np.moveaxis(people.mask(), axis, 0)[::-side]
+    assert layers[:3].all()
+    assert not layers[3:].any()

@@ -79,6 +79,14 @@ def test_it_goes_on_when_the_joints_are_back(moving):
     assert moving.visits
 
 
+def test_a_stop_that_would_come_too_late_is_begun_and_said(moving, monkeypatch):
+    monkeypatch.setattr(moving.guard._filter, "stops_in_time", lambda tick: False)
+    decision = moving.tick()
+    assert decision.brake
+    assert decision.status.mode == GuardMode.SLOWED
+    assert decision.status.reason == "nothing near"
+
+
 def stale(world):
     s = world.snapshot
     return replace(s, oldest=s.oldest - 1, cameras=(CameraStatus("cam", s.stamp - 1, True, 1, 0),))
@@ -112,8 +120,12 @@ BAD_MAPS = {
 def test_bad_maps_slow_down_and_stop(moving, case):
     make, message = BAD_MAPS[case]
     before = np.inf
+    most, told = 1.5 * moving.guard._filter.limits.acceleration / 125, moving.commands[-1][:-1]
     for k in range(80):
         decision = moving.tick(snapshot=make(moving))
+        assert not decision.brake
+        assert (np.abs(decision.command - told) <= most).all(), "smoothly, along its path"
+        told = decision.command
         assert decision.status.mode == GuardMode.STOPPED
         assert message in decision.status.reason
         assert k < 2 or np.abs(decision.command).max() <= before + 1e-3

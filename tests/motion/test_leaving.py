@@ -8,10 +8,14 @@ from armsight.geometry.shapes import Solid
 from armsight.motion.collision import CollisionModel
 from armsight.motion.escape import leaves
 from armsight.motion.evasion import RUBS
+from armsight.motion.nearest import MovingBody
+from armsight.motion.permitted import Grant
+from armsight.motion.retreat import gap
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 
 from .scenes import make_snapshot
 from .test_contact import ROBOT, TIP, Sprung
+from .test_permits import sphere
 
 
 def moved(q, shift):
@@ -51,3 +55,17 @@ def test_who_presses_on_unseen_is_left_by_what_is_felt():
     assert any("backs out" in s.reason for s in cell.log)
     assert max(force for _, force in cell.pushed) > 2.5
     assert cell.pushed[-1][1] < 2.5
+
+
+def test_the_gap_of_what_may_touch_is_its_surface_s():
+    """Other parts are nearer; sphere by sphere, and inside it is negative."""
+    body = MovingBody(ROBOT, ROBOT.limits.acceleration)
+    center, _ = body.motion(ROBOT.home, np.zeros(ROBOT.n))
+    touching = np.zeros(len(ROBOT.spheres.radius), bool)
+    touching[-3:] = True
+    for at, radius in ((TIP + np.array([0.0, 0.3, 0.1]), 0.05), (center[0], 0.1), (TIP, 0.04)):
+        away = np.linalg.norm(center - at, axis=1) - body.radius - radius
+        found = gap(body, Grant(sphere(at, 1.0, radius=radius), touching), ROBOT.home, 1.0)
+        assert found == pytest.approx(away[-3:].min(), abs=1e-9)
+    nothing = Grant(sphere(TIP, 1.0), 0 * touching)
+    assert gap(body, nothing, ROBOT.home, 1.0) == np.inf
