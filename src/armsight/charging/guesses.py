@@ -19,9 +19,25 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
 
 ROLLS = np.deg2rad(np.arange(-50.0, 51.0, 10.0))
-LEAST_ROUGH = 0.18
+FINER = 3
+"""Of so many that climbed one climbs on, one size finer."""
 OTHER_WAY = 0.2
 """What an edge counts that is light where a cavity should be dark."""
+
+
+@dataclass(frozen=True)
+class Climbs:
+    """How many guesses go on.
+
+    Attributes:
+        of_each: climbs of each type.
+        most: guesses to return.
+        least: what a type scores less at a ring does not climb.
+    """
+
+    of_each: int
+    most: int
+    least: float
 
 
 @dataclass(frozen=True)
@@ -57,8 +73,7 @@ def guess_types(
     rings: Floats,
     ports: Sequence[str],
     distance: tuple[float, float],
-    climbs: int,
-    most: int,
+    climbs: Climbs,
 ) -> list[Guess]:
     """The best roll and shape of every type at each ring, the best first.
 
@@ -68,52 +83,68 @@ def guess_types(
         rings: of :func:`armsight.charging.rings.find_rings`.
         ports: names of the types.
         distance: nearest and farthest [m].
-        climbs: of each type.
-        most: guesses to return.
+        climbs: how many.
     """
     guesses = []
+    groups = _by_size(levels, rings)
     for name in ports:
-        promising = _rough(levels, lens, rings, name, distance)[:climbs]
+        promising = _rough(levels, lens, groups, name, distance, climbs.least)[: climbs.of_each]
         for k in np.unique(promising[:, 7]).astype(int):
-            level = levels[k]
             mine = promising[promising[:, 7] == k, 1:7]
-            found = climb_all(level.field, *template(name), mine, 1.5, OTHER_WAY)
-            for score, u, v, scale, x, y, roll in found.tolist():
-                at = (u + 0.5) / level.scale - 0.5, (v + 0.5) / level.scale - 0.5
-                guesses.append(Guess(name, score, *at, scale / level.scale, (x, y), roll))
+            found = climb_all(levels[k].field, *template(name), mine, 1.5, OTHER_WAY)
+            if k:  # edges that ran together part one size finer
+                k -= 1
+                found = found[np.argsort(-found[:, 0])][: -(-len(found) // FINER), 1:]
+                found[:, :2] = 2.0 * found[:, :2] + 0.5
+                found[:, 2] *= 2.0
+                found = climb_all(levels[k].field, *template(name), found, 2.0, OTHER_WAY)
+            scale = levels[k].scale
+            for score, u, v, size, x, y, roll in found.tolist():
+                at = (u + 0.5) / scale - 0.5, (v + 0.5) / scale - 0.5
+                guesses.append(Guess(name, score, *at, size / scale, (x, y), roll))
     guesses.sort(key=lambda g: -_promise(g.port, g.score))
-    return _apart(guesses, most)
+    return _apart(guesses, climbs.most)
+
+
+def _by_size(levels: Sequence[Level], rings: Floats) -> list[tuple[int, Floats]]:
+    """Rings by the size of the picture at which they are compared with templates.
+
+    What lies side by side is looked at one after the other: it is in the cache then.
+    """
+    near = rings[np.lexsort((rings[:, 1] // 16, rings[:, 2] // 16))]
+    size = level_for(near[:, 5], len(levels))
+    return [(int(k), near[size == k]) for k in np.unique(size)]
 
 
 def _rough(
     levels: Sequence[Level],
     lens: PinholeCamera,
-    rings: Floats,
+    groups: list[tuple[int, Floats]],
     name: str,
     distance: tuple[float, float],
+    least: float,
 ) -> Floats:
     """(n, 8) the promising places of a type, the best first.
 
     Score; u, v, scale, tilt along x and y, roll, as at the level that the last column names.
     """
     size_m = _ring_radius(name)
-    far = lens.fx * size_m / np.maximum(rings[:, 5], 1e-9)
-    mine = rings[(far > 0.8 * distance[0]) & (far < 1.2 * distance[1])]
-    # what lies side by side is looked at one after the other: it is in the cache then
-    mine = mine[np.lexsort((mine[:, 1] // 16, mine[:, 2] // 16))]
-    size = level_for(mine[:, 5], len(levels))
-    rows = []
-    for k in np.unique(size):
-        level, own = levels[k], mine[size == k]
+    nearest, farthest = (lens.fx * size_m / d for d in (0.8 * distance[0], 1.2 * distance[1]))
+    rows = [np.zeros((0, 8))]
+    for k, rings in groups:
+        level = levels[k]
+        own = rings[(rings[:, 5] < nearest) & (rings[:, 5] > farthest)]
+        if not len(own):
+            continue
         at = (own[:, 1:3] + 0.5) * level.scale - 0.5
         scale = own[:, 5] / size_m * level.scale
         # a tilt and its mirror image look alike, but not where parts lie at other depths
         for side in (1.0, -1.0) if PORTS[name].plug else (1.0,):
             starts = np.column_stack([at, scale, side * own[:, 3:5], np.zeros(len(own))])
-            scores = best_rolls(level.field, *template(name), starts, ROLLS, OTHER_WAY, LEAST_ROUGH)
-            good = scores > LEAST_ROUGH
+            scores = best_rolls(level.field, *template(name), starts, ROLLS, OTHER_WAY, least)
+            good = scores > least
             rows.append(np.column_stack([scores, starts, np.full(len(own), k)])[good])
-    every = np.concatenate(rows) if rows else np.zeros((0, 8))
+    every = np.concatenate(rows)
     return every[np.argsort(-every[:, 0], kind="stable")]
 
 

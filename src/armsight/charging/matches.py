@@ -13,7 +13,7 @@ from armsight.arrays import Floats, Ints, Pose
 from armsight.charging.kernels.rigid import fit_rigid
 from armsight.charging.ports.curves import Curves, curves
 from armsight.charging.ports.table import PORTS
-from armsight.charging.pyramid import Level
+from armsight.charging.pyramid import Level, edges_of
 from armsight.geometry.camera import PinholeCamera
 
 CHANCE = 0.45
@@ -21,6 +21,7 @@ CHANCE = 0.45
 FOUND = 1.5
 """An edge this near to where it should be counts as found [px]."""
 FIRST = np.array([5.0, 4.5, 3.5, 3.0, 2.5])
+NEAR = np.array([3.0, 2.6, 2.3, 2.0])
 THEN = np.array([3.5, 3.0, 2.5])
 """Reaches of the search along the normals, one an iteration [px]."""
 POINTS = 110
@@ -57,25 +58,55 @@ class Match:
 
 
 def match(
-    levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose, finer: bool = False
+    levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose, near: bool = False
 ) -> Match:
-    """Fit a type where its mouth has a radius of 16 to 32 px, or one size finer."""
+    """Fit a type where its mouth has a radius of 16 to 32 px.
+
+    Args:
+        levels: of the picture.
+        lens: that took it.
+        name: of the type.
+        T: start.
+        near: the start is good to a pixel or two: what is farther is another edge.
+    """
+    return _match(levels, lens, name, T, size_for(lens, name, T), NEAR if near else FIRST)
+
+
+def refined(levels: Sequence[Level], lens: PinholeCamera, m: Match) -> Match:
+    """A match fitted again, one size finer.
+
+    A small port is looked at larger than it was taken, and as it was taken, too: less is seen
+    of it, but through less noise. What shows more of it stays.
+    """
+    i = max(size_for(lens, m.port, m.T_camera_port) - 1, -1)
+    tried = [_match(levels, lens, m.port, m.T_camera_port, k, THEN) for k in {i, max(i, 0)}]
+    return max(tried, key=lambda t: t.evidence)
+
+
+def size_for(lens: PinholeCamera, name: str, T: Pose) -> int:
+    """The size of a picture in which a mouth has a radius of 16 to 32 px; -1 is made larger."""
     radius = lens.fx * PORTS[name].radius / max(T[2, 3], 0.05)
-    i = int(np.clip(np.floor(np.log2(max(radius, 1.0) / 16.0)), 0, len(levels) - 1))
-    level = levels[max(i - finer, 0)]
-    own = lens.scaled(level.scale)
-    model, darker, tolerance = _model(name)
+    return max(int(np.floor(np.log2(max(radius, 1.0) / 16.0))), -1)
+
+
+def _match(
+    levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose, i: int, reaches: Floats
+) -> Match:
+    model, darker, tolerance, extent = _model(name)
+    z = max(T[2, 3], 0.05)
+    u, v = lens.project(T[None, :3, 3])[0] if T[2, 3] > 0.0 else (0.0, 0.0)
+    seen = edges_of(levels, lens, min(i, len(levels) - 1), u, v, 1.3 * extent * lens.fx / z)
+    own = seen.lens
     numbers = np.array([own.fx, own.fy, own.cx, own.cy, *own.distortion])
-    least = 0.8 * level.least
     T, d, rise, H = fit_rigid(
-        level.gx,
-        level.gy,
+        seen.gx,
+        seen.gy,
         numbers,
         model.points,
         model.normals,
         T,
-        THEN if finer else FIRST,
-        least,
+        reaches,
+        0.8 * seen.least,
     )
     # makes differ: an edge may be off by its tolerance
     reach = FOUND + own.fx / max(T[2, 3], 0.05) * tolerance
@@ -93,7 +124,7 @@ def match(
         float(np.sum(shares - CHANCE)),
         shares,
         tuple(rim.name for rim in model.rims),
-        H * level.scale**2,
+        H * min(seen.scale, 1.0) ** 2 / max(seen.scale, 1.0) ** 2,
     )
 
 
@@ -111,7 +142,7 @@ def mirrored(T: Pose) -> Pose:
 
 
 @lru_cache(maxsize=32)
-def _model(name: str) -> tuple[Curves, Ints, Floats]:
+def _model(name: str) -> tuple[Curves, Ints, Floats, float]:
     """Points along a type's edges; which edges grow darker inwards (-1); how makes differ [m]."""
     step = 0.004
     while len(curves(PORTS[name], step).points) < POINTS and step > 0.0008:
@@ -119,4 +150,4 @@ def _model(name: str) -> tuple[Curves, Ints, Floats]:
     model = curves(PORTS[name], step)
     darker = np.array([1 if rim.kind == "pedestal" else -1 for rim in model.rims])
     tolerance = np.array([rim.radius_tolerance + rim.place_tolerance for rim in model.rims])
-    return model, darker, tolerance
+    return model, darker, tolerance, float(np.abs(model.points[:, :2]).max())

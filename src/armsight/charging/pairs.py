@@ -14,7 +14,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, Pose
 from armsight.charging.find import Detection, FindOptions, check_picture, find_ports, search
-from armsight.charging.matches import Match, match, mirrored
+from armsight.charging.matches import Match, match, mirrored, refined
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import Level, pyramid
 from armsight.charging.windows import dark_windows
@@ -84,22 +84,38 @@ def find_in_pair(
     for image, lens in zip(images, lenses):
         check_picture(image, lens)
     levels = [pyramid(image) for image in images]
-    first = replace(options, least_score=min(FIRST, options.least_score))
+    parts = [dark_windows(image) if windows else None for image in images]
+    found = _seen(images, levels, pair, options, parts)
+    # a port that stands slanted, with bright pins or in the dark, needs a closer search
+    return found or _seen(images, levels, pair, options.thorough(), parts)
+
+
+def _seen(
+    images: tuple[Bytes, Bytes],
+    levels: Sequence[Sequence[Level]],
+    pair: StereoPair,
+    options: FindOptions,
+    windows: Sequence[list[tuple[int, int, int, int]] | None],
+) -> tuple[PairDetection, ...]:
+    lenses = (pair.left, pair.right)
+    first = replace(options, least_score=min(FIRST, options.least_score), least_evidence=-np.inf)
     found: list[PairDetection] = []
     for side in (0, 1):
         other = 1 - side
         T_left_this = pair.T_left_right if side else np.eye(4)
         T_other_this = pair.T_left_right if side else inverse(pair.T_left_right)
-        if windows:
-            alone = find_ports(images[side], lenses[side], first, dark_windows(images[side]))
-        else:
+        where = windows[side]
+        if where is None:
             alone = search(levels[side], lenses[side], first)
+        else:
+            alone = find_ports(images[side], lenses[side], first, where)
         for seen in alone:
             partners = _partners(levels[other], lenses[other], seen, T_other_this)
             both = [(p, seen.match) if side else (seen.match, p) for p in partners]
             together = [joined for b in both if (joined := _joined(b, pair)) is not None]
             found += [d for d in together if _enough(d, options)]
-            if not partners and seen.score >= options.least_score:
+            least, evidence = options.least_score, options.least_evidence
+            if not partners and seen.score >= least and seen.match.evidence >= evidence:
                 T = np.asarray(T_left_this @ seen.T_camera_port)
                 found.append(PairDetection(seen.port, seen.score, T, (seen.match,)))
     return _best(found)
@@ -124,7 +140,7 @@ def _partners(
             T[:3, 3] *= farther
             tried.append(match(levels, lens, seen.port, T_other_this @ T))
     tried.sort(key=lambda m: -m.evidence)
-    return [match(levels, lens, m.port, m.T_camera_port, finer=True) for m in tried[:PARTNERS]]
+    return [refined(levels, lens, m) for m in tried[:PARTNERS]]
 
 
 def _in_view(lens: PinholeCamera, T: Pose, radius: float) -> bool:

@@ -24,11 +24,17 @@ RING_SHARE = 0.76
 """Inner rim over outer rim: 0.73 (Type 2), 0.78 (Type 1), 0.76 (Type 2 plug)."""
 LEAST_VOTES = 80
 LEAST_RING = 0.2
-CROWD = 40
-"""Rings of other sizes and tilts that are kept at one place."""
+CROWD = 12
+"""A place may hold this part of all rings that are kept: of other sizes and tilts."""
 
 
-def find_rings(levels: Sequence[Level], largest: float, seeds: int, most: int) -> Floats:
+def find_rings(
+    levels: Sequence[Level],
+    largest: float,
+    seeds: int,
+    most: int,
+    tilts: tuple[tuple[float, int], ...],
+) -> Floats:
     """The best double rings of a picture.
 
     Args:
@@ -36,6 +42,7 @@ def find_rings(levels: Sequence[Level], largest: float, seeds: int, most: int) -
         largest: radius of an outer ring [px].
         seeds: most places that are tried at half the picture's size; fewer at smaller sizes.
         most: rings to return.
+        tilts: that are tried [deg], and about how many axes.
 
     Returns:
         (n, 6) score, u, v [px], tilt along x and y [rad], radius of the outer ring [px].
@@ -44,10 +51,10 @@ def find_rings(levels: Sequence[Level], largest: float, seeds: int, most: int) -
     for i in range(1, len(levels)):
         if VOTE_RADII[0] / levels[i].scale > largest:
             break
-        rows.append(_rings_of(levels[i], levels[i - 1], max(seeds // i, 8)))
+        rows.append(_rings_of(levels[i], levels[i - 1], max(seeds // i, 8), _leans(tilts)))
     every = np.concatenate(rows)
     every = every[np.argsort(-every[:, 0], kind="stable")]
-    return np.asarray(every[distinct(every, most, CROWD)])
+    return np.asarray(every[distinct(every, most, max(most // CROWD, 1))])
 
 
 def level_for(radius: Floats, levels: int) -> Ints:
@@ -55,10 +62,9 @@ def level_for(radius: Floats, levels: int) -> Ints:
     return np.clip(np.floor(np.log2(np.maximum(radius, 1.0) / 14.0)), 0, levels - 1).astype(int)
 
 
-def _rings_of(level: Level, finer: Level, most: int) -> Floats:
+def _rings_of(level: Level, finer: Level, most: int, leans: Floats) -> Floats:
     """Rings about the seeds of one size of the picture; rows as in :func:`find_rings`."""
     seeds = _seeds(level, most)
-    leans = _leans()
     found = best_rings(
         finer.field,
         2.0 * seeds,
@@ -96,12 +102,11 @@ def _squeeze(tilt: float, axis: float) -> Floats:
     return np.asarray(np.outer(a, a) + np.cos(tilt) * np.outer(b, b))
 
 
-@lru_cache(maxsize=1)
-def _leans() -> Floats:
+@lru_cache(maxsize=4)
+def _leans(tilts: tuple[tuple[float, int], ...]) -> Floats:
     """(t, 2) tilts along x and y of the picture that are tried [rad]."""
     pairs = [(0.0, 0.0)]
-    pairs += [(np.deg2rad(27), k * np.pi / 4) for k in range(4)]
-    pairs += [(np.deg2rad(42), k * np.pi / 6) for k in range(6)]
+    pairs += [(np.deg2rad(t), k * np.pi / axes) for t, axes in tilts for k in range(axes)]
     return np.array([(t * np.cos(a), t * np.sin(a)) for t, a in pairs])
 
 

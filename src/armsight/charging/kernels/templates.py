@@ -9,7 +9,7 @@ from armsight.arrays import Floats, Floats32, Ints, SignedBytes
 
 UNIT = 1.0 / 127.0**2
 BEHIND = 0.5
-SLACK = 0.9
+SLACK = 0.6
 """How far a few points may lag behind what is asked of all: over the root of their number."""
 
 

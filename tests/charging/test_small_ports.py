@@ -1,0 +1,74 @@
+"""Ports that are small in the picture: looked at larger than they were taken."""
+
+import numpy as np
+import pytest
+from painted_ports import LENS, PAIR, facing, paint
+
+from armsight.charging import pairs
+from armsight.charging.find import FindOptions, find_ports, search
+from armsight.charging.kernels.edges import edge_search
+from armsight.charging.ports.table import PORTS
+from armsight.charging.pyramid import LARGER, edges_of, pyramid
+from armsight.geometry.pose import inverse
+
+
+@pytest.mark.parametrize("at", [(300.0, 200.0), (9.0, 471.0), (630.0, 5.0)])
+def test_an_edge_is_where_it_was_when_it_is_looked_at_larger(at: tuple[float, float]) -> None:
+    """A slanted edge through a place of the picture, its corners too, by the lens that comes with
+    what is larger."""
+    rng = np.random.default_rng(0)
+    x, y = np.meshgrid(np.arange(640.0), np.arange(480.0))
+    n = np.array([0.8, 0.6])
+    side = (x - at[0]) * n[0] + (y - at[1]) * n[1]
+    image = 60 + 80 / (1 + np.exp(-np.clip(side, -40, 40) / 0.7)) + rng.normal(0, 0.5, side.shape)
+    levels = pyramid(np.clip(image + 0.5, 0, 255).astype(np.uint8))
+    seen = edges_of(levels, LENS, -1, *at, 20.0)
+    assert seen.scale == LARGER
+    ray = LENS.normalise(np.array([at]))
+    pixel = seen.lens.project(np.append(ray, [[1.0]], axis=1))
+    d, rise = edge_search(seen.gx, seen.gy, pixel, n[None], 4.0, 2.4, seen.least, 0.92)
+    assert abs(d[0]) < 0.5 * LARGER
+    assert rise[0] > 0
+
+
+def test_guesses_at_one_place_share_what_is_made_larger() -> None:
+    image = paint(PORTS["type2"], facing(0.0, 0.0, 1.8, (0.1, 0.0), 0.0), LENS, 1)
+    levels = pyramid(image)
+    for u in (300.0, 301.5, 299.0):
+        edges_of(levels, LENS, -1, u, 240.0, 30.0)
+    assert len(levels[0].parts) == 1
+
+
+def test_a_plug_with_tubes_of_three_pixels_is_found() -> None:
+    """As it was taken the edges of its tubes run together, and half of them are not seen."""
+    T = facing(0.05, -0.02, 2.0, (0.3, 0.2), 0.1)
+    image = paint(PORTS["type2_plug"], T, LENS, 4)
+    (seen,) = find_ports(image, LENS, FindOptions(ports=("type1", "type2", "type2_plug")))
+    assert seen.port == "type2_plug"
+    assert np.linalg.norm(seen.pixel - LENS.project(T[None, :3, 3])[0]) < 1.5
+
+
+def test_where_a_pair_shows_nothing_at_first_it_is_searched_more_closely(monkeypatch) -> None:
+    T = facing(0.02, 0.01, 0.6, (0.3, -0.25), 0.2)
+    images = [
+        paint(PORTS["type2"], T_lens @ T, lens, 2)
+        for T_lens, lens in ((np.eye(4), PAIR.left), (inverse(PAIR.T_left_right), PAIR.right))
+    ]
+    options = FindOptions(ports=("type2",))
+    asked = []
+
+    def blind_at_first(levels, lens, wanted):
+        asked.append(wanted.rings)
+        return () if wanted.rings == options.rings else search(levels, lens, wanted)
+
+    monkeypatch.setattr(pairs, "search", blind_at_first)
+    (seen,) = pairs.find_in_pair((images[0], images[1]), PAIR, options)
+    assert seen.port == "type2"
+    assert asked == [options.rings] * 2 + [options.thorough().rings] * 2
+
+
+def test_a_lone_picture_needs_evidence_beside_its_score() -> None:
+    T = facing(0.0, 0.0, 0.6, (0.2, 0.1), 0.1)
+    image = paint(PORTS["type2"], T, LENS, 2)
+    (seen,) = find_ports(image, LENS)
+    assert find_ports(image, LENS, FindOptions(least_evidence=seen.match.evidence + 0.1)) == ()
