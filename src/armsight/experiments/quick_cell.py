@@ -175,10 +175,7 @@ class QuickCell:
             goal = self._next_goal()
         now = self.now if clock is None else clock
         decision = self.guard.step(now, joints, snapshot, goal, self.plan)
-        acts = self.now + self.config.start_delay
-        self._queue.append((acts, decision.command.copy(), decision.brake))
-        sent: JointVector = np.array([*decision.command, float(decision.brake)])
-        self.commands.append(sent)
+        self.send(decision.command, decision.brake)
         if decision.request is not None and self.snapshot is not None:
             request = decision.request
             around = request.surroundings(self.snapshot)
@@ -187,6 +184,12 @@ class QuickCell:
         self.log.append(decision.status)
         self.drive(self.now + self.config.period)
         return decision
+
+    def send(self, command: JointVector, brake: bool = False) -> None:
+        """Tell the drives (n,) velocities [rad/s], or to brake; they act later."""
+        acts = self.now + self.config.start_delay
+        self._queue.append((acts, command.copy(), brake))
+        self.commands.append(np.array([*command, float(brake)]))
 
     def drive(self, until: float) -> None:
         """Let the arm move on its own to a time [s]."""

@@ -17,7 +17,7 @@ from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
 from armsight.experiments.servo_rows import harm_row, median_row
-from armsight.experiments.servo_trials import tick
+from armsight.experiments.servo_trials import tick, unguarded
 from armsight.experiments.servo_world import (
     MOVING,
     Setup,
@@ -43,6 +43,8 @@ PLATE = 5e3
 """Stiffness of the plate and what holds it [N/m]."""
 PLACES = ((0.80, 0.0, 1.20), (0.72, 0.35, 1.10), (0.72, -0.35, 1.30))
 """V's three places of the target, in this cell's world [m]; V does not say where they were."""
+FREE = "ablation_unguarded_paper_"
+"""Prefix of V's mode without the guard: is it the guard that keeps it from V's figures?"""
 RUNS = 24
 
 ABOUT = f"""
@@ -64,19 +66,26 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("t2", "ours", Errors(), (0.5, 0.6)),
         ("paper_", "paper", PAPERS, (0.5, 0.6)),
         ("fixed_", "fixed", PAPERS, (0.5, 0.6)),
+        (FREE, "paper", PAPERS, (0.5, 0.6)),
     ]
     results: dict[str, list[dict[str, Any]]] = {}
     for i, (prefix, mode, errors, shares) in enumerate(plan):
         setup = set_up(*shares)
-        cache = RunCache("servo-bullseye", seed, {"settings": [mode, asdict(errors), shares, 2]})
+        cache = RunCache(
+            "servo-bullseye", seed, {"settings": [mode, asdict(errors), shares, 3, prefix]}
+        )
         results[prefix] = []
         for k in range(runs):
-            results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))
+            results[prefix].append(
+                cache.get(k, partial(one, setup, mode, errors, (seed, k), prefix != FREE))
+            )
             progress(f"{prefix or 'ours'}: {k + 1} of {runs}", (i + (k + 1) / runs) / len(plan))
     return Outcome(tuple(_rows(results)), {"marks": lambda: _plot(results)}, _notes(results))
 
 
-def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[str, Any]:
+def one(
+    setup: Setup, mode: str, errors: Errors, seed: tuple[int, int], guarded: bool = True
+) -> dict[str, Any]:
     """One trial; what it came to, as JSON values."""
     rng = np.random.default_rng((*seed, 11))
     k = seed[1]
@@ -99,7 +108,7 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
         now = cell.now
         depth = max(-_height(eyes, cell, place, normal), 0.0)
         cell.guard.feel(felt(cell, PLATE * depth * normal))
-        status = tick(cell, eyes, task, status)
+        status = (tick if guarded else unguarded)(cell, eyes, task, status)
         height = _height(eyes, cell, place, normal)
         speed = float(np.linalg.norm((tcp_jacobian(eyes.true_robot, cell.q) @ cell.v)[:3]))
         held = status.permit is not None and status.permit.holds
@@ -116,7 +125,7 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
         "seconds": cell.now,
         "iterations": int(task.chase.iterations),
         "harm": int(harm),
-        "last": cell.log[-1].reason,
+        "last": cell.log[-1].reason if cell.log else "",
     }
 
 
@@ -143,6 +152,7 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         ("", "t2", "ours, speed 0.5, acceleration 0.6", 15.0, 6.4),
         ("paper_", "paper_", "V's errors", 15.0, 6.4),
         ("fixed_", "fixed_", "V's errors", 25.0, 5.8),
+        (FREE, FREE, "V's errors, V's hybrid without the guard", 15.0, 6.4),
     )
     for prefix, key, where, mm, seconds in shown:
         found, is_ours = results[key], prefix == ""
@@ -162,7 +172,13 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         Row("paper_mode_gap", "share of V's mode that made a mark, less V's figure (all did)",
             "V's errors", gap, n=len(results["paper_"]), must=0.10, aim=0.05)
     )  # fmt: skip
-    for key, figure in (("paper_", 6.0), ("fixed_", 8.0)):
+    made = [r["mark"] is not None for r in results[FREE]]
+    rows.append(
+        Row(f"{FREE}gap", "the same share of an arm without the guard, less V's figure",
+            "V's errors, V's hybrid without the guard", abs(float(np.mean(made)) - 1.0),
+            n=len(made))
+    )  # fmt: skip
+    for key, figure in (("paper_", 6.0), ("fixed_", 8.0), (FREE, 6.0)):
         steps = [float(r["iterations"]) for r in results[key] if r["mark"] is not None]
         rows.append(
             median_row(f"{key}bullseye_iterations", "segments", "V's errors", steps, "", figure)
@@ -191,6 +207,7 @@ def _plot(results: dict[str, list[dict[str, Any]]]) -> Figure:
     for radius, color in ((60, "#e9a6a6"), (45, "w"), (30, "#e9a6a6"), (15, "w")):
         axes.add_patch(Circle((0, 0), radius, color=color, zorder=0))
     names = {"": "ours", "t2": "ours, T2's shares", "paper_": "V's hybrid", "fixed_": "V's, fixed"}
+    names[FREE] = "V's hybrid, no guard"
     for key, found in results.items():
         marks = np.array([r["mark"] for r in found if r["mark"] is not None]).reshape(-1, 2)
         axes.plot(marks[:, 0], marks[:, 1], "o", ms=3, label=names[key])

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Any
+
+import numpy as np
 
 from armsight.devices.data import JointState
 from armsight.experiments.cache import RunCache
@@ -14,7 +17,8 @@ from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell
 from armsight.experiments.servo_eyes import Errors
 from armsight.experiments.servo_world import Setup, set_up
-from armsight.motion.data import GuardStatus
+from armsight.motion.data import GuardMode, GuardStatus
+from armsight.motion.intents import VelocityIntent
 from armsight.motion.task import Observation
 
 Trial = dict[str, Any]
@@ -36,7 +40,7 @@ def run_plan(
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, errors, count in plan:
         setup = set_up(1.0, 1.0, cell)
-        cache = RunCache(name, seed, {"settings": [mode, asdict(errors), 3]})
+        cache = RunCache(name, seed, {"settings": [mode, asdict(errors), 4]})
         results[prefix] = []
         for k in range(count):
             results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))
@@ -47,11 +51,31 @@ def run_plan(
 
 def tick(cell: SurfaceCell, eyes: Any, task: Any, status: GuardStatus | None) -> GuardStatus:
     """One round: the cameras look, the task wishes, the guard decides and the arm moves on."""
+    return cell.tick(goal=task.update(_seen(cell, eyes, status))).status
+
+
+def unguarded(cell: SurfaceCell, eyes: Any, task: Any, status: GuardStatus | None) -> GuardStatus:
+    """The same for an arm without a guard, as V's: it is driven as the task wishes."""
+    wish = task.update(_seen(cell, eyes, status))
+    command = np.zeros(cell.robot.n)
+    if isinstance(wish, VelocityIntent):
+        most = cell.robot.limits.velocity * cell.config.speed
+        command = wish.velocity / max(float((np.abs(wish.velocity) / most).max()), 1.0)
+    now = cell.now
+    cell.send(command)
+    cell.drive(now + cell.config.period)
+    return GuardStatus(
+        now, GuardMode.VELOCITY, "", task.name, False, command, 1.0, math.inf, 0.0, None, None,
+        None, None, -1, 0.0, wanted=command,
+    )  # fmt: skip
+
+
+def _seen(cell: SurfaceCell, eyes: Any, status: GuardStatus | None) -> Observation:
+    """What the task is told, the cameras having looked."""
     now = cell.now
     eyes.expose(now, cell.q, lambda _: cell.place(cell.now))
     joints = JointState(now, cell.q.copy(), cell.v.copy())
-    seen = Observation(now, cell.robot, joints, status, perceived=eyes.arrived(now))
-    return cell.tick(goal=task.update(seen)).status
+    return Observation(now, cell.robot, joints, status, perceived=eyes.arrived(now))
 
 
 def gap_row(good: Sequence[bool], figure: float) -> Row:

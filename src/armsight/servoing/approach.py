@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from armsight.arrays import Vector3
 from armsight.servoing.aim import Aim
+
+STRAIGHT = math.radians(10.0)
+"""A tool that points so far from where it should comes along where it should [rad]."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,19 @@ def facing(
     angle = float(np.arctan2(flat @ side, flat @ front))
     angle = float(np.clip(angle, -widest, widest))
     return np.asarray(np.cos(angle) * front + np.sin(angle) * side)
+
+
+def along_the_tool(axis: Vector3, tool: Vector3 | None) -> Vector3:
+    """The way (3,) to what may be touched from any side, where the tool points elsewhere than wished.
+
+    Under a ceiling it points up: along the wished way its shaft would graze a ball.
+    """
+    if tool is None:
+        return axis
+    between = math.acos(float(np.clip(tool @ axis, -1.0, 1.0)))
+    share = max(between - STRAIGHT, 0.0) / max(between, 1e-6)
+    mixed = (1.0 - share) * axis + share * tool
+    return np.asarray(mixed / max(float(np.linalg.norm(mixed)), 1e-9))
 
 
 def touch_aim(

@@ -72,6 +72,7 @@ class Docking:
         drift: how fast its place becomes unsure while nobody sees it, at most [m/s]; a thing's less
             where its velocity is known better.
         scale: of the fixed cameras' colour pictures: a ring of 15 mm needs all of their pixels.
+        wary: from what strays from its prediction the tip leaves as soon as it has touched it.
     """
 
     name: str
@@ -91,6 +92,12 @@ class Docking:
     stiffness: float = 5e3
     drift: float = 0.06
     scale: float = 1.0
+    wary: bool = False
+
+    @property
+    def reserve(self) -> float:
+        """How wrong a prediction of it may be [m]: then it is pressed with half of the force."""
+        return 0.5 * self.force / self.stiffness if self.wary else math.inf
 
     def request(
         self, seen: Touchable, otherwise: Vector3, up: Vector3, front: Vector3
@@ -146,7 +153,7 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
         # A ball in somebody's hand or on a light stand.
         "ball": Docking(
             "ball", lambda: Ball(ball_radius), radius=ball_radius, size=(ball_radius, 0.0, 0.0),
-            stiffness=2.5e3, scale=0.5,
+            stiffness=2.5e3, scale=0.5, wary=True,
         ),
         # Its plate has 16 cm; how it is turned about its middle nobody knows.
         "bullseye": Docking(

@@ -15,13 +15,14 @@ from armsight.motion.data import GuardStatus
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 from armsight.servoing.aim import Aim, Weights
-from armsight.servoing.approach import Funnel, facing, touch_aim
+from armsight.servoing.approach import Funnel, along_the_tool, facing, touch_aim
 from armsight.servoing.docking import Direction, Touchable
 from armsight.servoing.estimate import FilterConfig, TargetEstimate, TargetFilter
 from armsight.servoing.law import LawConfig, VelocityLaw
 from armsight.servoing.master import PaperMaster, Source
 from armsight.servoing.segments import SegmentConfig, SegmentPlanner
 from armsight.servoing.sighting import Look
+from armsight.servoing.straying import Straying
 
 LOST = 0.8
 """A target that nobody has seen for so long is not chased [s]."""
@@ -35,8 +36,6 @@ NEAR_BODY = 0.3
 """So near to somebody's face or hand the guard lets the arm move gently only [m]."""
 WIDEST = math.radians(50.0)
 """The tool is turned no farther than this from the operator's side for a target's normal [rad]."""
-STRAIGHT = math.radians(10.0)
-"""A tool that points so far from where it should comes along where it should [rad]."""
 PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
 """What V's estimate of a target is worth, for a permit [m], [m], [m/s]: it has no covariance."""
 SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
@@ -54,6 +53,8 @@ class ChaseConfig:
             and off the pose in which its axes lie in one plane; V's points horizontally.
         funnel: of the touch.
         gentle: speed of the tip [m/s] where it is nearer than ``NEAR_BODY`` to somebody's part.
+        reserve: so wrong a prediction may be [m] without harm: from what strays more a tip that has
+            touched it leaves at once.
         law, filter, segments, weights: of the parts.
     """
 
@@ -65,6 +66,7 @@ class ChaseConfig:
     pitch: float = math.radians(30.0)
     funnel: Funnel = field(default_factory=Funnel)
     gentle: float = math.inf
+    reserve: float = math.inf
     law: LawConfig = field(default_factory=LawConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
     segments: SegmentConfig = field(default_factory=SegmentConfig)
@@ -162,6 +164,7 @@ class OurChase:
         self.source_number = 0.0
         self.give = 0.0
         self._by_wrist = False
+        self._straying = Straying(self.config.reserve)
         self._acts = -math.inf
 
     @property
@@ -203,10 +206,13 @@ class OurChase:
         at, velocity = estimate.at(self._acts)
         axis, down = tool_direction(config, at, estimate.normal)
         if config.direction == "facing":
-            axis = self._along_the_tool(axis)
+            axis = along_the_tool(axis, self.law.pointing)
         tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
         # Nobody presses against what nobody sees: the tip goes back before the permit has to end.
         retreat = min(RETREAT, RETREAT_SPEED * max(age - SEEN_WITHIN, 0.0))
+        self._straying.seen(estimate)
+        self._straying.predicted(self._acts, at)
+        retreat += self._straying.keeps_off(now, self.distance)
         touched = at - (config.radius + retreat + self.give) * axis
         aim = touch_aim(tip, touched, velocity, axis, down, config.funnel)
         most = config.gentle if self.distance < NEAR_BODY else math.inf
@@ -220,19 +226,6 @@ class OurChase:
         axis, down = tool_direction(self.config, seen.position, seen.normal)
         place = seen.position - (gap + self.config.radius) * axis
         return self.law.pose(Aim(place, np.zeros(3), axis, down))
-
-    def _along_the_tool(self, axis: Vector3) -> Vector3:
-        """The way to what may be touched from any side, where the tool cannot point as it should.
-
-        Under a ceiling it points up: along the wanted way its shaft would graze a ball.
-        """
-        tool = self.law.pointing
-        if tool is None:
-            return axis
-        between = math.acos(float(np.clip(tool @ axis, -1.0, 1.0)))
-        share = max(between - STRAIGHT, 0.0) / max(between, 1e-6)
-        mixed = (1.0 - share) * axis + share * tool
-        return np.asarray(mixed / max(float(np.linalg.norm(mixed)), 1e-9))
 
     def touchable(self) -> Touchable | None:
         """By the estimate, as on the tangent of its way where the command acts.

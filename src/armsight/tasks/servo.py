@@ -103,6 +103,7 @@ def chase_config(
         turned=dock.turned,
         funnel=Funnel(gap=standoff if standoff > 0.0 else dock.gap),
         gentle=dock.gentle,
+        reserve=dock.reserve,
         law=LawConfig(
             delay=section.start_delay_ms / 1e3 + 0.002,
             speed=speed,

@@ -1,0 +1,78 @@
+"""What strays from its prediction is touched and left; what keeps to it is touched and kept to."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from armsight.servoing.docking import DOCK_NAMES, docking
+from armsight.servoing.straying import Straying
+
+
+@dataclass
+class Known:
+    """The part of an estimate that is read."""
+
+    seen: float
+    stamp: float
+    position: np.ndarray
+    velocity: np.ndarray
+
+
+def follow(path, reserve, seconds=4.0, ahead=0.16, late=0.08):
+    """Errors and stand-offs of a tip that is at the surface all the time; looks every 40 ms."""
+    watch, errors, offs = Straying(reserve), [], []
+    seen = 0.0
+
+    def velocity(t):
+        return (path(t + 1e-3) - path(t - 1e-3)) / 2e-3
+
+    for k in range(int(seconds / 0.008)):
+        now = 0.008 * k
+        if now - late > seen + 0.04:
+            seen = now - late
+        known = Known(seen, seen, path(seen), velocity(seen))
+        watch.seen(known)
+        watch.predicted(now + ahead - late, known.position + (now + 0.062 - seen) * known.velocity)
+        errors.append(watch.error)
+        offs.append(watch.keeps_off(now, 0.002))
+    return np.array(errors), np.array(offs)
+
+
+def straight(t):
+    return np.array([0.2 * t, 0.0, 0.1])
+
+
+def shaken(t):
+    return np.array([0.08 * np.sin(4.0 * t), 0.0, 0.1])
+
+
+def test_what_goes_straight_on_is_kept_to():
+    errors, offs = follow(straight, 0.002, ahead=0.142)
+    assert errors.max() < 5e-4
+    assert not offs.any()
+
+
+def test_what_is_shaken_is_left_as_soon_as_it_was_touched_and_come_to_again():
+    errors, offs = follow(shaken, 0.002, ahead=0.142)
+    # 1.3 m/s^2 over a sixth of a second, more than nothing and less than twice that.
+    assert 0.5 * 1.28 * 0.1**2 < errors[100:].max() < 1.28 * 0.2**2
+    assert offs[100:].max() == pytest.approx(0.03)
+    _, calm = follow(shaken, np.inf, ahead=0.142)
+    assert not calm.any()
+
+
+def test_a_tip_that_has_left_comes_again():
+    watch = Straying(0.002)
+    watch.error = 0.01
+    assert watch.keeps_off(1.0, 0.02) == 0.0
+    assert watch.keeps_off(1.1, 0.004) > 0.02
+    assert watch.keeps_off(1.5, 0.03) > 0.02
+    assert watch.keeps_off(2.0, 0.03) == 0.0
+
+
+def test_an_error_fades_and_only_what_is_on_a_soft_stand_is_left():
+    errors, _ = follow(lambda t: shaken(t) if t < 1.0 else shaken(1.0), 0.002, ahead=0.142)
+    assert errors[-1] < 0.05 * errors.max()
+    assert [name for name in DOCK_NAMES if np.isfinite(docking(name).reserve)] == ["ball"]
+    assert docking("ball").reserve == pytest.approx(0.002)
