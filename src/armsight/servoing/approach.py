@@ -62,7 +62,7 @@ def facing(
 
 
 def along_the_tool(axis: Vector3, tool: Vector3 | None) -> Vector3:
-    """The way (3,) to what may be touched from any side, where the tool points elsewhere than wished.
+    """The way (3,) to what may be touched from any side, if the tool points elsewhere than wished.
 
     Under a ceiling it points up: along the wished way its shaft would graze a ball.
     """
