@@ -21,7 +21,7 @@ from armsight.errors import CalibrationError
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.face import Curve, EllipsoidMark, Face, Figure, FrameMark, Picture, PointsMark
-from armsight.motion.intents import Intent
+from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
@@ -151,6 +151,8 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
 
     def update(self, observation: Observation) -> Intent | None:
         """See :class:`~armsight.motion.task.Task`."""
+        if observation.snapshot is None:
+            return Rest("there is no map yet")
         self._room.snapshot = observation.snapshot
         return super().update(observation)
 
