@@ -167,3 +167,23 @@ def test_calibrating_lowers_the_cameras_true_error(tmp_path, monkeypatch, gl):
     assert max(errors[True]) < 1.5
     assert max(errors[False]) > 20.0
     assert all(after < 0.1 * before for before, after in zip(errors[False], errors[True]))
+
+
+def test_views_of_a_cell_drawn_with_another_seed_are_not_gone_on_from(
+    tmp_path, monkeypatch, gl, capsys
+):
+    """Its true errors are others: the two would contradict each other."""
+    from armsight.calibration import views_file
+    from armsight.cli import run
+    from armsight.workcell.packaged import load
+
+    monkeypatch.chdir(tmp_path)
+    workcell = load("ur5_calibration")
+    about = {"cell": workcell.name, "cameras": [c.name for c in workcell.camera], "seed": 0}
+    about |= {"board": workcell.board.kind, "lenses": "solved"}
+    file = tmp_path / "calibration" / "views.jsonl"
+    views_file.begin(file, about)
+    before = file.read_text()
+    assert run(["calibrate", "ur5_calibration", "--headless", "--seed", "1"]) == 1
+    assert "views are of seed 0, not 1; use --fresh" in capsys.readouterr().err
+    assert file.read_text() == before

@@ -274,7 +274,7 @@ class Calibrate:
         from armsight.calibration import report, views_file
         from armsight.calibration.export import write_results
         from armsight.calibration.live.log import ProcedureOptions
-        from armsight.commands.calibrating import nobody_inside, result_of
+        from armsight.commands.calibrating import drawn_with, nobody_inside, result_of
         from armsight.commands.ending import EndsWhen
         from armsight.commands.running import INTERRUPTED, RunOptions, run_session
         from armsight.errors import CalibrationError
@@ -295,13 +295,14 @@ class Calibrate:
         assert self.workcell is not None
         workcell = to_calibrate(load(self.workcell), self.board)
         log = self.out / "views.jsonl"
-        about = {
+        about: dict[str, object] = {
             "cell": workcell.name,
             "cameras": [c.name for c in workcell.camera],
             "board": workcell.board.kind if workcell.board is not None else "",
             "lenses": "kept" if self.keep_lenses else "solved",
         }
         with open_cell(workcell, self.seed, calibrated=False) as cell:
+            about |= drawn_with(cell, self.seed)
             nobody_inside(cell, self.cell_is_empty)
             mapping = unseen_is_empty(mapping_config(workcell, cell.T_world_base, cell.robot.reach))
             setup = calibration_setup(cell, mapping, self.keep_lenses)

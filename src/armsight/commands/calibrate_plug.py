@@ -54,7 +54,7 @@ def calibrate_plug(workcell_name: str, options: PlugOptions) -> int:
     import numpy as np
 
     from armsight.charging import looks_file
-    from armsight.commands.calibrating import result_of
+    from armsight.commands.calibrating import drawn_with, result_of
     from armsight.commands.ending import EndsWhen
     from armsight.commands.running import INTERRUPTED, RunOptions, run_session
     from armsight.runtime.config import SessionConfig
@@ -75,7 +75,12 @@ def calibrate_plug(workcell_name: str, options: PlugOptions) -> int:
     with open_cell(workcell, options.seed, by_plug=False) as cell:
         mapping = mapping_config(workcell, cell.T_world_base, cell.robot.reach)
         setup = plug_setup(cell, mapping, options.pair, options.looks)
-        about = {"cell": workcell.name, "pair": setup.pair.name, "plug": setup.plug}
+        about: dict[str, object] = {
+            "cell": workcell.name,
+            "pair": setup.pair.name,
+            "plug": setup.plug,
+        }
+        about |= drawn_with(cell, options.seed)
         if options.fresh:
             log.unlink(missing_ok=True)
         done = looks_file.read(log, about)

@@ -27,6 +27,11 @@ def nobody_inside(cell: Cell, cell_is_empty: bool) -> None:
         )
 
 
+def drawn_with(cell: Cell, seed: int) -> dict[str, int]:
+    """What tells one simulated cell from another of its name: its errors are drawn with a seed."""
+    return {"seed": seed} if cell.simulated else {}
+
+
 def result_of(task: ProcedureTask[Result], session: Session) -> Result | None:
     """What a task that has ended found; None where somebody stopped it before.
 
