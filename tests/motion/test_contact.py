@@ -16,6 +16,7 @@ from armsight.geometry.pose import make_pose
 from armsight.motion.contact_limits import MOST, ROTOR, contact_speed, effective_mass, mass_matrix
 from armsight.motion.contact_speed import GentleSpeed
 from armsight.motion.executed import Executed
+from armsight.motion.following import RouteFollower
 from armsight.motion.force_watch import STALE, ForceWatch
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import VelocityIntent
@@ -367,17 +368,27 @@ def test_an_arm_gives_way_to_a_stiff_stand_that_goes_on_coming():
     assert 3.0 < max(force for _, force in cell.pushed) < 10.0
 
 
-def test_an_arm_that_has_left_gives_way_to_what_comes_back():
-    """Nobody sees the stand any more, and it comes at 3 cm/s: a standing arm would feel 50 N."""
+def swinging(t):
+    """A stand that goes away and comes back, at 3 cm/s: an arm that stands would feel 50 N."""
+    way = 0.035 * (1.0 - np.cos(0.9 * max(t - 1.0, 0.0))) if t < 1.75 else 0.0077
+    way += np.interp(t, [1.75, 3.0, 5.0], [0.0, -0.0375, 0.0225])
+    return TIP + np.array([0.0, 0.0, way - 0.036])
 
-    def swinging(t):
-        way = 0.035 * (1.0 - np.cos(0.9 * max(t - 1.0, 0.0))) if t < 1.75 else 0.0077
-        way += np.interp(t, [1.75, 3.0, 5.0], [0.0, -0.0375, 0.0225])
-        return TIP + np.array([0.0, 0.0, way - 0.036])
 
+def test_an_arm_that_has_left_gives_way_to_what_comes_back(monkeypatch):
+    """Nobody sees the stand any more, and the arm has nowhere to creep out to."""
+    monkeypatch.setattr(RouteFollower, "_creeps_out", lambda *_: 0.0)
     cell = Sprung(swinging, "thing").touch(6.0, lost=1.95)
     assert any("pushes it" in s.reason for s in cell.log)
     assert 2.5 < max(force for when, force in cell.pushed if when > 3.0) < 18.0  # 0.1 s of 150 N/s
+
+
+def test_an_arm_that_has_left_creeps_out_of_the_way_of_what_comes_back():
+    """It is not there any more when the stand is."""
+    cell = Sprung(swinging, "thing").touch(6.0, lost=1.95)
+    assert max(force for when, force in cell.pushed if when < 3.0) > 2.5, "it has touched it"
+    assert max(force for when, force in cell.pushed if when > 3.0) == 0.0
+    assert any("flee" in s.reason for s in cell.log)
 
 
 def test_a_hand_that_gives_way_is_not_taken_for_one_that_goes_away():
