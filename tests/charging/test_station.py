@@ -75,6 +75,7 @@ def test_it_plugs_in_and_comes_out_and_knows_after_a_kill_where_the_plug_is(cell
     assert bench.score()[0] > -0.05
     assert file.exists()  # before the port nobody else knows that there is a car
     fourth = station(cell, file, car)  # killed 3 cm before the face
+    until(bench, fourth, lambda: fourth.state is State.LEAVE)
     until(bench, fourth, lambda: fourth.state is State.STAND_BY)
     assert bench.score()[0] < -0.05
     assert bench.peaks.axial < 125.0
