@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import Floats32, Mask
+from armsight.arrays import Floats32, Mask, Vector3
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.hazards import Lid, UnseenPeople
 from armsight.mapping.layers import far_grid
@@ -35,9 +35,7 @@ class Overhead:
     """
 
     def __init__(self, fine: VoxelGrid, config: MappingConfig) -> None:
-        up = np.asarray(config.up)
-        self.axis = int(np.argmax(np.abs(up)))
-        self.upwards = bool(up[self.axis] > 0.0)
+        self.axis, self.upwards = upright(np.asarray(config.up))
         around = far_grid(config, fine)
         origin, shape = np.array(around.origin, float), list(around.shape)
         ends = float(fine.origin[self.axis]), fine.shape[self.axis] * fine.voxel
@@ -58,3 +56,9 @@ class Overhead:
         points = self.cells.center(index).astype(np.float32)
         points[:, self.axis] = self._height + (-BELOW if self.upwards else BELOW)
         return points
+
+
+def upright(up: Vector3) -> tuple[int, bool]:
+    """The axis of ``base`` nearest to the vertical (3,), and whether it points up."""
+    axis = int(np.argmax(np.abs(up)))
+    return axis, bool(up[axis] > 0.0)

@@ -97,7 +97,8 @@ class RouteFollower:
         wanted = monitor.away(near, tick.ahead.position, self._filter.hazards, FLEE)
         wanted = self._filter.conform(tick, wanted)
         tick.view = self._filter.judge(tick, wanted)
-        share = max(min(tick.view.allowed, 1.0), self._creeps_out(tick, wanted))
+        share = min(tick.view.allowed, 1.0)
+        share = max(share, self._creeps_out(tick, wanted, share))
         scale = self.scale.towards(share, tick.elapsed, math.inf)
         tick.command = scale * wanted
         tick.scale = scale
@@ -107,8 +108,10 @@ class RouteFollower:
         self.scale.reset()
         return False
 
-    def _creeps_out(self, tick: Tick, motion: JointVector) -> float:
+    def _creeps_out(self, tick: Tick, motion: JointVector, allowed: float) -> float:
         """Share of a way out that an arm may take which counts as standing; 0 for none.
+
+        Nor where more than that is ``allowed`` in any case.
 
         Every turn brings some part a little nearer to something: the other end of the link that
         leaves. An arm between places that could hide somebody would stand there for good. So a way
@@ -118,7 +121,7 @@ class RouteFollower:
         monitor, hazards, q = self._filter.monitor, self._filter.hazards, tick.ahead.position
         velocity = monitor.body.motion(q, motion)[1]
         fastest = monitor.body.fastest(q, motion, velocity)
-        if fastest < 1e-6:
+        if fastest < 1e-6 or allowed >= self._config.retreat_speed / fastest:
             return 0.0
         here = monitor.at_rest(q, hazards)
         there = monitor.at_rest(q + LOOK * motion / fastest, hazards)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armsight.arrays import JointVector, Mask, Vector3
+from armsight.mapping.overhead import upright
 from armsight.mapping.snapshot import OCCUPIED, VoxelGrid, WorkspaceSnapshot
 from armsight.motion.nearest import MovingBody
 
@@ -115,12 +116,6 @@ def with_lid(
     return replace(
         snapshot, state=state, distance=np.minimum(snapshot.distance, bound.astype(np.float32))
     )
-
-
-def upright(up: Vector3) -> tuple[int, bool]:
-    """The axis of ``base`` nearest to the vertical, and whether it points up."""
-    axis = int(np.argmax(np.abs(up)))
-    return axis, bool(up[axis] > 0.0)
 
 
 def _top(grid: VoxelGrid, axis: int, upwards: bool) -> float:
