@@ -22,6 +22,8 @@ class Train:
         config: a configuration file, or the name of a packaged one (docs/recognition.md).
         data: folder of a labelled set, or of a packed one.
         out: folder for checkpoint, curves, weights, card and ONNX file.
+        from_: what our network begins from instead of the pretrained trunk: a network.onnx of a
+            training, or arms, which comes with armsight.
         network: checked against the configuration's, where it is given.
         minutes: stop after so long; a checkpoint is left to go on from.
         device: where to compute; auto takes a GPU if there is one.
@@ -36,6 +38,7 @@ class Train:
     config: str
     data: Path
     out: Path = Path("training")
+    from_: Annotated[str | None, tyro.conf.arg(name="from", metavar="NETWORK")] = None
     network: Literal["cascaded", "multi-objective"] | None = None
     minutes: float | None = None
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -54,6 +57,8 @@ class Train:
 
         if is_plan(config_file(self.config)):
             return self._crops(config_file(self.config))
+        if self.from_ is not None:
+            raise UsageError("--from is for our network; the papers' begin from one by transfer")
         config = entry.read(self.config, self.seed, self.samples)
         a = config.architecture
         if self.network is not None and a.kind != self.network:
@@ -76,6 +81,7 @@ class Train:
 
         from armsight.errors import UsageError
         from armsight.recognition.any_arm.learning.plan import read_plan
+        from armsight.recognition.inference.model import network_file
         from armsight.recognition.training import entry
 
         for name in ("network", "samples", "pack"):
@@ -90,7 +96,8 @@ class Train:
 
         minutes = math.inf if self.minutes is None else self.minutes
         wanted = Wanted(self.out, minutes, self.device, self.half, self.threads)
-        finished = train_crops(plan, self.data, wanted, entry.say)
+        begun = None if self.from_ is None else network_file(self.from_)
+        finished = train_crops(plan, self.data, wanted, entry.say, begun)
         state = "finished" if finished else "not finished; the same command goes on"
         print(f"\n{state}; {self.out}: network.onnx, CARD.md, curve.png")
         return 0

@@ -8,19 +8,23 @@ import pytest
 
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.landmarks import SLOTS
+from armsight.recognition.data.sample import KNOWN_ROBOTS
+from armsight.recognition.inference.model import network_file
 
 from ..torch_or_skip import torch
 
 if torch:
+    from armsight.recognition.any_arm.learning.adopting import Origin, adopt, find_origin
     from armsight.recognition.any_arm.learning.changes import Changes, make_batch
     from armsight.recognition.any_arm.learning.examples import (
         UNSEEN,
         Examples,
         held_back,
     )
-    from armsight.recognition.any_arm.learning.export import check_parity, to_onnx
+    from armsight.recognition.any_arm.learning.export import answers, check_parity, to_onnx
     from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
     from armsight.recognition.any_arm.learning.plan import Plan, read_plan
+    from armsight.recognition.any_arm.learning.shipping import make_card
     from armsight.recognition.any_arm.learning.trainer import CropTrainer
     from armsight.recognition.any_arm.learning.trunk import Trunk, load_pretrained
     from armsight.recognition.any_arm.learning.trusting import logistic
@@ -220,6 +224,53 @@ def test_the_exported_network_answers_alike(tmp_path: Path) -> None:
     file.write_bytes(to_onnx(network, {}))
     images = np.random.default_rng(0).integers(0, 256, (2, 64, 96, 3), dtype=np.uint8)
     assert check_parity(network, file, images) < 1e-3
+
+
+def _shipped() -> CropNet:
+    """The network that comes with armsight, taken out of its ONNX file."""
+    pytest.importorskip("onnx", reason="onnx is not installed (part of the extra train)")
+    network = build(Shape(KNOWN_ROBOTS), 5)
+    adopt(network, find_origin(network_file("arms")))
+    return network
+
+
+def test_a_network_taken_out_of_its_file_answers_as_the_file_does() -> None:
+    image = np.random.default_rng(1).integers(0, 256, (1, 96, 64, 3), dtype=np.uint8)
+    assert check_parity(_shipped(), network_file("arms"), image) < 1e-3
+
+
+def test_a_training_begins_from_a_finished_network_and_only_it_goes_on(tmp_path: Path) -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed (part of the extra train)")
+    (tmp_path / "first").mkdir()
+    finished = _trainer(tmp_path / "first")
+    finished.run()
+    first = finished.mean
+    file = tmp_path / "network.onnx"
+    file.write_bytes(to_onnx(first, make_card(finished)))
+    origin = find_origin(file)
+    assert origin.updates == 8
+
+    def trainer(begun: Origin | None) -> CropTrainer:
+        return CropTrainer(
+            _plan(updates=2), _crops(), tmp_path, torch.device("cpu"),
+            lambda network: adopt(network, origin), origin=begun,
+        )  # fmt: skip
+
+    begun = trainer(origin)
+    image = _crops(1).images[0]
+    for name, value in answers(first, image).items():
+        np.testing.assert_allclose(answers(begun.network, image)[name], value, atol=1e-4)
+    assert begun.run()
+    assert make_card(begun)["training"]["begun_from"] == {"sha256": origin.sha256, "updates": 8}
+    assert trainer(origin).progress.update == 2
+    with pytest.raises(RecognitionError, match="another"):
+        trainer(None)
+
+
+def test_a_network_of_other_robots_is_not_begun_from(tmp_path: Path) -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed (part of the extra train)")
+    with pytest.raises(RecognitionError, match=r"heat\.fr3\.weight.* is missing"):
+        adopt(build(Shape(("ur5", "fr3")), 0), find_origin(network_file("arms")))
 
 
 def test_rooms_stay_in_their_part_when_a_set_grows() -> None:

@@ -4,7 +4,8 @@ Input ``image``: (1, h, w, 3) uint8 RGB, sides multiples of 32. Outputs, logits 
 otherwise, at a quarter of the side: ``links`` (1, 10, h / 4, w / 4), ``coordinates`` (1, 3, ...)
 and ``spread`` (1, 1, ...), see :class:`Seen`; ``heat_ROBOT`` (1, p, ...) and ``outside_ROBOT``
 (1, p) of each robot; ``type`` (1, r + 2); and what all of these are read off, ``features``
-(1, c, h / 8, w / 8) and ``hidden`` (1, d), for extensions. The card travels inside.
+(1, c, h / 8, w / 8) and ``hidden`` (1, d), for extensions. The card travels inside; weights have
+the names that they have in :class:`CropNet`, so that ``adopting.py`` finds them again.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ PARITY = 1e-3
 def to_onnx(network: CropNet, card: Card) -> bytes:
     """The network as an ONNX file of open height and width."""
     graph = OnnxGraph("armsight crop")
-    build = _Builder(graph)
+    build = _Builder(graph, network)
     image = graph.input("image", np.uint8, (1, "height", "width", 3))
     x = graph.node("Cast", image, to=FLOAT)
     x = graph.node("Transpose", x, perm=(0, 3, 1, 2))
@@ -45,8 +46,9 @@ def to_onnx(network: CropNet, card: Card) -> bytes:
 class _Builder:
     """Writes layers into a graph."""
 
-    def __init__(self, graph: OnnxGraph) -> None:
+    def __init__(self, graph: OnnxGraph, network: CropNet) -> None:
         self._graph = graph
+        self._names = {layer: name for name, layer in network.named_modules()}
 
     def number(self, value: float) -> str:
         return self._graph.constant(np.array(value, np.float32))
@@ -122,8 +124,7 @@ class _Builder:
         return self._graph.node(
             "Conv",
             x,
-            self._graph.constant(_array(conv.weight)),
-            self._graph.constant(_array(conv.bias)),
+            *self._weights(conv),
             kernel_shape=tuple(conv.kernel_size),
             group=conv.groups,
             pads=pads,
@@ -132,16 +133,21 @@ class _Builder:
 
     def _dense(self, layer: nn.Module, x: str) -> str:
         assert isinstance(layer, nn.Linear)
-        weight = self._graph.constant(_array(layer.weight))
-        return self._graph.node(
-            "Gemm", x, weight, self._graph.constant(_array(layer.bias)), transB=1
+        return self._graph.node("Gemm", x, *self._weights(layer), transB=1)
+
+    def _weights(self, layer: nn.Conv2d | nn.Linear) -> tuple[str, str]:
+        name = self._names[layer]
+        return (
+            self._graph.constant(_array(layer.weight), f"{name}.weight"),
+            self._graph.constant(_array(layer.bias), f"{name}.bias"),
         )
 
     def _both(self, common: nn.Module, own: nn.Module, x: str) -> str:
-        """What all robots share and what is one's own, as the one layer that their sum is."""
+        """What all robots share and what is one's own, as one layer: their sum, by its own name."""
         assert isinstance(common, nn.Conv2d | nn.Linear)
         assert isinstance(own, nn.Conv2d | nn.Linear)
         summed = copy.deepcopy(own)
+        self._names[summed] = self._names[own]
         assert summed.bias is not None
         assert common.bias is not None
         with torch.no_grad():

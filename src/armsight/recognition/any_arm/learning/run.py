@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 from armsight.errors import RecognitionError
+from armsight.recognition.any_arm.learning.adopting import adopt, find_origin
 from armsight.recognition.any_arm.learning.examples import pack_shards, read_examples
 from armsight.recognition.any_arm.learning.network import OTHERS, CropNet
 from armsight.recognition.any_arm.learning.plan import Plan
@@ -28,28 +29,35 @@ _LINE_SECONDS, _CURVE_SECONDS = 2.0, 600.0
 _GPU_WORKERS = 12
 
 
-def train_crops(plan: Plan, folder: Path, wanted: Wanted, say: Say) -> bool:
-    """Train from the pretrained trunk, or go on; whether it is finished.
+def train_crops(
+    plan: Plan, folder: Path, wanted: Wanted, say: Say, begun: Path | None = None
+) -> bool:
+    """Train from the pretrained trunk or a finished network, or go on; whether it is finished.
 
     Args:
         plan: how.
         folder: a labelled set of crops, finished or not, or a folder of packed ones.
         wanted: where to, how long, on what.
         say: told about the course.
+        begun: ONNX file of the finished network to begin from.
 
     Raises:
-        RecognitionError, DatasetError: no data, no pretrained weights, a checkpoint of another
+        RecognitionError, DatasetError: no data, no weights to begin from, a checkpoint of another
             plan, or something cannot be written.
     """
     device = prepare(wanted)
+    origin = None if begun is None else find_origin(begun)
     data = read_examples(packed_folder(folder, say), (*plan.robots, *OTHERS))
 
     def start(network: CropNet) -> None:
-        load_pretrained(network.trunk, pretrained_file())
+        if origin is None:
+            load_pretrained(network.trunk, pretrained_file())
+        else:
+            adopt(network, origin)
 
     wanted.out.mkdir(parents=True, exist_ok=True)
     workers = _GPU_WORKERS if device.type == "cuda" else 0
-    trainer = CropTrainer(plan, data, wanted.out, device, start, workers)
+    trainer = CropTrainer(plan, data, wanted.out, device, start, workers, origin)
     say(
         f"{len(trainer.learned)} crops to learn from, {len(trainer.held)} held back; "
         f"{device}, {trainer.precision}; at update {trainer.progress.update} of {plan.updates}"

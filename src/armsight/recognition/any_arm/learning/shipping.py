@@ -64,6 +64,8 @@ def make_card(trainer: CropTrainer) -> Card:
     """What a network says of itself."""
     plan, data, at = trainer.plan, trainer.data, trainer.progress
     number = data.robot[trainer.learned]
+    origin = trainer.origin
+    begun = {} if origin is None else {"sha256": origin.sha256, "updates": origin.updates}
     checked = [r["validation"] | {"update": r["update"]} for r in at.curve if "validation" in r]
     return {
         "paper": "ours",
@@ -73,6 +75,7 @@ def make_card(trainer: CropTrainer) -> Card:
         "landmarks": {name: find_landmarks(load_robot(name)).to_json() for name in plan.robots},
         "data": {name: int((number == k).sum()) for k, name in enumerate(data.names)},
         "training": {
+            "begun_from": begun,
             "updates": at.update,
             "batch": plan.batch,
             "size": plan.size,
@@ -102,6 +105,10 @@ def card_text(card: dict[str, Any]) -> str:
         f"{t['seed']}, torch {t['torch']}.",
         f"* Licence: {card['licence']}. It is no safety function.",
     ]
+    if begun := t["begun_from"]:
+        lines.append(
+            f"* Begun from a network of {begun['updates']} updates, sha256 {begun['sha256'][:16]}."
+        )
     if v:
         lines.append(
             f"* In held-back rooms of the training's renderer: mask IoU {v['mask_iou']:.3f}, "

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from armsight.recognition.any_arm.learning.adopting import Origin
 from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples
 from armsight.recognition.any_arm.learning.losses import loss_terms, total, whose
@@ -54,8 +55,9 @@ class CropTrainer:
         data: crops.
         folder: for checkpoints.
         device: where to compute.
-        start: gives the new network its pretrained weights.
+        start: gives the new network its first weights.
         workers: threads that make batches ahead; 0 makes them in between.
+        origin: the network that these weights are of, where it is a finished one.
     """
 
     def __init__(
@@ -66,8 +68,10 @@ class CropTrainer:
         device: torch.device,
         start: Callable[[CropNet], None],
         workers: int = 0,
+        origin: Origin | None = None,
     ) -> None:
         self.plan, self.data, self.device, self._workers = plan, data, device, workers
+        self.origin = origin
         self.learned, self.held = data.part(validation=False), data.part(validation=True)
         network = build(Shape(plan.robots), plan.seed, plan.frozen)
         self._file = folder / "checkpoint.safetensors"
@@ -227,6 +231,8 @@ class CropTrainer:
         fixed = asdict(self.plan)
         for free in ("updates", "size", "validate", "patience", "precision"):
             del fixed[free]
+        if self.origin is not None:
+            fixed["origin"] = self.origin.sha256
         return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()[:16]
 
 
