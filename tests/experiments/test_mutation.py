@@ -10,7 +10,7 @@ import pytest
 
 from armsight.errors import UsageError
 from armsight.experiments import mutants as experiment
-from armsight.experiments.covered import read
+from armsight.experiments.covered import Covered, read, together
 from armsight.experiments.mutation import VARIABLE, mutant, sites
 
 SOURCE = '''
@@ -50,6 +50,49 @@ def test_every_mutant_is_one_change_that_does_something_else():
 
     assert all(plays(m.source) != plays(SOURCE) for m in all_of_them)
     assert len({m.source for m in all_of_them}) == len(all_of_them)
+
+
+SPEAKING = '''
+def who(d: float) -> str:
+    """Words whatever is found."""
+    near = d - 0.1 < 0.5
+    return f"something is {'near' if near else 'far'}" if d > 0 else "touches"
+
+def seen(d: float) -> str:
+    if d < 0.2:
+        return "who?"
+    return f"{d + 1} m"
+
+def fault(d: float) -> str:
+    if d < 0.3:
+        return "too near"
+    return ""
+
+def state(d: float, box: list) -> str:
+    box[0] = d - 0.4
+    return "set"
+
+def law(d: float) -> float:
+    away, side = d - 0.5, d - 0.6
+    late = d - 0.7
+    room = late
+    kept = d - 0.8
+    said = d - 0.9
+    if kept < 0.0:
+        said = said - 1.1
+        raise ValueError(f"{away + side} m, {room} s, {said}, {kept}")
+    both, none = d - 1.2, d - 1.3
+    print(f"{none}")
+    return both
+'''
+
+
+def test_what_only_words_can_show_is_no_mistake():
+    """A function that says something whatever it finds; names that only make words."""
+    said = {mutant(SPEAKING, site).what.partition(" -> ")[0] for site in sites(SPEAKING)}
+    one_of_two = {"d > 0"}  # an expression that chooses between texts is looked at as any other
+    decides = {"d < 0.3", "d - 0.4", "d - 0.8", "kept < 0.0", "d - 1.2", "d - 1.3"}
+    assert said == decides | one_of_two
 
 
 def test_the_tests_import_the_mutant_and_nothing_in_the_tree_changes(tmp_path: Path):
@@ -98,6 +141,15 @@ def test_what_each_test_runs_is_known_line_by_line(tmp_path: Path):
     # The fixture is the module's: whoever asks for it first, all tests of the file hang on it.
     assert set(covered.tests("law", 7, 7)) == {near, far, nothing}
     assert covered.tests("law", 9, 20) == []
+
+
+def test_the_lines_of_several_runs_are_put_together():
+    one = Covered({"": {("law", 1)}, "a": {("law", 2)}}, {"a": 1.0})
+    two = Covered({"": {("law", 3)}, "b": {("law", 2), ("law", 4)}}, {"b": 0.5})
+    both = together([one, two])
+    assert both.tests("law", 2, 2) == ["b", "a"]
+    assert both.tests("law", 3, 3) == ["b", "a"], "it runs while modules are imported"
+    assert both.tests("law", 4, 4) == ["b"]
 
 
 def _path(folder: Path) -> str:

@@ -7,6 +7,7 @@ import pytest
 
 from armsight.devices.data import DepthNoise, JointState
 from armsight.devices.history import JointHistory
+from armsight.mapping import plausibility
 from armsight.mapping.plausibility import ARM_DEEP, ARM_POINTS, _deep_points
 from armsight.mapping.self_filter import body_fields
 from armsight.mapping.snapshot import FREE
@@ -168,3 +169,20 @@ def test_a_covered_lens_is_said_and_believed(settled):
     assert "is its lens covered" in said.reason
     assert said.alive
     assert settled.tell(settled.true()).reason == ""
+
+
+def test_only_so_many_pictures_are_remembered(monkeypatch):
+    """What is kept of them does not grow with time; the oldest are forgotten first."""
+    monkeypatch.setattr(plausibility, "REMEMBERED", 20)
+    cell = Cell()
+    for _ in range(12):
+        assert cell.tell(cell.true()).reason == ""
+    early, late = cell.true(), cell.true()
+    assert cell.tell(early).reason == ""
+    for _ in range(10):
+        assert cell.tell(cell.true()).reason == ""
+    assert cell.tell(late).reason == ""
+    for _ in range(10):
+        assert cell.tell(cell.true()).reason == ""
+    assert "repeats an earlier picture" in cell.tell(late).reason
+    assert cell.tell(early).reason == "", "21 pictures ago"

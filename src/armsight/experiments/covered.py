@@ -14,7 +14,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -61,6 +61,16 @@ def read(file: Path) -> Covered:
     return Covered(lines, told["seconds"])
 
 
+def together(several: Iterable[Covered]) -> Covered:
+    """What ran in several runs, of other tests each."""
+    whole = Covered()
+    for covered in several:
+        whole.seconds.update(covered.seconds)
+        for test, lines in covered.lines.items():
+            whole.lines.setdefault(test, set()).update(lines)
+    return whole
+
+
 class _Watch:
     """Listens to the interpreter."""
 
@@ -100,9 +110,11 @@ class _Watch:
         self._take(_of_file(item.nodeid))
         return done
 
-    def pytest_sessionfinish(self) -> None:
+    def pytest_sessionfinish(self, exitstatus: int) -> None:
         sys.settrace(None)
         threading.settrace(None)
+        if exitstatus:
+            return
         lines = self._found.lines
         for test in self._found.seconds:
             lines[test] |= lines.get(_of_file(test), set())

@@ -15,7 +15,7 @@ import numpy as np
 from armsight.errors import UsageError
 from armsight.experiments.cache import cache_folder
 from armsight.experiments.covered import VARIABLE as COVERED
-from armsight.experiments.covered import read
+from armsight.experiments.covered import Covered, read, together
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.mutation import VARIABLE as MUTANT
@@ -55,7 +55,8 @@ dropped. The mutants are drawn at random from all that there are, as many from e
 imported in place of its module by a fresh interpreter, which runs those tests of its room
 (`tests/motion`, `tests/mapping`) that run the changed line, quickest first, at most 40 s of them;
 compiled code is compiled anew. A mutant that none of these tests notices survives, also where no
-test runs its line. Some survivors change nothing that matters (a message, a bound that another
+test runs its line. What only words can show is no mutant: messages, and names and functions of
+which nothing but words is made. Some survivors change nothing that matters (a bound that another
 bound hides): they count as survivors all the same.
 """
 
@@ -93,7 +94,7 @@ def _looking(module: str, changed: Mutant) -> list[str]:
     room = module.partition(".")[0]
     if module in COMPILED:
         return [f"tests/{room}/{name}" for name in COMPILED[module]]
-    covered = read(_covered_file(room))
+    covered = _covered(room)
     chosen: list[str] = []
     seconds = 0.0
     for test in covered.tests(f"armsight.{module}", changed.line, changed.last):
@@ -138,25 +139,46 @@ def _pytest(
     )  # fmt: skip
 
 
-def _cover(room: str) -> None:
-    """Run a room's tests once, without a mutant, to see which lines they run.
+def _cover(room: str, progress: Progress) -> None:
+    """Run a room's tests once, without a mutant, to see which lines they run; file by file.
 
     Raises:
         UsageError: a test fails without a mutant.
     """
-    file = _covered_file(room)
-    if file.exists():
-        return
-    file.parent.mkdir(parents=True, exist_ok=True)
-    modules = [f"armsight.{m}" for part in PARTS.values() for m in part if m.startswith(room)]
-    done = _pytest("covered", {COVERED: f"{file}={','.join(modules)}"}, [f"tests/{room}"])
-    if done.returncode:
-        file.unlink(missing_ok=True)
-        raise UsageError(f"mutants: tests/{room} fails without a mutant: {done.stdout[-200:]}")
+    modules = [f"armsight.{module}" for module in _modules(room)]
+    for file in _test_files(room):
+        covered = _covered_file(room, file)
+        if covered.exists():
+            continue
+        progress(f"mutants: {room}/{file.name} without a mutant", 0.0)
+        covered.parent.mkdir(parents=True, exist_ok=True)
+        done = _pytest(
+            "covered", {COVERED: f"{covered}={','.join(modules)}"}, [f"tests/{room}/{file.name}"]
+        )
+        if done.returncode:
+            covered.unlink(missing_ok=True)
+            told = done.stdout[-200:]
+            raise UsageError(f"mutants: tests/{room}/{file.name} fails without a mutant: {told}")
 
 
-def _covered_file(room: str) -> Path:
-    return cache_folder().resolve() / f"mutants-{room}-{settings()['code'][:12]}.json"
+def _covered(room: str) -> Covered:
+    """Which lines the tests of a room run."""
+    return together(read(_covered_file(room, file)) for file in _test_files(room))
+
+
+def _covered_file(room: str, file: Path) -> Path:
+    """Where it is kept which lines of its room one file of tests runs, as both are now."""
+    helpers = [f for f in (_tests() / room).glob("*.py") if not f.name.startswith("test_")]
+    digest = _digest([*map(_source, _modules(room)), *sorted(helpers), file])
+    return cache_folder().resolve() / "mutants" / f"{room}-{file.stem}-{digest[:12]}.json"
+
+
+def _modules(room: str) -> list[str]:
+    return [m for part in PARTS.values() for m in part if m.startswith(f"{room}.")]
+
+
+def _test_files(room: str) -> list[Path]:
+    return sorted((_tests() / room).glob("test_*.py"))
 
 
 def _tests() -> Path:
@@ -173,18 +195,22 @@ def _tests() -> Path:
 
 def settings() -> dict[str, Any]:
     """All that changes a run, besides its seed: the modules and their tests as they are."""
-    digest = hashlib.sha256()
     tests = [file for room in ROOMS for file in sorted((_tests() / room).glob("*.py"))]
-    for file in [_source(module) for part in PARTS.values() for module in part] + tests:
+    sources = [_source(module) for room in ROOMS for module in _modules(room)]
+    return {"code": _digest(sources + tests), "enough": ENOUGH}
+
+
+def _digest(files: list[Path]) -> str:
+    digest = hashlib.sha256()
+    for file in files:
         digest.update(file.read_bytes())
-    return {"code": digest.hexdigest(), "enough": ENOUGH}
+    return digest.hexdigest()
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` mutants, as many of each part."""
     for room in ROOMS:
-        progress(f"mutants: the tests of {room} without a mutant", 0.0)
-        _cover(room)
+        _cover(room, progress)
     results = run_episodes("mutants", episode, range(runs), seed, settings(), progress)
     rows = [_row("mutants_killed", "all", results, must=0.9, aim=0.97)]
     rows += [_row("killed", p, [r for r in results if r["part"] == p]) for p in PARTS]

@@ -66,8 +66,9 @@ class Mutant:
 def sites(source: str) -> list[tuple[int, int]]:
     """All places of a module's source in which a mistake could be: what :func:`mutant` is told.
 
-    Messages, docstrings and what only types or ``repr`` see is left alone: f-strings, what is
-    raised, annotations, and bodies of ``__str__``.
+    What only words can show is left alone, for a mistake there is none in what the code does:
+    docstrings, f-strings, what is raised, annotations, bodies of ``__str__`` and of functions that
+    only speak (:func:`_only_speaks`), and names that nothing but such words are made of.
     """
     nodes = _code(ast.parse(source))
     return [(index, kind) for index, node in enumerate(nodes) for kind in range(_kinds(node))]
@@ -85,18 +86,85 @@ def mutant(source: str, site: tuple[int, int]) -> Mutant:
     return Mutant(line, last, what, ast.unparse(changed))
 
 
-def _code(tree: ast.AST) -> Iterator[ast.AST]:
-    """The expressions of a tree that decide something, in a fixed order."""
+def _code(tree: ast.AST, words: frozenset[str] = frozenset()) -> Iterator[ast.AST]:
+    """The expressions of a tree that decide something, in a fixed order.
+
+    Args:
+        tree: to look through.
+        words: names that only serve to say something, in the function around.
+    """
     for name, value in ast.iter_fields(tree):
         if name in ("annotation", "returns", "decorator_list"):
             continue
         for child in value if isinstance(value, list) else [value]:
-            if isinstance(child, ast.FunctionDef) and child.name in ("__str__", "__repr__"):
-                continue
+            inner = words
+            if isinstance(child, ast.FunctionDef):
+                if child.name in ("__str__", "__repr__") or _only_speaks(child):
+                    continue
+                inner = _words(child)
             if not isinstance(child, ast.AST) or isinstance(child, ast.JoinedStr | ast.Raise):
                 continue
+            if isinstance(child, ast.Assign) and _names(child) & words:
+                continue
             yield child
-            yield from _code(child)
+            yield from _code(child, inner)
+
+
+def _only_speaks(function: ast.FunctionDef) -> bool:
+    """Whether a function's result is words whatever it finds, never none, and its only effect.
+
+    One that returns an empty text where all is well decides something.
+    """
+    if not (isinstance(function.returns, ast.Name) and function.returns.id == "str"):
+        return False
+    nodes = list(ast.walk(function))
+    said = [n.value for n in nodes if isinstance(n, ast.Return)]
+    stores = (n for n in nodes if isinstance(n, ast.Attribute | ast.Subscript))
+    return all(map(_text, said)) and not any(isinstance(n.ctx, ast.Store) for n in stores)
+
+
+def _text(value: ast.AST | None) -> bool:
+    """Whether an expression is a text that is never empty."""
+    if isinstance(value, ast.JoinedStr):
+        return any(map(_text, value.values))
+    return isinstance(value, ast.Constant) and isinstance(value.value, str) and bool(value.value)
+
+
+def _words(function: ast.FunctionDef) -> frozenset[str]:
+    """The names in a function that are read in f-strings and in what is raised, nowhere else.
+
+    And those of which nothing but such names are made.
+    """
+    assigned = [n for n in ast.walk(function) if isinstance(n, ast.Assign) and _names(n)]
+    words: frozenset[str] = frozenset().union(*map(_names, assigned))
+    while True:
+        read = _read(function, words)
+        fewer = frozenset(name for name in words if name not in read)
+        fewer -= {n for a in assigned for n in _names(a) if not _names(a) <= fewer}
+        if fewer == words:
+            return words
+        words = fewer
+
+
+def _names(assignment: ast.Assign) -> frozenset[str]:
+    """The plain names that an assignment sets; none where it sets anything else."""
+    targets = [e for t in assignment.targets for e in (t.elts if isinstance(t, ast.Tuple) else [t])]
+    plain = [t.id for t in targets if isinstance(t, ast.Name)]
+    return frozenset(plain) if len(plain) == len(targets) else frozenset()
+
+
+def _read(tree: ast.AST, words: frozenset[str]) -> set[str]:
+    """The names that a tree reads for more than words."""
+    found: set[str] = set()
+    for child in ast.iter_child_nodes(tree):
+        if isinstance(child, ast.JoinedStr | ast.Raise):
+            continue
+        if isinstance(child, ast.Assign) and _names(child) and _names(child) <= words:
+            continue
+        if isinstance(child, ast.Name) and isinstance(child.ctx, ast.Load):
+            found.add(child.id)
+        found |= _read(child, words)
+    return found
 
 
 def _kinds(node: ast.AST) -> int:

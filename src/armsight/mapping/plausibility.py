@@ -14,13 +14,12 @@ Missing returns free nothing, so a covered lens is no lie; it is said all the sa
 
 from __future__ import annotations
 
-from collections import deque
 from hashlib import blake2b
 from typing import Final
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Points, Pose
+from armsight.arrays import Bytes, Floats32, Points, Pose, Words
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
@@ -94,8 +93,8 @@ class Plausibility:
         self._stood_at = b""
         self._changed = 0
         self._usual, self._pictures = 0.0, 0
-        self._seen: set[bytes] = set()
-        self._order: deque[bytes] = deque()
+        self._seen: Words = np.zeros(REMEMBERED, np.uint64)
+        self._next = 0
 
     def contradiction(
         self,
@@ -154,8 +153,9 @@ class Plausibility:
             T: where the camera is believed to be.
         """
         sample = self._sample(depth, label)
-        mark = blake2b(np.nan_to_num(sample).tobytes(), digest_size=8).digest()
-        if self._noisy and mark in self._seen:
+        mark = np.frombuffer(blake2b(sample.tobytes(), digest_size=8).digest(), np.uint64)[0]
+        known = bool((self._seen == mark).any())
+        if self._noisy and known:
             return "it repeats an earlier picture, value for value, under a new stamp"
         before, stood = self._before, self._stood_at
         self._before, self._stood_at = sample, T.tobytes()
@@ -163,11 +163,9 @@ class Plausibility:
             both = np.isfinite(before) & np.isfinite(sample)
             changed = float((before != sample)[both].mean()) if both.any() else 0.0
             self._changed = self._changed + 1 if changed > NOISY_SHARE else 0
-        if mark not in self._seen:
-            self._seen.add(mark)
-            self._order.append(mark)
-            if len(self._order) > REMEMBERED:
-                self._seen.discard(self._order.popleft())
+        if not known:
+            self._seen[self._next] = mark
+            self._next = (self._next + 1) % REMEMBERED
         return ""
 
     @property
