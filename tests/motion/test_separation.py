@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armsight.motion.guard_kernels import Law, allowed_share, protective
 from armsight.motion.risk import PaperRisk
 from armsight.motion.separation import ReactionTime, Separation
+from armsight.motion.separation_kernels import Law, allowed_share, protective
 
 K5 = Separation(intrusion=0.02, person_error=0.02, arm_error=0.01)
 

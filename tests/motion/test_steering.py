@@ -367,7 +367,7 @@ def test_coasting_keeps_acceleration_and_jerk_and_ends_at_rest():
 
 def test_rows_that_limit_a_motion_are_the_closing_speeds():
     """The compiled rows against plain numpy: the speed towards the hazard of each sphere."""
-    from armsight.motion.guard_kernels import limiting_rows
+    from armsight.motion.slide_kernels import limiting_rows
     from armsight.robots.kernels import chain_poses
 
     world = ready()

@@ -32,7 +32,8 @@ PARTS: dict[str, tuple[str, ...]] = {
     "guard": ("motion.guard", "motion.faults", "motion.looking", "motion.reflex",
               "motion.arm_model"),
     "gate": ("motion.velocity_filter", "motion.nearest", "motion.steering"),
-    "separation": ("motion.separation", "motion.separation_monitor", "motion.guard_kernels"),
+    "separation": ("motion.separation", "motion.separation_monitor", "motion.separation_kernels",
+                   "motion.hazard_kernels", "motion.drive_kernels", "motion.slide_kernels"),
     "permits": ("motion.permits", "motion.permit_office", "motion.permitted",
                 "motion.contact_speed", "motion.contact_limits", "motion.force_watch",
                 "motion.retreat", "motion.regions"),
@@ -43,10 +44,15 @@ PARTS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Modules of each part."""
 COMPILED: dict[str, tuple[str, ...]] = {
-    "motion.guard_kernels": ("test_guard_kernels.py", "test_proof_terms.py", "test_separation.py",
-                             "test_arm_model.py"),
+    "motion.separation_kernels": ("test_separation.py", "test_separation_kernels.py"),
+    "motion.hazard_kernels": ("test_separation_kernels.py", "test_proof_terms.py"),
+    "motion.drive_kernels": ("test_separation_kernels.py", "test_arm_model.py",
+                             "test_proof_terms.py"),
+    "motion.slide_kernels": ("test_separation_kernels.py", "test_steering.py"),
 }  # fmt: skip
 """Tests of modules whose functions are compiled: nobody sees which lines of them run."""
+
+NJIT = "@njit"
 
 ABOUT = """
 One mistake at a time in the guard, its gate, separation, permits, hazards, self-filter and map: a
@@ -105,6 +111,13 @@ def _looking(module: str, changed: Mutant) -> list[str]:
     return chosen
 
 
+def _compiled_into_others(module: str) -> bool:
+    """Whether functions of a module are compiled into those of another."""
+    folder = _source(module).parent
+    kernels = [text for text in (f.read_text("utf-8") for f in folder.glob("*.py")) if NJIT in text]
+    return any(f"from armsight.{module} import" in text for text in kernels)
+
+
 def _noticed(module: str, changed: Mutant, tests: list[str]) -> str:
     """The first test that a mutant fails, "hangs" or "breaks"; empty when it survives."""
     if not tests:
@@ -113,7 +126,7 @@ def _noticed(module: str, changed: Mutant, tests: list[str]) -> str:
         file = Path(folder) / f"{module.rpartition('.')[2]}.py"
         file.write_text(changed.source, encoding="utf-8")
         environment = {MUTANT: f"armsight.{module}={file}"}
-        if module in COMPILED:  # what others compiled it into must not be used
+        if _compiled_into_others(module):  # what they were compiled to must not be used
             environment["NUMBA_CACHE_DIR"] = folder
         try:
             done = _pytest("mutation", environment, tests, LONGEST)

@@ -9,8 +9,8 @@ import numpy as np
 
 from armsight.arrays import JointPath, JointVector
 from armsight.devices.data import JointState
+from armsight.motion.drive_kernels import drive_ahead, stop_path
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.guard_kernels import drive_ahead, stop_path
 from armsight.robots.robot import Robot
 
 REMEMBERED = 2000

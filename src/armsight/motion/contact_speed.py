@@ -20,9 +20,9 @@ import numpy as np
 from armsight.arrays import Floats, JointVector, Mask, Points, Vector3
 from armsight.motion.contact_kernels import BISECTIONS, contact_shares
 from armsight.motion.contact_limits import MOST
-from armsight.motion.guard_kernels import Law
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.motion.regions import Region
+from armsight.motion.separation_kernels import Law
 
 EASINGS = 8
 """Halvings of the share by which a wish is eased: to less than a hundredth of it."""

@@ -9,14 +9,9 @@ import numpy as np
 from armsight.arrays import Floats, Ints, JointVector, Points, Poses, Vector3
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.contact_kernels import turning_speeds
-from armsight.motion.guard_kernels import (
-    Blocks,
-    Law,
-    fastest_point,
-    scan,
-    sort_into_blocks,
-    stopping_times,
-)
+from armsight.motion.drive_kernels import fastest_point, stopping_times
+from armsight.motion.hazard_kernels import Blocks, scan, sort_into_blocks
+from armsight.motion.separation_kernels import Law
 from armsight.robots.kernels import carried_motion_into, chain_poses, jacobian
 from armsight.robots.robot import Robot
 

@@ -10,16 +10,12 @@ from armsight.arrays import Ints, JointVector, Mask, Poses
 from armsight.devices.data import RgbdCameraInfo
 from armsight.motion.arm_model import ArmState
 from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
+from armsight.motion.drive_kernels import stop_path
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.guard_kernels import (
-    Law,
-    in_reach,
-    limiting_rows,
-    project,
-    protective,
-    stop_path,
-)
+from armsight.motion.hazard_kernels import in_reach
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
+from armsight.motion.separation_kernels import Law, protective
+from armsight.motion.slide_kernels import limiting_rows, project
 from armsight.robots.kernels import chain_poses, jacobian
 from armsight.robots.robot import Robot
 

@@ -6,17 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from armsight.motion.guard_kernels import (
-    Law,
-    allowed_share,
-    drive_ahead,
-    in_reach,
-    project,
-    sort_into_blocks,
-    stop_path,
-    stopping_times,
-)
+from armsight.motion.drive_kernels import drive_ahead, stop_path, stopping_times
+from armsight.motion.hazard_kernels import in_reach, sort_into_blocks
 from armsight.motion.nearest import HORIZON, Hazards, MovingBody
+from armsight.motion.separation_kernels import Law, allowed_share
+from armsight.motion.slide_kernels import project
 from armsight.robots import ROBOT_NAMES, load_robot
 from armsight.robots.kinematics import link_poses, point_jacobian
 
@@ -185,6 +179,7 @@ def test_blocks_hold_every_hazard_once_and_bound_them(seed, count):
     for k in range(blocks.lower.shape[1]):
         mine = blocks.points[blocks.first[k] : blocks.first[k + 1]]
         assert len(mine)
+        assert (np.ptp(mine, axis=0) <= 0.16 + 1e-6).all()
         assert np.array_equal(mine.min(axis=0), blocks.lower[:, k])
         assert np.array_equal(mine.max(axis=0), blocks.upper[:, k])
 
