@@ -11,6 +11,7 @@ import pytest
 from armsight.devices.clock import WallClock
 from armsight.errors import DeviceError, LoopError
 from armsight.runtime.simulated_loop import SimulatedLoop
+from armsight.runtime.slot import LONGEST, Slot
 from armsight.runtime.wall_loop import WallLoop
 
 
@@ -197,3 +198,24 @@ def test_wall_clock_pauses_resumes_restarts():
     assert clock.now() == 3.0
     clock.restart()  # source says 7
     assert clock.now() == 1.0
+
+
+def test_what_nobody_reads_takes_no_more_room_with_time():
+    """A session without a page: a face every 20 ms that nobody looks at, for an hour."""
+    slot: Slot[int] = Slot()
+    for k in range(50 * 3600):
+        slot.publish(k, 0.02 * k + 0.1)
+    assert len(slot._pending) <= 50 * LONGEST + 2
+    assert slot.read(3600.01) == 50 * 3600 - 5, "0.1 s late, as ever"
+    assert slot.read(3600.11) == 50 * 3600 - 1
+
+
+def test_late_values_become_visible_in_their_order_whether_read_or_not():
+    slot: Slot[str] = Slot()
+    slot.publish("early", 1.0)
+    slot.publish("next", 8.0)
+    slot.publish("late", 11.0)
+    assert slot.read(0.5) is None
+    assert slot.read(2.0) == "early"
+    assert slot.read(9.0) == "next"
+    assert slot.read(12.0) == "late"

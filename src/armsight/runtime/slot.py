@@ -8,6 +8,10 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
+LONGEST = 10.0
+"""Whatever is handed over can be seen after this time [s]: what it has replaced is forgotten then,
+where nobody reads."""
+
 
 class Slot(Generic[T]):
     """Holds the newest published value.
@@ -26,6 +30,8 @@ class Slot(Generic[T]):
         """Hand over a value that readers may see from ``visible_at`` [s] on."""
         with self._lock:
             self._pending.append((visible_at, value))
+            while len(self._pending) > 1 and self._pending[1][0] <= visible_at - LONGEST:
+                self._value = self._pending.popleft()[1]
 
     def read(self, now: float) -> T | None:
         """The newest value visible at ``now`` [s], or None before the first."""
