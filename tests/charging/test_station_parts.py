@@ -21,6 +21,15 @@ from armsight.charging.visit import StationOptions
 from armsight.devices.data import Wrench
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, from_rpy, inverse, log, make_pose
+from armsight.motion.executed import Executed
+from armsight.motion.ik import solve_ik
+from armsight.motion.nearest import MovingBody
+from armsight.motion.permits import touching
+from armsight.motion.permitted import Grant
+from armsight.motion.retreat import Retreat
+from armsight.robots.kinematics import tcp_jacobian
+from armsight.workcell import robot_in
+from armsight.workcell.packaged import load
 
 RNG = np.random.default_rng(3)
 PORT = from_rpy((0.3, -1.2, 0.4), (0.9, 0.1, 0.4))
@@ -174,9 +183,39 @@ def test_a_permit_is_asked_for_about_the_port_and_renewed_before_it_ends():
     assert sides[0] == pytest.approx(-options.aside)
     sigma = np.sqrt(np.linalg.eigvalsh(first.region.covariance)[-1])
     assert sigma == pytest.approx(np.hypot(0.002, 0.002))
+    assert first.out == pytest.approx(PORT[:3, 2]), "a socket has one way out"
     later = permission.ask(1.0 + RENEW + 0.1, None)
     assert later.name != first.name
     assert first.seconds > RENEW + 10.0
+
+
+@pytest.mark.parametrize("depth", [0.005, 0.020, 0.035])
+@pytest.mark.parametrize("name", ["ur10_charging", "ur10_charging_ccs2", "ur10_charging_lid"])
+def test_a_permit_that_is_lost_in_the_socket_brings_the_plug_out_along_its_axis_alone(name, depth):
+    """It was led away from the middle of what may be touched: at 20 mm, 110 deg off the axis."""
+    cell = load(name)
+    robot = robot_in(cell)
+    T = np.asarray(inverse(cell.robot.T_world_base) @ cell.simulation.car.pose)
+    permission = Permission(StationOptions())
+    permission.see(SeenPort("type2", 0.9, T, 1e-6 * np.eye(6), False), 0.0, 0.002)
+    asked = permission.ask(0.0, None)
+    q = solve_ik(robot, before_port(T, -depth), robot.home, np.random.default_rng(0))[0]
+    body, executed = MovingBody(robot, robot.limits.acceleration), Executed()
+    executed.add(q)
+    grant = Grant(asked.region, touching(robot, asked), out=asked.out, force=asked.force)
+    retreat = Retreat("a test", grant, executed, q, 0.0)
+
+    def goes(push):
+        return tcp_jacobian(robot, q) @ retreat.motion(body, q, 0.1, 0.045, push)
+
+    free = goes(np.zeros(3))
+    assert free[:3] @ T[:3, 2] > 0.99 * np.linalg.norm(free[:3])
+    assert np.linalg.norm(free[3:]) < np.deg2rad(0.1)
+    assert 0.02 < np.linalg.norm(free[:3]) < 0.045
+    held = goes(-0.8 * asked.force * T[:3, 2])
+    assert held == pytest.approx(0.2 * free, abs=1e-9), "slower where it pulls hard"
+    assert not goes(-asked.force * T[:3, 2]).any(), "no harder than it was granted"
+    assert not goes(None).any(), "nothing is pulled that nobody feels"
 
 
 def test_pictures_that_show_nothing_are_said():

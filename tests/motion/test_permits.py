@@ -98,6 +98,9 @@ def test_a_wrong_region_is_refused_in_words(field, value, says):
         ("force", float("nan"), "above 0"),
         ("seconds", "long", "above 0"),
         ("region", "there", "cannot be"),
+        ("out", np.array([0.0, 0.0, 2.0]), "its way out is [0. 0. 2.]; expected a unit vector"),
+        ("out", "up", "its way out is up"),
+        ("out", np.full(3, np.nan), "unit vector"),
     ],
 )
 def test_a_wrong_request_is_refused_in_words(field, value, says):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import Floats, Pose
+from armsight.arrays import Floats, Pose, Vector3
 from armsight.charging.eye import SeenPort
 from armsight.charging.visit import StationOptions
 from armsight.geometry.pose import make_pose
@@ -33,6 +33,7 @@ class Permission:
         self._options = options
         self._region: Region | None = None
         self._what, self._speed = "port", SPEED
+        self._out: Vector3 | None = None
         self._since = -np.inf
         self._number = 0
         self._pausing = False
@@ -41,12 +42,14 @@ class Permission:
         """The port was seen at ``stamp`` [s]; its place is known to ``sigma`` [m] besides."""
         side = 2.0 * self._options.aside
         self._name("port", SPEED)
+        self._out = np.asarray(port.T_base_port)[:3, 2]
         self._about(port.T_base_port, (side, side, side), port.covariance, stamp, sigma)
 
     def see_lid(self, T_base_lid: Pose, covariance: Floats, stamp: float, sigma: float) -> None:
         """The lid was seen likewise: the finger may touch where it swings."""
         x, y, z = (float(v) for v in LID_BOX[1] - LID_BOX[0])
         self._name("lid", LID_SPEED)
+        self._out = None
         T = T_base_lid @ make_pose(None, LID_BOX.mean(axis=0))
         self._about(T, (x, y, z), covariance, stamp, sigma)
 
@@ -97,6 +100,7 @@ class Permission:
             torque=o.torque,
             seconds=120.0,
             stiffness=o.insert.admittance.stiffness[0],
+            out=self._out,
         )
 
     def holds(self, guard: GuardStatus | None) -> bool:

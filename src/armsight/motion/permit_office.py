@@ -75,6 +75,7 @@ class PermitOffice:
         self._ceiling = (up, config.head_height - config.base_height)
         self._waiting: list[Wrench] = []
         self._q: JointVector | None = None
+        self._now = -math.inf
         self._left: tuple[Grant, float] | None = None
         self._quiet = False
 
@@ -102,7 +103,7 @@ class PermitOffice:
             snapshot: the map in use, or None.
             q: (n,) where the arm is [rad]; None where nobody knows.
         """
-        before, self._q = self.grant, q
+        before, self._q, self._now = self.grant, q, now
         self._feel_contact(now)
         self._answer(now, request, snapshot)
         self._looked = snapshot
@@ -134,7 +135,12 @@ class PermitOffice:
 
     @property
     def push(self) -> Vector3 | None:
-        """(3,) force on the arm [N] in ``base``, by its force sensor; None where nobody says."""
+        """(3,) force on the arm [N] in ``base``, by its force sensor; None where nobody says.
+
+        Pulling at what holds it needs one that says it now.
+        """
+        if self.retreat is not None and self.retreat.grant.out is not None:
+            return self._believed_push(self._now)
         return self._force.push
 
     def in_contact(self, now: float) -> bool:
@@ -333,7 +339,12 @@ class PermitOffice:
         ceiling = self._ceiling if permit.kind == "hand" else None
         assert self._request is not None
         parts = touching(self._robot, self._request)
-        return Grant(region, parts, permit.kind != "thing", ceiling)
+        if permit.kind != "thing":
+            return Grant(region, parts, True, ceiling)
+        out = self._request.out
+        return Grant(
+            region, parts, out=None if out is None else np.asarray(out), force=permit.force
+        )
 
     def _near(self, now: float) -> bool:
         """Whether what is felt may be contact: the map need not show it, where the arm hides it."""

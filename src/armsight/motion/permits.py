@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from armsight.arrays import Mask
+from armsight.arrays import Mask, Vector3
 from armsight.motion.regions import Region, region_fault
 from armsight.robots.robot import Robot
 
@@ -40,6 +40,8 @@ class PermitRequest:
         stiffness: of a thing and what holds it, as the arm meets it, at most [N/m]: it bounds the
             speed from which the arm can stop before the force is reached.
         seconds: for how long from when it is granted [s].
+        out: (3,) unit vector in ``base``: the one way out of a thing that holds what is in it, such
+            as a socket; None where every way that leads away from it will do.
     """
 
     name: str
@@ -52,6 +54,7 @@ class PermitRequest:
     torque: float = 2.0
     seconds: float = 10.0
     stiffness: float = 5e3
+    out: Vector3 | None = None
 
 
 class PermitState(StrEnum):
@@ -148,6 +151,8 @@ def request_fault(request: Any, robot: Robot, now: float) -> str:
         value = getattr(request, name)
         if not isinstance(value, int | float) or not value > 0.0:
             return f"its {name} is {value}; expected above 0"
+    if request.out is not None and not _is_direction(request.out):
+        return f"its way out is {request.out}; expected a unit vector"
     known = ("tool", *robot.link_names[1:])
     wrong = [part for part in request.parts if part not in known]
     if wrong or not request.parts:
@@ -155,6 +160,14 @@ def request_fault(request: Any, robot: Robot, now: float) -> str:
     if "tool" in request.parts and robot.tool is None:
         return f"the flange carries no tool; name a link: {', '.join(known[1:])}"
     return ""
+
+
+def _is_direction(value: Any) -> bool:
+    try:
+        way = np.asarray(value, float)
+    except (TypeError, ValueError):
+        return False
+    return way.shape == (3,) and abs(float(way @ way) - 1.0) < 1e-6
 
 
 def region_refusal(region: Region, kind: str, now: float) -> str:

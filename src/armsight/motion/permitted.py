@@ -27,12 +27,16 @@ class Grant:
         touching: (k,) bool, those of ``Robot.spheres`` that may touch.
         person: what is there is a part of somebody: power and force limiting, not nobody.
         ceiling: (up, height): what is above this plane in ``base`` is not in it; None without one.
+        out: (3,) the one way out of a thing that holds what is in it, in ``base``; else None.
+        force: with which it may be pulled at on that way [N].
     """
 
     region: Region
     touching: Mask
     person: bool = False
     ceiling: tuple[Vector3, float] | None = None
+    out: Vector3 | None = None
+    force: float = 0.0
 
 
 NO_GRANT = Grant(Region("sphere", (1e-9, 0.0, 0.0), np.eye(4), 0.0), np.zeros(0, bool))

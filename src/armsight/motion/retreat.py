@@ -7,6 +7,10 @@ the target or hardly away from it (it came along with something that moves), it 
 away from the region's centre and where it is pushed, by what the force sensor says, if the two
 agree to within a right angle (a sensor may lie).
 
+What holds the part that is in it, as a socket does, has one way out, which the task has named:
+along it the arm leaves straight, turning nothing, the slower the harder it has to pull, and not at
+all where it would pull harder than it was granted, or nobody feels how hard.
+
 What is touched goes on, for :data:`FOLLOWED`, as it did when it was last seen, or as the task goes
 on to see it. Where it comes, the arm goes along with it, and leaves from there: from a stand that
 comes at 6 cm/s, an arm that leaves with 4 would be pressed harder and harder. A thing that nobody
@@ -26,6 +30,7 @@ from armsight.motion.executed import Executed
 from armsight.motion.nearest import MovingBody
 from armsight.motion.permitted import Grant, permitted
 from armsight.motion.regions import Region
+from armsight.motion.steering import joints_of_twist
 
 CLEAR = 0.02
 """The arm has left when what could touch is this far from the region [m]."""
@@ -113,6 +118,8 @@ class Retreat:
             speed: of an arm that counts as standing [m/s].
             push: (3,) force on the arm in ``base`` [N], where a sensor feels one.
         """
+        if self.grant.out is not None:
+            return self._pulled_out(body, q, now, speed, self.grant.out, push)
         while self._places and np.abs(self._places[0] - q).max() < ARRIVED:
             self._places.pop(0)
         part, out = self._outward(body, q, now, push)
@@ -126,6 +133,24 @@ class Retreat:
                 way = back
         coming = self.carried - min(float(out @ self.carried), 0.0) * out  # sideways it rubs
         return np.asarray(way + carried_along(body, q, part, coming))
+
+    def _pulled_out(
+        self,
+        body: MovingBody,
+        q: JointVector,
+        now: float,
+        speed: float,
+        out: Vector3,
+        push: Vector3 | None,
+    ) -> JointVector:
+        """(n,) joint velocities [rad/s] along (3,) the one way out of what holds the arm's part."""
+        if push is None or not self.grant.force > 0.0:
+            return np.zeros(len(q))
+        part, _ = _deepest(self.grant, body, q, now)
+        J = np.asarray(body.jacobian(q, part), float)
+        way = joints_of_twist(J, np.concatenate([out, np.zeros(3)]))
+        share = 1.0 - float(np.clip(-(push @ out) / self.grant.force, 0.0, 1.0))
+        return self._paced(body, q, way, share * speed)
 
     def _paced(
         self, body: MovingBody, q: JointVector, way: JointVector, speed: float
@@ -167,7 +192,7 @@ def behind(grant: Grant, body: MovingBody, q: JointVector, push: Vector3, now: f
     inside = -float(region.distance(region.center(now)[None], now)[0])
     out = push / float(np.linalg.norm(push))
     there = center - (inside + float(body.radius[part])) * out
-    return replace(grant, region=_at_rest(region, there, now))
+    return replace(grant, region=_at_rest(region, there, now), out=None)
 
 
 def _at_rest(region: Region, center: Vector3, now: float) -> Region:
