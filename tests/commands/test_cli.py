@@ -14,6 +14,7 @@ import pytest
 from armsight import __version__
 from armsight.cli import COMMANDS, name_of, run
 from armsight.commands.doctor import findings
+from armsight.commands.running import _Ticker
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -55,6 +56,12 @@ def test_what_is_not_understood_exits_2(words, capsys):
         (["patrol", "no.toml"], 1, "no.toml: no such file"),
         (["patrol", "ur5_four_cameras", "--headless"], 2, "--headless needs --seconds"),
         (["view", "ur5_four_cameras", "--headless"], 2, "--headless needs --seconds"),
+        (["patrol", "ur3_bench", "--headless", "--seconds", "-1"], 2, "--seconds is -1; exp"),
+        (
+            ["patrol", "ur3_bench", "--headless", "--seconds", "nan"],
+            2,
+            "--seconds is nan; exp",
+        ),
         (["charge", "ur10_charging", "--charging", "nan"], 2, "--charging is nan s; expected 0"),
         (["replay", "no.mcap"], 1, "no.mcap: no such recording"),
         (["experiment", "patrol-smook"], 2, 'did you mean "patrol-smoke"'),
@@ -231,3 +238,14 @@ def test_interrupted_patrol_ends_in_order(gl, how, tmp_path):
     assert "Traceback" not in err
     assert patrol.returncode == 130
     assert json.loads(file.read_text())["workcell"] == "ur3_bench"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "now", "words", "share"),
+    [(0.0, 0.0, "0 of 0 s", 1.0), (None, 3.2, "3 s", 0.0), (8.0, 2.0, "2 of 8 s", 0.25)],
+)
+def test_a_run_says_how_far_it_is(seconds, now, words, share):
+    ticker, told = _Ticker(seconds), []
+    ticker.progress = lambda stage, done: told.append((stage, done))
+    ticker.update(now)
+    assert told == [(words, share)]

@@ -138,12 +138,14 @@ def run_options(asked: Watching) -> RunOptions:
     """What a command's options ask of a run.
 
     Raises:
-        UsageError: nobody would see when to end it.
+        UsageError: nobody would see when to end it, or it would have ended before it began.
     """
     from armsight.errors import UsageError
 
     if asked.headless and asked.seconds is None:
         raise UsageError("--headless needs --seconds: nobody would see when to end it")
+    if asked.seconds is not None and not asked.seconds >= 0.0:
+        raise UsageError(f"--seconds is {asked.seconds:g}; expected 0 or more")
     return RunOptions(
         seconds=asked.seconds,
         page=None if asked.headless else asked.page,
@@ -179,12 +181,15 @@ class _Ticker:
     period = 0.5
 
     def __init__(self, seconds: float | None) -> None:
-        self._seconds = seconds or math.inf
+        self._seconds = seconds
         self.progress: Callable[[str, float], None] = lambda stage, done: None
 
     def update(self, now: float) -> None:
-        share = min(1.0, now / self._seconds)
-        self.progress(f"{now:.0f} of {self._seconds:.0f} s", share)
+        if self._seconds is None:
+            self.progress(f"{now:.0f} s", 0.0)
+            return
+        share = min(1.0, now / self._seconds) if self._seconds > 0.0 else 1.0
+        self.progress(f"{now:.0f} of {self._seconds:g} s", share)
 
 
 @contextmanager
