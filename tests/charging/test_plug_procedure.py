@@ -25,7 +25,7 @@ from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.tools import load_tool
 from armsight.simulation.world import SimulatedWorld
-from armsight.tasks.calibrate_plug import _Room
+from armsight.tasks.calibrate_plug import AWAY, _Room
 from armsight.workcell import robot_in, world_spec
 from armsight.workcell.packaged import load
 
@@ -132,17 +132,48 @@ def test_places_where_somebody_could_be_are_not_gone_to():
     """Unseen space 0.4 m from the elbow, say: the guard would stop the arm on its way there."""
     room = _Room(ROBOT)
     q = np.array([0.0, -1.7, 2.4, -0.7, 1.6, 0.0])
-    assert room.left(q)
+    assert room.left(q) == np.inf
     elbow = sphere_centers(ROBOT, q)[np.asarray(ROBOT.spheres.link) == 3][0]
-    for away, left in ((0.4, False), (2.5, True)):
+    for away in (0.4, 2.5):
         hazards = np.asarray(elbow + np.array([[0.0, away, 0.0]]), np.float32)
         room.snapshot = SimpleNamespace(sequence=away, hazards=hazards, hazard_radius=0.02)
-        assert room.left(q) is left
+        centers = sphere_centers(ROBOT, q)[np.asarray(ROBOT.spheres.link) > 0]
+        radius = np.asarray(ROBOT.spheres.radius)[np.asarray(ROBOT.spheres.link) > 0]
+        gap = np.linalg.norm(centers - hazards[0], axis=1) - radius - 0.02
+        assert room.left(q) == pytest.approx(gap.min() - AWAY, abs=1e-6)
+        assert (room.left(q) > 0.0) == (away > 1.0)
     asked = []
-    s = setup(roomy=lambda joints: asked.append(joints) or joints[0] < -0.6)
+    s = setup(room=lambda joints: asked.append(joints) or -0.6 - joints[0])
     steps = plug_procedure.plug_procedure(s, np.random.default_rng(0))
     assert next(steps).joints[0] < -0.6
     assert max(joints[0] for joints in asked) > -0.6
+
+
+def test_where_nowhere_is_room_enough_the_roomiest_places_are_gone_to():
+    """A map of which no camera had told anything yet left the choice to chance: 49 s for none."""
+    s = setup(room=lambda joints: -10.0 - abs(joints[0]))
+    steps = plug_procedure.plug_procedure(s, np.random.default_rng(0))
+    first = abs(next(steps).joints[0])
+    drawn = plug_views(s.believed, ROBOT, s.lenses, "type2_plug", 160, np.random.default_rng(0))[0]
+    assert first <= np.sort(np.abs(drawn[:, 0]))[11]
+
+
+def test_a_place_that_has_no_room_any_more_is_left_out(monkeypatch):
+    """The arm's shadow goes along with it: what was chosen by an older map is asked for again."""
+    cell, places = Cell(np.random.default_rng(1)), []
+    answer = cell.answer
+
+    def noted(request):
+        if isinstance(request, MoveTo):
+            places.append(request.joints[0])
+        return answer(request)
+
+    cell.answer = noted
+    s = setup(room=lambda joints: 1.0 if not places else joints[0] - places[0])
+    steps = plug_procedure.plug_procedure(s, np.random.default_rng(0))
+    result = carry_out(monkeypatch, cell, steps)
+    assert len(result.looks) == 16
+    assert min(places[1:]) > places[0]
 
 
 def test_without_a_force_sensor_how_it_hangs_stays_in_it(monkeypatch):

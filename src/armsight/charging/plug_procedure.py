@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, JointPath, JointVector, Mask, Pose, Poses
+from armsight.arrays import Bytes, Floats, Ints, JointPath, JointVector, Mask, Pose, Poses
 from armsight.calibration.live.seen import LookAt, Looked, MoveTo, Request
 from armsight.calibration.robot_errors import RobotErrors
 from armsight.calibration.views import FreeCheck
@@ -65,8 +65,9 @@ class PlugSetup:
         pair: that stands, as believed.
         plug: type of the plug.
         mount: in which it hangs; None for a rigid one.
-        free: whether the arm may stand at joint angles; roomy: whether nobody could be so near
-            there that the guard would keep it away, as far as is known now.
+        free: whether the arm may stand at joint angles.
+        room: how much farther than the guard asks for the arm would be there from whoever could be
+            somewhere, as far as is known now [m].
         looks: how many are taken, with those that are there already.
         speed, acceleration: shares of the arm's limits.
     """
@@ -80,7 +81,7 @@ class PlugSetup:
     looks: int = 26
     speed: float = 0.5
     acceleration: float = 0.5
-    roomy: FreeCheck = lambda joints: True
+    room: Callable[[JointVector], float] = lambda joints: np.inf
 
     @property
     def lenses(self) -> StereoPair:
@@ -171,9 +172,8 @@ def plug_procedure(
                 with suppress(CalibrationError):  # more looks may tell; the end decides
                     answer = _solved(setup, looks, rng)
             joints, C = _places(setup, answer, rng)
-            good = taken.promising(joints) & np.array([setup.roomy(q) for q in joints], bool)
-            if good.sum() >= LEAST_VIEWS:
-                joints, C = joints[good], C[good]
+            keep = _promising(setup, taken, joints)
+            joints, C = joints[keep], C[keep]
             goals = np.vstack([joints[rng.permutation(len(joints))[:GOALS]], setup.robot.home])
             wanted = min(left, most - taken.tried)
             chosen = choose_looks(answer, joints, C, expected_noise(C), goals, wanted, looks)
@@ -181,7 +181,8 @@ def plug_procedure(
             order, _ = tour(setup.robot, taken.here, way, setup.speed, setup.acceleration)
             before = taken.tried
             for index in order:
-                if taken.tried == before or taken.promising(way[index : index + 1])[0]:
+                near, free = way[index : index + 1], setup.room(way[index]) > 0.0
+                if taken.tried == before or (free and taken.promising(near)[0]):
                     yield from taken.look(way[index], stage, answer)
     if len(looks) < LEAST_VIEWS and dropped:
         raise CalibrationError(
@@ -256,6 +257,15 @@ class _Taken:
             self.dropped.append(problem)
         count = len(self.looks)
         self._told(PlugNews(count, self._setup.looks, picture, seen, problem, joints, answer))
+
+
+def _promising(setup: PlugSetup, taken: _Taken, joints: JointPath) -> Ints:
+    """Of (c, n) configurations those that the guard lets the arm stand at; else the roomiest."""
+    room = np.array([setup.room(q) for q in joints])
+    good = np.flatnonzero(taken.promising(joints) & (room > 0.0))
+    if len(good) >= LEAST_VIEWS:
+        return good
+    return np.argsort(-room, kind="stable")[: 2 * LEAST_VIEWS]
 
 
 def _places(

@@ -20,6 +20,7 @@ from armsight.charging.ports.table import PORTS
 from armsight.errors import CalibrationError
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.data import GuardMode
 from armsight.motion.face import Curve, EllipsoidMark, Face, Figure, FrameMark, Picture, PointsMark
 from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Subscriptions
@@ -134,8 +135,8 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
             kept: told of every one that counts.
             done: looks of a run that was stopped.
         """
-        self._room = _Room(setup.robot)
-        setup = replace(setup, roomy=self._room.left)
+        self._room, self._sees = _Room(setup.robot), False
+        setup = replace(setup, room=self._room.left)
         self._face, self._told = _PlugFace(setup), told
         super().__init__(
             (),
@@ -151,9 +152,13 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
 
     def update(self, observation: Observation) -> Intent | None:
         """See :class:`~armsight.motion.task.Task`."""
-        if observation.snapshot is None:
+        guard = observation.guard
+        if observation.snapshot is None or guard is None:
             return Rest("there is no map yet")
         self._room.snapshot = observation.snapshot
+        self._sees = self._sees or guard.mode is not GuardMode.STOPPED
+        if not self._sees:  # what the cameras have not looked at yet is no place to keep away from
+            return Rest(f"the cell is not seen yet: {guard.reason}")
         return super().update(observation)
 
     def _look(self, news: PlugNews) -> None:
@@ -175,17 +180,17 @@ class _Room:
         self._robot, self._moves = robot, np.asarray(robot.spheres.link) > 0
         self._hazards: tuple[int, KDTree] | None = None
 
-    def left(self, joints: JointVector) -> bool:
-        """Whether (n,) [rad] are farther than that from all that may be somebody."""
+    def left(self, joints: JointVector) -> float:
+        """How much farther than that (n,) [rad] are from all that may be somebody [m]."""
         snapshot, moves = self.snapshot, self._moves
         if snapshot is None or not len(snapshot.hazards):
-            return True
+            return np.inf
         if self._hazards is None or self._hazards[0] != snapshot.sequence:
             self._hazards = snapshot.sequence, KDTree(snapshot.hazards)
         centers = sphere_centers(self._robot, joints)[moves]
         reach = np.asarray(self._robot.spheres.radius)[moves] + snapshot.hazard_radius + AWAY
         near, _ = self._hazards[1].query(centers)
-        return bool((near > reach).all())
+        return float((near - reach).min())
 
 
 class _PlugFace:

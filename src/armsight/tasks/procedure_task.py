@@ -30,8 +30,9 @@ TOLERANCE = 0.003
 """An arm this near to where it was sent has arrived [rad]; where it stands is measured anyhow."""
 RESTING = 0.005
 """Joints slower than this rest [rad/s]."""
-STUCK = 3.0
-"""An arm that has not moved for this long on its way does not arrive [s]."""
+STUCK, CREEP = 3.0, 0.06
+"""An arm that has moved by less than so much [rad] for this long [s] on its way does not arrive:
+before what it must keep away from it creeps, slower and slower."""
 WAIT = 1.5
 """A camera that has sent no picture for this long after all is still has none [s]."""
 
@@ -129,6 +130,7 @@ class ProcedureTask(Generic[Result]):
         except ArmsightError as error:
             self.error, self._request = error, None
         self._number += 1
+        self._mark: tuple[float, JointVector] | None = None
         self._looking_since = math.inf
         self._forget()
         self._still_since = self._now if isinstance(self._request, MoveTo) else self._still_since
@@ -157,7 +159,9 @@ class ProcedureTask(Generic[Result]):
         resting = math.isfinite(self._still_since)
         if resting and (off < TOLERANCE or (named and guard is not None and guard.reached)):
             return True
-        if resting and observation.now - self._still_since > STUCK:
+        if self._mark is None or np.abs(joints.position - self._mark[1]).max() > CREEP:
+            self._mark = observation.now, joints.position
+        if observation.now - self._mark[0] > STUCK:
             self.held = guard.reason if named and guard is not None else ""
             return False
         return None
