@@ -128,6 +128,23 @@ def test_scan_of_a_dense_cloud_leaves_out_nothing_that_limits():
         assert view.share[first] == pytest.approx(limited, abs=1e-6)
 
 
+def test_what_is_as_near_as_the_nearest_is_no_fault_of_an_arm_at_rest():
+    """Voxels all around a sphere: rounding alone tells which of them is nearest."""
+    robot = load_robot("ur5")
+    body = MovingBody(robot, robot.limits.acceleration)
+    still = np.zeros(6)
+    center = body.motion(robot.home, still)[0]
+    ring = np.linspace(0.0, 2.0 * np.pi, 7)[1:]
+    around = np.stack([np.cos(ring), np.sin(ring), 0.0 * ring], axis=1)
+    for k in range(len(center)):
+        for away in np.linspace(0.3, 1.1, 40):
+            points = (center[k] + away * around).astype(np.float32)
+            view = body.view(robot.home, still, Hazards.at(points, LAW.hazard_radius), LAW)
+            expected = away - body.radius[k] - LAW.hazard_radius
+            assert view.distance[k] == pytest.approx(expected, abs=1e-5)
+            assert view.allowed >= 1.0
+
+
 def test_a_mutant_that_drops_hazards_is_noticed():
     rng = np.random.default_rng(0)
     robot = load_robot("ur5")

@@ -174,7 +174,10 @@ def scan(
             if bound[k] > reach * reach:
                 continue
             gap = np.sqrt(bound[k])
-            if gap - skin >= best:
+            near = gap - skin
+            if near >= best:
+                if near >= cut:
+                    continue
                 # No point of the block is closed in on faster than this.
                 towards = max((blocks.lower[0, k] - x) * vx, (blocks.upper[0, k] - x) * vx)
                 towards += max((blocks.lower[1, k] - y) * vy, (blocks.upper[1, k] - y) * vy)
@@ -182,7 +185,7 @@ def scan(
                 closing = speed
                 if gap > 1e-4:
                     closing = min(max(towards, 0.0) / gap, speed)
-                share_k = allowed_share(gap - skin, closing, fastest, stopping[i], law)
+                share_k = allowed_share(near, closing, fastest, stopping[i], law)
                 if share_k >= min(least, AMPLE):
                     continue
             for p in range(blocks.first[k], blocks.first[k + 1]):
