@@ -63,8 +63,8 @@ def test_each_part_has_a_field_that_reaches_as_far_as_it_is_asked():
     for m, (_, distance, low, high) in enumerate(everything):
         first = fields.T_link_grid[m, :3, 3]
         last = first + (fields.shape[m] - 1) * CELL
-        assert (first <= low - BAND).all()
-        assert (last >= high + BAND).all()
+        assert (first <= low - BAND + 1e-9).all()
+        assert (last >= high + BAND - 1e-9).all()
         assert (first > low - BAND - 3 * CELL).all()
         assert (last < high + BAND + 4 * CELL).all()
         nodes = np.stack(np.meshgrid(*map(np.arange, fields.shape[m]), indexing="ij"), -1)
@@ -116,19 +116,20 @@ def test_the_pose_of_the_body_and_how_fast_it_is_at_most():
         assert in_cells.max(axis=0) == pytest.approx(filter_.fields.shape[m] - 1)
 
 
-@pytest.mark.parametrize("rates", [0.0, 4.0])
-def test_a_pixel_is_the_arm_within_the_tolerance(rates):
+@pytest.mark.parametrize(("rates", "stamp"), [(0.0, 0.004), (4.0, 0.004), (4.0, 0.1)])
+def test_a_pixel_is_the_arm_within_the_tolerance(rates, stamp):
     """A board right before the arm at all depths: what is told from it, and by how much."""
     filter_ = SelfFilter(ROBOT_)
     info = scenes.camera_info("cam", (1.2, -0.9, 1.0), (0.3, 0.1, 0.4), size=(96, 80))
     T, lens = info.T_mount_camera, DepthLens(info.depth, 5.0)
     arm = scenes.ray_cast(info.depth, T, scenes.arm_solids(ROBOT_, Q))
     rng = np.random.default_rng(0)
-    depth = (arm + rng.uniform(-0.05, 0.01, arm.shape)).astype(np.float32)
+    nearer = -0.05 if stamp < 0.1 else -0.12
+    depth = (arm + rng.uniform(nearer, 0.01, arm.shape)).astype(np.float32)
     label = np.isfinite(depth).astype(np.uint8)
     label[::7] = 0
     usable = label == VALID
-    noise, stamp = np.array([0.001, 0.0005, 0.0005]), 0.004
+    noise = np.array([0.001, 0.0005, 0.0005])
     body = filter_.pose(Q, rates * RATES)
     found = filter_.label(depth, label, lens, T, body, (0.006, 0.004), stamp, noise, sigmas=2.0)
     assert found == (label == ROBOT).sum()
@@ -137,11 +138,13 @@ def test_a_pixel_is_the_arm_within_the_tolerance(rates):
     z = depth[usable].astype(float)
     points = transform(T, np.column_stack([lens.rays[usable].astype(float) * z[:, None], z]))
     away = body_distance(points)
-    sure = 0.006 + 0.004 * z + 2.0 * (noise[0] + noise[1] * z + noise[2] * z * z)
+    sure = 0.004 * z + 2.0 * (noise[0] + noise[1] * z + noise[2] * z * z)
     poses = link_poses(ROBOT_, Q)
     each = [f(transform(inverse(poses[k]), points)) for k, f, _, _ in parts()]
-    which = np.argmin(np.subtract(each, (body.speed * stamp)[:, None]), axis=0)
-    away, sure = np.array(each)[which, np.arange(len(z))], sure + body.speed[which] * stamp
+    # However fast the arm is: no more than the field knows.
+    slip = np.minimum(0.006 + body.speed * stamp, BAND - 0.01)
+    which = np.argmin(np.subtract(each, slip[:, None]), axis=0)
+    away, sure = np.array(each)[which, np.arange(len(z))], sure + slip[which]
     own = label[usable] == ROBOT
     assert own[away < sure - WORST].all()
     assert not own[away > sure + WORST].any()

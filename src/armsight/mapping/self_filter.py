@@ -149,9 +149,9 @@ def _mesh_field(vertices: Floats, faces: Ints, corner: Floats, field: Floats32) 
 
 
 def _empty(low: Floats, high: Floats) -> tuple[Floats32, Floats]:
-    corner = low - BAND - CELL
-    shape = tuple(int(n) for n in np.ceil((high - low + 2 * (BAND + CELL)) / CELL) + 1)
-    return np.full(shape, BAND + 2 * CELL, np.float32), corner
+    corner = low - BAND
+    shape = tuple(int(n) for n in np.ceil((high - low + 2 * BAND) / CELL) + 1)
+    return np.full(shape, np.inf, np.float32), corner
 
 
 def _solid_field(solid: Solid, T_last_flange: Pose) -> tuple[Floats32, Floats]:

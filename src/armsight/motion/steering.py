@@ -220,5 +220,5 @@ def joints_of_twist(J: Floats, twist: Floats) -> JointVector:
     damping = 0.0
     if s[-1] < SINGULAR:
         damping = SINGULAR**2 * (1.0 - (s[-1] / SINGULAR) ** 2)
-    gain = s / (s * s + damping + 1e-12)
+    gain = s / (s * s + damping)
     return np.asarray(Vt.T @ (gain * (U.T @ twist)))
