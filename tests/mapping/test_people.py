@@ -1,5 +1,7 @@
 """Fine and coarse layer together: who counts as a person in each, by made-up sightings."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import DeclaredSolids
 from armsight.mapping.layers import far_grid, fine_grid
 from armsight.mapping.people import People
+from armsight.mapping.things import PATIENCE
 
 CONFIG = MappingConfig(
     lower=(-0.6, -0.6, 0.0),
@@ -15,18 +18,20 @@ CONFIG = MappingConfig(
     far_upper=(0.9, 0.9, 0.6),
 )
 STEP = 1 / 15
-ALIVE = np.ones(1, np.uint8)
+ALIVE = np.ones(2, np.uint8)
 Block = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 BOX: Block = ((10, 14), (20, 24), (3, 7))
 FINE, FAR = 0, 1
 
 
 class Cell:
-    """One camera that sees everything in both layers, but for what is in a solid block."""
+    """Two cameras that see everything in both layers, but for what is in a solid block."""
 
     def __init__(self) -> None:
         grid = fine_grid(CONFIG)
-        self.people = People(DeclaredSolids([], (grid, far_grid(CONFIG, grid))).layers, 1, CONFIG)
+        layers = DeclaredSolids([], (grid, far_grid(CONFIG, grid))).layers
+        self.people = People(layers, 2, CONFIG)
+        self.alive = ALIVE
         self.layers = (self.people.fine, self.people.far)
         self.now = 0.0
 
@@ -38,13 +43,15 @@ class Cell:
                 seen = np.zeros(layer.grid.shape, np.uint8)
                 for (a, b), (c, d), (e, f) in (b for n, b in blocks if n == number):
                     seen[a:b, c:d, e:f] = 1
-                layer.occupancy.free[0] = 1 - seen.reshape(-1)
+                layer.occupancy.free[:] = 1 - seen.reshape(-1)
                 hits = np.flatnonzero(seen).astype(np.int32)
                 nothing = np.zeros(seen.size, np.uint8)
                 layer.occupancy.take(0, self.now, hits, np.ones(len(hits), np.uint8), nothing)
-            state = self.people.state(self.people.fine, ALIVE)
+            state = self.people.state(self.people.fine, self.alive)
             times = (self.now, STEP, self.now)
-            points, unseen = self.people.update(state, np.zeros_like(state), ALIVE, times, None)
+            points, unseen = self.people.update(
+                state, np.zeros_like(state), self.alive, times, None
+            )
         return points[~unseen]
 
     def at(self, points: np.ndarray, number: int, block: Block) -> int:
@@ -81,3 +88,42 @@ def test_one_voxel_of_somebody_ends_a_thing_where_voxels_are_coarse(number, ends
     wide = tip[0], (21, 23), (4, 6)
     seen = cell.look((number, BOX), (number, wide), (number, rod))
     assert cell.at(seen, number, BOX) > 0
+
+
+@pytest.mark.parametrize("alive", [[1, 0], [0, 1], [0, 0]])
+def test_an_empty_cell_is_believed_only_while_all_cameras_look(alive):
+    cell = Cell()
+    cell.look(seconds=2.0)
+    cell.alive = np.array(alive, np.uint8)
+    cell.people.declare_empty()
+    cell.look(seconds=0.8 * PATIENCE)
+    assert cell.people.emptiness.waiting
+    assert not cell.people.emptiness.said
+    assert cell.people.emptiness.reason == "not all cameras give pictures"
+    cell.look(seconds=0.4 * PATIENCE)
+    assert not cell.people.emptiness.waiting, "nobody waits for ever"
+    refused = "the cell is not taken for empty: not all cameras give pictures"
+    assert cell.people.emptiness.reason == refused
+    cell.alive = ALIVE
+    cell.look(seconds=1.0)
+    assert not cell.people.emptiness.said, "it has to be said anew"
+    cell.people.declare_empty()
+    cell.look()
+    assert cell.people.emptiness.said
+
+
+@pytest.mark.parametrize("number", [FINE, FAR])
+def test_where_something_moves_is_said_while_the_cell_is_not_believed_to_be_empty(number):
+    cell = Cell()
+    cell.look((number, BOX), seconds=2.0)
+    block = (12, 30), (4, 10), (2, 9)
+    cell.look((number, BOX), (number, block))
+    cell.people.declare_empty()
+    cell.look((number, BOX), (number, block))
+    assert cell.people.emptiness.waiting
+    place = re.fullmatch(
+        r"something moves near \((.*), (.*), (.*)\) m", cell.people.emptiness.reason
+    )
+    assert cell.at(np.array([place.groups()], float), number, block) == 1
+    cell.look((number, BOX), (number, block), seconds=1.5)
+    assert cell.people.emptiness.said, "it has come to rest"

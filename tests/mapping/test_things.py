@@ -7,7 +7,7 @@ import pytest
 
 from armsight.mapping.hazards import UnseenPeople
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from armsight.mapping.things import STILL, Things
+from armsight.mapping.things import MOST_THINGS, SETTLE, STILL, Things
 
 GRID = VoxelGrid(np.zeros(3), 0.02, (60, 60, 50))
 STEP = 1.0 / 15
@@ -257,3 +257,69 @@ def test_a_cell_in_which_something_moves_is_not_empty() -> None:
     scene.look(BOX, PERSON)
     at = scene.things.moving(scene.listed, scene.occupied, scene.now)
     assert np.unravel_index(at, GRID.shape)[0] >= 40
+
+
+def test_a_skin_that_noise_adds_is_the_things_at_first_and_no_longer_after_that() -> None:
+    """Of a surface that flickers by a voxel all is known after a second; skin grows no skin."""
+    skin: Blob = ((30, 37), (30, 36), (1, 7))
+    second: Blob = ((30, 38), (30, 36), (1, 7))
+    for wait, known in ((0.5 * SETTLE, True), (1.5 * SETTLE, False)):
+        scene = Scene()
+        scene.look(BOX, seconds=2.0)
+        scene.say_empty()
+        scene.look(BOX, seconds=wait)
+        scene.look(skin)
+        assert not scene.people.any()
+        scene.look(second, seconds=2 * STEP)
+        assert scene.people.any() != known
+
+
+def test_what_was_held_a_moment_ago_in_part_is_still_somebodys() -> None:
+    """Of a thing one half was let go long ago, the other just now."""
+    scene = Scene()
+    scene.look(seconds=2.0)
+    scene.say_empty()
+    scene.look(*held(PERSON), seconds=2.0)
+    scene.look(BOX, PERSON, seconds=STILL + 3 * STEP)
+    assert not scene.is_person(BOX)
+    arm: Blob = ((35, 41), (31, 35), (2, 6))
+    scene.look(BOX, PERSON, arm)
+    assert scene.is_person(BOX), "it is held again"
+    scene.look(BOX, PERSON, seconds=0.5 * STILL)
+    assert scene.is_person(BOX)
+    scene.look(BOX, PERSON, seconds=0.5 * STILL + 3 * STEP)
+    assert not scene.is_person(BOX)
+
+
+def test_more_pieces_than_can_be_told_apart_are_people() -> None:
+    """Thousands of pieces at once are noise; one by one as many are things as have a number."""
+    steps = (np.arange(1, n - 1, 3) for n in GRID.shape)
+    lattice = np.stack(np.meshgrid(*steps, indexing="ij")).reshape(3, -1)
+    flat = np.ravel_multi_index(tuple(lattice), GRID.shape).astype(np.int32)
+    most = MOST_THINGS - 2
+    for count in (most, most + 1, len(flat)):
+        scene = Scene()
+        listed = flat[:count]
+        occupied = np.zeros(int(np.prod(GRID.shape)), np.uint8)
+        occupied[listed] = 1
+        state = np.where(occupied.reshape(GRID.shape) != 0, OCCUPIED, FREE).astype(np.uint8)
+        look = (state, listed, listed, occupied, scene.unseen.sets)
+        assert scene.things.update(*look, 1.0).all()
+        scene.things.begin(listed, occupied, 1.0)
+        assert len(scene.things.solid(listed)) == (count if count <= most else 0)
+        for now in (1.1, 1.2):  # what nobody brought is taken for a thing, piece by piece
+            may = scene.things.update(*look, now)
+            assert (~may).sum() == most
+
+
+def test_rounds_are_counted_for_months() -> None:
+    """The marks of earlier rounds are forgotten before their numbers end."""
+    scene = Scene()
+    scene.things._round = 2**31 - 20
+    scene.look(seconds=2.0)
+    scene.say_empty()
+    scene.look(*held(PERSON), seconds=2.0)
+    scene.look(BOX, PERSON, seconds=STILL + 3 * STEP)
+    assert not scene.is_person(BOX)
+    assert scene.is_person(PERSON)
+    assert scene.things._round < 2**30

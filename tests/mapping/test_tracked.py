@@ -179,3 +179,54 @@ def test_a_region_that_is_huge_or_unsure_is_not_followed():
     assert not TrackedThing(GRID).follow(huge, 0.0, 0.0)
     assert not TrackedThing(GRID).follow(unsure, 0.0, 0.0)
     assert not TrackedThing(GRID).follow(REGION, -np.inf, 0.0)
+
+
+def test_rounds_are_counted_for_months():
+    scene = Scene()
+    scene.thing._round = 2**31 - 4
+    for _ in range(5):
+        possible = scene.look(BALL)
+    assert not possible.any()
+    assert scene.thing._round < 2**30
+
+
+def test_what_is_in_a_region_may_be_this_far_from_it_in_the_map():
+    """Half a voxel's diagonal, 2 cm, two deviations, and what it moves on while it lingers."""
+    covariance = np.diag([0.01, 0.004, 0.002]) ** 2
+    region = replace(REGION, exposure=1.0, covariance=covariance, drift=0.1)
+    assert growth(region, 1.0, 0.0173) == pytest.approx(0.0173 + 0.02 + 2.0 * 0.01)
+    assert growth(region, 1.2, 0.0173) == pytest.approx(0.0173 + 0.02 + 2.0 * (0.01 + 0.02))
+    moving = replace(region, velocity=np.array([0.0, 0.3, 0.4]))
+    assert growth(moving, 1.0, 0.0) == pytest.approx(0.02 + 2.0 * 0.01 + 0.1 * 0.5)
+
+
+@pytest.mark.parametrize("now", [0.9, 1.0, 0.9 + KEPT, 1.1 + KEPT])
+def test_a_region_is_kept_for_a_moment_and_never_from_a_time_to_come(now):
+    """Nor where nobody knows of what time the map is."""
+    thing = TrackedThing(GRID)
+    region = Region("sphere", (RADIUS, 0.0, 0.0), make_pose(None, BALL), 1.0)
+    assert thing.follow(region, 1.0, 1.0)
+    assert thing.follow(None, 1.0, now) == (1.0 <= now <= 1.0 + KEPT)
+    assert not TrackedThing(GRID).follow(region, -np.inf, 1.0)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_every_border_of_the_map_is_one(axis, side):
+    """A region is followed where it and its shell lie within the map, a voxel from its end."""
+    thing = TrackedThing(GRID)
+    size = np.asarray(GRID.shape) * GRID.voxel
+    still = Region("sphere", (RADIUS, 0.0, 0.0), np.eye(4), 1.0)
+    reach = RADIUS + growth(still, 1.0, RADIUS_OF_VOXEL) + SHELL * GRID.voxel + GRID.voxel
+    end = size[axis] if side > 0 else 0.0
+    for room, follows in ((0.002, True), (-0.002, False)):
+        at = 0.5 * size
+        at[axis] = end - side * (reach + room)
+        region = Region("sphere", (RADIUS, 0.0, 0.0), make_pose(None, at), 1.0)
+        assert thing.follow(region, 1.0, 1.0) == follows
+    away = np.linalg.norm(CENTERS - 0.5 * size, axis=1) - RADIUS
+    assert thing.follow(replace(still, T_base_region=make_pose(None, 0.5 * size)), 1.0, 1.0)
+    grown = growth(still, 1.0, RADIUS_OF_VOXEL)
+    assert set(thing.inside) == set(np.flatnonzero(away <= grown))
+    shell = (away > grown) & (away <= grown + SHELL * GRID.voxel)
+    assert set(thing.around) == set(np.flatnonzero(shell))

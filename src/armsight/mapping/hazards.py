@@ -107,7 +107,7 @@ class UnseenPeople:
         self._static = np.ascontiguousarray(static).reshape(grid.shape)
         self._speed = speed
         self._edge = max(int(np.ceil(hand / grid.voxel - 1e-6)), 1)
-        self._rim = max(self._edge, 1)
+        self._rim = self._edge
         self._around = around
         nx, ny, nz = grid.shape
         self._depth = nz + 2 * self._rim
@@ -137,8 +137,8 @@ class UnseenPeople:
         ).reshape(-1, 3)
         index = index[((index < 0) | (index >= [nx, ny, nz])).any(axis=1)]
         cells = around._grid.index(self._grid.center(index))
-        rim = around._rim
-        cells = np.clip(cells, -rim, np.asarray(around._grid.shape) + rim - 1)
+        assert (cells >= -1).all(), "the grid around does not enclose this one"
+        assert (cells <= np.asarray(around._grid.shape)).all()
         return (index + self._rim).astype(np.int32), cells.astype(np.int32)
 
     def update(

@@ -68,8 +68,8 @@ class Things:
         self._grid = grid
         self._shape = np.asarray(grid.shape, np.int64)
         self._seen: Floats = np.full(size, -np.inf)
-        self._onset: Floats = np.full(size, -np.inf)
-        self._held: Floats = np.full(size, -np.inf)
+        self._onset: Floats = np.zeros(size)  # of what is seen; and so below
+        self._held: Floats = np.zeros(size)
         self._core: Shorts = np.zeros(size, np.uint16)
         self._active: Bytes = np.zeros(MOST_THINGS, np.uint8)
         self._next = 1
@@ -77,15 +77,14 @@ class Things:
         self._mark: Ints32 = np.zeros(size, np.int32)
         self._round = 2
         self._limit = max(int(SMALLEST_PERSON / grid.voxel**3), 1)
-        self._queue: Ints32 = np.zeros(max(size, self._limit + 32), np.int32)
+        self._queue: Ints32 = np.zeros(size, np.int32)
         self._fresh: Ints32 = np.zeros(size, np.int32)
         self._thing: Shorts = np.zeros(size, np.uint16)
         self._touches: Ints32 = np.zeros(MOST_THINGS, np.int32)
         self._least = touches
         self._trait: Bytes = np.zeros(size, np.uint8)
         self._before: Bytes = np.zeros(size, np.uint8)
-        self._settling = -np.inf
-        self._now = -np.inf
+        self._settling = self._now = 0.0
         self.telling = False
 
     def moving(self, clusters: Ints32, occupied: Bytes, now: float) -> int:
@@ -98,7 +97,6 @@ class Things:
         """Nobody is in the cell: whatever is there now is a thing."""
         self._core.fill(0)
         self._active.fill(0)
-        self._held.fill(-np.inf)
         self._next = 1
         self._cores = listed.copy()
         self._number(listed, occupied)
@@ -111,7 +109,6 @@ class Things:
         self._active.fill(0)
         self._cores = np.zeros(0, np.int32)
         self._seen.fill(-np.inf)
-        self._onset.fill(-np.inf)
         self._before = np.zeros_like(self._before)
         self.telling = False
 

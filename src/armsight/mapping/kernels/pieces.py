@@ -204,7 +204,7 @@ def enclosed_piece(
         mark: by voxel, the last round's number; voxels of an open or large piece get ``large``, so
             that whoever comes upon them knows.
         number: of this piece.
-        queue: (at least limit + 27,) receives the piece's voxels.
+        queue: (at least limit + 27, or all voxels) receives the piece's voxels.
 
     Returns:
         Its voxels, or 0: it is large, or goes on beyond the grid.
