@@ -41,6 +41,7 @@ class ParkedCar:
     def reset(self) -> None:
         """Back to where it was parked first."""
         self.T_world_socket: Pose = self._start.copy()
+        self._turned = self.T_world_socket, to_wxyz(self.T_world_socket)
         self._goal: Pose | None = None
         self._rng = np.random.default_rng((self._seed, 81))
         self._last = 0.0
@@ -83,5 +84,7 @@ class ParkedCar:
                 self.T_world_socket, self._goal = self._goal, None
             else:
                 self.T_world_socket = self.T_world_socket @ exp(away * (seconds / far))
+        if self._turned[0] is not self.T_world_socket:  # it mostly stands, and is asked for often
+            self._turned = self.T_world_socket, to_wxyz(self.T_world_socket)
         position[0] = self.T_world_socket[:3, 3]
-        quaternion[0] = to_wxyz(self.T_world_socket)
+        quaternion[0] = self._turned[1]
