@@ -81,6 +81,39 @@ def test_it_plugs_in_and_comes_out_and_knows_after_a_kill_where_the_plug_is(cell
     assert bench.peaks.axial < 125.0
 
 
+@pytest.mark.parametrize(
+    ("jump", "words"),
+    [((0.0, 0.0, 60.0), "mm deeper than its seat"), ((0.0, -50.0, -60.0), "plugging in: ")],
+)
+def test_a_sensor_that_jumps_in_the_socket_is_noticed_and_the_plug_comes_out(cell, jump, words):
+    """The law would press with 85 N and what the sensor does not say."""
+    bench = StationBench(cell, seed=3)
+    it = station(cell, car=SimulatedCar(seconds=1.0), tries=1)
+    it.begin()
+    until(bench, it, lambda: it.state is State.INSERT and bench.score()[0] > 0.012)
+    bench.bias[:3] = jump
+    until(bench, it, lambda: not it.busy, 90.0)
+    assert words in it.outcomes[-1].problem
+    assert it.outcomes[-1].out
+    assert not it.outcomes[-1].seated
+    assert bench.score()[0] < -0.05
+    assert max(bench.peaks.axial, bench.peaks.lateral) < 125.0
+
+
+def test_a_cable_that_is_caught_while_it_goes_in_is_a_jam_and_the_plug_comes_out(cell):
+    bench = StationBench(cell, seed=3)
+    it = station(cell, car=SimulatedCar(seconds=1.0), tries=1)
+    it.begin()
+    until(bench, it, lambda: it.state is State.INSERT and bench.score()[0] > 0.005)
+    bench.catch_cable(slack=0.005)
+    until(bench, it, lambda: not it.busy, 90.0)
+    assert "jammed" in it.outcomes[-1].problem
+    assert it.outcomes[-1].out
+    assert not it.outcomes[-1].seated
+    assert bench.score()[0] < -0.05
+    assert max(bench.peaks.axial, bench.peaks.lateral) < 125.0
+
+
 class Stub:
     """A robot that stands where it is put; the station's logic without physics."""
 
@@ -287,6 +320,13 @@ def test_a_force_sensor_that_dies_is_said_and_nothing_is_pulled_by_feel(cell):
     assert stub.station.state is State.STUCK
     assert "the plug is in the car: mend the sensor" in stub.station.words
     assert wish.intent.fault
+
+
+def test_a_plug_that_was_dropped_on_the_way_is_not_pushed_in(cell):
+    stub = stub_in(cell, State.TARE, cable=15.0)  # 31 N are expected, 16 are felt
+    stub.rest(1.0)
+    assert stub.station.state is State.LEAVE
+    assert "the plug weighs 16 N, with its cable 31 are expected" in stub.station.outcome.problem
 
 
 def test_what_fails_again_and_again_ends(cell):

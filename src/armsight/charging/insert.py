@@ -23,6 +23,8 @@ TO_AXIS = 1.5
 """Gain with which the plug keeps to the believed axis until it touches [1/s]."""
 FACE_OFF = 0.003
 """The face is where it is believed to be, but for this [m]."""
+BEYOND = 0.004
+"""A plug that seems so much deeper than its seat is pressed harder than the sensor says [m]."""
 AHEAD = 20.0
 """The wanted force runs ahead of the felt one by this at most [N]."""
 
@@ -225,6 +227,11 @@ class Insertion:
         o = self.options
         most = o.shallow_push if depth < o.shallow else o.push
         self._ramp(-float(felt.wrench[2]), most, dt)
+        beyond = depth - o.depth - o.port_depth
+        if beyond > BEYOND:  # its mount gives more than what is felt would have it
+            too = f"{1e3 * (depth - o.depth):.1f} mm deeper than its seat"
+            self._go(Phase.FAILED, felt.now, f"{too}: force sensor or port are not as believed")
+            return
         if depth > self._deepest + 0.0003:
             self._deepest, self._progress = depth, felt.now
         there = depth > o.depth - o.depth_tolerance - o.port_depth

@@ -268,7 +268,10 @@ class Station(LidStates):
             )
             self.words = f"waits for leave to touch: {reason}"
         elif self._rests(seen, o.settle):
-            if not self._hand.feeling.zero(seen.now):
+            wrong = "" if self._weight is None else self._hand.feeling.not_ours(self._weight)
+            if wrong:  # it was dropped, or its cable caught, on the way from the approach
+                self._fail(seen, wrong)
+            elif not self._hand.feeling.zero(seen.now):
                 self._fail(seen, "the force sensor is silent or noisy: nobody would feel the port")
             elif not self._unkept(seen):
                 law = PaperInsertion if o.mode == "paper" else Insertion

@@ -32,7 +32,7 @@ from armsight.motion.intents import Intent, JointIntent, PoseIntent, VelocityInt
 from armsight.motion.permits import Permit, PermitState
 from armsight.motion.steering import joints_of_twist
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
-from armsight.simulation.plugs import Plugged
+from armsight.simulation.plugs import Caught, Plugged
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell import robot_in, world_spec
 from armsight.workcell.car import finger_pose, vehicle_of
@@ -41,6 +41,8 @@ from armsight.workcell.schema import Workcell
 
 TICK = 0.008
 """Between two commands [s]."""
+CAUGHT = 0.3
+"""How far from the plug its cable is caught [m]."""
 CRUISE, RISE = 0.6, 1.2
 """Speed and acceleration of the joints on the way to a pose [rad/s], [rad/s^2]."""
 
@@ -87,6 +89,7 @@ class StationBench:
         looks: newest of each pair; lids: likewise of the lid.
         withdrawn: why the guard withdraws the permit, in words; empty while it grants it.
         numb: the force sensor says nothing any more.
+        bias: (6,) that the force sensor says too much [N], [N m].
     """
 
     def __init__(
@@ -108,6 +111,7 @@ class StationBench:
         self._status = _status("", False, None)
         self._wrench: Wrench | None = None
         self._joints: JointState | None = None
+        self._T_base_world = inverse(workcell.robot.T_world_base)
         self._goal = ""
         self._path: JointVector | None = None
         self._speed = np.zeros(self.robot.n)
@@ -117,6 +121,7 @@ class StationBench:
         self.peaks = Peaks()
         self.withdrawn = ""
         self.numb = False
+        self.bias = np.zeros(6)
 
     @property
     def now(self) -> float:
@@ -127,14 +132,13 @@ class StationBench:
     def T_base_port(self) -> Pose:
         """The truth, now."""
         assert self.world.car is not None
-        T_base_world = inverse(self.workcell.robot.T_world_base)
-        return np.asarray(T_base_world @ self.world.car.T_world_socket)
+        return np.asarray(self._T_base_world @ self.world.car.T_world_socket)
 
     def step(self, station: Station) -> None:
         """One tick."""
         world = self.world
         while (reading := world.wrench.read() if world.wrench else None) is not None:
-            self._wrench = self._wrench if self.numb else reading
+            self._wrench = self._wrench if self.numb else self._biased(reading)
         joints = world.arm.read() or self._joints
         if joints is not None:
             self._joints = joints
@@ -182,10 +186,22 @@ class StationBench:
         while self.now < end:
             self.world.advance(self.now + TICK)
 
+    def catch_cable(self, slack: float) -> None:
+        """The plug's cable is caught below and behind it; so much of it is left [m]."""
+        plugged = self.world.plugged
+        assert plugged is not None
+        end = plugged.cable_end
+        away = plugged.T_world_socket[:3, 2] - np.array([0.0, 0.0, 0.5])
+        plugged.caught = Caught(end + CAUGHT * away / float(np.linalg.norm(away)), CAUGHT + slack)
+
     def score(self) -> tuple[float, float]:
         """See :func:`depth_and_tilt`."""
         assert self.world.plugged is not None
         return depth_and_tilt(self.world.plugged)
+
+    def _biased(self, told: Wrench) -> Wrench:
+        force, torque = told.force + self.bias[:3], told.torque + self.bias[3:]
+        return replace(told, force=force, torque=torque)
 
     def _lid_shut(self) -> bool:
         return self.world.lid is not None and self.world.lid.shut

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -133,12 +133,35 @@ def add_looks(builder: Builder, body: Any, looks: Sequence[Look], prefix: str, p
         builder.looks(body, seen, name, np.eye(4), name, group)
 
 
+@dataclass(frozen=True)
+class Caught:
+    """A cable that something holds, so that what is left of it stretches like a spring.
+
+    Attributes:
+        place: (3,) where it is held, in world [m]; slack: how much of it is left [m].
+        stiffness: of what is left once it is taut [N/m].
+    """
+
+    place: Vector3
+    slack: float
+    stiffness: float = 1500.0
+
+    def pull(self, end: Vector3) -> Vector3:
+        """(3,) force [N] in world on its end at (3,) [m]."""
+        way = np.asarray(self.place) - end
+        length = max(float(np.linalg.norm(way)), 1e-9)
+        return np.asarray(way * (self.stiffness * max(length - self.slack, 0.0) / length))
+
+
 class Plugged:
     """What acts on the plug besides contact: its cable, and the contacts that are mated.
 
     Args:
         model, data: MuJoCo's.
         plug: spec of the plug; socket: of what it enters, or None.
+
+    Attributes:
+        caught: where its cable has been caught; None while it runs free.
     """
 
     def __init__(self, model: Any, data: Any, plug: PlugSpec, socket: SocketSpec | None) -> None:
@@ -148,6 +171,7 @@ class Plugged:
         self._at = -1 if socket is None else int(model.body(SOCKET_BODY).id)
         self._weight, self._rear = np.array([0.0, 0.0, -plug.cable]), np.asarray(plug.rear)
         self._hung_at = np.full(3, np.inf)
+        self.caught: Caught | None = None
         self._velocity = np.zeros(6)
         self._contact = np.zeros(6)
         self._rubs = np.zeros(3)
@@ -160,6 +184,8 @@ class Plugged:
         if self._plug.hung is not None:
             self._hang(self._plug.hung, data.xpos[body] + at)
         force = self._weight
+        if self.caught is not None:
+            force = force + self.caught.pull(data.xpos[body] + at)
         torque = _cross(at, force)
         socket = self._socket
         self._rubs[:] = 0.0
@@ -177,6 +203,12 @@ class Plugged:
         """The pull of a cable whose end has moved; it is a curve, not worth it every step."""
         if float(np.abs(end - self._hung_at).max()) > MOVED:
             self._hung_at, self._weight = end.copy(), cable_pull(cable, end)
+
+    @property
+    def cable_end(self) -> Vector3:
+        """(3,) where the cable leaves the plug, in world [m]."""
+        R = self._data.xmat[self._body].reshape(3, 3)
+        return np.asarray(self._data.xpos[self._body] + R @ self._rear)
 
     @property
     def T_world_socket(self) -> Pose:
@@ -206,16 +238,14 @@ class Plugged:
         """
         data, total = self._data, np.concatenate([self._rubs, np.zeros(3)])
         origin = data.xpos[self._body]
-        for i in range(data.ncon):
+        bodies = self._model.geom_bodyid[data.contact.geom]
+        for i in np.flatnonzero((bodies == self._body).any(axis=1)):
             contact = data.contact[i]
-            bodies = [int(self._model.geom_bodyid[g]) for g in (contact.geom1, contact.geom2)]
-            if self._body not in bodies:
-                continue
             mujoco.mj_contactForce(self._model, data, i, self._contact)
-            sign = 1.0 if bodies[1] == self._body else -1.0
+            sign = 1.0 if bodies[i, 1] == self._body else -1.0
             force = sign * contact.frame.reshape(3, 3).T @ self._contact[:3]
             total[:3] += force
-            total[3:] += np.cross(contact.pos - origin, force)
+            total[3:] += _cross(contact.pos - origin, force)
         return total
 
 
