@@ -181,6 +181,20 @@ def test_a_side_whose_tilt_is_unsure_is_said_farther_out_but_not_so_far_as_to_be
         assert min(float(s.distance(out)[0]) for s in solids) > 0.0
 
 
+def test_a_second_look_that_agrees_lets_the_body_be_said_where_it_is():
+    """It stayed up to 5 cm before itself where both looks found the port in one place."""
+    shape = load_vehicle("hatchback")
+    body = ParkedCarOnMap(shape, np.eye(4))
+    body.found(T_PORT, np.diag([0, 0, 0, np.deg2rad(1.5) ** 2, 0, 0]))
+    body.found(moved(1), SURE)
+    assert len(body.standing) == 2
+    newest = list(body.standing.values())[-1]
+    before = transform(moved(1), np.array([[0.0, 0.4, 0.012]]))
+    assert min(float(s.distance(before)[0]) for s in newest) > 0.0
+    body.found(T_PORT, np.diag([0, 0, 0, np.deg2rad(0.2) ** 2, 0, 0]))
+    assert list(body.standing.values())[-1] is newest
+
+
 def test_a_car_that_has_moved_is_withdrawn_at_once_and_a_refusal_is_said():
     body = ParkedCarOnMap(load_vehicle("hatchback"), np.eye(4))
     body.found(T_PORT, SURE)

@@ -17,6 +17,8 @@ ELSEWHERE = (0.03, float(np.deg2rad(2.5)))
 SURER = (0.003, float(np.deg2rad(0.3)))
 """Found this far from there, its body is declared anew beside the old one, which then goes."""
 
+NEARER = 0.01
+"""Or where it need not be said so much farther out any more [m]."""
 SIGMAS, REACH, MOST = 3.0, 0.5, 0.05
 """The body may be farther out than its port says by so many standard deviations of the port's tilt,
 this far from the port [m], and by no more than this [m]: else cameras would see through it."""
@@ -32,7 +34,7 @@ class ParkedCarOnMap:
 
     def __init__(self, shape: VehicleShape | None, T_world_base: Pose) -> None:
         self.shape, self._T_world_base = shape, T_world_base
-        self._number = 0
+        self._number, self._margin = 0, 0.0
         self.gone()
 
     def gone(self) -> None:
@@ -71,15 +73,16 @@ class ParkedCarOnMap:
         """
         if self.shape is None:
             return
+        tilt = float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))
+        margin = min(SIGMAS * tilt * REACH, MOST)
         if self._at is not None:
             gap = apart(self._at, T_base_port)
-            if all(a < b for a, b in zip(gap, SURER)):
+            if all(a < b for a, b in zip(gap, SURER)) and margin > self._margin - NEARER:
                 return
             if any(a > b for a, b in zip(gap, ELSEWHERE)):
                 self.gone()
         self._at, self._number = T_base_port.copy(), self._number + 1
-        tilt = float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))
-        margin = min(SIGMAS * tilt * REACH, MOST)
+        self._margin = margin
         solids = tuple(
             replace(s, T_frame_solid=T_base_port @ s.T_frame_solid)
             for s in self.shape.within(margin)
