@@ -87,8 +87,8 @@ def test_it_plugs_in_and_comes_out_and_knows_after_a_kill_where_the_plug_is(cell
 )
 def test_a_sensor_that_jumps_in_the_socket_is_noticed_and_the_plug_comes_out(cell, jump, words):
     """The law would press with 85 N and what the sensor does not say."""
-    bench = StationBench(cell, seed=3)
-    it = station(cell, car=SimulatedCar(seconds=1.0), tries=1)
+    bench, law = StationBench(cell, seed=3), replace(OPTIONS.insert, tries=1)
+    it = station(cell, car=SimulatedCar(seconds=1.0), tries=1, insert=law)
     it.begin()
     until(bench, it, lambda: it.state is State.INSERT and bench.score()[0] > 0.012)
     bench.bias[:3] = jump
@@ -101,8 +101,8 @@ def test_a_sensor_that_jumps_in_the_socket_is_noticed_and_the_plug_comes_out(cel
 
 
 def test_a_cable_that_is_caught_while_it_goes_in_is_a_jam_and_the_plug_comes_out(cell):
-    bench = StationBench(cell, seed=3)
-    it = station(cell, car=SimulatedCar(seconds=1.0), tries=1)
+    bench, law = StationBench(cell, seed=3), replace(OPTIONS.insert, tries=1)
+    it = station(cell, car=SimulatedCar(seconds=1.0), tries=1, insert=law)
     it.begin()
     until(bench, it, lambda: it.state is State.INSERT and bench.score()[0] > 0.005)
     bench.catch_cable(slack=0.005)

@@ -144,7 +144,7 @@ class Caught:
 
     place: Vector3
     slack: float
-    stiffness: float = 1500.0
+    stiffness: float = 5000.0
 
     def pull(self, end: Vector3) -> Vector3:
         """(3,) force [N] in world on its end at (3,) [m]."""
