@@ -5,12 +5,12 @@ import pytest
 from painted_ports import LENS, PAIR, facing, paint
 
 from armsight.charging.find import FindOptions, find_ports
-from armsight.charging.fit import fit, turned
+from armsight.charging.fit import fit, model_points, turned
 from armsight.charging.looks import look
 from armsight.charging.matches import mirrored
 from armsight.charging.plane_fit import paper_pose
 from armsight.charging.ports.table import PORTS
-from armsight.charging.pose import fit_pose, locate
+from armsight.charging.pose import SURE, _located, fit_pose, locate, locate_in_one
 from armsight.charging.rehearsal import rehearse
 from armsight.charging.windows import dark_windows
 from armsight.errors import UsageError
@@ -21,8 +21,12 @@ LENSES = (PAIR.left, PAIR.right)
 
 
 def _pair(name, T, seed=0):
+    return _pair_of(PORTS[name], T, seed)
+
+
+def _pair_of(port, T, seed):
     return tuple(
-        paint(PORTS[name], T_lens @ T, lens, seed + i)
+        paint(port, T_lens @ T, lens, seed + i)
         for i, (lens, T_lens) in enumerate(zip(LENSES, T_LENS_REF))
     )
 
@@ -101,6 +105,42 @@ def test_a_start_on_the_wrong_roll_ends_on_the_right_one(name: str) -> None:
     assert angle_between(found.T_ref_port, T) < np.deg2rad(1.0)
 
 
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_tilt_that_either_picture_took_for_its_mirror_image_is_set_right(side: int) -> None:
+    """From far one picture cannot tell; mirrored at the other lens's sight it is 10 deg off."""
+    T = facing(0.02, 0.01, 1.0, (0.1, 0.42), 0.1)
+    T_lens = T_LENS_REF[side]
+    start = inverse(T_lens) @ mirrored(T_lens @ T)
+    assert angle_between(start, T) > np.deg2rad(30)
+    found = fit_pose(_pair("type1", T, 11), LENSES, T_LENS_REF, "type1", start)
+    assert angle_between(found.T_ref_port, T) < np.deg2rad(1.5)
+    assert found.tilt_gap > SURE
+    assert not found.doubtful
+
+
+def test_one_picture_from_far_says_that_it_cannot_tell_the_tilt() -> None:
+    T = facing(0.0, 0.0, 1.1, (0.0, 0.4), 0.1)
+    image = paint(PORTS["type1"], T, LENS, 12)
+    found = fit_pose([image], [LENS], [np.eye(4)], "type1", T)
+    assert found.tilt_gap < SURE
+    assert found.doubtful
+    near = facing(0.0, 0.0, 0.3, (0.0, 0.4), 0.1)
+    image = paint(PORTS["type1"], near, LENS, 12)
+    assert fit_pose([image], [LENS], [np.eye(4)], "type1", near).tilt_gap > found.tilt_gap
+
+
+@pytest.mark.parametrize("name", ["type1", "ccs1"])
+def test_one_picture_tells_a_type_from_the_one_that_holds_it(name: str) -> None:
+    """The finder says Type 1 of either: it may have seen the upper half only."""
+    T = facing(0.0, 0.02, 0.6, (0.2, 0.1), 0.1)
+    image = paint(PORTS[name], T, LENS, 8)
+    options = FindOptions(ports=("type1", "ccs1"))
+    (seen,) = _located([image], [LENS], [np.eye(4)], [("type1", T)], options)
+    assert seen.port == name
+    (seen,) = locate_in_one(image, LENS, options)
+    assert seen.port == name
+
+
 def test_locate_pairs_both_pictures() -> None:
     T = facing(0.05, 0.02, 0.6, (0.25, -0.15), 0.2)
     poses = locate(_pair("type2", T, 7), PAIR, FindOptions(ports=("type1", "type2")))
@@ -125,6 +165,42 @@ def test_other_sizes_than_the_table_says_are_told_apart_from_the_pose() -> None:
     mouth = [rim.kind for rim in found.curves.rims].index("mouth")
     assert 0.4e-3 < found.make[mouth, 0] < 1.0e-3  # its tolerance draws it to the table a little
     assert np.linalg.norm(log(inverse(T) @ found.T_ref_port)[:3]) < 1e-3
+
+
+def test_a_slot_of_other_proportions_is_not_taken_for_a_tilt() -> None:
+    """DC parts 2 mm less high and as wide as the table's, as if they were tilted."""
+    from dataclasses import replace
+
+    nominal = PORTS["ccs1"]
+    rims = tuple(
+        replace(
+            rim,
+            outline=replace(
+                rim.outline, radius=rim.outline.radius - 1e-3, spread=rim.outline.spread + 1e-3
+            ),
+        )
+        if rim.outline.spread and rim.fit
+        else rim
+        for rim in nominal.rims
+    )
+    T = facing(0.0, 0.02, 0.45, (0.25, 0.0), 0.0)
+    found = fit_pose(_pair_of(replace(nominal, rims=rims), T, 3), LENSES, T_LENS_REF, "ccs1", T)
+    assert angle_between(found.T_ref_port, T) < np.deg2rad(0.5)
+    slots = [rim.outline.spread > 0 for rim in found.fit.curves.rims]
+    assert np.allclose(found.fit.make[slots, 4], 1e-3, atol=0.4e-3)
+    assert not found.fit.make[np.logical_not(slots), 4].any()
+
+
+def test_edges_3_px_apart_do_not_pull_at_each_other() -> None:
+    """A mouth of 18 px in radius, as from afar: place, tilt and edges in the picture's pixels."""
+    T = facing(0.02, 0.01, 1.0, (0.2, -0.25), 0.1)
+    found = fit_pose(_pair("type1", T, 6), LENSES, T_LENS_REF, "type1", T)
+    e = log(inverse(T) @ found.T_ref_port)
+    assert np.linalg.norm(e[:2]) < 0.15e-3
+    assert np.linalg.norm(e[3:5]) < np.deg2rad(0.6)
+    seen = found.fit.edges[0] + found.fit.corners[0]
+    off = LENS.project(model_points(found.fit)) - seen
+    assert np.nanmedian(np.abs(off)) < 0.15
 
 
 def test_the_papers_plane_is_exact_without_noise() -> None:

@@ -29,10 +29,11 @@ SWELL_SIGMA = 0.35
 """The same for its size [px]."""
 OVAL_SIGMA = 0.2
 """The same for its ovalness: the far wall of a groove shows below its rim, the near one not."""
+MAKE = 5
+"""Unknowns of make for each edge: size, x, y, z, and half the straight part of a slot: without the
+last, a slot of other proportions than the table's would look tilted."""
 LIGHT = 5
 """Unknowns of light for each edge in each picture."""
-MATCHED = 1.5
-"""An edge this near to where it should be counts as found [px]."""
 MISSING = 9.0
 """Cost of a point without an edge, in squared standard deviations."""
 
@@ -47,6 +48,7 @@ class FitOptions:
         makes: whether sizes and places of edges may differ from the table's.
         spacing: of points along the edges [px].
         most_spacing: the same in the port [m].
+        matched: an edge this near to where it should be counts as found [px].
     """
 
     reach: float = 6.0
@@ -54,6 +56,7 @@ class FitOptions:
     makes: bool = True
     spacing: float = 2.0
     most_spacing: float = 0.003
+    matched: float = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,7 @@ class Fit:
         score: share of the edge points that were found, 0..1.
         cost: sum of squared standardised residuals; a missing point costs :data:`MISSING`.
         points: how many points were looked for.
-        make: (rims, 4) how size, x, y and z of each edge differ from the table [m].
+        make: (rims, 5) how size, x, y, z and a slot's straight part differ from the table [m].
         edges: one (n, 2) array of pixels a picture, NaN where no edge was found.
         found: (views * n,) which points were found.
         curves: the points that were looked for.
@@ -123,7 +126,7 @@ def fit(
     options = options or FitOptions()
     model = spaced_curves(port, looks, T_ref_port, options)
     T = T_ref_port.copy()
-    make = np.zeros((len(model.rims), 4))
+    make = np.zeros((len(model.rims), MAKE))
     reaches = np.geomspace(max(options.reach, 2.5), 2.5, max(options.iterations - 2, 1))
     H = np.eye(6)
     for i in range(options.iterations):
@@ -135,14 +138,12 @@ def fit(
         T = T @ exp(step)
         if np.linalg.norm(step[:3]) < 2e-6 and np.linalg.norm(step[3:]) < 2e-5 and reach < 2.6:
             break
-    return _result(looks, model, T, make, H)
+    return _result(looks, model, T, make, H, options.matched)
 
 
 def _predict(view: Look, model: Curves, T_ref_port: Pose, make: Floats) -> _Row:
     """Where edges should be in a picture, and how pose and make move them."""
-    own = make[model.rim]
-    p = model.points + own[:, :1] * model.normals
-    p = p + own[:, 1:]
+    p = _made(model, make)
     T = view.T_lens_ref @ T_ref_port
     R, lens = T[:3, :3], view.lens
     q = p @ R.T + T[:3, 3]
@@ -162,7 +163,8 @@ def _predict(view: Look, model: Curves, T_ref_port: Pose, make: Floats) -> _Row:
     along_q = np.column_stack([g, -np.einsum("ij,ij->i", g, ray)])
     in_port = along_q @ R
     by_pose = np.column_stack([in_port, np.cross(p, in_port)])
-    by_make = np.column_stack([np.einsum("ij,ij->i", in_port, model.normals), in_port])
+    grown = np.einsum("ij,ij->i", in_port, model.normals)
+    by_make = np.column_stack([grown, in_port, in_port[:, 0] * model.side])
     return _Row(u, n, by_pose, by_make)
 
 
@@ -183,7 +185,7 @@ def _solve(
     make: Floats,
     bend: bool,
 ) -> tuple[Floats, Floats, Floats]:
-    """One step: (6,) twist, (6, 6) information of the pose, new (rims, 4) make."""
+    """One step: (6,) twist, (6, 6) information of the pose, new (rims, 5) make."""
     k = len(model.rims)
     d = np.concatenate(offsets)
     seen = np.isfinite(d)
@@ -204,7 +206,7 @@ def _solve(
     g = A.T @ (weight * r) - prior * about
     x = np.linalg.solve(H, g)
     if bend:
-        make = make + x[6 : 6 + 4 * k].reshape(k, 4)
+        make = make + x[6 : 6 + MAKE * k].reshape(k, MAKE)
         rest = H[6:, 6:]
         information = H[:6, :6] - H[:6, 6:] @ np.linalg.solve(rest, H[6:, :6])
     else:
@@ -220,23 +222,21 @@ def _with_nuisance(
 ) -> tuple[Floats, Floats, Floats]:
     """Columns of pose, make, and light on each edge in each picture; with their priors."""
     k, n, views = len(model.rims), len(model.points), len(rows)
-    A = np.zeros((n * views, 6 + 4 * k + LIGHT * k * views))
+    A = np.zeros((n * views, 6 + MAKE * k + LIGHT * k * views))
     A[:, :6] = by_pose
     index = np.arange(n)
     for v, row in enumerate(rows):
         at = index + v * n
-        for c in range(4):
-            A[at, 6 + 4 * model.rim + c] = row.by_make[:, c]
-        own = 6 + 4 * k + LIGHT * (v * k + model.rim)
+        for c in range(MAKE):
+            A[at, 6 + MAKE * model.rim + c] = row.by_make[:, c]
+        own = 6 + MAKE * k + LIGHT * (v * k + model.rim)
         x, y = row.normals.T
         for c, column in enumerate((x, y, np.ones(n), x * x - y * y, 2.0 * x * y)):
             A[at, own + c] = column
-    tolerance = np.array(
-        [
-            (rim.radius_tolerance, rim.place_tolerance, rim.place_tolerance, rim.depth_tolerance)
-            for rim in model.rims
-        ]
-    )
+    size, place, depth = np.array(
+        [(rim.radius_tolerance, rim.place_tolerance, rim.depth_tolerance) for rim in model.rims]
+    ).T
+    tolerance = np.column_stack([size, place, place, depth, size])
     light = np.array([SHIFT_SIGMA, SHIFT_SIGMA, SWELL_SIGMA, OVAL_SIGMA, OVAL_SIGMA])
     deep = np.array([2.0 if rim.kind == "mouth" else 1.0 for rim in model.rims])
     light = np.tile((deep[:, None] * light).ravel(), views)
@@ -247,12 +247,17 @@ def _with_nuisance(
 
 
 def _result(
-    looks: Sequence[Look], model: Curves, T: Pose, make: Floats, information: Floats
+    looks: Sequence[Look],
+    model: Curves,
+    T: Pose,
+    make: Floats,
+    information: Floats,
+    matched: float,
 ) -> Fit:
     rows = [_predict(view, model, T, make) for view in looks]
-    offsets = [_search(view, row, 2.5) for view, row in zip(looks, rows)]
+    offsets = [_search(view, row, matched + 1.0) for view, row in zip(looks, rows)]
     d = np.concatenate(offsets)
-    found = np.abs(np.where(np.isfinite(d), d, 99.0)) <= MATCHED
+    found = np.abs(np.where(np.isfinite(d), d, 99.0)) <= matched
     squares = np.where(np.isfinite(d), np.minimum((d / POINT_SIGMA) ** 2, MISSING), MISSING)
     rms = float(np.sqrt(np.mean(d[found] ** 2))) if found.any() else float("nan")
     inflation = max((rms / POINT_SIGMA) ** 2, 1.0) if found.any() else 1.0
@@ -289,6 +294,13 @@ def turned(T_ref_port: Pose, lean_x: float = 0.0, lean_y: float = 0.0, roll: flo
 
 def model_points(result: Fit) -> Points:
     """(n, 3) points of the fitted make in the reference frame [m]."""
-    own = result.make[result.curves.rim]
-    p = result.curves.points + own[:, :1] * result.curves.normals + own[:, 1:]
+    p = _made(result.curves, result.make)
     return np.asarray(p @ result.T_ref_port[:3, :3].T + result.T_ref_port[:3, 3])
+
+
+def _made(model: Curves, make: Floats) -> Points:
+    """(n, 3) points of a make in the port's frame [m]."""
+    own = make[model.rim]
+    p = model.points + own[:, :1] * model.normals + own[:, 1:4]
+    p[:, 0] += own[:, 4] * model.side
+    return np.asarray(p)

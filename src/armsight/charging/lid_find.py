@@ -149,7 +149,7 @@ def _of_both(images: tuple[Bytes, Bytes], pair: StereoPair, T: Pose) -> LidPose 
         window = window_about(lens, T_lens @ T, 0.17)
         if window is None:
             return None
-        looks.append(look(image, lens, T_lens, window))
+        looks.append(look(image, lens, T_lens, window=window))
     found = _fitted(looks, T, 8.0)
     return LidPose(found.T_ref_port, found.covariance, found.score, found)
 

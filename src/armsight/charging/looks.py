@@ -56,9 +56,10 @@ def noise_of(gx: Floats32 | SignedShorts, gy: Floats32 | SignedShorts) -> float:
 
 
 def look(
-    image: Bytes,
+    image: Bytes | Floats32,
     lens: PinholeCamera,
     T_lens_ref: Pose | None = None,
+    smoothing: float = SMOOTHING,
     window: tuple[int, int, int, int] | None = None,
 ) -> Look:
     """A picture, or a window of it (top, bottom, left, right) [px], ready to be searched."""
@@ -68,7 +69,7 @@ def look(
         lens = replace(
             lens, width=right - left, height=bottom - top, cx=lens.cx - left, cy=lens.cy - top
         )
-    gx, gy = gradients(image)
+    gx, gy = gradients(image, smoothing)
     T = np.eye(4) if T_lens_ref is None else T_lens_ref
     return Look(gx, gy, lens, T, max(noise_of(gx, gy), 0.05))
 

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Bytes, Floats, Pose
-from armsight.charging.coarse_to_fine import fit_coarse_to_fine
-from armsight.charging.find import FindOptions
+from armsight.charging.coarse_to_fine import blurs_for, fit_at_size
+from armsight.charging.find import FindOptions, check_picture, find_ports
 from armsight.charging.fit import MISSING, Fit, turned
 from armsight.charging.matches import mirrored
 from armsight.charging.pairs import find_in_pair
 from armsight.charging.ports.table import PORTS
+from armsight.charging.windows import dark_windows
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse
 from armsight.geometry.stereo import StereoPair
@@ -27,7 +28,10 @@ INDEPENDENT = 6.0
 """Neighbouring edge points err alike: this many count as one (about the blur of the picture and
 the spacing of the points)."""
 SURE = 10.0
-"""Difference in log-likelihood between the best roll and the next above which it is sure."""
+"""Difference in log-likelihood between the best roll and the next above which it is sure; and
+between a tilt and its mirror image."""
+ONE = 0.05
+"""Tilts that differ by less are one [rad]."""
 LEANS = ((0.0, 0.0), (0.13, 0.0), (-0.13, 0.0), (0.0, 0.13), (0.0, -0.13))
 """Tilts about the port's x and y from which a fit is tried [rad]."""
 FINALISTS = 3
@@ -44,6 +48,8 @@ class PortPose:
         covariance: (6, 6) of it as a twist in the port's frame: metres, radians.
         score: share of its edges found in all pictures, 0..1.
         roll_gap: log-likelihood of this roll less that of the next.
+        tilt_gap: the same of its tilt and of the mirror image of it; infinite where that is no
+            other pose.
         fit: all of the fit.
     """
 
@@ -52,12 +58,13 @@ class PortPose:
     covariance: Floats
     score: float
     roll_gap: float
+    tilt_gap: float
     fit: Fit
 
     @property
     def doubtful(self) -> bool:
-        """Whether the roll cannot be told: look again, from nearer."""
-        return self.roll_gap < SURE
+        """Whether roll or tilt cannot be told: look again, from nearer."""
+        return min(self.roll_gap, self.tilt_gap) < SURE
 
     @property
     def sigma(self) -> Floats:
@@ -86,14 +93,37 @@ def locate(
     lenses = (pair.left, pair.right)
     T_lens_ref = (np.eye(4), inverse(pair.T_left_right))
     starts = [(d.port, d.T_left_port) for d in find_in_pair(images, pair, options, windows)]
-    # a type may be the upper half of one that holds it; together the pictures tell
-    starts += [
-        (name, T)
-        for held, T in tuple(starts)
-        for name in options.ports
-        if PORTS[name].contains == held
+    return _located(images, lenses, T_lens_ref, starts, options)
+
+
+def locate_in_one(
+    image: Bytes, lens: PinholeCamera, options: FindOptions | None = None, windows: bool = False
+) -> tuple[PortPose, ...]:
+    """As :func:`locate`, by one picture: from far it cannot tell a tilt from its mirror image.
+
+    Raises:
+        UsageError: the picture is not as it has to be.
+    """
+    options = options or FindOptions()
+    check_picture(image, lens)
+    found = find_ports(image, lens, options, dark_windows(image) if windows else None)
+    starts = [(d.port, d.T_camera_port) for d in found]
+    return _located((image,), (lens,), (np.eye(4),), starts, options)
+
+
+def _located(
+    images: Sequence[Bytes],
+    lenses: Sequence[PinholeCamera],
+    T_lens_ref: Sequence[Pose],
+    starts: list[tuple[str, Pose]],
+    options: FindOptions,
+) -> tuple[PortPose, ...]:
+    """Ports fitted from (type, pose) at which they were found, one a place, the surest first."""
+    # a type may be the upper half of one that holds it; the whole picture of both tells
+    holding = [
+        (name, T) for held, T in starts for name in options.ports if PORTS[name].contains == held
     ]
-    found = [fit_pose(images, lenses, T_lens_ref, name, T) for name, T in starts]
+    found = [fit_pose(images, lenses, T_lens_ref, name, T) for name, T in (*starts, *holding)]
     found = [p for p in found if p.score >= options.least_together]
     found.sort(key=lambda p: -_likelihood_gain(p))
     out: list[PortPose] = []
@@ -127,23 +157,39 @@ def fit_pose(
     """
     entry = PORTS[name]
 
-    def fitted(T: Pose, coarse_only: bool = False, levels: int = 2) -> Fit:
-        return fit_coarse_to_fine(
-            images, lenses, T_lens_ref, entry, T, levels=levels, coarse_only=coarse_only
-        )
+    def fitted(T: Pose, blur: float | None = None) -> Fit:
+        return fit_at_size(images, lenses, T_lens_ref, entry, T, blur)
 
     # both mirror images of the tilt, since one picture from far cannot tell them apart
     tilted = [turned(T_ref_port, *lean) for lean in LEANS]
-    first = max((fitted(T, True) for T in (mirrored(T_ref_port), *tilted)), key=_likelihood)
-    rolls = [2 * np.pi * k / entry.turns for k in range(1, entry.turns)]
-    if entry.turns % 2:
-        rolls.append(np.pi)
-    others = [fitted(turned(first.T_ref_port, roll=roll), True) for roll in rolls]
-    order = sorted([first, *others], key=_likelihood, reverse=True)
-    finals = [fitted(near.T_ref_port, levels=0) for near in order[:FINALISTS]]
-    best, rival = sorted(finals, key=_likelihood, reverse=True)[:2]
-    gap = _likelihood(best) - _likelihood(rival)
-    return PortPose(name, best.T_ref_port, best.covariance, best.score, gap, best)
+    starts = (*_mirrors(T_ref_port, T_lens_ref), *tilted)
+    first = max((fitted(T) for T in starts), key=_likelihood)
+    blurs = blurs_for(lenses, T_lens_ref, entry, first.T_ref_port)
+    blur = max(blurs, key=lambda b: fitted(first.T_ref_port, b).score) if blurs[1:] else blurs[0]
+
+    def best_rolls(first: Fit) -> list[Fit]:
+        rolls = [2 * np.pi * k / entry.turns for k in range(1, entry.turns)]
+        if entry.turns % 2:
+            rolls.append(np.pi)
+        others = [fitted(turned(first.T_ref_port, roll=roll)) for roll in rolls]
+        order = sorted([first, *others], key=_likelihood, reverse=True)
+        finals = [fitted(near.T_ref_port, blur) for near in order[:FINALISTS]]
+        return sorted(finals, key=_likelihood, reverse=True)
+
+    best, rival = best_rolls(first)[:2]
+    images_of_it = [fitted(T) for T in _mirrors(best.T_ref_port, T_lens_ref)]
+    mirror = fitted(max(images_of_it, key=_likelihood).T_ref_port, blur)
+    if _likelihood(mirror) > _likelihood(best):
+        mirror, (best, rival) = best, best_rolls(mirror)[:2]
+    roll_gap, tilt_gap = (_likelihood(best) - _likelihood(other) for other in (rival, mirror))
+    if best.T_ref_port[:3, 2] @ mirror.T_ref_port[:3, 2] > np.cos(ONE):
+        tilt_gap = np.inf
+    return PortPose(name, best.T_ref_port, best.covariance, best.score, roll_gap, tilt_gap, best)
+
+
+def _mirrors(T_ref_port: Pose, T_lens_ref: Sequence[Pose]) -> list[Pose]:
+    """The pose with its tilt mirrored at the line of sight of each lens."""
+    return [np.asarray(inverse(T) @ mirrored(T @ T_ref_port)) for T in T_lens_ref]
 
 
 def _likelihood(found: Fit) -> float:

@@ -13,8 +13,9 @@ import tyro
 if TYPE_CHECKING:
     import numpy as np
 
-    from armsight.arrays import Bytes, ColorImage, Floats, Pose
+    from armsight.arrays import Bytes, ColorImage, Pose
     from armsight.charging.fit import Fit
+    from armsight.charging.pose import PortPose
     from armsight.geometry.camera import PinholeCamera
 
 GREEN, RED, WHITE = (0, 200, 0), (230, 40, 40), (255, 255, 255)
@@ -28,7 +29,7 @@ class DetectPort:
     right.png --intrinsics 1200,1200,642,478 --baseline 0.2 --toe-in-deg 9.46
 
     One JSON line a port goes to standard output: type, score, pixel, pose in the (left) camera with
-    standard deviations, and for a pair whether the roll is in doubt. Exit code 1 if none was found.
+    standard deviations, whether roll or tilt are in doubt. Exit code 1 if none was found.
 
     Attributes:
         images: a picture, or the left and right one of a pair.
@@ -58,12 +59,9 @@ class DetectPort:
 
     def run(self) -> int:
         """Find and print; 1 where nothing was found."""
-        import numpy as np
-
-        from armsight.charging.find import FindOptions, find_ports
+        from armsight.charging.find import FindOptions
         from armsight.charging.ports.table import port
-        from armsight.charging.pose import fit_pose, locate
-        from armsight.charging.windows import dark_windows
+        from armsight.charging.pose import locate, locate_in_one
         from armsight.errors import UsageError
         from armsight.geometry.stereo import converging_pair
         from armsight.writing import write_atomically
@@ -77,14 +75,11 @@ class DetectPort:
             port(name)
         grays = [_read(file) for file in self.images]
         lens = self._lens(grays[0].shape[1], grays[0].shape[0])
-        options = FindOptions(ports=names, least_score=self.least_score)
-        found: list[tuple[dict[str, Any], Pose, Fit]] = []
+        least = self.least_score
+        together = min(least, FindOptions.least_together)
+        options = FindOptions(ports=names, least_score=least, least_together=together)
         if len(grays) == 1:
-            windows = dark_windows(grays[0]) if self.windows else None
-            for d in find_ports(grays[0], lens, options, windows):
-                p = fit_pose(grays[:1], [lens], [np.eye(4)], d.port, d.T_camera_port)
-                row = _row(d.port, d.score, p.T_ref_port, p.covariance, lens)
-                found.append((row, p.T_ref_port, p.fit))
+            ports = locate_in_one(grays[0], lens, options, self.windows)
         else:
             if self.baseline is None or not 0.0 < self.baseline < 10.0:
                 raise UsageError("detect-port: a pair needs --baseline, its cameras' distance [m]")
@@ -94,10 +89,8 @@ class DetectPort:
                     "pair have to come from cameras of one size"
                 )
             pair = converging_pair(lens, self.baseline, self.toe_in_deg * 3.141592653589793 / 180)
-            for p in locate((grays[0], grays[1]), pair, options, self.windows):
-                row = _row(p.port, p.score, p.T_ref_port, p.covariance, lens)
-                row |= {"roll_gap": round(p.roll_gap, 1), "doubtful": p.doubtful}
-                found.append((row, p.T_ref_port, p.fit))
+            ports = locate((grays[0], grays[1]), pair, options, self.windows)
+        found = [(_row(p, lens), p.T_ref_port, p.fit) for p in ports if p.score >= least]
         lines = [json.dumps(row) for row, _, _ in found]
         for line in lines:
             print(line)
@@ -170,24 +163,25 @@ def _read(file: Path) -> Bytes:
     return np.asarray(image, np.uint8)
 
 
-def _row(
-    name: str, score: float, T: Pose, covariance: Floats, lens: PinholeCamera
-) -> dict[str, Any]:
+def _row(p: PortPose, lens: PinholeCamera) -> dict[str, Any]:
     """What is said of a port, as JSON values."""
     import numpy as np
 
     from armsight.geometry.pose import to_quaternion
 
-    sigma = np.sqrt(np.diag(covariance))
+    T, sigma = p.T_ref_port, p.sigma
     pixel = lens.project(T[None, :3, 3])[0]
     return {
-        "port": name,
-        "score": round(score, 3),
+        "port": p.port,
+        "score": round(p.score, 3),
         "pixel": np.round(pixel, 2).tolist(),
         "position_m": np.round(T[:3, 3], 5).tolist(),
         "quaternion_xyzw": np.round(to_quaternion(T), 5).tolist(),
         "sigma_mm": np.round(1e3 * sigma[:3], 2).tolist(),
         "sigma_deg": np.round(np.rad2deg(sigma[3:]), 2).tolist(),
+        "roll_gap": round(p.roll_gap, 1),
+        "tilt_gap": round(p.tilt_gap, 1) if np.isfinite(p.tilt_gap) else None,
+        "doubtful": p.doubtful,
     }
 
 
@@ -199,18 +193,21 @@ def _draw(
     import numpy as np
 
     from armsight.charging.fit import model_points
+    from armsight.charging.ports.table import PORTS
     from armsight.errors import UsageError
     from armsight.writing import write_atomically
 
     picture: ColorImage = np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2RGB), np.uint8)
     for row, T, result in found:
         pixels = lens.project(model_points(result))
+        mouth = lens.fx * PORTS[row["port"]].radius / T[2, 3]
+        dot = round(16 * float(np.clip(0.03 * mouth, 0.5, 1.25)))  # a small port stays to be seen
         for (u, v), seen in zip(pixels, result.found[: len(pixels)]):
             at = (round(16 * float(u)), round(16 * float(v)))
-            cv2.circle(picture, at, 20, GREEN if seen else RED, -1, cv2.LINE_AA, 4)
+            cv2.circle(picture, at, dot, GREEN if seen else RED, -1, cv2.LINE_AA, 4)
         _axes(picture, lens, T)
         u, v = row["pixel"]
-        words = f"{row['port']} {100 * row['score']:.0f} %"
+        words = f"{row['port']} {100 * row['score']:.0f} %" + " doubtful" * row["doubtful"]
         cv2.putText(
             picture, words, (int(u) + 12, int(v) - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.7, WHITE, 2
         )
