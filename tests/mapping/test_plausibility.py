@@ -186,3 +186,41 @@ def test_only_so_many_pictures_are_remembered(monkeypatch):
         assert cell.tell(cell.true()).reason == ""
     assert "repeats an earlier picture" in cell.tell(late).reason
     assert cell.tell(early).reason == "", "21 pictures ago"
+
+
+@pytest.mark.parametrize(("share", "lies"), [(0.5, True), (0.2, False)])
+def test_a_solid_that_is_not_there_has_to_be_missed_in_enough_pixels(share, lies):
+    """What is seen through in few pixels only is an edge, however many of its own those are."""
+    size = np.sqrt(share)
+    cup = scenes.box("cup", (0.5, 0.1, 0.4), (0.02, size, size))
+    cell = Cell((TABLE, WALL, cup))
+    said = [cell.tell(cell.true()) for _ in range(4)][-1]
+    assert ("'cup'" in said.reason) == lies
+    assert said.alive != lies
+
+
+def test_few_points_of_the_arm_that_are_seen_through_are_an_edge(cell):
+    """Somebody stands before most of it, and what is left of the view shows the wall."""
+    hidden = scenes.box("board", (0.9, 0.35, 0.6), (0.02, 0.9, 1.4))
+    assert cell.tell(cell.true(hidden, arm=None)).reason == ""
+
+
+def test_a_lens_that_is_covered_bit_by_bit_is_said_once_a_quarter_is_lost(settled):
+    half = settled.true()
+    half[:106] = np.nan
+    lost = settled.tell(half).reason.partition("%")[0]
+    near, far = settled.info.range
+    usual, now = (((d > near) & (d < far))[6::12, 6::12].mean() for d in (settled.true(), half))
+    assert float(lost) == pytest.approx(100.0 * (1.0 - now / usual), abs=3.0)
+    for rows, said in ((30, False), (60, True), (120, True), (20, False)):
+        part = settled.true()
+        part[:rows] = np.nan
+        assert ("is its lens covered" in settled.tell(part).reason) == said
+
+
+def test_of_the_first_pictures_nobody_knows_how_many_returns_are_usual():
+    cell = Cell()
+    half = cell.true()
+    half[:, :128] = np.nan
+    assert cell.tell(cell.true()).reason == ""
+    assert cell.tell(half).reason == ""

@@ -1,5 +1,7 @@
 """The way out of a contact: what it may slide along, and when it is over."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,19 @@ from armsight.geometry.shapes import Solid
 from armsight.motion.collision import CollisionModel
 from armsight.motion.escape import leaves
 from armsight.motion.evasion import RUBS
+from armsight.motion.executed import Executed
 from armsight.motion.nearest import MovingBody
 from armsight.motion.permitted import Grant
-from armsight.motion.retreat import gap
+from armsight.motion.retreat import (
+    CARRIED,
+    CLEAR,
+    FOLLOWED,
+    LOST_CLEAR,
+    PACE,
+    UNSEEN,
+    Retreat,
+    gap,
+)
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 
 from .scenes import make_snapshot
@@ -69,3 +81,79 @@ def test_the_gap_of_what_may_touch_is_its_surface_s():
         assert found == pytest.approx(away[-3:].min(), abs=1e-9)
     nothing = Grant(sphere(TIP, 1.0), 0 * touching)
     assert gap(body, nothing, ROBOT.home, 1.0) == np.inf
+
+
+def leaving(kind_of_person=False, velocity=(0.0, 0.0, 0.0), **grant):
+    """A retreat of the tip from a ball before it that moves; and the moving body."""
+    body = MovingBody(ROBOT, ROBOT.limits.acceleration)
+    touching = np.zeros(len(ROBOT.spheres.radius), bool)
+    touching[-3:] = True
+    out = tcp_pose(ROBOT, ROBOT.home)[:3, 2]
+    region = replace(sphere(TIP + 0.05 * out, 1.0), velocity=np.asarray(velocity, float))
+    given = Grant(region, touching, kind_of_person, **grant)
+    return Retreat("why", given, Executed(), ROBOT.home, 1.0), body
+
+
+@pytest.mark.parametrize("person", [False, True])
+def test_what_nobody_sees_any_more_is_left_farther_unless_it_is_somebody(person):
+    retreat, _ = leaving(person)
+    assert retreat.clearance(1.0 + 0.9 * UNSEEN) == CLEAR
+    assert retreat.clearance(1.0 + 1.1 * UNSEEN) == (CLEAR if person else LOST_CLEAR)
+    retreat.follow(retreat.grant.region, 3.0)
+    assert retreat.clearance(3.0 + 0.9 * UNSEEN) == CLEAR
+    assert retreat.clearance(3.0 + 1.1 * UNSEEN) == (CLEAR if person else LOST_CLEAR)
+
+
+def test_what_nobody_sees_goes_on_for_a_while_and_then_stays_where_that_led():
+    retreat, _ = leaving(velocity=(0.0, 0.1, 0.0))
+    begins = retreat.grant.region.center(1.0)
+    retreat.grow_old(1.0 + 0.9 * FOLLOWED)
+    assert retreat.grant.region.speed == pytest.approx(0.1)
+    retreat.grow_old(1.0 + 1.1 * FOLLOWED)
+    assert retreat.grant.region.speed == 0.0
+    ended = begins + np.array([0.0, 0.1 * 1.1 * FOLLOWED, 0.0])
+    assert retreat.grant.region.center(9.0) == pytest.approx(ended)
+    still, _ = leaving()
+    before = still.grant
+    still.grow_old(1.0 + 2.0 * FOLLOWED)
+    assert still.grant is before
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.2, 0.5])
+def test_an_arm_goes_along_with_what_comes_no_faster_than_it_may(speed):
+    retreat, _ = leaving(velocity=(0.0, 0.0, -speed))
+    assert retreat.carried == pytest.approx([0.0, 0.0, -min(speed, CARRIED)])
+
+
+def test_the_way_straight_out_of_a_ball_is_away_from_its_middle_and_slow():
+    retreat, body = leaving()
+    out = tcp_pose(ROBOT, ROBOT.home)[:3, 2]
+    motion = retreat.motion(body, ROBOT.home, 1.0, 0.045)
+    tip = tcp_jacobian(ROBOT, ROBOT.home)[:3] @ motion
+    assert tip @ -out > 0.9 * np.linalg.norm(tip)
+    velocity = body.motion(ROBOT.home, motion)[1]
+    fastest = body.fastest(ROBOT.home, motion, velocity)
+    assert fastest <= 0.045 * PACE + 1e-9
+    assert fastest > 0.1 * 0.045
+
+
+def test_where_something_holds_the_part_it_is_pulled_out_one_way_and_by_no_more_than_that_stands():
+    """The harder it holds the slower; nothing without a sensor, or where no force is granted."""
+    out = -tcp_pose(ROBOT, ROBOT.home)[:3, 2]
+    retreat, body = leaving(out=out, force=20.0)
+
+    def speed(push, retreat=retreat):
+        motion = retreat.motion(body, ROBOT.home, 1.0, 0.045, push)
+        tip = tcp_jacobian(ROBOT, ROBOT.home)[:3] @ motion
+        if not motion.any():
+            return 0.0
+        assert tip @ out > 0.95 * np.linalg.norm(tip)
+        return body.fastest(ROBOT.home, motion, body.motion(ROBOT.home, motion)[1])
+
+    free = speed(np.zeros(3))
+    assert 0.1 * 0.045 < free <= PACE * 0.045 + 1e-9
+    assert speed(5.0 * out) == pytest.approx(free), "pushed out"
+    assert speed(-10.0 * out) == pytest.approx(0.5 * free, rel=1e-3)
+    assert speed(-30.0 * out) == 0.0
+    assert speed(None) == 0.0
+    assert speed(np.zeros(3), leaving(out=out, force=0.0)[0]) == 0.0

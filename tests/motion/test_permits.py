@@ -65,6 +65,27 @@ def test_distances_to_a_region_are_those_to_densely_sampled_matter(seed, shape):
     assert region.distance(step, when)[outside] == pytest.approx(got[outside] - 0.005, abs=1e-6)
 
 
+@pytest.mark.parametrize("shape", ["sphere", "box", "capsule"])
+def test_a_lattice_stands_for_all_of_a_region_and_nothing_else(shape):
+    """Every place in it is within half a cube's diagonal of a point, but for its very skin."""
+    region = Region(shape, (0.08, 0.12, 0.1), from_rpy((0.3, 0.4, 0.5), (0.4, 0.1, 0.3)), 1.0,
+                    velocity=np.array([0.1, 0.0, 0.0]))  # fmt: skip
+    points = region.lattice(2.0, 0.03)
+    assert (region.distance(points, 2.0) <= 1e-6).all()
+    assert np.linalg.norm(points - region.center(2.0), axis=1).min() < 1e-9
+    rng = np.random.default_rng(0)
+    within = region.center(2.0) + rng.uniform(-1, 1, (9000, 3)) * 0.5 * region.extent
+    within = within[region.distance(within, 2.0) < -0.03]
+    assert len(within) > 20
+    away = np.linalg.norm(within[:, None] - points[None], axis=2).min(axis=1)
+    assert away.max() <= 0.5 * np.sqrt(3.0) * 0.03 + 1e-9
+    half = region.half_box()
+    assert (np.abs(points - region.center(2.0)) <= half + 1e-9).all()
+    everything = region.center(2.0) + rng.uniform(-1, 1, (4000, 3)) * 0.5 * region.extent
+    inside = everything[region.distance(everything, 2.0) <= 0.0] - region.center(2.0)
+    assert np.abs(inside).max(axis=0) == pytest.approx(half, rel=0.12)
+
+
 @pytest.mark.parametrize(
     ("field", "value", "says"),
     [
