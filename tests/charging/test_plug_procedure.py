@@ -238,19 +238,9 @@ def test_what_is_chosen_is_in_both_pictures():
     assert not in_both(PAIR, C[:1] @ exp(np.array([3.0, 0, 0, 0, 0, 0])), 0.03).any()
 
 
-def test_the_plug_in_the_cell_is_seen_as_it_hangs():
-    """Rendered: its front and contacts can be seen; the pair is believed to be 4 cm off."""
-    cell = load("ur10_charging")
-    robot, post = robot_in(cell), world_spec(cell).stereo[0]
-    info = StereoInfo(
-        "post", "converging_pair", post.info.depth, post.info.color, post.info.T_depth_color,
-        "base", post.info.T_mount_camera, 2.0, 0.06,
-    )  # fmt: skip
-    right = PlugSetup(robot, None, info, "type2_plug", MOUNT, lambda q: True)
-    rng = np.random.default_rng(0)
-    joints, C = plug_views(right.believed, robot, right.lenses, "type2_plug", 30, rng)
-    q = joints[np.argmax(-C[:, 2, 2])]  # the one that faces the pair most
-    spec = world_spec(cell)
+def rendered(q):
+    """(looked, truth) of the packaged cell with its arm at (n,) [rad]: what its pair sees there."""
+    spec = world_spec(load("ur10_charging"))
     spec = replace(spec, cameras=(), stereo=spec.stereo[:1], arm=replace(spec.arm, home=q))
     with SimulatedWorld(spec, 3) as world:
         pair, frame, felt = world.stereo_cameras[0], None, []
@@ -263,8 +253,28 @@ def test_the_plug_in_the_cell_is_seen_as_it_hangs():
         left, second = (cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (frame.left, frame.right))
         looked = Looked(q, [Picture(left, None, None, right=second)], np.mean(felt[-150:], axis=0))
         T_world_plug = world.plugged.T_world_socket @ world.plugged.T_socket_plug
-        truth = inverse(pair.T_mount_camera) @ T_world_plug
-    off = replace(right, pair=replace(info, T_mount_camera=info.T_mount_camera @ exp(
+        return looked, inverse(pair.T_mount_camera) @ T_world_plug
+
+
+def packaged():
+    """The packaged cell's setup."""
+    cell = load("ur10_charging")
+    post = world_spec(cell).stereo[0]
+    info = StereoInfo(
+        "post", "converging_pair", post.info.depth, post.info.color, post.info.T_depth_color,
+        "base", post.info.T_mount_camera, 2.0, 0.06,
+    )  # fmt: skip
+    return PlugSetup(robot_in(cell), None, info, "type2_plug", MOUNT, lambda q: True)
+
+
+def test_the_plug_in_the_cell_is_seen_as_it_hangs():
+    """Rendered: its front and contacts can be seen; the pair is believed to be 4 cm off."""
+    right, rng = packaged(), np.random.default_rng(0)
+    joints, C = plug_views(right.believed, right.robot, right.lenses, "type2_plug", 30, rng)
+    q = joints[np.argmax(-C[:, 2, 2])]  # the one that faces the pair most
+    looked, truth = rendered(q)
+    left, second = looked.pictures[0].color, looked.pictures[0].right
+    off = replace(right, pair=replace(right.pair, T_mount_camera=right.pair.T_mount_camera @ exp(
         np.array([0.03, -0.02, 0.02, 0.02, 0.02, -0.02]))))  # fmt: skip
     seen, problem = read_look(off, off.believed, looked)
     assert problem == ""
@@ -275,6 +285,19 @@ def test_the_plug_in_the_cell_is_seen_as_it_hangs():
     assert read_look(off, off.believed, blank)[1].startswith("the left picture shows nothing")
     alone = Looked(q, [Picture(left, None, None)])
     assert read_look(off, off.believed, alone)[1] == "the pair sent one picture only"
+
+
+def test_a_plug_that_is_seen_from_aside_is_in_the_roll_in_which_the_arm_holds_it(monkeypatch):
+    """At 37 deg another roll fitted its rims as well: a third of the looks were not used."""
+    right, rng = packaged(), np.random.default_rng(1)
+    joints, _ = plug_views(right.believed, right.robot, right.lenses, "type2_plug", 60, rng)
+    looked, truth = rendered(joints[3])
+    monkeypatch.setattr(plug_procedure, "locate", lambda *args: ())
+    seen, problem = read_look(right, right.believed, looked)
+    assert problem == ""
+    step = log(inverse(truth) @ seen.T_ref_port)
+    assert np.linalg.norm(step[:3]) < 1.5e-3
+    assert np.linalg.norm(step[3:]) < np.deg2rad(3.0)
 
 
 def test_what_is_not_known_of_a_pair_is_not_known_of_the_port():
