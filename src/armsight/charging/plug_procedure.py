@@ -26,7 +26,7 @@ from armsight.charging.calibrate import (
     choose_looks,
     uncalibrated,
 )
-from armsight.charging.coarse_to_fine import fit_coarse_to_fine
+from armsight.charging.coarse_to_fine import blurs_for, fit_at_size
 from armsight.charging.eye import picture_fault
 from armsight.charging.find import FindOptions
 from armsight.charging.hanging import hung
@@ -304,11 +304,13 @@ def read_look(
     lenses, T_lens_ref = (pair.left, pair.right), (np.eye(4), inverse(pair.T_left_right))
     start = inverse(answer.T_base_camera) @ answer.base_tip(looked.joints)
     start = start @ hanging(answer.T_flange_plug, looked.wrench, setup.mount)
-    near = fit_coarse_to_fine(images, lenses, T_lens_ref, PORTS[setup.plug], start)
+    view = images, lenses, T_lens_ref, PORTS[setup.plug]
+    about = fit_at_size(*view, start).T_ref_port
+    near = fit_at_size(*view, about, blurs_for(*view[1:], about)[0])
     turned = float(np.linalg.norm(log(inverse(start) @ near.T_ref_port)[3:]))
     if near.score >= CLEAR and turned < SAME_ROLL:
         T, six = near.T_ref_port, near.covariance
-        return PortPose(setup.plug, T, six, near.score, np.inf, near), ""
+        return PortPose(setup.plug, T, six, near.score, np.inf, np.inf, near), ""
     seen = fit_pose(images, lenses, T_lens_ref, setup.plug, start)
     if seen.score < CLEAR or seen.doubtful:
         found = locate(images, pair, FindOptions((setup.plug,), RANGE))
