@@ -144,6 +144,7 @@ class QuickCell:
         self._sequence = -1
         self._queue: list[tuple[float, JointVector, bool]] = []
         self._target, self._braking = np.zeros(self.robot.n), True
+        self._tool_velocity, self._tool_pull = np.zeros(3), np.zeros(3)
         self._goal = 0
         self.rng = np.random.default_rng(seed)
 
@@ -205,6 +206,8 @@ class QuickCell:
             self.now += STEP
             if self.balls and round(self.now / STEP) % LOOK == 0:
                 self._look()
+        before, self._tool_velocity = self._tool_velocity, _tool_velocity(self.robot, self.q, self.v)
+        self._tool_pull = (self._tool_velocity - before) / self.config.period
 
     def turn_back(self, seconds: float) -> None:
         """Turn the clock back by a time [s]: no picture or plan of the other time arrives."""
@@ -307,17 +310,25 @@ def _overhead(grid: VoxelGrid, box: tuple[Vector3, Vector3], up: Sequence[float]
     return Overhead(grid, config)
 
 
+def _tool_velocity(robot: Robot, q: JointVector, v: JointVector) -> Vector3:
+    """(3,) of the tool's centre of mass [m/s]."""
+    center = np.zeros(3) if robot.tool is None else np.asarray(robot.tool.center_of_mass, float)
+    here, there = flange_pose(robot, q), flange_pose(robot, q + 1e-6 * v)
+    return np.asarray(((there - here)[:3, :3] @ center + (there - here)[:3, 3]) / 1e-6)
+
+
 def felt(cell: QuickCell, push: Vector3 | None = None) -> list[Wrench]:
     """What an ideal force sensor has said since the last tick, at 500 Hz.
 
     Args:
         cell: whose tool it carries.
-        push: (3,) force on the tip in ``base`` [N]; None for nothing but the tool's weight.
+        push: (3,) force on the tip in ``base`` [N]; None for the tool's weight and inertia alone.
     """
     tool = cell.robot.tool
     assert tool is not None
     R = flange_pose(cell.robot, cell.q)[:3, :3]
-    weight = R.T @ (-9.81 * tool.mass * np.asarray(cell.config.up, float))
+    falls = -9.81 * np.asarray(cell.config.up, float) - cell._tool_pull
+    weight = R.T @ (tool.mass * falls)
     force = weight if push is None else weight + R.T @ push
     torque = np.cross(tool.center_of_mass, weight)
     torque = torque + np.cross(tool.T_flange_tcp[:3, 3], force - weight)

@@ -1,7 +1,7 @@
 """Every reading of the force sensor, judged: how hard is something pressed, and can it be believed.
 
-What the sensor says is the weight of what it carries, its own error, and what touches. The weight
-follows from the joints; the error is what was left over while nothing was near (its mean over the
+What the sensor says is the weight and the inertia of what it carries, its own error, and what
+touches. Weight and inertia follow from the joints; the error is what was left over while nothing was near (its mean over the
 last half second, which it follows no faster than a sensor drifts), and is kept as it was when the
 arm came to what it may touch. What remains is contact.
 """
@@ -99,19 +99,27 @@ class ForceWatch:
         """Greatest force among the newest readings [N]; NaN when there is none."""
         return max((float(np.linalg.norm(f.force)) for f in self._new), default=math.nan)
 
-    def take(self, readings: Sequence[Wrench], q: JointVector, touching: bool) -> None:
+    def take(
+        self,
+        readings: Sequence[Wrench],
+        q: JointVector,
+        touching: bool,
+        pull: Vector3 | None = None,
+    ) -> None:
         """Take in what came since the last tick.
 
         Args:
             readings: in the flange's frame, oldest first.
             q: (n,) joints at about their time [rad].
             touching: the arm may be in contact; what it feels is no error of the sensor.
+            pull: (3,) acceleration of the tool's centre of mass in ``base`` [m/s^2]; None for rest.
         """
         if not readings:
             return
         before, self._new = self._mean, []
         R = flange_pose(self._robot, q)[:3, :3]
-        weight = R.T @ (self._mass * self._gravity)
+        falls = self._gravity if pull is None else self._gravity - pull
+        weight = R.T @ (self._mass * falls)
         load = np.concatenate([weight, np.cross(self._center, weight)])
         for reading in readings:
             told = np.concatenate([reading.force, reading.torque]).astype(float)

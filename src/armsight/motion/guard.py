@@ -168,7 +168,8 @@ class Guard:
         """Take in the newest map as what may be touched lets it count; whether it is another."""
         seen = verdict.snapshot
         q = None if verdict.joints is None else np.asarray(verdict.joints.position, float)
-        changed = self._permits.consider(now, getattr(intent, "permit", None), seen, q)
+        permit = getattr(intent, "permit", None)
+        changed = self._permits.consider(now, permit, seen, verdict.joints)
         fresh = seen is not None and (seen is not self._mapped or changed)
         if seen is not None and fresh:
             self._mapped, self._snapshot = seen, self._permits.apply(seen)

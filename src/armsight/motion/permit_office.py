@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import JointVector, Points, Vector3
-from armsight.devices.data import Wrench
+from armsight.devices.data import JointState, Wrench
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.tracked import SURE
 from armsight.motion.contact_speed import ContactSpeed, GentleSpeed, own_motion
@@ -32,6 +32,7 @@ from armsight.motion.permits import (
 from armsight.motion.permitted import Grant, PermittedSnapshot, permitted
 from armsight.motion.regions import Region
 from armsight.motion.retreat import AHEAD, CLEAR, Retreat, behind, gap, gap_to_seen
+from armsight.motion.tool_motion import ToolMotion
 from armsight.robots.robot import Robot
 
 ARM_ERROR = 0.003
@@ -72,6 +73,7 @@ class PermitOffice:
         self._looked: WorkspaceSnapshot | None = None
         up = np.asarray(config.up, float)
         self._force = ForceWatch(robot, tuple(-9.81 * up))
+        self._tool, self._pull = ToolMotion(robot), np.zeros(3)
         self._ceiling = (up, config.head_height - config.base_height)
         self._waiting: list[Wrench] = []
         self._q: JointVector | None = None
@@ -86,6 +88,7 @@ class PermitOffice:
     def forget_times(self) -> None:
         """The clock jumped."""
         self._force.forget()
+        self._tool.forget()
         self._waiting.clear()
 
     def consider(
@@ -93,7 +96,7 @@ class PermitOffice:
         now: float,
         request: Any,
         snapshot: WorkspaceSnapshot | None,
-        q: JointVector | None = None,
+        joints: JointState | None = None,
     ) -> bool:
         """Answer what is asked at ``now`` [s]; true if what may be touched is another than before.
 
@@ -101,9 +104,12 @@ class PermitOffice:
             now: time [s].
             request: of the newest intent, or None.
             snapshot: the map in use, or None.
-            q: (n,) where the arm is [rad]; None where nobody knows.
+            joints: where the arm is; None where nobody knows.
         """
+        q = None if joints is None else np.asarray(joints.position, float)
         before, self._q, self._now = self.grant, q, now
+        if joints is not None:
+            self._pull = self._tool.take(joints)
         self._feel_contact(now)
         self._answer(now, request, snapshot)
         self._looked = snapshot
@@ -225,7 +231,8 @@ class PermitOffice:
         if self._q is None:
             return
         readings, self._waiting = self._waiting, []
-        self._force.take(readings, self._q, self.grant is not None and self._near(now))
+        near = self.grant is not None and self._near(now)
+        self._force.take(readings, self._q, near, self._pull)
         permit = self.permit
         if permit is None or not permit.holds:
             return
