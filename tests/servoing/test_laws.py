@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armsight.devices.data import JointState
-from armsight.geometry.pose import look_at
+from armsight.geometry.pose import inverse, look_at, transform
 from armsight.robots import load_robot
 from armsight.robots.kinematics import sphere_centers, tcp_jacobian, tcp_pose
 from armsight.servoing.aim import (
@@ -19,10 +19,15 @@ from armsight.servoing.aim import (
 )
 from armsight.servoing.approach import Funnel, facing
 from armsight.servoing.ceiling import Ceiling
+from armsight.servoing.docking import docking
 from armsight.servoing.law import LawConfig, VelocityLaw
 from armsight.servoing.master import Frustum, PaperMaster, Source
+from armsight.servoing.modes import tool_direction
 from armsight.servoing.segments import SegmentConfig, SegmentPlanner
 from armsight.servoing.sighting import Look, Sighting
+from armsight.tasks.servo import chase_config
+from armsight.workcell import load_workcell, robot_in
+from armsight.workcell.packaged import packaged
 
 UR10 = load_robot("ur10")
 HOME = np.deg2rad([-32, -20, -103, 123, 58, 0])
@@ -386,3 +391,27 @@ def test_no_way_is_planned_to_where_the_arm_would_have_to_rise_above_its_ceiling
         if T is not None:
             assert np.linalg.norm(T[:3, 3] - aim.position) < 0.01
             assert (T[:3, 2] @ axis > 0.9999) == (way == "as wished")
+
+
+def test_what_is_close_to_the_base_is_come_to_from_above() -> None:
+    """There the wrist would come over the base's axis: half of the arm's slowest way is left."""
+    workcell = load_workcell(packaged()["ur10_servoing"])
+    robot = robot_in(workcell)
+    config = chase_config(workcell, workcell.robot.T_world_base, docking("ball"))
+    T = np.asarray(inverse(workcell.robot.T_world_base))
+
+    def slowest(place: np.ndarray, axis: np.ndarray) -> float:
+        aim = Aim(place - 0.04 * axis, np.zeros(3), axis, -config.vertical)
+        q = joints_for(robot, aim, robot.home, rounds=300)
+        assert np.linalg.norm(tcp_pose(robot, q)[:3, 3] - aim.position) < 2e-3
+        return float(np.linalg.svd(tcp_jacobian(robot, q))[1][-1])
+
+    for x, gains in ((0.44, 1.4), (0.50, 1.1)):
+        place = transform(T, np.array([[x, 0.0, 1.3]]))[0]
+        axis, _ = tool_direction(config, place, None)
+        flat = facing(place, config.vertical, config.front)
+        flatter = np.cos(config.pitch) * flat - np.sin(config.pitch) * config.vertical
+        assert slowest(place, axis) > gains * slowest(place, flatter)
+    far = transform(T, np.array([[0.8, 0.0, 1.3]]))[0]
+    axis, _ = tool_direction(config, far, None)
+    assert axis @ config.vertical == pytest.approx(-np.sin(config.pitch))

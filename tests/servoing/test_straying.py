@@ -66,9 +66,23 @@ def test_a_tip_that_has_left_comes_again():
     watch = Straying(0.002)
     watch.error = 0.01
     assert watch.keeps_off(1.0, 0.02) == 0.0
-    assert watch.keeps_off(1.1, 0.004) > 0.02
+    assert watch.keeps_off(1.05, 0.004) == 0.0, "errors may still bring it there"
+    assert watch.keeps_off(1.1, 0.002) > 0.02
     assert watch.keeps_off(1.5, 0.03) > 0.02
     assert watch.keeps_off(2.0, 0.03) == 0.0
+
+
+def test_before_what_strays_it_stays_off_by_what_would_press_too_hard():
+    """Up to V's 5 mm, from where the same errors bring it to touch; not before what stands."""
+    for speed, error, off in (
+        (0.3, 0.003, 0.0), (0.3, 0.006, 0.002), (0.3, 0.02, 0.005), (0.02, 0.02, 0.001),
+        (0.0, 0.02, 0.0),
+    ):  # fmt: skip
+        watch = Straying(0.002)
+        velocity = np.array([0.0, speed, 0.0])
+        watch.predicted(0.5, np.zeros(3))
+        watch.seen(Known(0.5, 0.5, np.array([error, 0.0, 0.0]), velocity))
+        assert watch.keeps_off(1.0, 0.05) == pytest.approx(off)
 
 
 def test_an_error_fades_and_only_what_is_on_a_soft_stand_is_left():

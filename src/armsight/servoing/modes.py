@@ -36,6 +36,9 @@ NEAR_BODY = 0.3
 """So near to somebody's face or hand the guard lets the arm move gently only [m]."""
 WIDEST = math.radians(50.0)
 """The tool is turned no farther than this from the operator's side for a target's normal [rad]."""
+CLOSE, STEEP = (0.68, 0.46), math.radians(60.0)
+"""Before what comes this near to the base's axis the tool points down by up to this much [m], [rad]:
+the wrist would come over that axis, where the arm turns fast for nothing."""
 PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
 """What V's estimate of a target is worth, for a permit [m], [m], [m/s]: it has no covariance."""
 SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
@@ -368,7 +371,12 @@ def tool_direction(
     flat = facing(place, config.vertical, config.front)
     if config.direction == "down":
         return -config.vertical, -flat
-    axis = math.cos(config.pitch) * flat - math.sin(config.pitch) * config.vertical
+    pitch = config.pitch
+    if config.direction == "facing":
+        beside = place - float(place @ config.vertical) * config.vertical
+        nearer = (CLOSE[0] - float(np.linalg.norm(beside))) / (CLOSE[0] - CLOSE[1])
+        pitch += min(max(nearer, 0.0), 1.0) * max(STEEP - pitch, 0.0)
+    axis = math.cos(pitch) * flat - math.sin(pitch) * config.vertical
     if config.direction == "normal" and normal is not None:
         between = math.acos(float(np.clip(-normal @ axis, -1.0, 1.0)))
         share = config.turned * min(1.0, WIDEST / max(between, 1e-6))
