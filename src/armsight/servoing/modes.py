@@ -23,6 +23,7 @@ from armsight.servoing.master import PaperMaster, Source
 from armsight.servoing.segments import SegmentConfig, SegmentPlanner
 from armsight.servoing.sighting import Look
 from armsight.servoing.straying import Straying
+from armsight.servoing.takeover import Takeover
 
 LOST = 0.8
 """A target that nobody has seen for so long is not chased [s]."""
@@ -168,6 +169,7 @@ class OurChase:
         self.give = 0.0
         self._by_wrist = False
         self._straying = Straying(self.config.reserve)
+        self._takeover = Takeover()
         self._acts = -math.inf
 
     @property
@@ -199,11 +201,9 @@ class OurChase:
             self.state, self.reason = "search", f"target not seen for {age:.1f} s"
             self.place, self.distance = None, math.inf
             return None
-        self._tell(now, estimate)
+        here = self.follow(now, estimate)
         config = self.config
         T = tcp_pose(self.robot, joints.position)
-        here, _ = estimate.at(now)
-        self.place = here
         self.distance = float(np.linalg.norm(here - T[:3, 3])) - config.radius
         self._acts = now + config.law.delay
         at, velocity = estimate.at(self._acts)
@@ -216,6 +216,7 @@ class OurChase:
         self._straying.seen(estimate)
         self._straying.predicted(self._acts, at)
         retreat += self._straying.keeps_off(now, self.distance)
+        at = at + self._takeover.held
         touched = at - (config.radius + retreat + self.give) * axis
         aim = touch_aim(tip, touched, velocity, axis, down, config.funnel)
         most = config.gentle if self.distance < NEAR_BODY else math.inf
@@ -247,15 +248,17 @@ class OurChase:
             normal=e.normal, along=e.along,
         )  # fmt: skip
 
-    def _tell(self, now: float, estimate: TargetEstimate) -> None:
-        """Which sensors carry the estimate: for the report only, nothing depends on it."""
+    def follow(self, now: float, estimate: TargetEstimate) -> Vector3:
+        """(3,) where the target is servoed to be now [m], and which sensors say so."""
         by_wrist = now - estimate.wrist_stamp < 0.3
-        if by_wrist != self._by_wrist:
-            self.switches += 1
-            self._by_wrist = by_wrist
+        self.switches += by_wrist != self._by_wrist
+        self._by_wrist = by_wrist
+        here = estimate.at(now)[0] + self._takeover.update(now, estimate)
+        self.place = here
         self.state = "near" if by_wrist else "far"
         self.reason = "the pair sees it" if by_wrist else "fixed cameras"
         self.source_number = 3.0 if by_wrist else 2.0
+        return here
 
 
 class PaperChase:
