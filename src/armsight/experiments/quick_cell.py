@@ -206,7 +206,10 @@ class QuickCell:
             self.now += STEP
             if self.balls and round(self.now / STEP) % LOOK == 0:
                 self._look()
-        before, self._tool_velocity = self._tool_velocity, _tool_velocity(self.robot, self.q, self.v)
+        before, self._tool_velocity = (
+            self._tool_velocity,
+            _tool_velocity(self.robot, self.q, self.v),
+        )
         self._tool_pull = (self._tool_velocity - before) / self.config.period
 
     def turn_back(self, seconds: float) -> None:

@@ -38,7 +38,7 @@ NEAR_BODY = 0.3
 WIDEST = math.radians(50.0)
 """The tool is turned no farther than this from the operator's side for a target's normal [rad]."""
 CLOSE, STEEP = (0.68, 0.46), math.radians(60.0)
-"""Before what comes this near to the base's axis the tool points down by up to this much [m], [rad]:
+"""Before what comes this near to the base's axis [m] the tool points down by up to this much [rad]:
 the wrist would come over that axis, where the arm turns fast for nothing."""
 PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
 """What V's estimate of a target is worth, for a permit [m], [m], [m/s]: it has no covariance."""
