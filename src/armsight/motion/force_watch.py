@@ -1,9 +1,9 @@
 """Every reading of the force sensor, judged: how hard is something pressed, and can it be believed.
 
 What the sensor says is the weight and the inertia of what it carries, its own error, and what
-touches. Weight and inertia follow from the joints; the error is what was left over while nothing was near (its mean over the
-last half second, which it follows no faster than a sensor drifts), and is kept as it was when the
-arm came to what it may touch. What remains is contact.
+touches. Weight and inertia follow from the joints; the error is what was left over while nothing
+was near (its mean over the last half second, which it follows no faster than a sensor drifts), and
+is kept as it was when the arm came to what it may touch. What remains is contact.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class ToolMotion:
     def take(self, joints: JointState) -> Vector3:
         """(3,) acceleration in ``base`` between the two newest readings [m/s^2].
 
-        Zero where they are too far apart, or say what cannot be: then the inertia counts as contact.
+        Zero where they are too far apart, or say what cannot be: the inertia then counts as touch.
         """
         before = self._last
         if before is not None and joints.stamp == before[0]:
