@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from painted_ports import LENS, facing, paint
+from scipy.spatial.transform import Rotation
 
 from armsight.charging.fit import FitOptions, fit
 from armsight.charging.guesses import template
 from armsight.charging.kernels.edges import edge_search, project_lens
-from armsight.charging.kernels.rigid import fit_rigid
+from armsight.charging.kernels.rigid import fit_rigid, flat_pose, rim_shares
 from armsight.charging.kernels.templates import best_rolls, climb, distinct, template_score
 from armsight.charging.kernels.votes import edge_field, vote_centers, vote_crests
 from armsight.charging.looks import gradients, look
@@ -147,3 +148,30 @@ def test_the_quick_fit_ends_where_the_full_one_does() -> None:
     assert np.allclose(
         project_lens(numbers, 0.1, 0.05, 0.8), LENS.project(np.array([[0.1, 0.05, 0.8]]))[0]
     )
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.7), (0.2, -0.1, 0.9), (1e-7, 0.0, 1.0)])
+@pytest.mark.parametrize("lean", [(0.0, 0.0), (0.3, -0.5), (1e-8, 0.0)])
+def test_a_flat_guess_turns_with_its_ray_as_scipy_has_it(place, lean) -> None:
+    T = flat_pose(*place, *lean, 0.4)
+    turn = Rotation.from_rotvec([*lean, 0.0]) * Rotation.from_rotvec([0.0, 0.0, 0.4])
+    ray = np.array(place) / np.linalg.norm(place)
+    axis = np.cross([0.0, 0.0, 1.0], ray)
+    size = np.linalg.norm(axis)
+    if size > 1e-9:
+        turn = Rotation.from_rotvec(axis / size * np.arcsin(size)) * turn
+    expected = turn.as_matrix() @ np.diag([1.0, -1.0, -1.0])
+    np.testing.assert_allclose(T[:3, :3], expected, atol=1e-12)
+    np.testing.assert_array_equal(T[:3, 3], place)
+
+
+def test_shares_of_edges_are_those_of_numpy() -> None:
+    rng = np.random.default_rng(1)
+    rim = rng.permutation(np.repeat(np.arange(5), 20))
+    offsets = np.where(rng.random(100) < 0.3, np.nan, rng.normal(0, 2, 100))
+    rise, darker = rng.normal(0, 1, 100), np.array([-1, 1, -1, 1, -1])
+    reach = np.array([1.0, 2.0, 3.0, 0.5, 9.0])
+    near = np.abs(np.where(np.isfinite(offsets), offsets, 99.0)) <= reach[rim]
+    right = near & (np.sign(rise) == darker[rim])
+    expected = np.bincount(rim, right, 5) / np.bincount(rim)
+    np.testing.assert_array_equal(rim_shares(offsets, rise, rim, darker, reach), expected)

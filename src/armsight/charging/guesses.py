@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Floats32, Pose
+from armsight.charging.kernels.rigid import flat_pose
 from armsight.charging.kernels.templates import best_rolls, climb_all
 from armsight.charging.ports.curves import curves
 from armsight.charging.ports.table import PORTS, port
 from armsight.charging.pyramid import Level
 from armsight.charging.rings import level_for
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import make_pose
 
 ROLLS = np.deg2rad(np.arange(-50.0, 51.0, 10.0))
 FINER = 3
@@ -197,14 +196,7 @@ def _ring_radius(name: str) -> float:
 
 def pose_of(guess: Guess, lens: PinholeCamera, sign: float) -> Pose:
     """The pose in space of a flat guess, or (sign -1) of its mirror image: from far alike."""
-    ray = np.append(lens.normalise(np.array([[guess.u, guess.v]]))[0], 1.0)
-    center = ray * lens.fx / guess.scale
-    facing = np.diag([1.0, -1.0, -1.0])
-    rolled = Rotation.from_rotvec([0.0, 0.0, guess.roll]).as_matrix() @ facing
-    R = Rotation.from_rotvec([sign * guess.lean[0], sign * guess.lean[1], 0.0]).as_matrix() @ rolled
-    # seen off the middle of the picture, the port is turned with the ray
-    toward = np.cross([0.0, 0.0, 1.0], ray / np.linalg.norm(ray))
-    angle = np.arcsin(min(float(np.linalg.norm(toward)), 1.0))
-    if angle > 1e-9:
-        R = Rotation.from_rotvec(toward / np.linalg.norm(toward) * angle).as_matrix() @ R
-    return make_pose(R, center)
+    x, y = lens.normalise(np.array([[guess.u, guess.v]]))[0]
+    z = lens.fx / guess.scale
+    lean_x, lean_y = guess.lean
+    return np.asarray(flat_pose(x * z, y * z, z, sign * lean_x, sign * lean_y, guess.roll))

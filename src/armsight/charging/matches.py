@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Ints, Pose
-from armsight.charging.kernels.rigid import fit_rigid
+from armsight.charging.kernels.edges import project_lens
+from armsight.charging.kernels.rigid import fit_rigid, rim_shares
 from armsight.charging.ports.curves import Curves, curves
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import Level, edges_of
@@ -92,16 +93,15 @@ def size_for(lens: PinholeCamera, name: str, T: Pose) -> int:
 def _match(
     levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose, i: int, reaches: Floats
 ) -> Match:
-    model, darker, tolerance, extent = _model(name)
+    model, darker, tolerance, weights, extent = _model(name)
     z = max(T[2, 3], 0.05)
-    u, v = lens.project(T[None, :3, 3])[0] if T[2, 3] > 0.0 else (0.0, 0.0)
+    u, v = project_lens(_numbers(lens), *T[:3, 3].tolist()) if T[2, 3] > 0.0 else (0.0, 0.0)
     seen = edges_of(levels, lens, min(i, len(levels) - 1), u, v, 1.3 * extent * lens.fx / z)
     own = seen.lens
-    numbers = np.array([own.fx, own.fy, own.cx, own.cy, *own.distortion])
     T, d, rise, H = fit_rigid(
         seen.gx,
         seen.gy,
-        numbers,
+        _numbers(own),
         model.points,
         model.normals,
         T,
@@ -110,17 +110,13 @@ def _match(
     )
     # makes differ: an edge may be off by its tolerance
     reach = FOUND + own.fx / max(T[2, 3], 0.05) * tolerance
-    near = np.abs(np.where(np.isfinite(d), d, 99.0)) <= reach[model.rim]
-    count = np.bincount(model.rim)
     # an edge that is light where a cavity should be dark counts nothing
-    right = near & (np.sign(rise) == darker[model.rim])
-    shares = np.bincount(model.rim, right, len(model.rims)) / count
-    small = np.array([rim.kind == "recess" for rim in model.rims])
-    score = 0.5 * (shares[small].mean() + shares[~small].mean())
+    shares = rim_shares(d, rise, model.rim, darker, reach)
+    score = float(shares @ weights)
     return Match(
         name,
         T,
-        float(score),
+        score,
         float(np.sum(shares - CHANCE)),
         shares,
         tuple(rim.name for rim in model.rims),
@@ -141,13 +137,25 @@ def mirrored(T: Pose) -> Pose:
     return out
 
 
+def _numbers(lens: PinholeCamera) -> Floats:
+    """A lens as the kernels take it, see :func:`project_lens`."""
+    return np.array([lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion])
+
+
 @lru_cache(maxsize=32)
-def _model(name: str) -> tuple[Curves, Ints, Floats, float]:
-    """Points along a type's edges; which edges grow darker inwards (-1); how makes differ [m]."""
+def _model(name: str) -> tuple[Curves, Ints, Floats, Floats, float]:
+    """What a type looks like.
+
+    Returns:
+        Points along its edges; of each edge whether it grows darker inwards (-1), how makes differ
+        [m] and what it counts in the score; the farthest point [m].
+    """
     step = 0.004
     while len(curves(PORTS[name], step).points) < POINTS and step > 0.0008:
         step *= 0.9
     model = curves(PORTS[name], step)
     darker = np.array([1 if rim.kind == "pedestal" else -1 for rim in model.rims])
     tolerance = np.array([rim.radius_tolerance + rim.place_tolerance for rim in model.rims])
-    return model, darker, tolerance, float(np.abs(model.points[:, :2]).max())
+    small = np.array([rim.kind == "recess" for rim in model.rims])
+    weights = 0.5 * np.where(small, 1.0 / small.sum(), 1.0 / (~small).sum())
+    return model, darker, tolerance, weights, float(np.abs(model.points[:, :2]).max())

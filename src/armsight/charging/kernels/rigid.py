@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32, SignedShorts
+from armsight.arrays import Floats, Floats32, Ints, SignedShorts
 from armsight.charging.kernels.edges import edge_along, project_lens, sample_room
 
 ROUGH = 2.6
@@ -116,16 +116,67 @@ def _edge_line(
 
 
 @njit(cache=True, nogil=True)
+def rim_shares(offsets: Floats, rise: Floats, rim: Ints, darker: Ints, reach: Floats) -> Floats:
+    """(rims,) share of each edge's points that lie near enough and have their dark side inwards.
+
+    Args:
+        offsets: (n,) of :func:`fit_rigid` [px].
+        rise: (n,) of :func:`fit_rigid`.
+        rim: (n,) edge of each point.
+        darker: (rims,) sign of the gradient that each edge should have.
+        reach: (rims,) how near is near [px].
+    """
+    found, count = np.zeros(len(reach)), np.zeros(len(reach))
+    for i in range(len(rim)):
+        k = rim[i]
+        count[k] += 1.0
+        if abs(offsets[i]) <= reach[k] and np.sign(rise[i]) == darker[k]:
+            found[k] += 1.0
+    return found / count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def flat_pose(x: float, y: float, z: float, lean_x: float, lean_y: float, roll: float) -> Floats:
+    """(4, 4) pose of a port that faces the lens, rolled, then leaning, as seen along its ray.
+
+    Args:
+        x: of the place in the lens's frame [m].
+        y: the same.
+        z: the same, along the lens's axis.
+        lean_x: about the picture's x [rad].
+        lean_y: about its y [rad].
+        roll: about the port's axis [rad].
+    """
+    facing = np.diag(np.array([1.0, -1.0, -1.0]))
+    R = _turn(lean_x, lean_y, 0.0) @ (_turn(0.0, 0.0, roll) @ facing)
+    far = np.sqrt(x * x + y * y + z * z)
+    aside = np.sqrt(x * x + y * y) / far
+    if aside > 1e-9:  # off the middle of the picture the port is turned with the ray
+        angle = np.arcsin(min(aside, 1.0)) / (aside * far)
+        R = _turn(-y * angle, x * angle, 0.0) @ R
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[0, 3], T[1, 3], T[2, 3] = x, y, z
+    return T
+
+
+@njit(cache=True, nogil=True)
+def _turn(x: float, y: float, z: float) -> Floats:
+    """(3, 3) rotation by a vector [rad]."""
+    angle = np.sqrt(x * x + y * y + z * z)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    s, c = 1.0, 0.5
+    if angle > 1e-6:
+        s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+    return np.eye(3) + s * K + c * (K @ K)
+
+
+@njit(cache=True, nogil=True)
 def _move(T: Floats, x: Floats) -> None:
     """Move a pose by a twist in its own frame, by 5 cm and a quarter of a radian at most."""
     far = max(np.sqrt((x[:3] ** 2).sum()) / 0.05, np.sqrt((x[3:] ** 2).sum()) / 0.25)
     if far > 1.0:
         x = x / far
-    angle = np.sqrt((x[3:] ** 2).sum())
-    K = np.array([[0.0, -x[5], x[4]], [x[5], 0.0, -x[3]], [-x[4], x[3], 0.0]])
-    s, c = 1.0, 0.5
-    if angle > 1e-6:
-        s, c = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
     R = np.ascontiguousarray(T[:3, :3])
     T[:3, 3] += R @ x[:3]
-    T[:3, :3] = R @ (np.eye(3) + s * K + c * (K @ K))
+    T[:3, :3] = R @ _turn(x[3], x[4], x[5])
