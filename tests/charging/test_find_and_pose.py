@@ -1,9 +1,12 @@
 """Finding and fitting on painted pictures, whose truth no renderer of ours decides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from painted_ports import LENS, PAIR, facing, paint
 
+from armsight.charging.coarse_to_fine import fit_at_size
 from armsight.charging.find import FindOptions, find_ports
 from armsight.charging.fit import fit, model_points, turned
 from armsight.charging.looks import look
@@ -118,6 +121,28 @@ def test_a_tilt_that_either_picture_took_for_its_mirror_image_is_set_right(side:
     assert not found.doubtful
 
 
+def test_a_fit_that_gets_a_little_better_when_it_is_begun_again_keeps_its_roll(monkeypatch) -> None:
+    """Fine fits have more points than coarse ones and so cost more: they are never compared."""
+    T = facing(0.0, 0.0, 0.4, (0.1, 0.0), 0.0)
+    blank, behind = np.zeros((480, 640), np.uint8), facing(0.0, 0.0, -1.0, (0.0, 0.0), 0.0)
+    nothing = fit_at_size([blank], [LENS], [np.eye(4)], PORTS["type1"], behind)
+    calls = iter(range(1000))
+
+    def fitted(images, lenses, T_lens_ref, entry, T_ref_port, blur=None):
+        aside = 1.0 - float(T[:3, 0] @ T_ref_port[:3, 0])  # by its roll
+        points = 100 if blur is None else 400
+        upright = T_ref_port.copy()
+        upright[:3, :3] = turned(T, roll=0.0 if aside < 0.1 else np.pi)[:3, :3]
+        cost = points * (1.0 + aside) - 1e-3 * next(calls)
+        return replace(nothing, T_ref_port=upright, points=points, cost=cost)
+
+    monkeypatch.setattr("armsight.charging.pose.fit_at_size", fitted)
+    found = fit_pose([], LENSES, T_LENS_REF, "type1", T)
+    assert angle_between(found.T_ref_port, T) < 1e-6
+    assert found.tilt_gap == np.inf
+    assert found.roll_gap > SURE
+
+
 def test_one_picture_from_far_says_that_it_cannot_tell_the_tilt() -> None:
     T = facing(0.0, 0.0, 1.1, (0.0, 0.4), 0.1)
     image = paint(PORTS["type1"], T, LENS, 12)
@@ -152,8 +177,6 @@ def test_locate_pairs_both_pictures() -> None:
 
 def test_other_sizes_than_the_table_says_are_told_apart_from_the_pose() -> None:
     """A mouth that is 0.8 mm larger: the make takes it up, the pose does not move."""
-    from dataclasses import replace
-
     nominal = PORTS["type2"]
     rims = tuple(
         replace(rim, outline=rim.outline.grown(0.8e-3)) if rim.kind == "mouth" else rim
@@ -169,8 +192,6 @@ def test_other_sizes_than_the_table_says_are_told_apart_from_the_pose() -> None:
 
 def test_a_slot_of_other_proportions_is_not_taken_for_a_tilt() -> None:
     """DC parts 2 mm less high and as wide as the table's, as if they were tilted."""
-    from dataclasses import replace
-
     nominal = PORTS["ccs1"]
     rims = tuple(
         replace(

@@ -168,6 +168,7 @@ def fit_pose(
     blur = max(blurs, key=lambda b: fitted(first.T_ref_port, b).score) if blurs[1:] else blurs[0]
 
     def best_rolls(first: Fit) -> list[Fit]:
+        """Fine fits of the rolls that are likeliest by coarse ones: of a coarse first one."""
         rolls = [2 * np.pi * k / entry.turns for k in range(1, entry.turns)]
         if entry.turns % 2:
             rolls.append(np.pi)
@@ -177,13 +178,14 @@ def fit_pose(
         return sorted(finals, key=_likelihood, reverse=True)
 
     best, rival = best_rolls(first)[:2]
-    images_of_it = [fitted(T) for T in _mirrors(best.T_ref_port, T_lens_ref)]
-    mirror = fitted(max(images_of_it, key=_likelihood).T_ref_port, blur)
-    if _likelihood(mirror) > _likelihood(best):
-        mirror, (best, rival) = best, best_rolls(mirror)[:2]
-    roll_gap, tilt_gap = (_likelihood(best) - _likelihood(other) for other in (rival, mirror))
-    if best.T_ref_port[:3, 2] @ mirror.T_ref_port[:3, 2] > np.cos(ONE):
-        tilt_gap = np.inf
+    others = [fitted(T) for T in _mirrors(best.T_ref_port, T_lens_ref)]
+    coarse = max(others, key=_likelihood)
+    mirror, tilt_gap = fitted(coarse.T_ref_port, blur), np.inf
+    if best.T_ref_port[:3, 2] @ mirror.T_ref_port[:3, 2] < np.cos(ONE):
+        if _likelihood(mirror) > _likelihood(best):
+            mirror, (best, rival) = best, best_rolls(coarse)[:2]
+        tilt_gap = _likelihood(best) - _likelihood(mirror)
+    roll_gap = _likelihood(best) - _likelihood(rival)
     return PortPose(name, best.T_ref_port, best.covariance, best.score, roll_gap, tilt_gap, best)
 
 
