@@ -89,3 +89,8 @@ def test_interpolation_ends_and_middle():
     np.testing.assert_allclose(pose.interpolate(T_a, T_b, 1.0), T_b, atol=1e-12)
     middle = pose.interpolate(T_a, T_b, 0.5)
     assert pose.angle_between(T_a, middle) == pytest.approx(0.5)
+
+
+def test_a_cross_product_is_numpys_bit_for_bit():
+    for a, b in np.random.default_rng(4).normal(size=(100, 2, 3)):
+        assert (pose.cross(a, b) == np.cross(a, b)).all()

@@ -17,6 +17,7 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Vector3
 from armsight.devices.data import Wrench
+from armsight.geometry.pose import cross
 from armsight.motion.permits import Permit
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
@@ -120,7 +121,7 @@ class ForceWatch:
         R = flange_pose(self._robot, q)[:3, :3]
         falls = self._gravity if pull is None else self._gravity - pull
         weight = R.T @ (self._mass * falls)
-        load = np.concatenate([weight, np.cross(self._center, weight)])
+        load = np.concatenate([weight, cross(self._center, weight)])
         for reading in readings:
             told = np.concatenate([reading.force, reading.torque]).astype(float)
             if not (np.isfinite(told).all() and reading.stamp > self._stamp):
@@ -135,7 +136,7 @@ class ForceWatch:
                 if len(self._free) >= SAMPLES:  # else what was known before still is
                     self._tare(self._sum / len(self._free))
             contact = rest - (np.zeros(6) if self._bias is None else self._bias)
-            torque = contact[3:] - np.cross(self._tip, contact[:3])
+            torque = contact[3:] - cross(self._tip, contact[:3])
             self._new.append(Felt(reading.stamp, contact[:3], torque))
         if self._new:
             mean = np.mean([f.force for f in self._new], axis=0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Vector3
+from armsight.geometry.pose import cross
 from armsight.servoing.aim import Aim
 
 STRAIGHT = math.radians(10.0)
@@ -55,7 +56,7 @@ def facing(
     if length < 0.05:
         return front
     flat = flat / length
-    side = np.cross(base_axis, front)
+    side = cross(base_axis, front)
     angle = float(np.arctan2(flat @ side, flat @ front))
     angle = float(np.clip(angle, -widest, widest))
     return np.asarray(np.cos(angle) * front + np.sin(angle) * side)

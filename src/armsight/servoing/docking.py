@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from armsight.arrays import Floats, Pose, Vector3
-from armsight.geometry.pose import make_pose
+from armsight.geometry.pose import cross, make_pose
 from armsight.motion.permits import ContactKind, PermitRequest
 from armsight.motion.regions import Region, RegionShape
 from armsight.servoing.eyes import Target
@@ -134,9 +134,9 @@ class Docking:
 def facing_pose(place: Vector3, normal: Vector3) -> Pose:
     """A frame at a place whose z is a normal; its turn about that is arbitrary."""
     helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    x = np.cross(helper, normal)
+    x = cross(helper, normal)
     x /= np.linalg.norm(x)
-    return make_pose(np.stack([x, np.cross(normal, x), normal], axis=1), place)
+    return make_pose(np.stack([x, cross(normal, x), normal], axis=1), place)
 
 
 def docking(name: str, ball_radius: float = 0.04) -> Docking:
