@@ -15,7 +15,7 @@ from armsight.charging.admittance import Admittance
 from armsight.charging.eye import mounting_spread
 from armsight.charging.hanging import hung
 from armsight.charging.plug_procedure import PlugSetup, read_look
-from armsight.charging.plug_views import in_both, plug_views
+from armsight.charging.plug_views import hidden_by_arm, in_both, plug_views
 from armsight.devices.data import StereoInfo
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
@@ -219,6 +219,28 @@ def test_a_pair_that_looks_away_is_said(monkeypatch):
     steps = plug_procedure.plug_procedure(away, np.random.default_rng(0))
     with pytest.raises(CalibrationError, match=r"before the pair post in 0 places only"):
         carry_out(monkeypatch, Cell(np.random.default_rng(1)), steps)
+
+
+def test_the_arm_is_not_between_the_pair_and_its_plug():
+    """In the first rendered picture the upper arm hid it (a guarded run, eighth look)."""
+    s = packaged()
+    for q, hidden in (
+        ((-0.4, -1.928, 2.144, 2.478, 1.584, 2.477), True),
+        ((-0.187, -1.864, 1.924, 3.057, 0.705, -2.572), False),
+        ((0.763, -1.409, 2.17, -3.686, 0.731, 3.137), False),
+    ):
+        C = inverse(s.believed.T_base_camera) @ s.believed.base_tip(np.array(q))
+        told = hidden_by_arm(s.robot, np.array(q), s.believed.T_base_camera, C, s.lenses, 0.032)
+        assert told == hidden
+    rng = np.random.default_rng(2)
+    joints, C = plug_views(s.believed, s.robot, s.lenses, "type2_plug", 40, rng)
+    X, links = s.believed.T_base_camera, np.asarray(s.robot.spheres.link) < s.robot.n
+    for q, T in zip(joints, C):
+        centers = sphere_centers(s.robot, q)[links]
+        for eye in (X[:3, 3], (X @ s.lenses.T_left_right)[:3, 3]):
+            line = eye + np.linspace(0.0, 1.0, 300)[:, None] * ((X @ T)[:3, 3] - eye)
+            away = np.linalg.norm(line[:, None] - centers, axis=2)
+            assert (away > np.asarray(s.robot.spheres.radius)[links]).all()
 
 
 def test_what_is_chosen_is_in_both_pictures():

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import Floats, JointPath, JointVector, Mask, Poses
+from armsight.arrays import Floats, JointPath, JointVector, Mask, Pose, Poses
 from armsight.calibration.arm import reach_some
 from armsight.calibration.views import FreeCheck, travel_seconds
 from armsight.charging.calibrate import PlugCalibration
 from armsight.charging.ports.table import PORTS
 from armsight.geometry.pose import from_rpy, inverse, make_pose
 from armsight.geometry.stereo import StereoPair
+from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 
 DISTANCE = (0.45, 0.85)
@@ -65,8 +66,45 @@ def plug_views(
     C = np.array(drawn)
     flanges = answer.T_base_camera @ C @ inverse(answer.T_flange_plug)
     joints, reached = reach_some(robot, flanges, rng)
-    keep = [k for k in np.flatnonzero(reached) if free is None or free(joints[k])]
+    keep = [
+        k
+        for k in np.flatnonzero(reached)
+        if (free is None or free(joints[k]))
+        and not hidden_by_arm(robot, joints[k], answer.T_base_camera, C[k], pair, radius)
+    ]
     return joints[keep], C[keep]
+
+
+def hidden_by_arm(
+    robot: Robot,
+    joints: JointVector,
+    T_base_camera: Pose,
+    T_camera_plug: Pose,
+    pair: StereoPair,
+    radius: float,
+) -> bool:
+    """Whether a link is between either lens and a plug.
+
+    Args:
+        robot: the arm; what its last link carries holds the plug, and is behind it.
+        joints: (n,) [rad].
+        T_base_camera: the left lens.
+        T_camera_plug: the plug in its frame.
+        pair: the lenses.
+        radius: of the plug [m].
+    """
+    links = np.asarray(robot.spheres.link) < robot.n
+    centers = sphere_centers(robot, joints)[links]
+    reach = np.asarray(robot.spheres.radius)[links] + radius
+    plug = (T_base_camera @ T_camera_plug)[:3, 3]
+    for T in (np.eye(4), pair.T_left_right):
+        eye = (T_base_camera @ T)[:3, 3]
+        way = plug - eye
+        share = np.clip((centers - eye) @ way / (way @ way), 0.0, 1.0)
+        away = np.linalg.norm(centers - eye - share[:, None] * way, axis=1)
+        if (away < reach).any():
+            return True
+    return False
 
 
 def in_both(pair: StereoPair, C: Poses, radius: float) -> Mask:
