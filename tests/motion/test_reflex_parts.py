@@ -116,6 +116,19 @@ def test_what_does_not_move_the_arm_is_given_up_only_where_nothing_comes_nearer(
     assert not reflex.active
 
 
+def test_what_was_given_up_is_forgotten_only_once_it_is_far():
+    """Nearer than where a reflex ends it is the same that the arm found no way to leave."""
+    far = CONFIG.reflex_distance + CONFIG.release
+    for between, due in ((far - 0.01, False), (far + 0.01, True)):
+        reflex = Reflex(CONFIG, ROBOT.limits)
+        reflex.begin(0.1)
+        reflex.stage = ReflexStage.FLEE
+        reflex.try_other(0.1)
+        assert not reflex.due(0.1)
+        assert not reflex.due(between)
+        assert reflex.due(0.1) == due
+
+
 def test_the_nearest_pair_are_points_of_both_surfaces():
     body = MovingBody(ROBOT, ROBOT.limits.acceleration)
     still = np.zeros(6)
