@@ -35,7 +35,7 @@ from armsight.geometry.stereo import StereoPair
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 7
+VERSION = 8
 SURE_SCORE = 0.7
 """A fit with a lower score says itself that it is spoilt, and counts as not found."""
 
@@ -47,8 +47,8 @@ ABOUT = """
 Inlets (four types, four makes each) by the paper's converging pair (f 1200 px, 0.2 m apart), in the
 lights and weathers of `port-detection`, pictures of 0.2 m about the port. The finder looks in both
 pictures, the joint fit starts from what it says. Not found, or taken for another type: `missed`. A
-fit that scores below 0.7 calls itself spoilt, one whose next roll is nearly as likely doubtful:
-their share has its own row, and errors are those of the others.
+fit that scores below 0.7 calls itself spoilt, one whose next roll or mirrored tilt is nearly as
+likely doubtful: their share has its own row, and errors are those of the others.
 `paper_*` rows: the contacts of the same pictures triangulated by equation 1 of the paper, and the
 plane of equations 2 and 3; `ablation_plane_*`: the same plane with exact triangulation. The CCS1
 pictures are other people's renderings, found and fitted without any start.
