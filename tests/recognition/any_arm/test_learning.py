@@ -248,7 +248,8 @@ def test_a_training_begins_from_a_finished_network_and_only_it_goes_on(tmp_path:
     file = tmp_path / "network.onnx"
     file.write_bytes(to_onnx(first, make_card(finished)))
     origin = find_origin(file)
-    assert origin.updates == 8
+    crops = len(finished.learned)
+    assert (origin.updates, origin.crops) == (8, crops)
 
     def trainer(begun: Origin | None) -> CropTrainer:
         return CropTrainer(
@@ -261,7 +262,9 @@ def test_a_training_begins_from_a_finished_network_and_only_it_goes_on(tmp_path:
     for name, value in answers(first, image).items():
         np.testing.assert_allclose(answers(begun.network, image)[name], value, atol=1e-4)
     assert begun.run()
-    assert make_card(begun)["training"]["begun_from"] == {"sha256": origin.sha256, "updates": 8}
+    assert make_card(begun)["training"]["begun_from"] == {
+        "sha256": origin.sha256, "updates": 8, "crops": crops
+    }  # fmt: skip
     assert trainer(origin).progress.update == 2
     with pytest.raises(RecognitionError, match="another"):
         trainer(None)

@@ -29,12 +29,13 @@ class Origin:
     Attributes:
         file: ONNX file that :func:`armsight...export.to_onnx` wrote.
         sha256: of the file.
-        updates: that made it.
+        updates: that made it; crops: that it learned from.
     """
 
     file: Path
     sha256: str
     updates: int
+    crops: int
 
 
 def find_origin(file: Path) -> Origin:
@@ -44,9 +45,12 @@ def find_origin(file: Path) -> Origin:
         RecognitionError: it cannot be read, or is no crop network.
     """
     card = CropModel(file, 1).card
-    updates = card.get("training", {}).get("updates")
     sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
-    return Origin(file, sha256, updates if isinstance(updates, int) else 0)
+    try:
+        crops = sum(int(n) for n in card["data"].values())
+        return Origin(file, sha256, int(card["training"]["updates"]), crops)
+    except (KeyError, AttributeError, TypeError, ValueError):
+        raise RecognitionError(f"{file}: its card does not say how it was trained") from None
 
 
 def adopt(network: CropNet, origin: Origin) -> None:

@@ -65,7 +65,9 @@ def make_card(trainer: CropTrainer) -> Card:
     plan, data, at = trainer.plan, trainer.data, trainer.progress
     number = data.robot[trainer.learned]
     origin = trainer.origin
-    begun = {} if origin is None else {"sha256": origin.sha256, "updates": origin.updates}
+    begun = {}
+    if origin is not None:
+        begun = {k: v for k, v in vars(origin).items() if k != "file"}
     checked = [r["validation"] | {"update": r["update"]} for r in at.curve if "validation" in r]
     return {
         "paper": "ours",
@@ -107,7 +109,8 @@ def card_text(card: dict[str, Any]) -> str:
     ]
     if begun := t["begun_from"]:
         lines.append(
-            f"* Begun from a network of {begun['updates']} updates, sha256 {begun['sha256'][:16]}."
+            f"* Begun from a network of {begun['updates']} updates on {begun['crops']} other "
+            f"crops, sha256 {begun['sha256'][:16]}."
         )
     if v:
         lines.append(
