@@ -10,7 +10,7 @@ import pytest
 from armsight.geometry.pose import make_pose
 from armsight.mapping.hazards import Tracked, UnseenPeople
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from armsight.mapping.tracked import KEPT, SHELL, TrackedThing, growth
+from armsight.mapping.tracked import KEPT, SHELL, TOUCHES, TrackedThing, growth
 from armsight.motion.regions import Region
 
 GRID = VoxelGrid(np.zeros(3), 0.02, (60, 60, 50))
@@ -230,3 +230,16 @@ def test_every_border_of_the_map_is_one(axis, side):
     assert set(thing.inside) == set(np.flatnonzero(away <= grown))
     shell = (away > grown) & (away <= grown + SHELL * GRID.voxel)
     assert set(thing.around) == set(np.flatnonzero(shell))
+
+
+@pytest.mark.parametrize(("count", "somebody"), [(TOUCHES - 1, False), (TOUCHES, True)])
+def test_so_many_voxels_seen_beside_what_is_tracked_are_somebody_and_fewer_are_noise(
+    count, somebody
+):
+    scene = started()
+    scene.look(BALL)
+    front = scene.thing.around[CENTERS[scene.thing.around, 0] < BALL[0]]
+    beside = [tuple(map(tuple, (CENTERS[v] - 1e-6, CENTERS[v] + 1e-6))) for v in front[:count]]
+    possible = scene.look(BALL, *beside)
+    own = np.intersect1d(scene.thing.inside, np.flatnonzero(scene.away < RADIUS + 0.01))
+    assert possible[own].any() == somebody

@@ -190,12 +190,12 @@ class UnseenPeople:
         spread(self._a, self._possible)
         self._possible, self._a = self._a, self._possible
         if tracked is not None:
-            self._tell_apart(tracked.thing, dynamic, others)
+            self._tell_apart(tracked.thing, dynamic)
         count = frontier(self._possible, self._solid, self._rim, ny, nz, self._indices, self._faces)
         return self._indices[:count], self._faces[:count]
 
-    def _tell_apart(self, thing: TrackedThing, dynamic: Ints32, others: Ints32) -> None:
-        """What is tracked is in the set only if somebody could be around it.
+    def _tell_apart(self, thing: TrackedThing, dynamic: Ints32) -> None:
+        """What is tracked is in the set only if somebody, seen or unseen, could be around it.
 
         Nobody unseen is missed by taking it out first: who is in it was in the set before, since
         they were elsewhere then, and the set has grown from there.
@@ -204,9 +204,7 @@ class UnseenPeople:
         rim, bits = self._rim, self._possible
         own = dynamic[thing.holds(dynamic)]
         remove_voxels(own, len(own), ny, nz, rim, bits)
-        seen = int(np.isin(others, thing.around).sum())
-        unseen = count_voxels(thing.around, len(thing.around), ny, nz, rim, bits)
-        if seen >= TOUCHES or unseen >= TOUCHES:
+        if count_voxels(thing.around, len(thing.around), ny, nz, rim, bits) >= TOUCHES:
             add_voxels(own, len(own), ny, nz, rim, bits)
 
     def reaching(self, dynamic: Ints32, lid: Lid) -> Mask:
