@@ -12,6 +12,7 @@ from armsight.motion.nearest import Hazards
 from armsight.motion.separation import Separation
 from armsight.motion.separation_monitor import (
     RECEDE,
+    SLIDES,
     TICKS,
     SeparationMonitor,
     after_decision,
@@ -108,6 +109,17 @@ def test_sliding_leaves_as_much_of_a_wish_as_slowing_and_mostly_more(seed):
     same, seen = made.slide(motion, q, free, calm)
     assert np.array_equal(same, motion)
     assert seen is calm
+
+
+def test_what_the_first_slide_meets_the_next_goes_past(monkeypatch):
+    made, q, motion, hazards = crowd(0, count=3, near=0.55)
+    view = made.judge(q, motion, hazards)
+    kept = []
+    for slides in range(SLIDES + 1):
+        monkeypatch.setattr("armsight.motion.separation_monitor.SLIDES", slides)
+        slid, after = made.slide(motion, q, hazards, view)
+        kept.append(min(after.allowed, 1.0) * slid @ motion)
+    assert all(np.diff(kept) > 0.01 * kept[0])
 
 
 def test_past_a_single_hazard_it_slides_at_nearly_full_speed():
