@@ -72,6 +72,38 @@ def test_a_painted_lid_is_found_where_it_was_painted_and_a_plain_side_holds_none
     assert find_lid(painted(LEFT_LID, lid=False)[0], pair, CAR.lid) is None
 
 
+def hidden(image, lens, T_lens_lid, corners):
+    """The picture with the body's plain paint over a part of the lid's plane."""
+    at = lens.project(transform(T_lens_lid, np.column_stack([np.array(corners), np.zeros(4)])))
+    mask = cv2.fillPoly(np.zeros_like(image), [np.round(at).astype(np.int32)], 255)
+    noise = np.random.default_rng(1).normal(62.0, 1.2, image.shape)
+    return np.where(mask > 0, np.clip(noise, 0, 255).astype(np.uint8), image)
+
+
+def strip(x0, x1, y0, y1):
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
+@pytest.mark.parametrize(
+    ("unseen", "in_both"),
+    [
+        pytest.param(strip(-0.09, -0.065, -0.08, 0.08), False, id="the-gap-at-the-hinge-in-one"),
+        pytest.param(strip(0.04, 0.08, 0.06, 0.09), True, id="a-quarter-of-the-upper-gap"),
+    ],
+)
+def test_a_lid_is_found_though_a_part_of_its_gap_does_not_show(unseen, in_both):
+    """On a flank seen askew the gap is lost in the hinge's corner, or in a reflection."""
+    images, pair = painted(LEFT_LID)
+    left = hidden(images[0], pair.left, LEFT_LID, unseen)
+    right = images[1]
+    if in_both:
+        right = hidden(right, pair.right, inverse(pair.T_left_right) @ LEFT_LID, unseen)
+    found = find_lid((left, right), pair, CAR.lid)
+    away = log(inverse(LEFT_LID) @ found.T_left_lid)
+    assert np.abs(away[:3]).max() < 0.005
+    assert np.rad2deg(np.abs(away[3:])).max() < 1.5
+
+
 def test_a_frame_of_another_size_is_no_lid():
     """A number plate, a window: seen farther off by the two pictures than a lid of its looks is."""
     (left, right), pair = painted(LEFT_LID)

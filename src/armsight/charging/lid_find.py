@@ -22,6 +22,7 @@ from armsight.charging.looks import Look, look, window_about
 from armsight.charging.ports.outline import Outline
 from armsight.charging.ports.table import MM, Port, Rim
 from armsight.charging.vehicle_file import HINGES, LID_HALF, LidShape
+from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, inverse, make_pose
 from armsight.geometry.stereo import StereoPair
 
@@ -29,7 +30,7 @@ GAP, RECESS = 4 * MM, 45 * MM
 """Between lid and body; width of the recess beside its free edge [m]."""
 LEAST = 24.0
 """A line that is shorter is no edge of a lid [px]."""
-CORNER = 0.25
+CORNER = 0.5
 """Two lines meet where they cross on both of them, or so far beyond an end, in their own lengths:
 what shadows and reflections leave of an edge is often short."""
 PIECE, ASIDE = 10.0, 2.0
@@ -43,7 +44,7 @@ BOTH = 0.55
 BESIDE = (-GAP, 0.0, GAP)
 """Starts of a fit, aside of where a lid is believed to be [m]."""
 TRIES = 16
-"""Guesses that are fitted at most, the best in one picture first."""
+"""Guesses that are fitted at most, the best in their own picture first."""
 
 
 @dataclass(frozen=True)
@@ -112,13 +113,16 @@ def find_lid(images: tuple[Bytes, Bytes], pair: StereoPair, shape: LidShape) -> 
         shape: which way it opens.
     """
     T_panel_lid = from_rpy((0.0, 0.0, float(np.deg2rad(HINGES[shape.hinge]))))
-    starts = []
-    for quad in _quads(images[0]):
-        for outline in (PANEL, OPENING):
-            for T in _poses(quad, _corners(outline, T_panel_lid), pair):
-                starts.append(np.asarray(T @ T_panel_lid))
-    whole = look(images[0], pair.left)
-    rough = [_rough(whole, T) for T in starts]
+    rough = []
+    for image, lens, T_left_lens in (
+        (images[0], pair.left, np.eye(4)),
+        (images[1], pair.right, pair.T_left_right),
+    ):  # on a flank seen askew only one of them may see into the gap at the hinge
+        whole = look(image, lens, inverse(T_left_lens))
+        for quad in _quads(image):
+            for outline in (PANEL, OPENING):
+                for T in _poses(quad, _corners(outline, T_panel_lid), lens):
+                    rough.append(_rough(whole, np.asarray(T_left_lens @ T @ T_panel_lid)))
     best: LidPose | None = None
     for one in sorted(rough, key=lambda one: -one.score)[:TRIES]:
         found = _of_both(images, pair, one.T_ref_port)
@@ -173,9 +177,8 @@ def _corners(outline: Rectangle, T_panel_lid: Pose) -> Floats:
     return np.asarray(p[np.argsort(-np.mod(around - 0.999 * np.pi, 2 * np.pi))])
 
 
-def _poses(quad: Floats, corners: Floats, pair: StereoPair) -> Iterator[Pose]:
+def _poses(quad: Floats, corners: Floats, lens: PinholeCamera) -> Iterator[Pose]:
     """Both poses of a plane figure whose corners are seen at a quadrilateral."""
-    lens = pair.left
     K = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
     distortion = np.asarray(lens.distortion, float)
     ok, turns, shifts, _ = cv2.solvePnPGeneric(
