@@ -20,7 +20,8 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_quaternion, inverse, make_pose
 from armsight.geometry.stereo import StereoPair
 
-_LENS = PinholeCamera(640, 480, 415.692, 415.692, 320.0, 240.0)
+# rendered: their middle (320, 240) is the picture's, half a pixel from ours
+_LENS = PinholeCamera(640, 480, 415.692, 415.692, 319.5, 239.5)
 PAIR = StereoPair(_LENS, _LENS, make_pose(None, (0.06, 0.0, 0.0)))
 T_SOCKET_PORT = make_pose([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 """Their socket: x right, y out of the car, z to the DC pins."""
