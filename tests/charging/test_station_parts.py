@@ -12,7 +12,7 @@ import pytest
 from armsight.charging.admittance import Admittance
 from armsight.charging.eye import PortEye, SeenPort, picture_fault
 from armsight.charging.feeling import Feeling
-from armsight.charging.hanging import at_plug, hung, tip_twist
+from armsight.charging.hanging import hung, tip_twist
 from armsight.charging.journal import Entry, Journal, JournalError
 from armsight.charging.moves import apart, before_port, looking_pose, straight
 from armsight.charging.permission import RENEW, Permission
@@ -28,6 +28,7 @@ from armsight.motion.permits import touching
 from armsight.motion.permitted import Grant
 from armsight.motion.retreat import Retreat
 from armsight.robots.kinematics import tcp_jacobian
+from armsight.robots.soft_mount import at_plug
 from armsight.workcell import robot_in
 from armsight.workcell.packaged import load
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armsight.devices.data import JointState
+from armsight.devices.data import JointState, Wrench
 from armsight.devices.history import JointHistory
 
 
@@ -55,3 +55,20 @@ def test_it_forgets(history):
     history.add(reading(1.35, 1.35))
     assert history.at(0.2) is None
     assert history.at(0.4) is not None
+
+
+def test_what_was_felt_about_a_time():
+    history = JointHistory(seconds=1.0)
+    for k in range(600):
+        history.feel(Wrench(0.002 * k, np.array([k, 0.0, 0.0]), np.zeros(3)))
+    assert history.felt(1.0)[0] == pytest.approx(500.0)
+    assert history.felt(1.202)[0] == pytest.approx(597.0, abs=2.0)  # the newest are still to come
+    assert history.felt(1.3) is None
+    assert history.felt(0.1) is None  # forgotten
+    assert history.copy().felt(1.0)[0] == pytest.approx(500.0)
+    history.feel(Wrench(1.2, np.array([np.nan, 0.0, 0.0]), np.zeros(3)))
+    history.feel(Wrench(1.1, np.array([99.0, 0.0, 0.0]), np.zeros(3)))
+    assert history.felt(1.198)[0] == pytest.approx(595.5, abs=2.0)
+    history.feel(Wrench(0.0, np.ones(3), np.ones(3)))  # the clock was turned back
+    assert history.felt(0.0) == pytest.approx(np.ones(6))
+    assert history.felt(1.0) is None

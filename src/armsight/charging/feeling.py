@@ -8,8 +8,9 @@ import numpy as np
 
 from armsight.arrays import Floats, Pose
 from armsight.charging.admittance import Admittance
-from armsight.charging.hanging import at_plug, hung, tip_twist
+from armsight.charging.hanging import hung, tip_twist
 from armsight.charging.visit import Seen
+from armsight.robots.soft_mount import at_plug
 
 OVER = 0.35
 """A zero is the mean of readings over this time [s]."""

@@ -11,18 +11,7 @@ import numpy as np
 from armsight.arrays import Floats, Pose
 from armsight.charging.admittance import Admittance
 from armsight.geometry.pose import exp, inverse
-
-
-def at_plug(wrench: Floats, T_flange_plug: Pose) -> Floats:
-    """What a sensor feels at the flange, as what acts on the plug about its origin, in its axes.
-
-    Args:
-        wrench: (6,) force [N] and torque [N m] about the flange's origin, in its axes.
-        T_flange_plug: where the plug is.
-    """
-    R, p = T_flange_plug[:3, :3], T_flange_plug[:3, 3]
-    force, torque = wrench[:3], wrench[3:] - np.cross(p, wrench[:3])
-    return np.concatenate([R.T @ force, R.T @ torque])
+from armsight.robots.soft_mount import at_plug
 
 
 def hung(T_flange_tip: Pose, wrench: Floats, mount: Admittance) -> Pose:

@@ -9,11 +9,11 @@ import numpy as np
 from armsight.arrays import Floats, Pose
 from armsight.calibration import se3
 from armsight.charging.feeling import Feeling
-from armsight.charging.hanging import at_plug
 from armsight.charging.lid import AWAY, R_LID_FINGER, LidHand, LidOptions, Work
 from armsight.charging.vehicle_file import VehicleShape
 from armsight.charging.visit import StationOptions
 from armsight.geometry.pose import inverse, make_pose
+from armsight.robots.soft_mount import at_plug
 
 OUT = 0.004
 """A finger that is drawn back by less is out [m]."""

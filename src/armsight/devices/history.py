@@ -1,21 +1,27 @@
-"""Where the joints were at a time in the past: interpolated, never extrapolated far."""
+"""Where joints were at a time in the past, never extrapolated far, and what the tool felt."""
 
 from __future__ import annotations
 
 from collections import deque
 
-from armsight.devices.data import JointState
+import numpy as np
+
+from armsight.arrays import Floats
+from armsight.devices.data import JointState, Wrench
 
 TURNED_BACK = 0.5
 """A reading older than the last by more than this [s] is of a clock that was turned back."""
+FELT = 0.015
+"""What a force sensor says so shortly before and after a time is of that time [s]."""
 
 
 class JointHistory:
-    """Remembers the last seconds of joint readings, in the order of their stamps."""
+    """Remembers the last seconds of joint and force readings, in the order of their stamps."""
 
     def __init__(self, seconds: float = 2.0) -> None:
         self._seconds = seconds
         self._states: deque[JointState] = deque()
+        self._felt: deque[tuple[float, Floats]] = deque()
 
     def add(self, state: JointState) -> None:
         """Remember a reading.
@@ -35,7 +41,30 @@ class JointHistory:
         """The readings so far, for somebody who works on while more come in."""
         twin = JointHistory(self._seconds)
         twin._states = self._states.copy()
+        twin._felt = self._felt.copy()
         return twin
+
+    def feel(self, wrench: Wrench) -> None:
+        """Remember a reading of the force sensor; one that is no number is ignored."""
+        value = np.concatenate([wrench.force, wrench.torque]).astype(float)
+        if not (np.isfinite(value).all() and np.isfinite(wrench.stamp)):
+            return
+        felt = self._felt
+        if felt and wrench.stamp < felt[-1][0] - TURNED_BACK:
+            felt.clear()
+        if felt and wrench.stamp <= felt[-1][0]:
+            return
+        felt.append((wrench.stamp, value))
+        while felt[0][0] < wrench.stamp - self._seconds:
+            felt.popleft()
+
+    def felt(self, stamp: float) -> Floats | None:
+        """(6,) what the force sensor said about a time [s]: the mean of :data:`FELT`.
+
+        None where it said nothing then: nobody knows what acted on the tool.
+        """
+        about = [value for at, value in self._felt if abs(at - stamp) <= FELT]
+        return np.asarray(np.mean(about, axis=0)) if about else None
 
     @property
     def latest(self) -> JointState | None:

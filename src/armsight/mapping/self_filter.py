@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
-from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints, Ints32, Pose, Poses
+from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints, Ints32, Mask, Pose, Poses
 from armsight.errors import ArmsightError
 from armsight.geometry.pose import inverse, inverses, transform
 from armsight.geometry.shapes import Solid
@@ -43,6 +43,7 @@ class BodyFields:
         values: flat float32 distances [m], one part after the other, C order.
         offset: (m,) where each part begins in ``values``.
         shape: (m, 3) nodes of each.
+        gives: (m,) which hang in the tool's soft mount.
     """
 
     link: Ints
@@ -50,13 +51,14 @@ class BodyFields:
     values: Floats32
     offset: Ints
     shape: Ints
+    gives: Mask
 
 
 def body_fields(robot: Robot, from_meshes: bool = True) -> BodyFields:
     """Distance fields of an arm, of its tool and of what it holds.
 
     Links are taken from their meshes; a link without one, or all with ``from_meshes`` false, from
-    the capsules.
+    the capsules. A tool in a soft mount is a part of its own.
 
     Args:
         robot: the arm, with its tool and what that holds.
@@ -66,35 +68,48 @@ def body_fields(robot: Robot, from_meshes: bool = True) -> BodyFields:
         ArmsightError: the arm has no shapes at all.
     """
     tool = robot.tool
+    soft = tool is not None and tool.mount is not None
     parts: list[tuple[int, Floats32, Floats]] = []
+    gives: list[bool] = []
     for link in range(robot.n + 1):
-        meshes = (
-            [_load(m, np.eye(4)) for m in robot.meshes if m.link == link] if from_meshes else []
-        )
-        rows = np.flatnonzero(np.asarray(robot.capsules.link) == link)
-        if tool is not None and link == robot.n and meshes:
-            bare = len(robot.capsules.link) - len(tool.capsules.link)
-            tool_meshes = [_load(m, robot.T_last_flange) for m in tool.meshes]
-            rows = rows[rows >= bare]  # the tool's own capsules, where it has no mesh
-            meshes += tool_meshes
-            if tool_meshes:
-                rows = rows[:0]
-        elif meshes:
-            rows = rows[:0]
-        capsules = [
-            (robot.capsules.start[r], robot.capsules.end[r], float(robot.capsules.radius[r]))
-            for r in rows
-        ]
-        if meshes or capsules:
-            parts.append((link, *_field(meshes, capsules)))
+        own, of_tool = _shapes(robot, link, from_meshes)
+        if not soft:
+            own, of_tool = (own[0] + of_tool[0], own[1] + of_tool[1]), ([], [])
+        for shapes, moves in ((own, False), (of_tool, True)):
+            if any(shapes):
+                parts.append((link, *_field(*shapes)))
+                gives.append(moves)
     for solid in () if tool is None else tool.held:
         parts.append((robot.n, *_solid_field(solid, robot.T_last_flange)))
+        gives.append(soft)
     if not parts:
         raise ArmsightError(
             f"robot {robot.name} has neither link meshes nor capsules, so it cannot be told from "
             "obstacles: give its URDF visual meshes, or fit its capsules"
         )
-    return _pack(parts)
+    return _pack(parts, gives)
+
+
+_Shapes = tuple[list[tuple[Floats, Ints]], list[tuple[Floats, Floats, float]]]
+"""Meshes, and capsules where there is none."""
+
+
+def _shapes(robot: Robot, link: int, from_meshes: bool) -> tuple[_Shapes, _Shapes]:
+    """A link's own shapes, and those of the tool that it carries, in the link's frame."""
+    tool, c = robot.tool, robot.capsules
+    meshes = [_load(m, np.eye(4)) for m in robot.meshes if from_meshes and m.link == link]
+    of_tool = []
+    # Of a link that has no mesh the tool's capsules are taken, too.
+    if tool is not None and link == robot.n and meshes:
+        of_tool = [_load(m, robot.T_last_flange) for m in tool.meshes]
+    rows = np.flatnonzero(np.asarray(c.link) == link)
+    bare = len(c.link) - (0 if tool is None else len(tool.capsules.link))
+
+    def rods(listed: Ints) -> list[tuple[Floats, Floats, float]]:
+        return [(c.start[r], c.end[r], float(c.radius[r])) for r in listed]
+
+    own = (meshes, [] if meshes else rods(rows[rows < bare]))
+    return own, (of_tool, [] if of_tool else rods(rows[rows >= bare]))
 
 
 def _load(mesh: LinkMesh, T_link_mesh: Pose) -> tuple[Floats, Ints]:
@@ -170,7 +185,7 @@ def _solid_field(solid: Solid, T_last_flange: Pose) -> tuple[Floats32, Floats]:
     return placed.distance(in_link).reshape(field.shape).astype(np.float32), corner
 
 
-def _pack(parts: list[tuple[int, Floats32, Floats]]) -> BodyFields:
+def _pack(parts: list[tuple[int, Floats32, Floats]], gives: list[bool]) -> BodyFields:
     T_link_grid = np.tile(np.eye(4), (len(parts), 1, 1))
     T_link_grid[:, :3, 3] = [corner for _, _, corner in parts]
     shape = np.array([field.shape for _, field, _ in parts], np.int64)
@@ -181,6 +196,7 @@ def _pack(parts: list[tuple[int, Floats32, Floats]]) -> BodyFields:
         np.concatenate([np.ascontiguousarray(field).ravel() for _, field, _ in parts]),
         np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
         shape,
+        np.array(gives, bool),
     )
 
 
@@ -219,19 +235,34 @@ class SelfFilter:
         self._link = np.repeat(fields.link, 8)
         to_cells = np.diag([1 / CELL, 1 / CELL, 1 / CELL, 1.0])
         self._T_cells_link = to_cells @ inverses(fields.T_link_grid)
+        self._gives = np.repeat(fields.gives, 8)
 
-    def pose(self, position: Floats, velocity: Floats) -> BodyPose:
-        """The body at (n,) joint positions [rad] and velocities [rad/s]."""
+    def pose(self, position: Floats, velocity: Floats, wrench: Floats | None = None) -> BodyPose:
+        """The body at (n,) joint positions [rad] and velocities [rad/s].
+
+        Args:
+            position: of the joints.
+            velocity: likewise.
+            wrench: (6,) what the sensor at the flange felt, not tared [N], [N m]: so a tool in a
+                soft mount hangs. None where nobody knows; then it is where it was mounted.
+        """
         poses = link_poses(self._robot, position)
         rates = np.ascontiguousarray(velocity, float)
-        corners, motion = np.empty_like(self._corners), np.empty_like(self._corners)
-        carried_motion_into(
-            poses, self._robot.axis, self._link, self._corners, rates, corners, motion
-        )
+        in_link, T_cells_link = self._corners, self._T_cells_link
+        tool = self._robot.tool
+        if wrench is not None and tool is not None and tool.mount is not None:
+            T_last_flange = self._robot.T_last_flange
+            moved = tool.mount.moved(tool.T_flange_tcp, wrench)
+            moved = T_last_flange @ moved @ inverse(T_last_flange)
+            in_link = np.where(self._gives[:, None], transform(moved, in_link), in_link)
+            gives = self.fields.gives[:, None, None]
+            T_cells_link = np.where(gives, T_cells_link @ inverse(moved), T_cells_link)
+        corners, motion = np.empty_like(in_link), np.empty_like(in_link)
+        carried_motion_into(poses, self._robot.axis, self._link, in_link, rates, corners, motion)
         # No point of a rigid part is faster than the fastest corner of a box around it.
         speed = np.sqrt((motion**2).sum(axis=1)).reshape(-1, 8).max(axis=1)
         return BodyPose(
-            self._T_cells_link @ inverses(poses)[self.fields.link],
+            T_cells_link @ inverses(poses)[self.fields.link],
             corners.reshape(-1, 8, 3),
             speed,
         )

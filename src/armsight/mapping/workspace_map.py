@@ -327,7 +327,8 @@ class WorkspaceMap:
                 continue
             if camera in jobs:
                 health.refuse("a newer frame came with it")
-            body = self._filter.pose(state.position, state.velocity)
+            felt = joints.felt(frame.stamp)
+            body = self._filter.pose(state.position, state.velocity, felt)
             pose = self._camera_pose(camera, frame, state.position)
             jobs[camera] = _Job(camera, frame, pose, body)
         return list(jobs.values())

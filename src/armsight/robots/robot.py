@@ -9,6 +9,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, JointVector, Points, Pose, Poses
 from armsight.geometry.shapes import Solid
+from armsight.robots.soft_mount import SoftMount
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,7 @@ class Tool:
         meshes: likewise.
         mass: [kg]; center_of_mass: (3,) in the flange's frame [m].
         held: solids that it holds, in the flange's frame; spheres and mass count them already.
+        mount: that lets it and what it holds give way; None where it is bolted to the flange.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Tool:
     mass: float
     center_of_mass: Floats
     held: tuple[Solid, ...] = ()
+    mount: SoftMount | None = None
 
     def moved(self, T_flange_moved: Pose) -> Tool:
         """The same tool, mounted elsewhere than it was designed to be.

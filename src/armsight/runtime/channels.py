@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from armsight.arrays import Floats
 from armsight.devices.data import JointState, RgbdFrame, StereoFrame, Wrench
 from armsight.devices.history import JointHistory
 from armsight.mapping.snapshot import WorkspaceSnapshot
@@ -33,6 +34,16 @@ class SharedJointHistory(JointHistory):
         """Remember a reading."""
         with self._lock:
             super().add(state)
+
+    def feel(self, wrench: Wrench) -> None:
+        """Remember a reading of the force sensor."""
+        with self._lock:
+            super().feel(wrench)
+
+    def felt(self, stamp: float) -> Floats | None:
+        """(6,) what the force sensor said about a time [s]; see :meth:`JointHistory.felt`."""
+        with self._lock:
+            return super().felt(stamp)
 
     def copy(self) -> JointHistory:
         """The readings so far."""

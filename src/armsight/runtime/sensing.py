@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol, runtime_checkable
 
-from armsight.devices.data import ArmStatus, StereoFrame
+from armsight.devices.data import ArmStatus, StereoFrame, Wrench
 from armsight.devices.protocols import Arm, RgbdCamera
 from armsight.errors import DeviceError, DeviceLostError
 from armsight.runtime.channels import Channels
@@ -93,6 +93,8 @@ class SensingComponent:
             try:
                 for reading in _waiting(sensor):
                     self._channels.readings.put(reading)
+                    if isinstance(reading, Wrench):
+                        self._channels.history.feel(reading)
                     if isinstance(reading, StereoFrame):
                         self._channels.frames.show(reading)
                         came = True

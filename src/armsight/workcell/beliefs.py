@@ -10,6 +10,7 @@ from armsight.arrays import JointVector
 from armsight.devices.camera_models import camera_info
 from armsight.devices.data import RgbdCameraInfo
 from armsight.robots.robot import Robot
+from armsight.robots.soft_mount import SoftMount
 from armsight.workcell.calibration_file.reading import (
     calibrated_info,
     mount_pose,
@@ -20,11 +21,15 @@ from armsight.workcell.drivers import SIMULATED
 from armsight.workcell.schema import Workcell
 from armsight.workcell.schema_devices import CameraSection
 
+GRAVITY = 9.81
+MOST_TORQUE = 20.0
+"""What turns a plug in its mount at most: 15 that a port may, 5 by weight and cable [N m]."""
+
 
 def robot_in(workcell: Workcell) -> Robot:
     """The cell's robot: with its tool, its home, and joint limits as narrow as the file says."""
     section = workcell.robot
-    robot = robot_of(section, workcell.held)
+    robot = in_mount(robot_of(section, workcell.held), workcell)
     limits = robot.limits
     lower, upper = limits.lower, limits.upper
     if section.joint_lower_deg is not None:
@@ -34,6 +39,17 @@ def robot_in(workcell: Workcell) -> Robot:
     return replace(
         robot, limits=replace(limits, lower=lower, upper=upper), home=_home(workcell, robot)
     )
+
+
+def in_mount(robot: Robot, workcell: Workcell) -> Robot:
+    """The robot whose plug hangs in the mount that the cell's file states, if it does."""
+    plug, tool = workcell.plug, robot.tool
+    if plug is None or tool is None:
+        return robot
+    stiffness = (1e3 * plug.mount_n_per_mm, plug.mount_nm_per_rad)
+    weight = GRAVITY * tool.mass + plug.cable_n
+    mount = SoftMount(stiffness, (workcell.guard.thing_force_n + weight, MOST_TORQUE))
+    return replace(robot, tool=replace(tool, mount=mount))
 
 
 def camera_info_of(
