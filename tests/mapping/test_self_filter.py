@@ -1,5 +1,7 @@
 """The arm in its own pictures: fields, pixels and voxels against distances written down exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from armsight.mapping.kernels.pixels import ROBOT, VALID
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.self_filter import BAND, CELL, SelfFilter, _field, body_fields
 from armsight.mapping.snapshot import VoxelGrid
+from armsight.robots import load_robot, load_tool
 from armsight.robots.held import holding
 from armsight.robots.kinematics import link_poses
 
@@ -166,3 +169,29 @@ def test_voxels_near_the_body_and_filled_by_it():
         assert marked[away < limit - WORST].all()
         assert not marked[away > limit + WORST].any()
         assert marked.any()
+
+
+def test_a_tool_without_a_mesh_on_an_arm_with_meshes_is_filtered_by_its_capsules():
+    bare = load_robot("ur5")
+    tool = replace(load_tool("pen"), meshes=())
+    carries = bare.with_tool(tool)
+    own, with_tool = body_fields(bare), body_fields(carries)
+    last = np.flatnonzero(with_tool.link == bare.n)
+    assert len(with_tool.link) == len(own.link) + (own.link != bare.n).all()
+
+    def least(fields, rows, point):
+        away = [np.inf]
+        for m in rows:
+            index = np.round((point - fields.T_link_grid[m, :3, 3]) / CELL).astype(int)
+            if ((index >= 0) & (index < fields.shape[m])).all():
+                at = fields.offset[m] + np.ravel_multi_index(tuple(index), fields.shape[m])
+                away.append(fields.values[at])
+        return min(away)
+
+    new = slice(len(bare.capsules.radius), None)
+    ends = np.concatenate([carries.capsules.start[new], carries.capsules.end[new]])
+    radii = np.tile(carries.capsules.radius[new], 2)
+    for point, radius in zip(ends, radii):
+        assert least(with_tool, last, point) < -radius + CELL
+    tip = ends[np.argmax(np.linalg.norm(ends, axis=1))]
+    assert least(own, np.flatnonzero(own.link == bare.n), tip) == np.inf

@@ -5,15 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from armsight.devices.data import JointState
 from armsight.geometry.pose import make_pose
 from armsight.geometry.shapes import Solid
 from armsight.motion.collision import CollisionModel
 from armsight.motion.escape import leaves
 from armsight.motion.evasion import RUBS
 from armsight.motion.executed import Executed
+from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import MovingBody
+from armsight.motion.permit_office import PermitOffice
 from armsight.motion.permitted import Grant
 from armsight.motion.retreat import (
+    ARRIVED,
     CARRIED,
     CLEAR,
     FOLLOWED,
@@ -27,7 +31,7 @@ from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 
 from .scenes import make_snapshot
 from .test_contact import ROBOT, TIP, Sprung
-from .test_permits import sphere
+from .test_permits import request, sphere
 
 
 def moved(q, shift):
@@ -157,3 +161,70 @@ def test_where_something_holds_the_part_it_is_pulled_out_one_way_and_by_no_more_
     assert speed(-30.0 * out) == 0.0
     assert speed(None) == 0.0
     assert speed(np.zeros(3), leaving(out=out, force=0.0)[0]) == 0.0
+
+
+def unit(way):
+    return way / np.linalg.norm(way)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_out_of_a_ball_it_goes_the_way_it_came_where_that_leaves_as_well(seed):
+    """Back to the place it came from, in the joints, and not by the nearest joint motion."""
+    _, body = leaving()
+    out = tcp_pose(ROBOT, ROBOT.home)[:3, 2]
+    rng = np.random.default_rng(seed)
+    J = tcp_jacobian(ROBOT, ROBOT.home)
+    turn = J[3:].T @ rng.normal(0.0, 0.1, 3)  # of the wrist, besides
+    came = ROBOT.home + np.linalg.lstsq(J, np.array([*(-0.1 * out), 0, 0, 0]), rcond=None)[0]
+    came += turn - np.linalg.lstsq(J[:3], J[:3] @ turn, rcond=None)[0]
+    driven = Executed()
+    driven.add(came)
+    driven.add(ROBOT.home)
+    touching = np.zeros(len(ROBOT.spheres.radius), bool)
+    touching[-3:] = True
+    ball = Grant(sphere(TIP + 0.05 * out, 1.0), touching)
+    retreat = Retreat("why", ball, driven, ROBOT.home, 1.0)
+    motion = retreat.motion(body, ROBOT.home, 1.0, 0.045)
+    assert motion == pytest.approx(np.linalg.norm(motion) * unit(came - ROBOT.home), abs=1e-9)
+    assert np.linalg.norm(motion) > 0.0
+    driven.clear()
+    between = 0.7 * ROBOT.home + 0.3 * came + 0.03 * unit(turn)  # a bend in the way
+    for place in (came, between, ROBOT.home):
+        driven.add(place)
+    retreat = Retreat("why", ball, driven, ROBOT.home, 1.0)
+    there = between + 0.5 * ARRIVED * rng.uniform(-1.0, 1.0, ROBOT.n)
+    motion = retreat.motion(body, there, 1.0, 0.045)
+    assert motion == pytest.approx(np.linalg.norm(motion) * unit(came - there), abs=1e-9)
+
+
+@pytest.mark.parametrize(("speed", "stays"), [(0.06, True), (-0.06, False), (0.0, False)])
+def test_an_arm_has_not_left_what_comes_after_it(speed, stays):
+    """25 mm off a ball: it goes on leaving one that is there within a second."""
+    out = tcp_pose(ROBOT, ROBOT.home)[:3, 2]
+    retreat, body = leaving(velocity=-speed * out)
+    away = CLEAR + 0.005 - gap(body, retreat.grant, ROBOT.home, 1.0)
+    region = retreat.grant.region
+    farther = replace(region, T_base_region=make_pose(None, region.center(1.0) + away * out))
+    retreat.grant = replace(retreat.grant, region=farther)
+    assert gap(body, retreat.grant, ROBOT.home, 1.0) > CLEAR
+    office = PermitOffice(ROBOT, body, GuardConfig(), Executed())
+    office.retreat, office.grant = retreat, retreat.grant
+    still = JointState(1.0, ROBOT.home.copy(), np.zeros(ROBOT.n))
+    office.consider(1.0, None, None, still)
+    assert (office.retreat is not None) == stays
+
+
+def test_a_permit_follows_its_region_where_there_is_no_map_for_a_moment():
+    body = MovingBody(ROBOT, ROBOT.limits.acceleration)
+    out = tcp_pose(ROBOT, ROBOT.home)[:3, 2]
+    office = PermitOffice(ROBOT, body, GuardConfig(), Executed())
+    still = JointState(1.0, ROBOT.home.copy(), np.zeros(ROBOT.n))
+    ball = sphere(TIP - 0.2 * out, 1.0)
+    asked = request(ball)
+    empty = make_snapshot([], counts_unknown=False, stamp=1.0)
+    office.consider(1.0, asked, empty, still)
+    assert office.permit.holds, office.permit.reason
+    on = sphere(ball.center(1.0) + 0.01 * out, 1.1)
+    office.consider(1.1, replace(asked, region=on), None, still)
+    assert office.permit.holds
+    assert office.permit.region is on

@@ -146,6 +146,18 @@ def test_past_a_single_hazard_it_slides_at_nearly_full_speed():
     assert now <= view.share[nearest] * before - RECEDE + 1e-4
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_hazard_keeps_of_the_arm_is_said_of_the_part_that_is_nearest_to_it(seed):
+    made, q, motion, hazards = crowd(seed)
+    view = made.judge(q, motion, hazards)
+    points = hazards.blocks.points.astype(float)
+    gaps = np.linalg.norm(view.center[:, None] - points[None], axis=2)
+    gaps -= made.body.radius[:, None] + RADIUS
+    part = int(np.argmin(gaps.min(axis=1)))
+    assert view.closest == part
+    assert view.least == pytest.approx(gaps[part].min(), abs=1e-5)
+
+
 @pytest.mark.parametrize("speed", [0.1, 0.25])
 def test_away_is_where_the_nearest_part_leaves_its_hazard(speed):
     made, q, _, hazards = crowd(2)
