@@ -56,7 +56,8 @@ class FindOptions:
         seeds: per size of the picture; rings, climbs (of each type), guesses, fits: how many go
             on to each stage.
         tilts: at which rings are tried [deg], and about how many axes.
-        least_rough: what a type scores less at a ring does not climb.
+        least_rough: what a type scores less at a ring does not climb; behind: nor what promises
+            less than this share of the best of all types.
     """
 
     ports: tuple[str, ...] = (*INLETS, "type2_plug")
@@ -71,6 +72,7 @@ class FindOptions:
     fits: int = 3
     tilts: tuple[tuple[float, int], ...] = ((27.0, 4), (42.0, 6))
     least_rough: float = 0.1
+    behind: float = 0.35
 
     def thorough(self) -> FindOptions:
         """The same, searched about three times as long: for where there seems to be nothing."""
@@ -82,6 +84,7 @@ class FindOptions:
             fits=2 * self.fits,
             tilts=((20.0, 4), (32.0, 6), (44.0, 8)),
             least_rough=0.0,
+            behind=0.0,
         )
 
 
@@ -183,6 +186,7 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
         round(share * options.climbs),
         round(max(share, 0.5) * options.guesses),
         options.least_rough,
+        options.behind,
     )
     guesses = guess_types(levels, lens, rings, options.ports, options.distance, climbs)
     tried = _fitted(levels, lens, guesses)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,11 +18,16 @@ from armsight.charging.pyramid import Level
 from armsight.charging.rings import level_for
 from armsight.geometry.camera import PinholeCamera
 
-ROLLS = np.deg2rad(np.arange(-50.0, 51.0, 10.0))
+ROLLS = np.deg2rad(  # what is likeliest first: the others are given up earlier
+    [0.0, -10.0, 10.0, -20.0, 20.0, -30.0, 30.0, -40.0, 40.0, -50.0, 50.0]
+)
 FINER = 3
 """Of so many that climbed one climbs on, one size finer."""
 OTHER_WAY = 0.2
 """What an edge counts that is light where a cavity should be dark."""
+
+
+T = TypeVar("T", float, Floats)
 
 
 @dataclass(frozen=True)
@@ -31,12 +37,14 @@ class Climbs:
     Attributes:
         of_each: climbs of each type.
         most: guesses to return.
-        least: what a type scores less at a ring does not climb.
+        least: what a type scores less at a ring does not climb;
+        behind: nor what promises less than this share of the best of all types.
     """
 
     of_each: int
     most: int
     least: float
+    behind: float
 
 
 @dataclass(frozen=True)
@@ -84,10 +92,18 @@ def guess_types(
         distance: nearest and farthest [m].
         climbs: how many.
     """
-    guesses = []
-    groups = _by_size(levels, rings)
-    for name in ports:
-        promising = _rough(levels, lens, groups, name, distance, climbs.least)[: climbs.of_each]
+    guesses, rough = [], {}
+    everywhere = _by_size(levels, rings)
+    fitting: dict[str, list[tuple[int, Floats]]] = {}
+    # a type that holds another is looked for where that may be
+    for name in sorted(ports, key=lambda name: bool(PORTS[name].contains)):
+        groups = fitting.get(PORTS[name].contains, everywhere)
+        every, fitting[name] = _rough(levels, lens, groups, name, distance, climbs.least)
+        rough[name] = every[: climbs.of_each]
+    tops = [_promise(name, float(best[0, 0])) for name, best in rough.items() if len(best)]
+    leader = max(tops, default=0.0)
+    for name, best in rough.items():
+        promising = best[_promise(name, best[:, 0]) > climbs.behind * leader]
         for k in np.unique(promising[:, 7]).astype(int):
             mine = promising[promising[:, 7] == k, 1:7]
             found = climb_all(levels[k].field, *template(name), mine, 1.5, OTHER_WAY)
@@ -122,14 +138,14 @@ def _rough(
     name: str,
     distance: tuple[float, float],
     least: float,
-) -> Floats:
-    """(n, 8) the promising places of a type, the best first.
+) -> tuple[Floats, list[tuple[int, Floats]]]:
+    """(n, 8) the promising places of a type, the best first; those of the rings that they are.
 
     Score; u, v, scale, tilt along x and y, roll, as at the level that the last column names.
     """
     size_m = _ring_radius(name)
     nearest, farthest = (lens.fx * size_m / d for d in (0.8 * distance[0], 1.2 * distance[1]))
-    rows = [np.zeros((0, 8))]
+    rows, fitting = [np.zeros((0, 8))], []
     for k, rings in groups:
         level = levels[k]
         own = rings[(rings[:, 5] < nearest) & (rings[:, 5] > farthest)]
@@ -137,17 +153,20 @@ def _rough(
             continue
         at = (own[:, 1:3] + 0.5) * level.scale - 0.5
         scale = own[:, 5] / size_m * level.scale
+        promising = np.zeros(len(own), bool)
         # a tilt and its mirror image look alike, but not where parts lie at other depths
         for side in (1.0, -1.0) if PORTS[name].plug else (1.0,):
             starts = np.column_stack([at, scale, side * own[:, 3:5], np.zeros(len(own))])
             scores = best_rolls(level.field, *template(name), starts, ROLLS, OTHER_WAY, least)
             good = scores > least
+            promising |= good
             rows.append(np.column_stack([scores, starts, np.full(len(own), k)])[good])
+        fitting.append((k, own[promising]))
     every = np.concatenate(rows)
-    return every[np.argsort(-every[:, 0], kind="stable")]
+    return every[np.argsort(-every[:, 0], kind="stable")], fitting
 
 
-def _promise(name: str, score: float) -> float:
+def _promise(name: str, score: T) -> T:
     """A small template fits clutter more easily than a large one: scores weighed by size."""
     return score * float(len(template(name)[0])) ** 0.25
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OPTIONS = FindOptions(ports=TYPES)
-VERSION = 8
+VERSION = 9
 WINDOW = 160
 """Half the side of the window of ``window_ms`` [px]."""
 

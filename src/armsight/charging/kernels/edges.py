@@ -90,17 +90,19 @@ def edge_along(
     half = int(np.ceil(reach * each))
     count = 2 * half + 1
     rise, size = room[0], room[1]
+    one, row, right = np.float32(1.0), np.uintp(w), np.uintp(1)
+    xs, ys = gx.ravel(), gy.ravel()  # an index that cannot be negative is not tested for it
     for k in range(count + 2 * each):
         d = (k - half - each) * step
         x, y = u + d * nx, v + d * ny
         x0, y0 = int(x), int(y)
+        at = np.uintp(y0) * row + np.uintp(x0)
         fx, fy = np.float32(x - x0), np.float32(y - y0)
-        one = np.float32(1.0)
         w00, w01, w10, w11 = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
-        a = w00 * gx[y0, x0] + w01 * gx[y0, x0 + 1]
-        a += w10 * gx[y0 + 1, x0] + w11 * gx[y0 + 1, x0 + 1]
-        b = w00 * gy[y0, x0] + w01 * gy[y0, x0 + 1]
-        b += w10 * gy[y0 + 1, x0] + w11 * gy[y0 + 1, x0 + 1]
+        a = w00 * xs[at] + w01 * xs[at + right]
+        a += w10 * xs[at + row] + w11 * xs[at + row + right]
+        b = w00 * ys[at] + w01 * ys[at + right]
+        b += w10 * ys[at + row] + w11 * ys[at + row + right]
         rise[k] = a * nx + b * ny
         size[k] = a * a + b * b
     best, offset, strength = 0.0, np.nan, 0.0

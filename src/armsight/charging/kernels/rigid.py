@@ -47,8 +47,9 @@ def fit_rigid(
     d, rise, size = np.full(n, np.nan), np.zeros(n), np.empty(n)
     rows, H, g6 = np.empty((n, 6)), np.eye(6), np.zeros(6)
     room = np.empty((2, sample_room(max(reaches.max(), LAST))))
+    resting = False
     for i in range(len(reaches) + 1):
-        final = i == len(reaches)
+        final = i == len(reaches) or resting
         reach = LAST if final else reaches[i]
         each, width = 1 if reach > ROUGH else 2, max(0.6 * reach, 1.0)
         count = 0
@@ -79,7 +80,11 @@ def fit_rigid(
             H[a, a] *= 1.0 + 1e-6
             for b in range(a):
                 H[b, a] = H[a, b]
-        _move(T, np.asarray(np.linalg.solve(H + 1e-9 * np.eye(6), g6), np.float64))
+        x = np.asarray(np.linalg.solve(H + 1e-9 * np.eye(6), g6), np.float64)
+        # how far that moves the edges: g.x is the sum of their squares; a step that moves none by
+        # a tenth of a pixel is the last but one
+        resting = abs((g6 * x).sum()) < 0.01 * count
+        _move(T, x)
     return T, d, rise, H
 
 

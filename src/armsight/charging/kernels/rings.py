@@ -59,7 +59,9 @@ def best_rings(
     Returns:
         (s, r, t, 3) score, u, v [px].
     """
-    h, w = field.shape[:2]
+    flat = field.ravel()
+    # an index that cannot be negative is not tested for it
+    h, w, one = np.uint32(field.shape[0]), np.uint32(field.shape[1]), np.uintp(1)
     tilts, points = len(leans), len(ring)
     out = np.zeros((len(seeds), len(radii), tilts, 3))
     shape = tilted_rings(leans, ring)
@@ -80,10 +82,11 @@ def best_rings(
                     total, dark = np.float32(0.0), np.float32(0.0)
                     p = 0
                     while p < points:
-                        x = int(u + r * shape[t, p, 0])
-                        y = int(v + r * shape[t, p, 1])
-                        if 0 <= x < w and 0 <= y < h:
-                            a, b = np.float32(field[y, x, 0]), np.float32(field[y, x, 1])
+                        x = np.uint32(np.int32(u + r * shape[t, p, 0]))
+                        y = np.uint32(np.int32(v + r * shape[t, p, 1]))
+                        if x < w and y < h:
+                            at = np.uintp(2) * (np.uintp(y) * np.uintp(w) + np.uintp(x))
+                            a, b = np.float32(flat[at]), np.float32(flat[at + one])
                             dot = shape[t, p, 2] * a + shape[t, p, 3] * b
                             value = (np.float32(2.0) * dot * dot - a * a - b * b) * UNIT
                             inner = inside[p]
