@@ -5,6 +5,7 @@ import pytest
 
 from armsight.devices.data import JointState, Wrench
 from armsight.devices.history import JointHistory
+from armsight.devices.recorded import RecordedWrench
 
 
 def reading(stamp, position, velocity=1.0):
@@ -72,3 +73,15 @@ def test_what_was_felt_about_a_time():
     history.feel(Wrench(0.0, np.ones(3), np.ones(3)))  # the clock was turned back
     assert history.felt(0.0) == pytest.approx(np.ones(6))
     assert history.felt(1.0) is None
+
+
+def test_a_recorded_force_sensor_hands_over_every_reading():
+    sensor = RecordedWrench()
+    for k in range(3):
+        sensor.deliver(Wrench(0.002 * k, np.ones(3), np.zeros(3)))
+    stamps = [sensor.read().stamp for _ in range(3)]
+    assert stamps == [0.0, 0.002, 0.004]
+    assert sensor.read() is None
+    sensor.deliver(Wrench(1.0, np.ones(3), np.zeros(3)))
+    sensor.deliver(None)
+    assert sensor.read() is None

@@ -5,6 +5,7 @@ A recorded arm cannot be moved: it takes every command and says that it sent non
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -131,7 +132,22 @@ class RecordedStereo(RecordedSensor[StereoFrame]):
 
 
 class RecordedWrench(RecordedSensor[Wrench]):
-    """A force sensor that feels what it felt."""
+    """A force sensor that feels what it felt: it hands over every reading, as live ones do."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._waiting: deque[Wrench] = deque(maxlen=1024)
+
+    def deliver(self, reading: Wrench | None) -> None:
+        """A reading arrives; None forgets those that were not read."""
+        if reading is None:
+            self._waiting.clear()
+        else:
+            self._waiting.append(reading)
+
+    def read(self) -> Wrench | None:
+        """The oldest reading that was not handed over yet, or None."""
+        return self._waiting.popleft() if self._waiting else None
 
 
 class RecordedGripper(RecordedSensor[GripperState]):
