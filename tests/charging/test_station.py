@@ -174,6 +174,17 @@ def test_a_look_from_before_the_arm_rested_is_not_taken(cell):
     assert stub.station.state is State.LOOK
 
 
+def test_how_sure_a_place_is_counts_what_arm_and_pair_add_to_the_look(cell):
+    """The page showed what the look says of itself, 0.03 mm."""
+    stub = Stub(cell, station(cell))
+    assert (stub.station.port_covariance == 0.0).all()
+    port = replace(seen_port(cell), covariance=1e-10 * np.eye(6))
+    stub.station._found(SimpleNamespace(now=0.0), port, 0.0, stub.station.options.near_sigma)
+    sigma = np.sqrt(np.diag(stub.station.port_covariance))
+    assert sigma[:3] == pytest.approx(stub.station.options.near_sigma, rel=1e-3)
+    assert sigma[3:] == pytest.approx(1e-5)
+
+
 def before(stub, cell, distance):
     """Puts the arm where its plug is so far before the port, with leave to touch it."""
     port = seen_port(cell)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armsight.arrays import JointVector, Pose
+from armsight.arrays import Floats, JointVector, Pose
 from armsight.charging.eye import SeenPort
 from armsight.charging.feeling import Feeling
 from armsight.charging.hand import IN, PlugHand
@@ -188,12 +188,22 @@ class StationCore:
             self._fail(seen, f"does not plug in: {problem}")
         return bool(problem)
 
+    @property
+    def port_covariance(self) -> Floats:
+        """(6, 6) of where the port is in ``base``, in its axes [m], [rad]; zeros without a port.
+
+        It is what the look says of itself, and what arm and pair add to that.
+        """
+        if self.port is None:
+            return np.zeros((6, 6))
+        return np.asarray(self.port.covariance + np.diag([self._sigma**2] * 3 + [0.0] * 3))
+
     def _keep(self, plugged: bool = False, at_lid: bool = False) -> str:
         """Write the way out down; why that cannot be, in words."""
         assert self.port is not None
         lid = self.finger
         T_lid = lid.T_base_lid if lid is not None and (lid.opened or at_lid) else None
-        six = self.port.covariance + np.diag([self._sigma**2] * 3 + [0.0] * 3)
+        six = self.port_covariance
         port = replace(self.port, covariance=six)
         return self._way_out.keep(port, self._hand.feeling, plugged, T_lid, at_lid)
 

@@ -279,7 +279,7 @@ class ChargeTask:
         if port is not None:
             T = port.T_base_port
             marks.append(FrameMark("port", T, 0.08))
-            covariance = T[:3, :3] @ port.covariance[:3, :3] @ T[:3, :3].T
+            covariance = T[:3, :3] @ station.port_covariance[:3, :3] @ T[:3, :3].T
             marks.append(EllipsoidMark.of("port sigma", T[:3, 3], covariance, 3.0))
             side = 2.0 * station.options.aside
             marks.append(RegionMark("may be touched", T, np.full(3, side)))
@@ -294,7 +294,8 @@ class ChargeTask:
         aside = float("nan") if felt is None else float(np.hypot(felt[0], felt[1]))
         in_law = station.state in (State.INSERT, State.UNPLUG)
         depth = 1e3 * answer.depth if answer is not None and in_law else math.nan
-        sigma = 1e3 * float(np.sqrt(np.diag(port.covariance)[:3].max())) if port else math.nan
+        six = station.port_covariance
+        sigma = 1e3 * float(np.sqrt(np.diag(six)[:3].max())) if port else math.nan
         free = not station.busy
         parking = () if self.park is None else (Button("park", "Park the car anew", free),)
         good = sum(o.seated and o.out and not o.problem for o in station.outcomes)
