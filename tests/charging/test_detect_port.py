@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from painted_ports import LENS, PAIR, facing, paint
+from tests.test_pictures import claims
 
 from armsight.charging.ports.table import PORTS
 from armsight.cli import run
@@ -70,6 +71,8 @@ def test_no_port_is_exit_code_1(tmp_path: Path, capsys) -> None:
         (["PICTURE", "--intrinsics", "900,900,nan,360"], "a middle at nan, 360 px cannot be"),
         (["PICTURE", "--least-score", "2"], "expected above 0, at most 1"),
         (["TEXT"], "no picture that can be read"),
+        (["HUGE"], "no picture that can be read"),
+        (["EMPTY"], "no picture that can be read"),
         (["LONG"], "9000x16 pixels; at most 8192 a side"),
         (["SPECK"], "40x40 pixels is too small"),
         (["PICTURE", "SPECK", "--baseline", "0.15"], "another size than"),
@@ -81,6 +84,9 @@ def test_bad_input(words, message: str, picture: Path, tmp_path: Path, capsys) -
     text = tmp_path / "notes.png"
     text.write_text("no picture")
     names = {"PICTURE": str(picture), "TEXT": str(text), "FOLDER": str(tmp_path)}
+    for name, data in (("HUGE", claims(60000, 60000)), ("EMPTY", b"")):
+        names[name] = str(tmp_path / f"{name}.png")
+        Path(names[name]).write_bytes(data)
     for name, shape in (("LONG", (16, 9000)), ("SPECK", (40, 40))):
         names[name] = str(tmp_path / f"{name}.png")
         cv2.imwrite(names[name], np.full(shape, 90, np.uint8))

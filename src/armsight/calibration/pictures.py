@@ -13,6 +13,7 @@ from PIL import Image
 
 from armsight.arrays import Bytes, Floats
 from armsight.calibration.boards import Board, Detection
+from armsight.pictures import read_picture
 
 LARGEST = 120_000_000
 """Pixels of a picture, at most."""
@@ -61,10 +62,7 @@ def read_gray(file: Path) -> Bytes | str:
     if width * height > LARGEST:
         return f"picture is of {width}x{height}, more than {LARGEST // 1_000_000} million pixels"
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        gray = cv2.imread(str(file), flags)
-    except cv2.error:
-        gray = None
+    gray = read_picture(file, flags)
     if gray is None or gray.size == 0:
         return "picture cannot be read"
     if gray.dtype != np.uint8:  # 10 to 16 bits: stretched to what is there

@@ -151,11 +151,12 @@ def _read(file: Path) -> Bytes:
     import numpy as np
 
     from armsight.errors import UsageError
+    from armsight.pictures import read_picture
 
     if not file.is_file():
         what = "is a folder, expected a picture" if file.is_dir() else "there is no such picture"
         raise UsageError(f"{file}: {what}")
-    image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    image = read_picture(file, cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise UsageError(f"{file}: is no picture that can be read (PNG, JPEG, BMP, TIFF)")
     if max(image.shape) > 8192:

@@ -18,6 +18,7 @@ from armsight.arrays import DepthImage, Points, Pose
 from armsight.devices.data import DepthNoise, JointState, RgbdCameraInfo, RgbdFrame
 from armsight.errors import RecordingError
 from armsight.geometry.camera import PinholeCamera
+from armsight.pictures import read_picture
 from armsight.recording.description import CellDescription
 from armsight.recording.gravity_alignment import upright
 from armsight.recording.no_robot import NAME as NO_ROBOT
@@ -163,7 +164,7 @@ def read_depth(file: Path) -> DepthImage:
     Raises:
         RecordingError: no 16-bit grey PNG.
     """
-    raw = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    raw = read_picture(file, cv2.IMREAD_UNCHANGED)
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
         kind = "cannot be read" if raw is None else f"is {raw.dtype} with {raw.ndim} axes"
         raise RecordingError(f"{file}: {kind}; expected a 16-bit grey PNG in millimetres")
@@ -180,7 +181,7 @@ def _deliveries(
         at = round(stamp * 1e9)
         color = None
         if image.color is not None:
-            raw = cv2.imread(str(image.color), cv2.IMREAD_COLOR)
+            raw = read_picture(image.color, cv2.IMREAD_COLOR)
             color = None if raw is None else np.ascontiguousarray(raw[..., ::-1], np.uint8)
         pose = T_base_world @ image.T_world_camera
         yield Delivery(at, JointState(stamp, none, none))

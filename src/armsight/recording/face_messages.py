@@ -22,6 +22,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from armsight import pictures
 from armsight.arrays import ColorImage
 from armsight.errors import RecordingError
 from armsight.motion.face import (
@@ -173,7 +174,7 @@ def decode_marks(message: Any) -> tuple[Mark, ...]:
 
 def decode_picture(message: Any) -> ColorImage | None:
     """(h, w, 3) RGB of a CompressedImage; None where it is damaged."""
-    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
+    image = pictures.decode_picture(message.data, cv2.IMREAD_COLOR)
     return None if image is None else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from armsight.arrays import ColorImage, DepthImage
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
 from armsight.errors import RecordingError
+from armsight.pictures import decode_picture
 from armsight.recording import messages
 
 Info = TypeVar("Info", RgbdCameraInfo, StereoInfo)
@@ -86,7 +87,7 @@ def decode_color(message: Any) -> ColorImage:
     Raises:
         RecordingError: it is no picture.
     """
-    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
+    image = decode_picture(message.data, cv2.IMREAD_COLOR)
     if image is None:
         raise RecordingError(f"{_whose(message)}: {len(message.data)} bytes that are no picture")
     return np.ascontiguousarray(image[..., ::-1])
@@ -104,7 +105,7 @@ def decode_depth(message: Any) -> DepthImage:
             f"{_whose(message)}: depth coded as '{message.format}'; expected '{DEPTH}'"
         )
     _, steps, offset = struct.unpack_from("<iff", data)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8, offset=12), cv2.IMREAD_UNCHANGED)
+    image = decode_picture(data[12:], cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint16 or image.ndim != 2 or not steps > 0.0:
         raise RecordingError(f"{_whose(message)}: its depth is no 16-bit PNG with its steps")
     value = image.astype(np.float32)

@@ -19,6 +19,7 @@ from armsight.calibration.layouts.kinds import BAGS
 from armsight.calibration.layouts.tf_tree import TfTree, between
 from armsight.errors import CalibrationError
 from armsight.geometry.pose import from_quaternion
+from armsight.pictures import decode_picture
 from armsight.writing import write_text
 
 MOST = 80
@@ -216,7 +217,7 @@ def _write_pictures(bag: Path, place: Path, wanted: dict[str, list[float]]) -> N
 
 def _gray(m: Any, kind: str) -> Bytes | None:
     if kind == IMAGES[1]:
-        found = cv2.imdecode(np.frombuffer(m.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        found = decode_picture(m.data, cv2.IMREAD_GRAYSCALE)
         return None if found is None else np.asarray(found, np.uint8)
     channels = _ENCODINGS[m.encoding]
     if m.step < m.width * channels or len(m.data) < m.step * m.height:
