@@ -122,15 +122,25 @@ def test_turning_speeds_against_jacobians():
             assert body.turning(q, v)[k] == pytest.approx(np.linalg.norm(w), abs=1e-9)
 
 
-def test_the_share_within_a_region_is_the_greatest_that_keeps_the_speed():
+@pytest.mark.parametrize("free", [False, True])
+def test_the_share_within_a_region_is_the_greatest_that_keeps_the_speed(free):
+    """What leads out of it does not count where that is free: leaving presses nothing."""
     rng = np.random.default_rng(7)
     shares = np.linspace(0.0, 1.0, 20001)
     seen = set()
     for _ in range(200):
         velocity, region = rng.normal(size=3) * 0.2, rng.normal(size=3) * 0.08
         spin, most = rng.uniform(0, 0.05), rng.uniform(0.02, 0.15)
-        excess = np.linalg.norm(shares[:, None] * velocity - region, axis=1) + shares * spin - most
-        found = share_within(velocity, region, spin, most)
+        outward = rng.normal(size=3)
+        outward *= free / np.linalg.norm(outward)
+
+        def excess_of(share, v=velocity, V=region, out=outward, spin=spin, most=most):
+            moves = np.atleast_1d(share)[:, None] * v - V
+            moves = moves - np.maximum(moves @ out, 0.0)[:, None] * out
+            return np.linalg.norm(moves, axis=1) + share * spin - most
+
+        excess = excess_of(shares)
+        found = share_within(velocity, region, outward, spin, most)
         if excess[-1] <= 0.0:
             assert found == np.inf
             seen.add("all")
@@ -138,8 +148,7 @@ def test_the_share_within_a_region_is_the_greatest_that_keeps_the_speed():
             seen.add("none")
             # what carries it along, or standing, is looked for; nothing else starts the search
             along = np.clip(velocity @ region / (velocity @ velocity), 0, 1)
-            at = np.linalg.norm(along * velocity - region) + along * spin - most
-            assert at > 0.0
+            assert excess_of(along)[0] > 0.0
             assert excess[0] > 0.0
         else:
             seen.add("some")

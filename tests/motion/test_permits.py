@@ -60,6 +60,9 @@ def test_distances_to_a_region_are_those_to_densely_sampled_matter(seed, shape):
     got = region.distance(points, when)
     outside = expected > 0.02
     assert got[outside] == pytest.approx(expected[outside], abs=0.006)
+    # From inside, too, one gets away as it names, and out at the nearest place.
+    out = region.outward(points, when)
+    assert region.distance(points + 0.005 * out, when) == pytest.approx(got + 0.005, abs=1e-6)
     # Along the way that it names, the distance falls as fast as one goes.
     step = points + 0.005 * region.towards(points, when)
     assert region.distance(step, when)[outside] == pytest.approx(got[outside] - 0.005, abs=1e-6)
@@ -245,6 +248,33 @@ def test_from_the_allowed_speed_a_part_brakes_to_the_contact_speed_at_the_border
     assert set(np.flatnonzero(view.share < 1.0)) <= {part}
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_out_of_a_region_a_part_may_go_as_fast_as_it_likes_unless_it_is_held(held):
+    """Of a ball that came at 10 cm/s a tip in it could get away at the contact speed alone."""
+    robot = load_robot("ur5")
+    gate = SeparationMonitor(robot, GuardConfig(), robot.limits.acceleration)
+    gate.set_reaction(0.2, 0.0173)
+    body, q = gate.body, robot.home.copy()
+    part = int(np.flatnonzero(body.link == robot.n)[-1])
+    center = body.motion(q, np.zeros(6))[0][part]
+    J = body.jacobian(q, part)
+    away = np.array([0.0, 0.6, 0.8])
+    inside = float(body.radius[part]) + RADIUS - 0.004
+    parts = np.arange(len(body.radius)) == part
+    region = sphere(center - inside * away, 5.0)
+    gate.contact = ContactSpeed("ball", parts, region, 5.0, 0.02, 0.004, held)
+    for velocity, share in ((0.2 * away, 0.1 if held else np.inf), (-0.2 * away, 0.1)):
+        motion = np.linalg.solve(J, np.concatenate([velocity, np.zeros(3)]))
+        view = gate.judge(q, motion, Hazards.at(np.empty((0, 3)), 0.0))
+        assert view.share[part] == pytest.approx(share, rel=0.02)
+    # What rubs is slowed alone, and what leaves goes on.
+    beside = np.array([0.2, 0.0, 0.0])
+    wanted = np.linalg.solve(J, np.concatenate([0.1 * away + beside, np.zeros(3)]))
+    got = (J @ gate.contact.ease(body, q, wanted, gate.law))[:3]
+    assert abs(got @ beside) / 0.2 < 0.021
+    assert got @ away == pytest.approx(0.01 if held else 0.1, rel=0.2)
+
+
 class Reacher:
     """Goes straight at a ball by velocities, asking to touch it, as a servo task would."""
 
@@ -259,8 +289,8 @@ class Reacher:
         way = target - tip
         away = max(np.linalg.norm(way), 1e-9)
         velocity = np.zeros(6)
-        velocity[:3] = way / away * min(0.4, 2.0 * max(away - 0.02, 0.0))
         speed = (np.asarray(self.where(now)) - np.asarray(self.where(now - 0.05))) / 0.05
+        velocity[:3] = speed + way / away * min(0.4, 2.0 * max(away - 0.02, 0.0))
         region = sphere(target, now - 0.05, velocity=speed, drift=0.05)
         permit = request(region, **self.more) if self.permit else None
         return VelocityIntent("touch", velocity, "base", now - 0.05, now + 0.2, permit)
@@ -427,3 +457,46 @@ def test_with_no_request_the_guard_does_what_it_did_before():
             )
         runs.append(np.array(cell.commands).tobytes())
     assert runs[0] == runs[1]
+
+
+def beyond_the_drives(cell):
+    """Commands (k,) that change sooner than the drives' ramp can, a stop and what follows it not.
+
+    Until November 2026, where the law of contact eased a wish, a command went there at once.
+    """
+    sent = np.array(cell.commands)
+    stops = sent[:, -1] > 0.0
+    ramp = cell.robot.limits.acceleration * cell.config.acceleration * cell.config.period
+    change = np.abs(np.diff(sent[:, :-1], axis=0))
+    told = ~(stops[1:] | stops[:-1])
+    return np.flatnonzero((change > ramp * (1.0 + 1e-6)).any(axis=1) & told)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("shares", [(1.0, 1.0), (0.5, 0.6)])
+def test_no_command_asks_more_than_the_drives_ramp_whatever_is_permitted(seed, shares):
+    """Wishes and permits at random: asked for, withdrawn, of a place that jumps, moves, is lost."""
+    rng = np.random.default_rng(seed)
+    place, moves = np.array([0.45, -0.5, 0.35]), rng.normal(size=3) * 0.08
+
+    def wanders(t):
+        return place + moves * np.sin(2.0 * t)
+
+    config = GuardConfig(speed=shares[0], acceleration=shares[1])
+    cell = QuickCell([Ball(wanders, RADIUS)], config=config, seed=seed)
+    for _ in range(30):
+        kind = rng.choice(["asks", "asks elsewhere", "asks not", "rests", "turns"])
+        off = rng.normal(size=3) * rng.choice([0.0, 0.01, 0.05])
+        more = {"speed": float(rng.choice([0.02, 0.1, 0.25])), "stiffness": 300.0}
+        reacher = Reacher(cell, lambda t, off=off: wanders(t) + off, **more)
+        reacher.permit = kind in ("asks", "asks elsewhere", "turns")
+        spins = rng.normal(size=6) * 0.5
+        for _ in range(int(rng.integers(3, 40))):
+            wish = reacher()
+            if kind == "rests":
+                wish = None
+            elif kind == "turns":
+                wish = replace(wish, velocity=spins)
+            cell.tick(goal=wish)
+    assert any(s.permit is not None and s.permit.holds for s in cell.log)
+    assert beyond_the_drives(cell).size == 0

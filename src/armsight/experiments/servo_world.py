@@ -189,9 +189,11 @@ class Trial:
         held = permit is not None and permit.holds
         if course.gap[-1] < 0.0:
             own = (tcp_jacobian(self.eyes.true_robot, cell.q) @ cell.v)[:3]
-            moves = own - (ball - self.ball(cell.now - cell.config.period)) / cell.config.period
-            closing = float(moves @ (ball - tip)) / max(float(np.linalg.norm(ball - tip)), 1e-9)
-            pushes = not held and closing > MOVING
+            moves = (ball - self.ball(cell.now - cell.config.period)) / cell.config.period
+            way = (ball - tip) / max(float(np.linalg.norm(ball - tip)), 1e-9)
+            # A ball that runs into a tip that stands or leaves is not pushed by it: of that the
+            # force counts. Nor is one that goes as fast before it.
+            pushes = not held and min(float(own @ way), float((own - moves) @ way)) > MOVING
             course.harm += pushes or -STAND * course.gap[-1] > self.task.dock.force
 
 

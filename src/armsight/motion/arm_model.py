@@ -48,6 +48,11 @@ class DelayedArm:
         """A command (or a stop) was sent at ``now`` [s]."""
         self._sent.append((now + self.delay, np.array(velocity, float), brake))
 
+    @property
+    def told(self) -> JointVector | None:
+        """(n,) what was commanded last [rad/s]; None before that, and after a stop."""
+        return None if not self._sent or self._sent[-1][2] else self._sent[-1][1]
+
     def forget(self) -> None:
         """Nothing is known of earlier commands (the clock jumped)."""
         self._sent.clear()

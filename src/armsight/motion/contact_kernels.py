@@ -62,6 +62,7 @@ def contact_shares(
     stopping: Floats,
     gap: Floats,
     towards: Points,
+    outward: Points,
     region: Vector3,
     speed: float,
     lag: float,
@@ -75,6 +76,7 @@ def contact_shares(
         stopping: (k,) time until each stands [s].
         gap: (k,) to the region's border [m].
         towards: (k, 3) unit, to the region's nearest point.
+        outward: (k, 3) unit, by which they leave it; zero where leaving is no better than rubbing.
         region: (3,) its velocity [m/s].
         speed: contact speed [m/s].
         lag: T_a: for this long the arm goes on as commanded [s].
@@ -92,28 +94,31 @@ def contact_shares(
             meets = most + region[0] * n[0] + region[1] * n[1] + region[2] * n[2]
             out[i] = max(meets / closing, 0.0) if closing > 0.0 else np.inf
         else:
-            out[i] = share_within(v, region, spin[i], speed)
+            out[i] = share_within(v, region, outward[i], spin[i], speed)
 
 
 @njit(cache=True, nogil=True)
-def share_within(velocity: Vector3, region: Vector3, spin: float, most: float) -> float:
+def share_within(
+    velocity: Vector3, region: Vector3, outward: Vector3, spin: float, most: float
+) -> float:
     """Greatest share s of a motion at which ``|s v - v_region| + s spin <= most``; 0 where none is.
 
-    The left side is convex in s, so what is allowed is an interval: its upper end is bisected.
+    What of ``s v - v_region`` leads outward, which is a unit vector or zero, does not count. The
+    left side is convex in s, so what is allowed is an interval: its upper end is bisected.
     """
-    if _excess(1.0, velocity, region, spin, most) <= 0.0:
+    if _excess(1.0, velocity, region, outward, spin, most) <= 0.0:
         return np.inf
     square = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
     along = velocity[0] * region[0] + velocity[1] * region[1] + velocity[2] * region[2]
     allowed = min(max(along / max(square, 1e-12), 0.0), 1.0)
-    if _excess(allowed, velocity, region, spin, most) > 0.0:
+    if _excess(allowed, velocity, region, outward, spin, most) > 0.0:
         allowed = 0.0
-        if _excess(allowed, velocity, region, spin, most) > 0.0:
+        if _excess(allowed, velocity, region, outward, spin, most) > 0.0:
             return 0.0
     refused = 1.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (allowed + refused)
-        if _excess(middle, velocity, region, spin, most) <= 0.0:
+        if _excess(middle, velocity, region, outward, spin, most) <= 0.0:
             allowed = middle
         else:
             refused = middle
@@ -121,8 +126,12 @@ def share_within(velocity: Vector3, region: Vector3, spin: float, most: float) -
 
 
 @njit(cache=True, nogil=True)
-def _excess(share: float, velocity: Vector3, region: Vector3, spin: float, most: float) -> float:
+def _excess(
+    share: float, velocity: Vector3, region: Vector3, outward: Vector3, spin: float, most: float
+) -> float:
     x = share * velocity[0] - region[0]
     y = share * velocity[1] - region[1]
     z = share * velocity[2] - region[2]
+    leaves = max(x * outward[0] + y * outward[1] + z * outward[2], 0.0)
+    x, y, z = x - leaves * outward[0], y - leaves * outward[1], z - leaves * outward[2]
     return np.sqrt(x * x + y * y + z * z) + share * spin - most

@@ -88,7 +88,8 @@ class Evasion:
         if retreat.braked:
             speed, body = self._filter.config.retreat_speed, self._filter.monitor.body
             motion = retreat.motion(body, tick.ahead.position, tick.now, speed, push)
-            self._steering.pursue(tick, motion, RUBS, bound=retreat.grant.out is not None)
+            held = retreat.grant.out is not None
+            self._steering.pursue(tick, motion, RUBS, bound=held, at_once=retreat.at_once)
         else:
             self._follower.brake(tick, None)
         tick.mode, tick.reason = GuardMode.REFLEX, f"backs out of contact: {retreat.reason}"

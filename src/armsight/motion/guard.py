@@ -159,6 +159,7 @@ class Guard:
         self._take_plan(tick, plan)
         self._decide(tick)
         tick.command = self._filter.within_limits(tick)
+        tick.command = self._filter.followed(tick)
         self._keep_apart(tick)
         return self._decision(tick, began)
 

@@ -172,7 +172,8 @@ class PermitOffice:
             speed = min(speed, pressing_speed(self._config, permit, stiffness))
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
             parts, region = grant.touching[self._body.moving], grant.region
-            return ContactSpeed(name, parts, region, when, speed, margin)
+            held = grant.out is not None
+            return ContactSpeed(name, parts, region, when, speed, margin, held)
         if self.retreat is None and q is not None and permit is not None:
             middle = grant.region.center(when)
             speed = min(speed, gentle_speed(self._robot, self._config, permit, middle, q))

@@ -101,6 +101,24 @@ class Region:
         unit = np.divide(way, length, out=np.zeros_like(way), where=length > 1e-9)
         return np.asarray(unit @ self.T_base_region[:3, :3].T)
 
+    def outward(self, points: Points, when: float) -> Points:
+        """(n, 3) unit vectors in ``base`` along which points get away soonest, from inside as well.
+
+        Zero on the very core of a round shape.
+        """
+        p = self._local(points, when)
+        if self.shape == "box":
+            half = 0.5 * np.asarray(self.size)
+            way = p - np.clip(p, -half, half)
+            inside = np.flatnonzero(~way.any(axis=1))
+            face = np.argmin(half - np.abs(p[inside]), axis=1)
+            way[inside, face] = np.where(p[inside, face] < 0.0, -1.0, 1.0)
+        else:
+            way = p - self._core(p)
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        unit = np.divide(way, length, out=np.zeros_like(way), where=length > 1e-9)
+        return np.asarray(unit @ self.T_base_region[:3, :3].T)
+
     def _local(self, points: Points, when: float) -> Points:
         T = np.array(self.T_base_region, float)
         T[:3, 3] = self.center(when)

@@ -76,12 +76,17 @@ class Steering:
             tick.reason = f"velocity {intent.name} is stale: it ended {late:.2f} s ago"
 
     def pursue(
-        self, tick: Tick, wanted: JointVector, rubs: float = SLACK, bound: bool = False
+        self,
+        tick: Tick,
+        wanted: JointVector,
+        rubs: float = SLACK,
+        bound: bool = False,
+        at_once: bool = False,
     ) -> None:
         """One tick towards (n,) joint velocities [rad/s], as far as everything allows.
 
         ``rubs``: as in :meth:`.VelocityFilter.stop_is_free` [m]; ``bound``: as of a
-        :class:`VelocityIntent`.
+        :class:`VelocityIntent`; ``at_once``: as the drives can, whatever the jerk.
         """
         self.moving = True
         wanted = wanted / max(float((np.abs(wanted) / self._speed).max()), 1.0)
@@ -90,7 +95,7 @@ class Steering:
         target = eased
         if view.allowed < 1.0:
             target = self._aside(tick, eased, view, bound)
-        self._command(tick, target * self._room.value, bound)
+        self._command(tick, target * self._room.value, bound, at_once)
         self._keep_room(tick, rubs)
         self._say(tick, wanted, view.allowed)
 
@@ -148,12 +153,15 @@ class Steering:
         motion, tick.view = self._filter.slide(tick, wanted, view)
         return _share(tick.view) * motion
 
-    def _command(self, tick: Tick, target: JointVector, bound: bool = False) -> None:
+    def _command(
+        self, tick: Tick, target: JointVector, bound: bool = False, at_once: bool = False
+    ) -> None:
         """The next velocity on the way to a target, and no faster than separation allows."""
         limits = self._filter.limits
+        jerk = limits.acceleration / self._config.period if at_once else limits.jerk
         tick.command = ramp(
             np.ascontiguousarray(target), tick.ahead.position, self._velocity, self._acceleration,
-            self._lower, self._upper, self._speed, limits.acceleration, limits.jerk,
+            self._lower, self._upper, self._speed, limits.acceleration, jerk,
             max(tick.elapsed, 1e-4), self._config.period,
         )  # fmt: skip
         tick.command = self._filter.ease(tick, tick.command)

@@ -2,8 +2,8 @@
 
 Four questions, in this order: how much of the motion does separation allow (:meth:`judge`, and
 :meth:`conform` for one that may slide along); is the stop after it proven free
-(:meth:`stop_is_free`); does every joint stay within its limits (:meth:`within_limits`); would a
-stop after it end before anybody could be there (:meth:`stops_in_time`).
+(:meth:`stop_is_free`); does every joint stay within its limits (:meth:`within_limits`,
+:meth:`followed`); would a stop after it end before anybody could be there (:meth:`stops_in_time`).
 :mod:`armsight.motion.guard` says why that is enough.
 """
 
@@ -127,6 +127,20 @@ class VelocityFilter:
         most = np.minimum(self.limits.velocity, np.sqrt(2.0 * self.arm.acceleration * room))
         excess = float((np.abs(command) / np.maximum(most, 1e-6)).max(initial=0.0))
         return command / excess if excess > 1.0 else command
+
+    def followed(self, tick: Tick) -> JointVector:
+        """What the drives make of the command: no joint changes its speed sooner than its ramp can.
+
+        Nothing is allowed by this that the command did not do anyway: whatever it says, the drives
+        change their speed by no more, braking included, and that is what every proof plays. But
+        what is asked for next goes on from what was commanded, and so from what the arm does. Who
+        must be slower sooner has to stop (:meth:`.Tick.stop_hard`).
+        """
+        before = self.arm.told
+        if before is None:
+            before = tick.ahead.velocity
+        change = self.arm.acceleration * tick.elapsed
+        return np.asarray(np.clip(tick.command, before - change, before + change))
 
     def stops_in_time(self, tick: Tick) -> bool:
         """Whether the arm would stand before anybody is there if it brakes after this command."""

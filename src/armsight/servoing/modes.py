@@ -22,7 +22,7 @@ from armsight.servoing.law import LawConfig, VelocityLaw
 from armsight.servoing.master import PaperMaster, Source
 from armsight.servoing.segments import SegmentConfig, SegmentPlanner
 from armsight.servoing.sighting import Look
-from armsight.servoing.straying import Straying
+from armsight.servoing.straying import GOES, Straying
 from armsight.servoing.takeover import Takeover
 
 LOST = 0.8
@@ -40,6 +40,9 @@ WIDEST = math.radians(50.0)
 CLOSE, STEEP = (0.68, 0.46), math.radians(60.0)
 """Before what comes this near to the base's axis [m] the tool points down by up to this much [rad]:
 the wrist would come over that axis, where the arm turns fast for nothing."""
+BRAKES, LEAST_BRAKES, LATE, MEETS = 2.2, 0.6, 0.13, 0.03
+"""To what may turn the tip comes as if it slowed by this much [m/s^2], less what that may turn by
+but never less than so much [m/s^2], so late [s]; and it may always come with so much [m/s]."""
 PAPER_SIGMA, PAPER_MARGIN, PAPER_DRIFT = 0.008, 0.02, 0.05
 """What V's estimate of a target is worth, for a permit [m], [m], [m/s]: it has no covariance."""
 SOURCES = {Source.NONE: 0.0, Source.ALL: 1.0, Source.TWO: 2.0, Source.PAIR: 3.0}
@@ -146,6 +149,18 @@ class Chase(Protocol):
         ...
 
 
+def meeting_speed(left: float, turns: float) -> float:
+    """Speed [m/s] at which the tip may come to what may turn: from it the arm can still stop.
+
+    Args:
+        left: of the way [m].
+        turns: acceleration [m/s^2] that the target's prediction does not know of.
+    """
+    slows = max(BRAKES - turns, LEAST_BRAKES)
+    lasts = LATE * slows
+    return max(math.sqrt(lasts * lasts + 2.0 * slows * max(left, 0.0)) - lasts, MEETS)
+
+
 class OurChase:
     """One estimate of all sensors, predicted to the moment of action; velocities at 125 Hz."""
 
@@ -213,13 +228,21 @@ class OurChase:
         tip = tcp_pose(self.robot, self.law.ahead(joints, now))[:3, 3]
         # Nobody presses against what nobody sees: the tip goes back before the permit has to end.
         retreat = min(RETREAT, RETREAT_SPEED * max(age - SEEN_WITHIN, 0.0))
-        self._straying.seen(estimate)
+        self._straying.seen(estimate, axis)
         self._straying.predicted(self._acts, at)
         retreat += self._straying.keeps_off(now, self.distance)
         at = at + self._takeover.held
         touched = at - (config.radius + retreat + self.give) * axis
-        aim = touch_aim(tip, touched, velocity, axis, down, config.funnel)
         most = config.gentle if self.distance < NEAR_BODY else math.inf
+        if math.isfinite(config.reserve):
+            ahead = self._acts - estimate.stamp
+            turns = self._straying.turns(ahead)
+            left = float(np.linalg.norm(tip - at)) - config.radius - retreat
+            if self._straying.speed > GOES:
+                most = min(most, meeting_speed(left, turns))
+            goes = float(velocity @ axis)
+            velocity = velocity - min(max(goes, 0.0), self._straying.speed_error(ahead)) * axis
+        aim = touch_aim(tip, touched, velocity, axis, down, config.funnel)
         return Wish(self.law.command(now, joints, aim, most), estimate.seen)
 
     def before(self, gap: float) -> Pose | None:
