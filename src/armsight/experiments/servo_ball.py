@@ -70,7 +70,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
-        settings = [mode, motion, asdict(errors), shares, 8]
+        settings = [mode, motion, asdict(errors), shares, 9]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):
