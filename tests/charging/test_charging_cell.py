@@ -2,6 +2,7 @@
 
 import json
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +17,7 @@ from armsight.geometry.pose import inverse, log, transform
 from armsight.mapping.self_filter import SelfFilter, body_fields
 from armsight.motion.task import Subscriptions
 from armsight.robots.kinematics import flange_pose
+from armsight.runtime.configure import guard_config
 from armsight.runtime.picture_orders import PictureOrders
 from armsight.tasks.charge import ChargeOptions
 from armsight.workcell import parse_workcell, world_spec
@@ -151,3 +153,23 @@ def test_what_is_kept_of_a_world_puts_arm_plug_and_car_where_they_stood(bench):
     np.testing.assert_allclose(world.plugged.T_socket_plug, before, atol=1e-5)
     world.advance(world.clock.now() + 0.3)
     assert np.linalg.norm((inverse(before) @ world.plugged.T_socket_plug)[:3, 3]) < 0.002
+
+
+def test_the_guard_counts_with_how_far_the_plug_sags(bench):
+    """Its shapes are those of a plug that nothing bends; what is beside them is an arm's error."""
+    workcell, tool = bench.workcell, bench.robot.tool
+    counted = guard_config(workcell, None, tool).separation.arm_error
+    assert guard_config(workcell, None, replace(tool, mount=None)).separation.arm_error == 0.01
+    spheres = tool.spheres
+    for q in (bench.robot.home, bench.robot.home + np.array([0.3, 0.4, -0.5, 0.8, 0.6, 1.2])):
+        R = flange_pose(bench.robot, q)[:3, :3]
+        down = R.T @ np.array([0.0, 0.0, -1.0])
+        load = np.zeros(6)
+        for weight, at in (
+            (9.81 * tool.mass, tool.center_of_mass),
+            (workcell.plug.cable_n, np.zeros(3)),
+        ):
+            load += np.concatenate([weight * down, np.cross(at, weight * down)])
+        moved = transform(tool.mount.moved(tool.T_flange_tcp, load), spheres.center)
+        sag = np.linalg.norm(moved - spheres.center, axis=1).max()
+        assert 0.0 < sag <= counted - 0.01

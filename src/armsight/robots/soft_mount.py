@@ -17,10 +17,16 @@ class SoftMount:
     Attributes:
         stiffness: along and about its axes [N/m], [N m/rad].
         most: more than this is not believed to act on it [N], [N m].
+        rest: what its weight and cable alone do at most, however it is turned [N], [N m].
     """
 
     stiffness: tuple[float, float]
     most: tuple[float, float]
+    rest: tuple[float, float] = (0.0, 0.0)
+
+    def sag(self, lever: float) -> float:
+        """How far weight and cable move what is no farther than ``lever`` [m] from the tip [m]."""
+        return self.rest[0] / self.stiffness[0] + lever * self.rest[1] / self.stiffness[1]
 
     def moved(self, T_flange_tip: Pose, wrench: Floats) -> Pose:
         """``T_flange_moved``: where the tool is, as one that was mounted elsewhere.

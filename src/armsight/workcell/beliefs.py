@@ -22,8 +22,8 @@ from armsight.workcell.schema import Workcell
 from armsight.workcell.schema_devices import CameraSection
 
 GRAVITY = 9.81
-MOST_TORQUE = 20.0
-"""What turns a plug in its mount at most: 15 that a port may, 5 by weight and cable [N m]."""
+PORT_TORQUE = 15.0
+"""With which a port may turn a plug at most [N m]."""
 
 
 def robot_in(workcell: Workcell) -> Robot:
@@ -47,8 +47,12 @@ def in_mount(robot: Robot, workcell: Workcell) -> Robot:
     if plug is None or tool is None:
         return robot
     stiffness = (1e3 * plug.mount_n_per_mm, plug.mount_nm_per_rad)
-    weight = GRAVITY * tool.mass + plug.cable_n
-    mount = SoftMount(stiffness, (workcell.guard.thing_force_n + weight, MOST_TORQUE))
+    tip, weight = tool.T_flange_tcp[:3, 3], GRAVITY * tool.mass
+    # The cable leaves the plug no farther behind its tip than the flange is.
+    turning = weight * np.linalg.norm(tool.center_of_mass - tip)
+    rest = (weight + plug.cable_n, float(turning + plug.cable_n * np.linalg.norm(tip)))
+    most = (workcell.guard.thing_force_n + rest[0], PORT_TORQUE + rest[1])
+    mount = SoftMount(stiffness, most, rest)
     return replace(robot, tool=replace(tool, mount=mount))
 
 
