@@ -87,6 +87,8 @@ class MovingBody:
 
     Attributes:
         moving: (k,) bool, which of ``Robot.spheres`` these are.
+        shell: (m,) radius in which a sphere's matter is for certain [m]: a tool in a soft mount is
+            bent out of its spheres by its weight and cable.
 
     Raises:
         ValueError: the robot has no spheres, so nothing of it could be protected.
@@ -106,6 +108,7 @@ class MovingBody:
         self.link = np.ascontiguousarray(np.asarray(spheres.link)[moving], np.int64)
         self.local = np.ascontiguousarray(np.asarray(spheres.center)[moving], float)
         self.radius = np.ascontiguousarray(np.asarray(spheres.radius)[moving], float)
+        self.shell = self.radius + _sag(robot)[moving]
 
     def motion(self, q: JointVector, q_dot: JointVector) -> tuple[Points, Points]:
         """(m, 3) centres in ``base`` [m] and their velocities [m/s]."""
@@ -170,13 +173,13 @@ class MovingBody:
         nearest, limiting = np.full(m, -1), np.full(m, -1)
         if parts is None:
             scan(
-                hazards.blocks, center, self.radius, velocity, stopping, fastest, law, HORIZON,
+                hazards.blocks, center, self.shell, velocity, stopping, fastest, law, HORIZON,
                 distance, nearest, share, limiting,
             )  # fmt: skip
         else:
             d, k, s, g = distance[parts], nearest[parts], share[parts], limiting[parts]
             scan(
-                hazards.blocks, center[parts], self.radius[parts], velocity[parts],
+                hazards.blocks, center[parts], self.shell[parts], velocity[parts],
                 stopping[parts], fastest, law, HORIZON, d, k, s, g,
             )  # fmt: skip
             distance[parts], nearest[parts], share[parts], limiting[parts] = d, k, s, g
@@ -194,4 +197,13 @@ class MovingBody:
         away = hazard - center
         length = float(np.linalg.norm(away))
         unit = away / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
-        return center + self.radius[sphere] * unit, hazard
+        return center + self.shell[sphere] * unit, hazard
+
+
+def _sag(robot: Robot) -> Floats:
+    """(k,) how far each of ``Robot.spheres`` may hang beside where the joints put it [m]."""
+    sag, tool = np.zeros(len(robot.spheres.radius)), robot.tool
+    if tool is not None and tool.mount is not None:
+        levers = np.linalg.norm(tool.spheres.center - tool.T_flange_tcp[:3, 3], axis=1)
+        sag[len(sag) - len(levers) :] = [tool.mount.sag(float(lever)) for lever in levers]
+    return sag

@@ -90,7 +90,7 @@ class SeparationMonitor:
         law = self._law._replace(T_person=T_r)
 
         def free(those: Hazards, parts: Mask) -> bool:
-            at, radius = np.ascontiguousarray(places[:, parts]), self.body.radius[parts]
+            at, radius = np.ascontiguousarray(places[:, parts]), self.body.shell[parts]
             return in_reach(those.blocks, at, radius, times, until[parts], law) < 0
 
         everything = np.ones(len(self.body.radius), bool)

@@ -15,7 +15,6 @@ from armsight.motion.separation import Separation
 from armsight.runtime.config import SessionConfig
 
 if TYPE_CHECKING:
-    from armsight.robots.robot import Tool
     from armsight.workcell import Workcell
 
 REACH_MARGIN = 0.35
@@ -31,15 +30,12 @@ ARM = 0.85
 """Nobody's arm is longer [m] (ISO 13855)."""
 
 
-def guard_config(
-    workcell: Workcell, timing: SessionConfig | None = None, tool: Tool | None = None
-) -> GuardConfig:
+def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> GuardConfig:
     """The guard's configuration: the arm's declared behaviour, and the file's ``[guard]``.
 
     Args:
         workcell: the cell.
         timing: of the session; its latencies count as reaction time.
-        tool: of the robot; how far it sags in a soft mount is an error of the arm's place.
     """
     robot, section = workcell.robot, workcell.guard
     timing = timing or SessionConfig()
@@ -54,7 +50,6 @@ def guard_config(
         separation=Separation(
             person_speed=section.reaching_speed,
             intrusion=section.intrusion_mm / 1e3,
-            arm_error=Separation.arm_error + _sag(tool),
         ),
         reflex_distance=section.reflex_distance_mm / 1e3,
         stale_after=workcell.mapping.stale_after_ms / 1e3,
@@ -65,14 +60,6 @@ def guard_config(
         hand_force=section.hand_force_n,
         soft=1e3 * section.soft_tip_n_per_mm,
     )
-
-
-def _sag(tool: Tool | None) -> float:
-    """How far a tool in a soft mount hangs beside the shapes that the guard has of it [m]."""
-    if tool is None or tool.mount is None:
-        return 0.0
-    away = np.linalg.norm(tool.spheres.center - tool.T_flange_tcp[:3, 3], axis=1)
-    return tool.mount.sag(float(away.max(initial=0.0)))
 
 
 def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> MappingConfig:

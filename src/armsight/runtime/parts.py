@@ -104,7 +104,7 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
         tuple(cell.guard_cameras),
         tuple(cell.static),
         config.mapping or mapping_config(cell.workcell, cell.T_world_base, cell.robot.reach),
-        config.guard or guard_config(cell.workcell, config, cell.robot.tool),
+        config.guard or guard_config(cell.workcell, config),
         config.planning_time,
     )
     return Parts(
