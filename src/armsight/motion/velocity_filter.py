@@ -169,7 +169,7 @@ class VelocityFilter:
         hazard = self.hazards.blocks.points[index]
         body = self.monitor.body
         away = float(np.linalg.norm(hazard - view.center[sphere])) - float(
-            body.radius[sphere] + self.hazards.radius
+            body.shell[sphere] + self.hazards.radius
         )
         link = self.robot.link_names[int(body.link[sphere])]
         kind = "unseen space" if self.unseen(index) else "something"
