@@ -285,3 +285,20 @@ def test_reach_of_spheres_holds_every_point_of_them():
         seen = (u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
         assert np.all((u[seen] >= left) & (u[seen] < right))
         assert np.all((v[seen] >= top) & (v[seen] < bottom))
+
+
+def test_another_light_changes_pictures_as_much_as_it_is_told_to(gl, robot):
+    from armsight.simulation.spec import ArmSpec
+
+    lens = PinholeCamera.from_fov(160, 120, 1.05, 0.82)
+    T = look_at(EYE, TARGET)
+    spec = WorldSpec(ArmSpec(robot, make_pose(None, (-3.0, 0, 0)), robot.home), static=SOLIDS)
+    with SimulatedWorld(spec) as world:
+        told = world.picture(T, lens).astype(float)
+        world.relight([0.5] * world.lamps, 0.5)
+        half = world.picture(T, lens).astype(float)
+        lit = (told > 60) & (told < 250) & (half > 10)
+        assert lit.mean() > 0.5
+        assert np.median(half[lit] / told[lit]) == pytest.approx(0.5, abs=0.05)
+        with pytest.raises(ValueError, match="1 factors of brightness for"):
+            world.relight([1.0], 1.0)

@@ -50,6 +50,7 @@ NAMES: dict[str, str] = {
     "insertion": "T3: plugging in and out by force, beside the paper's halt",
     "lid": "T3: a charging lid opened and shut by feel",
     "charging": "T3: visits of the charging station, cars parked at random",
+    "charging-guarded": "T3: visits of the whole guarded cell, with somebody about",
     "station-kill": "T3: the charging station killed in every phase, and started again",
     "plug-calibration": "T3: calibration without a marker, the plug before the pair",
     "calibration-real": "real hand-eye sets, beside the figures published with them",

@@ -1,52 +1,46 @@
-"""Whole visits of the charging station: pictures searched or looks drawn, guarded or not."""
+"""Whole visits of the charging station: pictures searched or looks drawn."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armsight.experiments.cache import RunCache
 from armsight.experiments.charging_faults import FAULTS, faulty_visit
-from armsight.experiments.charging_guarded import guarded_visit
 from armsight.experiments.charging_rows import agreement_row, fault_rows, visit_rows
 from armsight.experiments.charging_visits import TYPES, angled_cell, bench_visit, random_cell
+from armsight.experiments.episodes import Episode, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.station_eyes import Mode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 6
+VERSION = 7
 ABOUT = """
-Cars with Type 2, Type 1 and CCS2 inlets in turn, parked within 10 x 20 cm and 10 deg, the port at
-0.75 to 0.95 m, looking up by 0 to 10 deg; clearance 0.3 to 0.6 mm, friction 0.1 to 0.4, mated
-contacts 10 to 35 N; the packaged cells' arm with its errors, plug in its soft mount with cable,
-force sensor. Seated: within 1 mm of the seat and 2 deg by the truth while the station says that it
-charges. Three ways of looking:
+Cars with Type 2, Type 1 and CCS2 inlets in turn, parked within 20 x 20 cm and 10 deg, the port at
+0.70 to 1.00 m, looking up by 0 to 45 deg; each lamp at 0.2 to 1.8 of its brightness; clearance 0.3
+to 0.6 mm, friction 0.1 to 0.4, mated contacts 10 to 35 N; the packaged cells' arm with its errors,
+plug in its soft mount with cable, force sensor. Seated: within 1 mm of the seat and 2 deg by the
+truth while the station says that it charges. Two ways of looking (`charging-guarded` has a third):
 
 * *pictures searched* (no prefix): contact physics, and the pairs' pictures rendered, searched and
   fitted as in the cell, their true poses off by what the cell's calibration leaves; no guard, no
-  map; motions are followed as they are wanted. In half as many visits something goes wrong, six
+  map; motions are followed as they are wanted. In a fifth as many visits something goes wrong, six
   kinds in turn: ice in the inlet (8 to 28 mm deep), an inlet of another type, a car that drives
   off, one that is moved by 3 cm without a word, a permit that is withdrawn, a force sensor that
   dies. Recovered: out again (or, without a force sensor, known to be in and left there), nothing
   pressed with more than 125 N, and the words say what it was, or it ended seated after all (moved,
   permit).
-* *guarded* (no prefix): the whole cell with map, guard and its rendered depth cameras, and somebody
-  who walks up to the arm, reaches in for some seconds and goes, again and again from a random time
-  on; a tenth as many. Its times (`waited_*`, no budget) have the arm's waiting in them.
-* *looks drawn* (`bench_`, no budget): as the first, but a look is the truth with errors drawn (3 mm
-  and 1 deg from afar, 0.8 mm and 0.6 deg from near, standard deviations).
+* *looks drawn* (`bench_`, no budget; a fifth as many): the same cars, but a look is the truth with
+  errors drawn (3 mm and 1 deg from afar, 0.8 mm and 0.6 deg from near, standard deviations).
 
 The charging paper's two rows: a Type 2 port at 10 and at 30 deg to the standing pair's line of
 sight, five each, same seeds for ours and for `paper_` (one look, equation 1 and a plane through the
 contacts, along Z until a force stops it), pictures searched.
 """
 SEARCHED = "pictures searched, contact physics"
-GUARDED = "guarded, cameras rendered, somebody about"
 DRAWN = "contact physics, looks drawn"
 ANGLES = (10.0, 30.0)
 PAPER_RUNS = 5
@@ -61,29 +55,26 @@ Runs = list[dict[str, Any]]
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` visits with searched pictures and as many with drawn looks; see ``ABOUT``."""
-    cache = RunCache("charging", seed, {"version": VERSION})
-    faulty, guarded = max(1, runs // 2), max(1, runs // 10)
-    parts: dict[str, tuple[int, Callable[[int], dict[str, Any]]]] = {
-        "searched": (runs, partial(_visit, seed, True)),
-        "searched wrong": (faulty, partial(_fault, seed, True)),
-        "paper ours": (2 * PAPER_RUNS, partial(_angled, seed, "ours")),
-        "paper": (2 * PAPER_RUNS, partial(_angled, seed, "paper")),
-        "drawn": (runs, partial(_visit, seed, False)),
-        "drawn wrong": (faulty, partial(_fault, seed, False)),
-        "guarded": (guarded, partial(guarded_visit, seed)),
+    """``runs`` visits with searched pictures, a fifth as many with drawn looks; see ``ABOUT``."""
+    fifth = max(1, runs // 5)
+    parts: dict[str, tuple[int, Episode]] = {
+        "paper ours": (2 * PAPER_RUNS, partial(_angled, "ours")),
+        "paper": (2 * PAPER_RUNS, partial(_angled, "paper")),
+        "searched": (runs, partial(_visit, True)),
+        "searched wrong": (fifth, partial(_fault, True)),
+        "drawn": (fifth, partial(_visit, False)),
+        "drawn wrong": (fifth, partial(_fault, False)),
     }
-    found: dict[str, Runs] = {}
-    for k, (name, (count, visit)) in enumerate(parts.items()):
-        found[name] = []
-        for i in range(count):
-            progress(name, (k + i / count) / len(parts))
-            found[name].append(cache.get(10**5 * k + i, partial(visit, i)))
+    total = sum(count for count, _ in parts.values())
+    done, found = 0, dict[str, Runs]()
+    for name, (count, visit) in parts.items():
+        share = partial(_told, progress, done / total, count / total)
+        settings = {"version": VERSION, "part": name}
+        found[name] = run_episodes("charging", visit, range(count), seed, settings, share)
+        done += count
     rows = [
         *visit_rows(found["searched"], SEARCHED),
         *fault_rows(found["searched wrong"], SEARCHED),
-        *visit_rows(found["guarded"], GUARDED, waits=True),
-        agreement_row(found["searched"], found["guarded"], "searched less guarded"),
         *visit_rows(found["drawn"], DRAWN, "bench_"),
         *fault_rows(found["drawn wrong"], DRAWN, "bench_"),
         agreement_row(found["searched"], found["drawn"], "searched less drawn"),
@@ -94,19 +85,24 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     return Outcome(tuple(rows), {"visits": lambda: _plot(found)}, notes)
 
 
-def _visit(seed: int, rendered: bool, i: int) -> dict[str, Any]:
+def _told(progress: Progress, begin: float, part: float, what: str, share: float) -> None:
+    """Progress of a part, as a share of the whole."""
+    progress(what, begin + part * share)
+
+
+def _visit(rendered: bool, seed: int, i: int) -> dict[str, Any]:
     cell = random_cell(np.random.default_rng((seed, 51, i)), TYPES[i % len(TYPES)])
-    return bench_visit(cell, 1000 * seed + i, rendered)
+    return bench_visit(cell, 10_000 * seed + i, rendered)
 
 
-def _fault(seed: int, rendered: bool, i: int) -> dict[str, Any]:
+def _fault(rendered: bool, seed: int, i: int) -> dict[str, Any]:
     cell = random_cell(np.random.default_rng((seed, 52, i)))
-    return faulty_visit(cell, FAULTS[i % len(FAULTS)], 1000 * seed + 500 + i, rendered)
+    return faulty_visit(cell, FAULTS[i % len(FAULTS)], 10_000 * seed + 5000 + i, rendered)
 
 
-def _angled(seed: int, mode: Mode, i: int) -> dict[str, Any]:
+def _angled(mode: Mode, seed: int, i: int) -> dict[str, Any]:
     cell = angled_cell(np.random.default_rng((seed, 53, i)), ANGLES[i // PAPER_RUNS])
-    return bench_visit(cell, 1000 * seed + 700 + i, True, mode)
+    return bench_visit(cell, 10_000 * seed + 7000 + i, True, mode)
 
 
 def _table(ours: Runs, paper: Runs) -> str:
@@ -136,7 +132,7 @@ def _problems(found: dict[str, Runs]) -> list[str]:
     """What was said of visits that were meant to go well and did not."""
     return [
         f"{name}, visit {i + 1}: {visit['problem'] or _ended(visit)}"
-        for name in ("searched", "guarded", "drawn")
+        for name in ("searched", "drawn")
         for i, visit in enumerate(found[name])
         if not visit["full"]
     ]
@@ -149,7 +145,7 @@ def _plot(found: dict[str, Runs]) -> Figure:
     labels = (("cycle_s", "stand-by to seated [s]"), ("axial_n", "greatest axial force [N]"))
     for i, (key, label) in enumerate(labels):
         axes = figure.add_subplot(1, 2, i + 1)
-        for name in ("searched", "guarded", "drawn"):
+        for name in ("searched", "drawn"):
             values = np.sort([v[key] for v in found[name] if np.isfinite(v[key])])
             share = np.arange(1, len(values) + 1) / max(len(found[name]), 1)
             axes.step(values, share, where="post", label=name)

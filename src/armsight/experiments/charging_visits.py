@@ -35,14 +35,19 @@ def random_cell(rng: np.random.Generator, port: str = "type2") -> Workcell:
     return parked(
         charging_cell(port),
         (
-            float(rng.uniform(0.87, 0.97)),
+            float(rng.uniform(0.84, 1.04)),
             float(rng.uniform(-0.05, 0.15)),
-            float(rng.uniform(0.75, 0.95)),
+            float(rng.uniform(0.70, 1.00)),
         ),
         180.0 + float(rng.uniform(-10.0, 10.0)),
-        lean_deg=float(rng.uniform(0.0, 10.0)),
+        lean_deg=float(rng.uniform(0.0, 45.0)),
         **_make(rng),
     )
+
+
+def light_at_random(world: SimulatedWorld, rng: np.random.Generator) -> None:
+    """Dim to glaring, each lamp by itself, so that shadows and shine come from anywhere."""
+    world.relight(rng.uniform(0.2, 1.8, world.lamps), float(rng.uniform(0.4, 1.3)))
 
 
 def angled_cell(rng: np.random.Generator, degrees: float) -> Workcell:
@@ -92,6 +97,7 @@ def bench_visit(
     """
     bench = StationBench(cell, seed, rendered, mode)
     with bench.world:
+        light_at_random(bench.world, np.random.default_rng((seed, 55)))
         station = make_station(bench, None, SimulatedCar(seconds=2.0), mode)
         station.begin()
         said, depth, tilt = False, float("nan"), float("nan")

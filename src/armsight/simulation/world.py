@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from armsight.arrays import ColorImage, JointVector, Pose, Vector3
+from armsight.arrays import ColorImage, Floats, JointVector, Pose, Vector3
 from armsight.devices.data import RgbdFrame
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.errors import UsageError
@@ -167,6 +167,29 @@ class SimulatedWorld:
         self._move_movers(0.0)
         self._followers.reset(self._data)
         mujoco.mj_forward(self._cell.model, self._data)
+
+    def relight(self, lamps: Sequence[float] | Floats, around: float) -> None:
+        """Another light: times of day and weather. Depth and contact do not change.
+
+        Args:
+            lamps: (L,) factors of the brightness of each lamp (``simulation/looks.py``).
+            around: factor of the light that comes from everywhere.
+
+        Raises:
+            ValueError: not as many factors as lamps.
+        """
+        model, shown = self._cell.model, self._cell.model.vis.headlight
+        if len(lamps) != model.nlight:
+            raise ValueError(f"{len(lamps)} factors of brightness for {model.nlight} lamps")
+        for light in (model.light_diffuse, model.light_specular):
+            light[:] *= np.asarray(lamps)[:, None]
+        shown.ambient[:] *= around
+        shown.diffuse[:] *= around
+
+    @property
+    def lamps(self) -> int:
+        """How many there are."""
+        return int(self._cell.model.nlight)
 
     def advance(self, until: float) -> None:
         """Let time pass to ``until`` [s]: physics, exposures, deliveries."""
