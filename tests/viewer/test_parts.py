@@ -42,6 +42,13 @@ def test_every_mode_has_its_own_colour_and_words() -> None:
         assert "because" in text
 
 
+def test_a_goal_is_gone_to_and_a_velocity_is_named_by_what_it_does() -> None:
+    assert "to box" in html.banner(make_guard(1.0, goal="box"), "")
+    assert "at box" in html.banner(make_guard(1.0, goal="box", reached=True), "")
+    works = html.banner(make_guard(1.0, mode=GuardMode.VELOCITY, goal="works the lid"), "")
+    assert ">works the lid<" in works
+
+
 def test_words_from_outside_cannot_become_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
     pieces = [

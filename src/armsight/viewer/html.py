@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from armsight.mapping.snapshot import FREE, OCCUPIED, CameraStatus, WorkspaceSnapshot
-from armsight.motion.data import GuardStatus
+from armsight.motion.data import GuardMode, GuardStatus
 from armsight.runtime.view import ComponentHealth
 from armsight.viewer.colors import MODES
 
@@ -38,9 +38,10 @@ def banner(guard: GuardStatus | None, note: str, armless: bool = False) -> str:
         words = f"{note} — {words}" if words else note
     goal = ""
     if guard is not None and guard.goal:
-        arrow = "at" if guard.reached else "to"
+        # A velocity's name says what is done; a goal's name says where to.
+        to = "" if guard.mode is GuardMode.VELOCITY else "at " if guard.reached else "to "
         style = f"float:right;text-transform:none;{DIM}"
-        goal = f"<span style='{style}'>{arrow} {escape(guard.goal)}</span>"
+        goal = f"<span style='{style}'>{to}{escape(guard.goal)}</span>"
     return (
         f"<div style='{FONT};margin:0 .7em .5em .2em;padding:.65em .8em;border-radius:.5em;"
         f"background:{color};color:#fff'>"
