@@ -17,13 +17,15 @@ from armsight.experiments.station_eyes import Mode
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 7
+VERSION = 8
 ABOUT = """
 Cars with Type 2, Type 1 and CCS2 inlets in turn, parked within 20 x 20 cm and 10 deg, the port at
-0.70 to 1.00 m, looking up by 0 to 45 deg; each lamp at 0.2 to 1.8 of its brightness; clearance 0.3
-to 0.6 mm, friction 0.1 to 0.4, mated contacts 10 to 35 N; the packaged cells' arm with its errors,
-plug in its soft mount with cable, force sensor. Seated: within 1 mm of the seat and 2 deg by the
-truth while the station says that it charges. Two ways of looking (`charging-guarded` has a third):
+0.75 to 0.95 m, looking up by 0 to 20 deg (the motions of this bench are straight lines of joint
+angles: round a steeper flank a way has to be planned), no flank nearer than 8 cm to the plug at its
+stand-by; each lamp at 0.2 to 1.8 of its brightness; clearance 0.3 to 0.6 mm, friction 0.1 to 0.4,
+mated contacts 10 to 35 N; the packaged cells' arm with its errors, plug in its soft mount with
+cable, force sensor. Seated: within 1 mm of the seat and 2 deg by the truth while the station says
+that it charges. Two ways of looking (`charging-guarded` has a third):
 
 * *pictures searched* (no prefix): contact physics, and the pairs' pictures rendered, searched and
   fitted as in the cell, their true poses off by what the cell's calibration leaves; no guard, no

@@ -17,7 +17,9 @@ from armsight.experiments.station_bench import (
     parked,
 )
 from armsight.experiments.station_eyes import POST, Mode
+from armsight.robots.kinematics import tcp_pose
 from armsight.simulation.world import SimulatedWorld
+from armsight.workcell import robot_in
 from armsight.workcell.schema import Workcell
 
 TYPES = ("type2", "type1", "ccs2")
@@ -26,23 +28,26 @@ SHORT, TILT = 1e-3, float(np.deg2rad(2.0))
 """A plug is fully in that is so near its seat [m] and so straight [rad]."""
 FORCE = 125.0
 """That the station's permit asks for [N]."""
+CLEAR = 0.08
+"""Of the plug at stand-by before a parked car's flank, at least [m]."""
 SECONDS = 150.0
 """A visit on the bench at most [s]."""
 
 
 def random_cell(rng: np.random.Generator, port: str = "type2") -> Workcell:
-    """The packaged cell of an inlet, its car parked at random."""
-    return parked(
-        charging_cell(port),
-        (
-            float(rng.uniform(0.84, 1.04)),
-            float(rng.uniform(-0.05, 0.15)),
-            float(rng.uniform(0.70, 1.00)),
-        ),
-        180.0 + float(rng.uniform(-10.0, 10.0)),
-        lean_deg=float(rng.uniform(0.0, 45.0)),
-        **_make(rng),
-    )
+    """The packaged cell of an inlet, its car parked at random, but not into the waiting plug."""
+    cell = charging_cell(port)
+    robot = robot_in(cell)
+    waits = (cell.robot.T_world_base @ tcp_pose(robot, robot.home))[:3, 3]
+    while True:
+        place = rng.uniform((0.84, -0.05, 0.75), (1.04, 0.15, 0.95))
+        yaw, lean = 180.0 + rng.uniform(-10.0, 10.0), rng.uniform(0.0, 20.0)
+        along, up = np.deg2rad(yaw), np.deg2rad(lean)
+        outwards = (np.cos(along) * np.cos(up), np.sin(along) * np.cos(up), np.sin(up))
+        if np.dot(outwards, waits - place) > CLEAR:
+            break
+    x, y, z = (float(v) for v in place)
+    return parked(cell, (x, y, z), float(yaw), lean_deg=float(lean), **_make(rng))
 
 
 def light_at_random(world: SimulatedWorld, rng: np.random.Generator) -> None:
