@@ -7,7 +7,7 @@ import pytest
 
 from armsight.geometry.pose import look_at, make_pose
 from armsight.servoing.planes import plane_sweep
-from armsight.servoing.segment import color_mask, lab_of, regions
+from armsight.servoing.segment import color_mask, regions
 from armsight.servoing.sphere_fit import Outline, fit_ball, tangent_cone
 from armsight.servoing.targets.ball import RED, Ball
 
@@ -97,7 +97,7 @@ def test_thirty_planes_give_the_surface_in_steps_of_seven_millimetres():
     center = np.array([0.0, 0.0, 0.30])
     rng = np.random.default_rng(1)
     view = pair([(center, 0.04, COLOR)], np.eye(4), rng)
-    region = regions(color_mask(lab_of(view.frame.left), RED), 60.0)[0]
+    region = regions(color_mask(view.frame.left, RED), 60.0)[0]
     points = plane_sweep(view, region)
     steps = (points[:, 2] - 0.20) / (0.20 / 29)
     assert np.allclose(steps, np.rint(steps), atol=1e-3)

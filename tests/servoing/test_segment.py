@@ -5,10 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from armsight.servoing.kernels import disc_residuals, last_steps_down
 from armsight.servoing.segment import Region, color_mask, lab_of, regions
 from armsight.servoing.targets.ball import RED, Ball
+from armsight.servoing.targets.mouth import YELLOW
+from armsight.servoing.targets.palm import BLUE, PINK
 from armsight.servoing.targets.seen import LEAST_PAIR, half_size_mask, outlines_in_pair
 
 from .traced import pair
@@ -16,17 +19,21 @@ from .traced import pair
 COLOR = (205, 15, 18)
 
 
-def plain_steps(values, inside, at, width, height, off, clear):
+def plain_steps(signal, mask, corner, center, ways, step, samples, off, clear):
     """The twin: the last sample inside, levels beside it, the first crossing about it."""
-    out = np.full(len(values), -1.0)
-    for i, row in enumerate(values.astype(float)):
-        filled = np.flatnonzero(inside[i])
+    out = np.full(len(ways), -1.0)
+    height, width = signal.shape
+    for i, way in enumerate(ways):
+        at = center + step * np.arange(1, samples + 1)[:, None] * way
+        inside = map_coordinates(mask, (at - corner)[:, ::-1].T, order=0, mode="grid-constant")
+        filled = np.flatnonzero(inside)
         if len(filled) == 0:
             continue
+        row = map_coordinates(signal.astype(float), at[:, ::-1].T, order=1, mode="nearest")
         k = int(filled[-1])
         if k - off - 1 < 0 or k + off + 3 >= len(row):
             continue
-        u, v = at[i, k + off + 2]
+        u, v = at[k + off + 2]
         if u < 0 or v < 0 or u > width - 1 or v > height - 1:
             continue
         low, high = row[k + off + 1 : k + off + 3].mean(), row[k - off - 1 : k - off + 1].mean()
@@ -40,22 +47,45 @@ def plain_steps(values, inside, at, width, height, off, clear):
     return out
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_rays_fall_to_half_where_a_plain_loop_says(seed):
-    rng = np.random.default_rng(seed)
-    rays, samples, width, height = 200, 40, 60, 50
-    edge = rng.integers(-2, samples + 2, rays)
-    inside = (np.arange(samples) <= edge[:, None]).astype(np.uint8) * 255
-    step = rng.uniform(0.0, 30.0, (rays, 1))
-    values = (step * (np.arange(samples) <= edge[:, None] + rng.integers(-3, 4, (rays, 1)))).astype(
-        np.float32
-    ) + rng.normal(0.0, 1.0, (rays, samples)).astype(np.float32)
-    at = rng.uniform(-5.0, 65.0, (rays, samples, 2)).astype(np.float32)
-    out = np.empty(rays)
-    last_steps_down(values, inside, at, width, height, 3, 8.0, out)
-    expected = plain_steps(values, inside, at, width, height, 3, 8.0)
-    assert (expected >= 0).sum() > 20
+@pytest.mark.parametrize("off", [3, 5])
+@pytest.mark.parametrize("center", [(31.3, 24.6), (8.1, 40.7)])
+def test_rays_fall_to_half_where_a_plain_loop_says(center, off):
+    rng = np.random.default_rng(off)
+    v, u = np.mgrid[:50, :60]
+    away = np.hypot(u - center[0], v - center[1])
+    signal = (30.0 * (away < 15.3) + rng.normal(0.0, 1.0, away.shape)).astype(np.float32)
+    signal = cv2.GaussianBlur(signal, (5, 5), 1.0)
+    top, left = max(int(center[1]) - 14, 0), max(int(center[0]) - 14, 0)
+    mask = (away < 14.0).astype(np.uint8)[top : top + 29, left : left + 29] * np.uint8(255)
+    angle = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False) + 1e-3
+    ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    given = (signal, mask, np.array([left, top], float), np.array(center), ways, 0.5, 70, off, 8.0)
+    out = np.empty(len(ways))
+    last_steps_down(*given, out)
+    expected = plain_steps(*given)
+    assert (expected >= 0).sum() > 60
+    assert (expected < 0).any() == (center[0] < 10.0)  # those that leave the picture
     np.testing.assert_allclose(out, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("color", [RED, BLUE, YELLOW, PINK])
+def test_no_pixel_of_a_colour_is_missed_by_the_quick_look(color):
+    levels = np.arange(0, 256, 5, np.uint8)
+    image = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1)
+    image = np.ascontiguousarray(image.reshape(-1, 52, 3))
+    lab = lab_of(image).astype(float)
+    hue = np.degrees(np.arctan2(lab[..., 2], lab[..., 1])) - color.hue_deg
+    off = np.abs((hue + 180.0) % 360.0 - 180.0)
+    along = np.hypot(lab[..., 1], lab[..., 2]) * np.cos(np.radians(off))
+    low, high = color.lightness
+    slack = np.minimum.reduce([
+        along - color.chroma, along - color.purity * lab[..., 0], color.width_deg - off,
+        lab[..., 0] - low, high - lab[..., 0],
+    ])  # fmt: skip
+    mask = color_mask(image, color, opening=1) > 0
+    assert (slack > 0).sum() > 500
+    assert mask[slack > 1e-3].all()
+    assert not mask[slack < -1e-3].any()
 
 
 @pytest.mark.parametrize("size", [(480, 720), (239, 361)])
@@ -75,7 +105,7 @@ def test_regions_of_the_half_picture_are_those_of_its_mask_doubled(size):
             np.testing.assert_array_equal(a.mask, b.mask)
             assert a.area == b.area
         np.testing.assert_allclose(a.center, b.center, atol=0.01 if size == (480, 720) else 1.5)
-    whole = regions(color_mask(lab_of(image), RED), LEAST_PAIR)
+    whole = regions(color_mask(image, RED), LEAST_PAIR)
     for a, b in zip(found, whole):
         np.testing.assert_allclose(a.center, b.center, atol=1.0)
 

@@ -135,7 +135,7 @@ def drawn(image: ColorImage, lens: PinholeCamera, points: Sequence[Points]) -> C
     step = max(image.shape[1] // SHOWN, 1)  # a whole number: several times as fast
     size = (image.shape[1] // step, image.shape[0] // step)
     whole = image[: step * size[1], : step * size[0]]
-    small = np.array(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.uint8)
+    small = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.uint8)
     for point in points:
         u, v = lens.project(point)[0] / step
         if np.isfinite([u, v]).all():

@@ -9,47 +9,93 @@ from armsight.arrays import Bytes, Floats, Floats32, Points, Vector3
 
 
 @njit(cache=True, nogil=True)
+def pick_likely(lab: Bytes, brightest: Bytes, out: Bytes) -> None:
+    """Write 255 where a picture's lightness is below what its chroma allows, else 0.
+
+    Args:
+        lab: (h, w, 3) 8-bit CIE Lab, as OpenCV has it.
+        brightest: (256, 256) lightness by a and b below which a pixel is taken.
+        out: (h, w).
+    """
+    rows, columns, _ = lab.shape
+    for v in range(rows):
+        for u in range(columns):
+            taken = lab[v, u, 0] < brightest[lab[v, u, 1], lab[v, u, 2]]
+            out[v, u] = 255 if taken else 0
+
+
+@njit(cache=True, nogil=True)
+def _sampled(signal: Floats32, u: float, v: float) -> float:
+    """A picture between its pixels; beyond its border it goes on as it is there."""
+    rows, columns = signal.shape
+    u, v = min(max(u, 0.0), columns - 1.0), min(max(v, 0.0), rows - 1.0)
+    left, top = int(u), int(v)
+    right, bottom = min(left + 1, columns - 1), min(top + 1, rows - 1)
+    a, b = u - left, v - top
+    above = (1.0 - a) * signal[top, left] + a * signal[top, right]
+    below = (1.0 - a) * signal[bottom, left] + a * signal[bottom, right]
+    return (1.0 - b) * above + b * below
+
+
+@njit(cache=True, nogil=True)
 def last_steps_down(
-    values: Floats32,
-    inside: Bytes,
-    at: Floats32,
-    width: int,
-    height: int,
+    signal: Floats32,
+    mask: Bytes,
+    corner: Floats,
+    center: Floats,
+    ways: Floats,
+    step: float,
+    samples: int,
     off: int,
     clear: float,
     out: Floats,
 ) -> None:
-    """Write where each ray crosses the half level of its last step down, in samples.
+    """Write where along each ray the signal crosses the half level of its last step down.
+
+    Sample ``k`` of a ray lies ``step * (k + 1)`` from the centre.
 
     Args:
-        values: (m, r) the signal along each ray.
-        inside: (m, r) not 0 in the region.
-        at: (m, r, 2) the samples' pixels.
-        width: of the picture [px].
-        height: of the picture [px].
+        signal: (h, w).
+        mask: (a, b) not 0 in the region.
+        corner: (2,) of the mask in the picture [px].
+        center: (2,) where rays begin [px].
+        ways: (m, 2) unit vectors along them.
+        step: between samples [px].
+        samples: of a ray.
         off: samples from the border to both levels.
         clear: least height of a step.
         out: (m,) the crossing in samples from the first, or -1: no clear step in the picture.
     """
-    rays, samples = values.shape
-    for i in range(rays):
+    height, width = signal.shape
+    rows, columns = mask.shape
+    values = np.empty(2 * off + 4)
+    for i in range(ways.shape[0]):
         out[i] = -1.0
+        du, dv = ways[i, 0] * step, ways[i, 1] * step
         k = samples - 1
-        while k >= 0 and inside[i, k] == 0:
+        while k >= 0:
+            u = int(np.floor(center[0] + du * (k + 1) - corner[0] + 0.5))
+            v = int(np.floor(center[1] + dv * (k + 1) - corner[1] + 0.5))
+            if 0 <= u < columns and 0 <= v < rows and mask[v, u] != 0:
+                break
             k -= 1
-        if k - off - 1 < 0 or k + off + 3 >= samples:
+        first = k - off - 1
+        if first < 0 or k + off + 3 >= samples:
             continue
-        u, v = at[i, k + off + 2]
+        u, v = center[0] + du * (k + off + 3), center[1] + dv * (k + off + 3)
         if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
             continue
-        low = 0.5 * (values[i, k + off + 1] + values[i, k + off + 2])
-        high = 0.5 * (values[i, k - off - 1] + values[i, k - off])
+        for j in range(2 * off + 4):
+            along = first + j + 1
+            values[j] = _sampled(signal, center[0] + du * along, center[1] + dv * along)
+        high = 0.5 * (values[0] + values[1])
+        low = 0.5 * (values[2 * off + 2] + values[2 * off + 3])
         if high - low < clear:
             continue
         level = 0.5 * (high + low)
-        for j in range(k - off, k + off + 1):
-            if values[i, j] >= level > values[i, j + 1]:
-                out[i] = j + (values[i, j] - level) / (values[i, j] - values[i, j + 1])
+        for j in range(1, 2 * off + 2):
+            if values[j] >= level > values[j + 1]:
+                out[i] = first + j + (values[j] - level) / (values[j] - values[j + 1])
                 break
 
 

@@ -15,10 +15,12 @@ from functools import cache
 import numpy as np
 
 from armsight.arrays import Floats, Ints, Points, Vector3
+from armsight.servoing.sphere_kernels import fitted_sphere, followed_cone
 
 ROUNDS = 12
 TRIES = 96
 """Triples of rays that are tried for a cone."""
+NOTHING = np.empty((0, 3))
 
 
 @dataclass(frozen=True)
@@ -76,46 +78,16 @@ def tangent_cone(rays: Points, sigma: float) -> Cone | None:
     """
     if len(rays) < 8:
         return None
-    triples = rays[_triples(len(rays))]
-    good = np.abs(np.linalg.det(triples)) > 1e-12
-    if not good.any():
-        return None
-    w = np.linalg.solve(triples[good], np.ones((int(good.sum()), 3, 1)))[..., 0]
-    length = np.linalg.norm(w, axis=1)
-    w, length = w[length > 1.0], length[length > 1.0]
-    if not len(w):
-        return None
-    near = np.abs(_angles(rays, w / length[:, None]) - np.arccos(1.0 / length)) < 3.0 * sigma
-    keep = near[:, int(np.argmax(near.sum(axis=0)))]
-    axis, half = rays.mean(axis=0), 0.0
-    for _ in range(5):
-        if keep.sum() < 8:
-            return None
-        v = np.linalg.lstsq(rays[keep], np.ones(int(keep.sum())), rcond=None)[0]
-        size = float(np.linalg.norm(v))
-        if not np.isfinite(size) or size <= 1.0:
-            return None
-        axis, half = np.asarray(v / size, float), float(np.arccos(1.0 / size))
-        off = np.abs(_angles(rays, axis[None])[:, 0] - half)
-        now = off < 3.0 * max(1.48 * float(np.median(off[keep])), sigma)
-        if np.array_equal(now, keep):
-            break
-        keep = now
-    return Cone(axis, half, rays[keep])
-
-
-def _angles(rays: Points, axes: Points) -> Floats:
-    """(k, m) angles between (k, 3) rays and (m, 3) axes [rad]; exact for small ones, too."""
-    x, y, z = (rays[:, None, i] - axes[None, :, i] for i in range(3))
-    half_chord = 0.5 * np.sqrt(x * x + y * y + z * z)
-    return np.asarray(2.0 * np.arcsin(np.minimum(half_chord, 1.0)))
+    axis, keep = np.empty(3), np.empty(len(rays), np.bool_)
+    half = followed_cone(np.ascontiguousarray(rays), _triples(len(rays)), sigma, axis, keep)
+    return Cone(axis, float(half), rays[keep]) if half >= 0.0 else None
 
 
 @cache
 def _triples(count: int) -> Ints:
     """(m, 3) different indices, spread; the same every time."""
     rng = np.random.default_rng(count)
-    return np.argsort(rng.random((TRIES, count)), axis=1)[:, :3]
+    return np.ascontiguousarray(np.argsort(rng.random((TRIES, count)), axis=1)[:, :3])
 
 
 def fit_ball(
@@ -134,36 +106,19 @@ def fit_ball(
         surface: (k, 3) points on it, in the same frame [m].
         surface_sigma: of a surface point along its ray [m].
     """
-    center = np.array(start, float)
-    H, r = np.eye(3), np.zeros(0)
-    for _ in range(ROUNDS):
-        rows, residuals = [], []
-        for seen in outlines:
-            to = center - seen.origin
-            along = seen.rays @ to
-            across = to - along[:, None] * seen.rays
-            length = np.linalg.norm(across, axis=1)
-            scale = 1.0 / (seen.sigma * max(float(np.linalg.norm(to)), 1e-6))
-            rows.append(scale * across / np.maximum(length, 1e-9)[:, None])
-            residuals.append(scale * (length - radius))
-        if surface is not None and len(surface):
-            to = center - surface
-            length = np.linalg.norm(to, axis=1)
-            rows.append(to / np.maximum(length, 1e-9)[:, None] / surface_sigma)
-            residuals.append((length - radius) / surface_sigma)
-        if not rows:
-            return None
-        J, r = np.concatenate(rows), np.concatenate(residuals)
-        # Far from the answer everything is off: what counts is what is off more than the rest.
-        knee = max(2.0, 2.0 * float(np.median(np.abs(r))))
-        weight = np.minimum(1.0, knee / np.maximum(np.abs(r), 1e-9))
-        H = (J * weight[:, None]).T @ J + 1e-6 * np.eye(3)
-        step = -np.linalg.solve(H, (J * weight[:, None]).T @ r)
-        center = center + step
-        if not np.isfinite(center).all() or np.linalg.norm(center - start) > 8.0 * radius:
-            return None
-        if np.linalg.norm(step) < 1e-8:
-            break
+    points = NOTHING if surface is None else np.ascontiguousarray(surface, float)
+    if not outlines and len(points) == 0:
+        return None
+    counts = [len(seen.rays) for seen in outlines]
+    rays = np.concatenate([NOTHING, *(seen.rays for seen in outlines)])
+    origins = np.concatenate([NOTHING, *(np.tile(s.origin, (len(s.rays), 1)) for s in outlines)])
+    sigmas = np.repeat([seen.sigma for seen in outlines], counts).astype(float)
+    center, H, r = np.empty(3), np.empty((3, 3)), np.empty(len(rays) + len(points))
+    if not fitted_sphere(
+        float(radius), np.asarray(start, float), origins, rays, sigmas, points,
+        float(surface_sigma), ROUNDS, center, H, r,
+    ):  # fmt: skip
+        return None
     good = np.abs(r) < 3.0
     if good.sum() < 8:
         return None

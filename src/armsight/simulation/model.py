@@ -114,6 +114,8 @@ def build_model(
         add_finger_servos(mj, spec.gripper)
     if lid_finger is not None:
         add_actuator(mj, lid_finger)
+    if spec.floor:
+        builder.far_floor()
     model = mj.compile()
     load = set_servo_gains(model, spec.arm.robot)
     parts = tuple(builder.parts[model.geom(i).name] for i in range(model.ngeom))

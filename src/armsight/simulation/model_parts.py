@@ -84,7 +84,7 @@ class Builder:
         """A plane to stand on.
 
         MuJoCo draws planes in pieces, for the lights' sake: an endless one in thousands, which
-        takes half of a picture's time. So colour sees as far as the haze lets it, depth a slab.
+        takes half of a picture's time. So depth sees a slab, colour :meth:`far_floor`.
         """
         what = Part("floor", "floor")
         self.geom(
@@ -99,22 +99,29 @@ class Builder:
         self.geom(
             self.mj.worldbody,
             what,
-            type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=[20.0, 20.0, 1.0],  # the last is the edge of a piece
-            material="floor",
-            contype=0,
-            conaffinity=0,
-            group=COLOR_ONLY,
-        )
-        self.geom(
-            self.mj.worldbody,
-            what,
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=[40.0, 40.0, 0.05],
             pos=[0.0, 0.0, -0.05],
             contype=0,
             conaffinity=0,
             group=DEPTH_ONLY,
+        )
+
+    def far_floor(self) -> None:
+        """The floor in colour, as far as the haze lets anybody see it.
+
+        To be added after everything else: geoms are drawn in their order, and what of the floor is
+        hidden by then is not lit and textured for nothing.
+        """
+        self.geom(
+            self.mj.worldbody.add_body(name="floor"),
+            Part("floor", "floor"),
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[20.0, 20.0, 1.0],  # the last is the edge of a piece
+            material="floor",
+            contype=0,
+            conaffinity=0,
+            group=COLOR_ONLY,
         )
 
     def solid(

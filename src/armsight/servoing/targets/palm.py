@@ -12,7 +12,7 @@ from armsight.arrays import Points, Vector3
 from armsight.devices.data import StereoFrame
 from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.servoing.disc_fit import meet, plane_of
-from armsight.servoing.segment import LabColor, color_mask, lab_of, regions
+from armsight.servoing.segment import LabColor, color_mask, regions
 from armsight.servoing.sighting import Sighting
 from armsight.servoing.targets.discs import Discs, Part, SeenDisc
 from armsight.servoing.targets.seen import LEAST, points_of, rays_of
@@ -45,14 +45,15 @@ class Palm:
         frame, lens, T = view.frame, view.color_lens, view.T_base_color
         if frame.color is None or lens is None or T is None or view.T_base_camera is None:
             return []
-        lab = lab_of(frame.color)
-        parts = [points_of(view, region) for region in regions(color_mask(lab, PINK), LEAST)]
+        parts = [
+            points_of(view, region) for region in regions(color_mask(frame.color, PINK), LEAST)
+        ]
         glove = np.concatenate([np.empty((0, 3)), *parts])
         if len(glove) < 12:
             return []
         # Of its outline, not of what is seen inside: an item before the palm moves that.
         middle = 0.5 * np.percentile(glove, [2.0, 98.0], axis=0).sum(axis=0)
-        for region in regions(color_mask(lab, BLUE), LEAST):
+        for region in regions(color_mask(frame.color, BLUE), LEAST):
             ray = T[:3, :3] @ rays_of(lens, region.center[None])[0]
             seen = _on_glove(T[:3, 3], ray, glove)
             if seen is not None:

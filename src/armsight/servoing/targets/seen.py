@@ -37,23 +37,23 @@ def outlines_in_frame(
     image: ColorImage, lens: PinholeCamera, color: LabColor
 ) -> list[tuple[Region, Points]]:
     """Regions of a colour in a fixed camera's picture, with the rays of their outlines."""
-    lab = lab_of(image)
-    signal = saturation(lab, color)
-    found = []
-    for region in regions(color_mask(lab, color), LEAST):
-        edge = outline(signal, region)
-        if len(edge) >= 8:
-            found.append((region, rays_of(lens, edge)))
-    return found
+    return _outlined(image, lens, color, regions(color_mask(image, color), LEAST))
 
 
 def outlines_in_pair(
     image: ColorImage, lens: PinholeCamera, color: LabColor
 ) -> list[tuple[Region, Points]]:
     """The same in one picture of a pair, which is looked through at half its size."""
-    found = []
-    for half in regions(_half_size_mask(image, color), LEAST_PAIR / 4.0):
-        region = _doubled(half)
+    halves = regions(_half_size_mask(image, color), LEAST_PAIR / 4.0)
+    return _outlined(image, lens, color, [_doubled(half) for half in halves])
+
+
+def _outlined(
+    image: ColorImage, lens: PinholeCamera, color: LabColor, found: list[Region]
+) -> list[tuple[Region, Points]]:
+    """Those of some regions that have an outline, with the rays of it."""
+    outlined = []
+    for region in found:
         u, v = region.corner
         h, w = region.mask.shape
         u0, v0 = max(u - PAD, 0), max(v - PAD, 0)
@@ -62,8 +62,8 @@ def outlines_in_pair(
         inside = Region(region.mask, (u - u0, v - v0), region.center - (u0, v0), region.area)
         edge = outline(signal, inside) + np.array([u0, v0])
         if len(edge) >= 8:
-            found.append((region, rays_of(lens, edge)))
-    return found
+            outlined.append((region, rays_of(lens, edge)))
+    return outlined
 
 
 def half_size_mask(image: ColorImage, color: LabColor) -> Bytes:
@@ -77,7 +77,7 @@ def _half_size_mask(image: ColorImage, color: LabColor) -> Bytes:
     """(h // 2, w // 2) where a picture has a colour; an odd last row or column is left out."""
     h, w = image.shape[0] // 2, image.shape[1] // 2
     small = cv2.resize(image[: 2 * h, : 2 * w], (w, h), interpolation=cv2.INTER_AREA)
-    return color_mask(lab_of(np.asarray(small, np.uint8)), color)
+    return color_mask(np.asarray(small, np.uint8), color)
 
 
 def _doubled(half: Region) -> Region:
