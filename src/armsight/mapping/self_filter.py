@@ -8,7 +8,18 @@ from functools import lru_cache
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
-from armsight.arrays import Bytes, DepthImage, Floats, Floats32, Ints, Ints32, Mask, Pose, Poses
+from armsight.arrays import (
+    Bytes,
+    DepthImage,
+    Floats,
+    Floats32,
+    Ints,
+    Ints32,
+    Mask,
+    Points,
+    Pose,
+    Poses,
+)
 from armsight.errors import ArmsightError
 from armsight.geometry.pose import inverse, inverses, transform
 from armsight.geometry.shapes import Solid
@@ -22,6 +33,7 @@ from armsight.mapping.kernels.body import (
 )
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.snapshot import VoxelGrid
+from armsight.robots.cable import PIECES, HungCable, SwingingCable
 from armsight.robots.kernels import carried_motion_into
 from armsight.robots.kinematics import link_poses
 from armsight.robots.meshes import join_triangles, read_mesh
@@ -31,6 +43,8 @@ CELL = 0.01
 """Spacing of a link field's nodes [m]."""
 BAND = 0.06
 """How far beyond a link's surface its field reaches [m]: the greatest useful tolerance."""
+ASTRAY = 0.04
+"""A cable is no farther than this from where its chain swings [m]: who knows how it bends?"""
 
 
 @dataclass(frozen=True)
@@ -205,7 +219,8 @@ class BodyPose:
     """Where the body's parts were at one instant.
 
     Attributes:
-        T_cells_base: (m, 4, 4) base in each part's grid, lengths there in cells.
+        T_cells_base: (m, 4, 4) base in each part's grid, lengths there in cells; after the parts
+            of the body those of its cable, if it has one.
         corners: (m, 8, 3) corners of each part's grid in ``base`` [m].
         speed: (m,) an upper bound of the speed of any point of each part [m/s].
     """
@@ -236,8 +251,21 @@ class SelfFilter:
         to_cells = np.diag([1 / CELL, 1 / CELL, 1 / CELL, 1.0])
         self._T_cells_link = to_cells @ inverses(fields.T_link_grid)
         self._gives = np.repeat(fields.gives, 8)
+        cable = None if robot.tool is None else robot.tool.cable
+        self._cable = None if cable is None else _CableParts(cable)
+        # The cable is seen farther from where it should hang than it fills.
+        self._labelled = self._marked = fields
+        if self._cable is not None:
+            self._labelled = self._cable.joined(fields, ASTRAY)
+            self._marked = self._cable.joined(fields, 0.0)
 
-    def pose(self, position: Floats, velocity: Floats, wrench: Floats | None = None) -> BodyPose:
+    def pose(
+        self,
+        position: Floats,
+        velocity: Floats,
+        wrench: Floats | None = None,
+        stamp: float = 0.0,
+    ) -> BodyPose:
         """The body at (n,) joint positions [rad] and velocities [rad/s].
 
         Args:
@@ -245,14 +273,17 @@ class SelfFilter:
             velocity: likewise.
             wrench: (6,) what the sensor at the flange felt, not tared [N], [N m]: so a tool in a
                 soft mount hangs. None where nobody knows; then it is where it was mounted.
+            stamp: when [s]: a cable swings.
         """
         poses = link_poses(self._robot, position)
         rates = np.ascontiguousarray(velocity, float)
         in_link, T_cells_link = self._corners, self._T_cells_link
         tool = self._robot.tool
+        moved_tip = np.eye(4) if tool is None else tool.T_flange_tcp
         if wrench is not None and tool is not None and tool.mount is not None:
             T_last_flange = self._robot.T_last_flange
             moved = tool.mount.moved(tool.T_flange_tcp, wrench)
+            moved_tip = moved @ tool.T_flange_tcp
             moved = T_last_flange @ moved @ inverse(T_last_flange)
             in_link = np.where(self._gives[:, None], transform(moved, in_link), in_link)
             gives = self.fields.gives[:, None, None]
@@ -261,11 +292,12 @@ class SelfFilter:
         carried_motion_into(poses, self._robot.axis, self._link, in_link, rates, corners, motion)
         # No point of a rigid part is faster than the fastest corner of a box around it.
         speed = np.sqrt((motion**2).sum(axis=1)).reshape(-1, 8).max(axis=1)
-        return BodyPose(
-            T_cells_link @ inverses(poses)[self.fields.link],
-            corners.reshape(-1, 8, 3),
-            speed,
-        )
+        T_cells_base = T_cells_link @ inverses(poses)[self.fields.link]
+        body = BodyPose(T_cells_base, corners.reshape(-1, 8, 3), speed)
+        if self._cable is None or tool is None:
+            return body
+        T_base_tip = poses[-1] @ self._robot.T_last_flange @ moved_tip
+        return self._cable.beside(body, T_base_tip, stamp)
 
     def label(
         self,
@@ -296,9 +328,9 @@ class SelfFilter:
                 lens.rays,
                 rect,
                 body.T_cells_base @ T_base_camera,
-                self.fields.values,
-                self.fields.offset,
-                self.fields.shape,
+                self._labelled.values,
+                self._labelled.offset,
+                self._labelled.shape,
                 CELL,
                 limits,
                 noise,
@@ -337,9 +369,9 @@ class SelfFilter:
             mark_body(
                 body.T_cells_base,
                 box,
-                self.fields.values,
-                self.fields.offset,
-                self.fields.shape,
+                self._marked.values,
+                self._marked.offset,
+                self._marked.shape,
                 np.asarray(grid.origin, float),
                 grid.voxel,
                 limits,
@@ -348,3 +380,62 @@ class SelfFilter:
                 listed,
             )
         )
+
+
+class _CableParts:
+    """A swinging cable as parts of the body: one field of a straight piece, as often as needed."""
+
+    def __init__(self, cable: HungCable) -> None:
+        self._swinging, self._cable = SwingingCable(cable), cable
+        self._piece = cable.length / PIECES
+
+    def joined(self, fields: BodyFields, wider: float) -> BodyFields:
+        """The fields of the arm, and after them those of a cable thicker by ``wider`` [m]."""
+        thickest = self._cable.radius + ASTRAY
+        field, corner = _empty(np.full(3, -thickest), np.array([0, 0, self._piece]) + thickest)
+        along = np.array([0.0, 0.0, self._piece])
+        capsule_distance(np.zeros(3), along, self._cable.radius + wider, corner, CELL, field)
+        self._corner = corner
+        self._box = np.stack([corner, corner + (np.array(field.shape) - 1) * CELL])
+        T_link_grid = np.tile(np.eye(4), (PIECES, 1, 1))
+        T_link_grid[:, :3, 3] = corner
+        return BodyFields(
+            np.concatenate([fields.link, np.full(PIECES, fields.link.max())]),
+            np.concatenate([fields.T_link_grid, T_link_grid]),
+            np.concatenate([fields.values, field.ravel()]),
+            np.concatenate([fields.offset, np.full(PIECES, len(fields.values))]),
+            np.concatenate([fields.shape, np.tile(field.shape, (PIECES, 1))]),
+            np.concatenate([fields.gives, np.zeros(PIECES, bool)]),
+        )
+
+    def beside(self, body: BodyPose, T_base_tip: Pose, stamp: float) -> BodyPose:
+        """The body with its cable, whose tool's tip is at a pose in ``base`` at a time [s]."""
+        cable, swinging = self._cable, self._swinging
+        swinging.follow(transform(T_base_tip, np.array([cable.root]))[0], stamp)
+        first, last = swinging.place[:-1], swinging.place[1:]
+        T = _along_z(first, last, self._piece)
+        inside = np.linalg.inv(T)
+        T_cells = np.diag([1 / CELL, 1 / CELL, 1 / CELL, 1.0]) @ inside
+        T_cells[:, :3, 3] -= self._corner / CELL
+        low, high = self._box
+        box = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+        corners = (low + box * (high - low)) @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
+        fast = np.linalg.norm(swinging.velocity, axis=1)
+        return BodyPose(
+            np.concatenate([body.T_cells_base, T_cells]),
+            np.concatenate([body.corners, corners]),
+            np.concatenate([body.speed, np.maximum(fast[:-1], fast[1:])]),
+        )
+
+
+def _along_z(first: Points, last: Points, length: float) -> Poses:
+    """(k, 4, 4) frames whose z goes from (k, 3) points to others, ``length`` [m] of it between."""
+    way = last - first
+    z = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+    helper = np.where(np.abs(z[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    T = np.tile(np.eye(4), (len(z), 1, 1))
+    T[:, :3, 0], T[:, :3, 1], T[:, :3, 2] = x, np.cross(z, x), z
+    T[:, :3, 3] = 0.5 * (first + last) - 0.5 * length * z
+    return T

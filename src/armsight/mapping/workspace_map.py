@@ -328,7 +328,7 @@ class WorkspaceMap:
             if camera in jobs:
                 health.refuse("a newer frame came with it")
             felt = joints.felt(frame.stamp)
-            body = self._filter.pose(state.position, state.velocity, felt)
+            body = self._filter.pose(state.position, state.velocity, felt, frame.stamp)
             pose = self._camera_pose(camera, frame, state.position)
             jobs[camera] = _Job(camera, frame, pose, body)
         return list(jobs.values())

@@ -9,6 +9,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, JointVector, Points, Pose, Poses
 from armsight.geometry.shapes import Solid
+from armsight.robots.cable import HungCable
 from armsight.robots.soft_mount import SoftMount
 
 
@@ -95,6 +96,7 @@ class Tool:
         mass: [kg]; center_of_mass: (3,) in the flange's frame [m].
         held: solids that it holds, in the flange's frame; spheres and mass count them already.
         mount: that lets it and what it holds give way; None where it is bolted to the flange.
+        cable: from it to a hanger in the cell; None where there is none, or nobody says where.
     """
 
     name: str
@@ -106,6 +108,7 @@ class Tool:
     center_of_mass: Floats
     held: tuple[Solid, ...] = ()
     mount: SoftMount | None = None
+    cable: HungCable | None = None
 
     def moved(self, T_flange_moved: Pose) -> Tool:
         """The same tool, mounted elsewhere than it was designed to be.

@@ -13,68 +13,36 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats, Points, Vector3
+from armsight.robots.cable_kernels import GRAVITY, PLUMB, TAUT, catenary, hang
 from armsight.simulation.gl import mujoco
 from armsight.simulation.spec import CableSpec
 
-GRAVITY = 9.81
-"""[m/s^2]"""
-TAUT = 1.0005
-"""A cable is at least so much longer than the way: what is shorter would be torn off."""
-PLUMB = 1e-3
-"""A hanger that is less than this aside hangs straight above [m]."""
+LEADER = 1e6
+"""As heavy as this the end of a chain is, that what hangs on it does not move it [kg]."""
 
 
 def cable_pull(spec: CableSpec, end: Vector3) -> Vector3:
     """(3,) force [N] in world with which a cable pulls at its end at ``end`` (3,) [m].
 
-    The catenary through both ends: sqrt(L^2 - v^2) = 2 a sinh(h / 2 a), tension along x: w a.
+    The catenary through both ends, see :func:`~armsight.robots.cable_kernels.catenary`; its tension
+    along x is w a.
     """
     weight = GRAVITY * spec.mass
-    way, length, h = _span(spec, end)
-    if h < PLUMB:
-        return np.array([0.0, 0.0, -0.5 * weight * (length - float(way[2]))])
-    a, lowest = _curve(way, length, h)
-    aside, up = weight * a, weight * a * float(np.sinh(-lowest / a))
-    return np.array([aside * way[0] / h, aside * way[1] / h, up])
+    way = np.asarray(spec.hanger) - end
+    length = max(spec.length, TAUT * float(np.linalg.norm(way)))
+    along, up = float(np.hypot(way[0], way[1])), float(way[2])
+    if along < PLUMB:
+        return np.array([0.0, 0.0, -0.5 * weight * (length - up)])
+    a, lowest = catenary(along, up, length)
+    aside, lifted = weight * a, weight * a * float(np.sinh(-lowest / a))
+    return np.array([aside * way[0] / along, aside * way[1] / along, lifted])
 
 
 def cable_points(spec: CableSpec, end: Vector3, count: int) -> Points:
     """(count, 3) points of the curve from the plug's end to the hanger, equally far apart [m]."""
-    way, length, h = _span(spec, end)
-    s = np.linspace(0.0, length, count)
-    if h < PLUMB:
-        down = 0.5 * (length - float(way[2]))
-        return np.column_stack([np.zeros((count, 2)), np.abs(s - down) - down]) + end
-    a, lowest = _curve(way, length, h)
-    x = lowest + a * np.arcsinh(s / a + np.sinh(-lowest / a))
-    z = a * (np.cosh((x - lowest) / a) - np.cosh(lowest / a))
-    return np.column_stack([x * way[0] / h, x * way[1] / h, z]) + end
-
-
-def _span(spec: CableSpec, end: Vector3) -> tuple[Vector3, float, float]:
-    """Way to the hanger [m], length of the cable, and the way's horizontal part."""
-    way = np.asarray(spec.hanger) - end
-    length = max(spec.length, TAUT * float(np.linalg.norm(way)))
-    return way, length, float(np.hypot(way[0], way[1]))
-
-
-def _curve(way: Vector3, length: float, h: float) -> tuple[float, float]:
-    """The catenary's a, and how far aside of its end its lowest point would be [m]."""
-    v = float(way[2])
-    a = _parameter(float(np.sqrt(length**2 - v**2)), h)
-    return a, 0.5 * h - a * float(np.arctanh(v / length))
-
-
-def _parameter(span: float, h: float) -> float:
-    """The catenary's a [m] of ``span`` = 2 a sinh(h / 2 a), by Newton's method on u = h / 2 a."""
-    ratio = span / h
-    u = float(np.sqrt(6.0 * (ratio - 1.0))) if ratio < 3.0 else float(np.log(2.0 * ratio) + 1.0)
-    for _ in range(30):
-        step = (np.sinh(u) - ratio * u) / (np.cosh(u) - ratio)
-        u -= float(step)
-        if abs(step) < 1e-12:
-            break
-    return 0.5 * h / u
+    out = np.empty((count, 3))
+    hang(np.asarray(end, float), np.array(spec.hanger, float), spec.length, out)
+    return out
 
 
 class CableChain:
@@ -90,13 +58,17 @@ class CableChain:
         mj.compiler.degree = False
         mj.option.timestep = 0.001
         mj.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        way, length, _ = _span(spec, end)
+        way = np.asarray(spec.hanger) - end
+        length = max(spec.length, TAUT * float(np.linalg.norm(way)))
         piece = length / links
         self._yaw = float(np.arctan2(way[1], way[0]))
         steps = np.diff(cable_points(spec, end, links + 1), axis=0)
         aside = steps @ [np.cos(self._yaw), np.sin(self._yaw), 0.0]
         lean = np.arctan2(aside, steps[:, 2])
-        body = mj.worldbody.add_body(pos=end, quat=_about(2, self._yaw))
+        body = mj.worldbody.add_body(pos=end, quat=_about(2, self._yaw), mass=1e-3)
+        body.explicitinertial, body.inertia = True, np.full(3, 1e-6)
+        for axis in np.eye(3):  # led: what it weighs and is pulled with does not move it
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, armature=LEADER)
         site = body.add_site(name="end")
         mj.worldbody.add_site(name="hanger", pos=spec.hanger)
         turns = np.diff(lean, prepend=0.0)
@@ -126,16 +98,29 @@ class CableChain:
         )
         self._model: Any = mj.compile()
         for k, turn in enumerate(turns):  # it would be straight if nothing pulled
-            self._model.qpos_spring[4 * k : 4 * k + 4] = _about(1, -turn)
+            self._model.qpos_spring[4 * k + 3 : 4 * k + 7] = _about(1, -turn)
         self._data: Any = mujoco.MjData(self._model)
+        self._first = np.asarray(end, float)
 
     def settle(self, seconds: float) -> Vector3:
         """(3,) force [N] in world with which it pulls at its end once it hangs."""
-        for _ in range(round(seconds / self._model.opt.timestep)):
-            mujoco.mj_step(self._model, self._data)
-        x, y, z = -self._data.sensordata[:3]
         c, s = np.cos(self._yaw), np.sin(self._yaw)
+        x, y, z = self._data.qpos[:3]
+        here = self._first + np.array([c * x - s * y, s * x + c * y, z])
+        self.follow(np.tile(here, (round(seconds / self._model.opt.timestep), 1)))
+        x, y, z = -self._data.sensordata[:3]
         return np.array([c * x - s * y, s * x + c * y, z])
+
+    def follow(self, ends: Points) -> None:
+        """Lead its end over (k, 3) places in world [m], a millisecond each."""
+        data, dt = self._data, self._model.opt.timestep
+        c, s = np.cos(self._yaw), np.sin(self._yaw)
+        for end in ends:
+            x, y, z = end - self._first
+            way = np.array([c * x + s * y, c * y - s * x, z]) - data.qpos[:3]
+            # A force, not a velocity: what was set would carry all of the chain along at once.
+            data.qfrc_applied[:3] = LEADER * (way / dt - data.qvel[:3]) / dt
+            mujoco.mj_step(self._model, data)
 
     @property
     def joints(self) -> Points:

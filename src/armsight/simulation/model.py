@@ -20,7 +20,7 @@ from armsight.simulation.model_fingers import add_finger_servos, finger_places
 from armsight.simulation.model_movers import LedBodies, Movers
 from armsight.simulation.model_parts import MATERIALS, Builder, Part
 from armsight.simulation.people import PersonBody
-from armsight.simulation.plugs import SOCKET_BODY, add_socket
+from armsight.simulation.plugs import SOCKET_BODY, add_cable, add_socket
 from armsight.simulation.spec import WorldSpec
 
 SERVO_BANDWIDTH = 120.0
@@ -101,6 +101,8 @@ def build_model(
         spec.gripper if fingers else None,
         spec.plug,
     )
+    if spec.plug is not None and spec.plug.hung is not None:
+        add_cable(builder, spec.plug.hung)
     if spec.socket is not None:
         body = add_socket(builder, spec.socket)
         if spec.socket.lid is not None:

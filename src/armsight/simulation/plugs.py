@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, Pose, Vector3
+from armsight.arrays import Floats, Points, Pose, Vector3
+from armsight.devices.world import MovingSolid
 from armsight.geometry.pose import inverse, make_pose, to_wxyz
+from armsight.geometry.shapes import Solid
+from armsight.robots.cable import PIECES, HungCable, SwingingCable
 from armsight.simulation.cable import cable_pull
 from armsight.simulation.gl import mujoco
 from armsight.simulation.model_parts import COLOR_ONLY, CONTACT, SEEN, Builder, Part, set_inertia
@@ -36,6 +39,9 @@ RUBS = 0.002
 MOVED = 0.001
 """A cable's pull is worked out anew when its end has moved so far [m]."""
 BODY, SOCKET_BODY = "plug", "socket"
+CABLE = "cable/{}"
+"""Pieces of a cable, led by what they are drawn from."""
+BLACK = (0.05, 0.05, 0.055)
 
 
 def add_plug(parent: Any, spec: PlugSpec, T: Pose, mass: float, center: Floats) -> Any:
@@ -82,6 +88,24 @@ def add_sleeve(builder: Builder, plug: Any, spec: PlugSpec, part: Part) -> None:
             conaffinity=SOCKET,
             friction=[spec.friction, 0.002, 0.0001],
             **SOFT,
+        )
+
+
+def add_cable(builder: Builder, cable: CableSpec) -> None:
+    """What is seen of a cable that is hung up; it touches nothing."""
+    piece = cable.length / PIECES
+    for k in range(PIECES):
+        body = builder.mj.worldbody.add_body(name=CABLE.format(k), mocap=True)
+        builder.geom(
+            body,
+            Part("undeclared", "cable"),
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[cable.radius, 0.0, 0.0],
+            fromto=(0.0, 0.0, -0.5 * piece, 0.0, 0.0, 0.5 * piece),
+            rgba=[*BLACK, 1.0],
+            contype=0,
+            conaffinity=0,
+            group=SEEN,
         )
 
 
@@ -171,6 +195,12 @@ class Plugged:
         self._at = -1 if socket is None else int(model.body(SOCKET_BODY).id)
         self._weight, self._rear = np.array([0.0, 0.0, -plug.cable]), np.asarray(plug.rear)
         self._hung_at = np.full(3, np.inf)
+        self._swinging: SwingingCable | None = None
+        if plug.hung is not None:
+            c = plug.hung
+            hung = HungCable(c.hanger, c.length, c.radius, plug.rear, c.mass, c.bending)
+            self._swinging = SwingingCable(hung)
+            self._pieces = [int(model.body(CABLE.format(k)).mocapid[0]) for k in range(PIECES)]
         self.caught: Caught | None = None
         self._velocity = np.zeros(6)
         self._contact = np.zeros(6)
@@ -203,6 +233,41 @@ class Plugged:
         """The pull of a cable whose end has moved; it is a curve, not worth it every step."""
         if float(np.abs(end - self._hung_at).max()) > MOVED:
             self._hung_at, self._weight = end.copy(), cable_pull(cable, end)
+
+    def swing(self, now: float) -> None:
+        """The cable that is seen moves on to a time [s]; nothing where there is none."""
+        swinging = self._swinging
+        if swinging is None:
+            return
+        swinging.follow(self.cable_end, now)
+        place, rows = swinging.place, self._pieces
+        way = np.diff(place, axis=0)
+        # The quaternion that turns z there by the shortest way.
+        turn = np.column_stack(
+            [np.linalg.norm(way, axis=1) + way[:, 2], -way[:, 1], way[:, 0], np.zeros(PIECES)]
+        )
+        turn[turn[:, 0] < 1e-9, 1] = 1.0
+        self._data.mocap_pos[rows] = 0.5 * (place[1:] + place[:-1])
+        self._data.mocap_quat[rows] = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+
+    def drawn(self) -> tuple[MovingSolid, ...]:
+        """The pieces of its cable, for drawing; none where there is none."""
+        cable = self._plug.hung
+        if cable is None:
+            return ()
+        size = (cable.radius, cable.length / PIECES, 0.0)
+        rotation, drawn = np.empty(9), []
+        for k, row in enumerate(self._pieces):
+            mujoco.mju_quat2Mat(rotation, self._data.mocap_quat[row])
+            T = make_pose(rotation.reshape(3, 3), self._data.mocap_pos[row])
+            solid = Solid(f"cable/{k}", "cylinder", size, np.eye(4), color=BLACK)
+            drawn.append(MovingSolid(solid.name, solid, T))
+        return tuple(drawn)
+
+    @property
+    def cable_points(self) -> Points | None:
+        """(k, 3) points of the cable that is seen, in world [m]; None where there is none."""
+        return None if self._swinging is None else self._swinging.place.copy()
 
     @property
     def cable_end(self) -> Vector3:

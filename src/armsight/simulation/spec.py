@@ -15,6 +15,7 @@ import numpy as np
 from armsight.arrays import Bytes, Floats, Ints, JointVector, Points, Pose, Vector3
 from armsight.devices.data import RgbdCameraInfo
 from armsight.geometry.shapes import Solid
+from armsight.robots.cable import ROOT
 from armsight.robots.robot import Robot
 
 Latch = Literal["push", "spring"]
@@ -270,7 +271,7 @@ class PlugSpec:
     radius: float
     stiffness: tuple[float, float] = (5000.0, 30.0)
     cable: float = 15.0
-    rear: tuple[float, float, float] = (0.0, -0.02, -0.12)
+    rear: tuple[float, float, float] = ROOT
     friction: float = 0.25
     finger: FingerSpec | None = None
     hung: CableSpec | None = None

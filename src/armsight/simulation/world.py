@@ -203,6 +203,8 @@ class SimulatedWorld:
             now = step * dt
             if step % self._mover_steps == 0:
                 self._move_movers(now)
+                if self.plugged is not None:
+                    self.plugged.swing(now)
                 self._followers.note(data, now, self._mover_steps * dt)
             self._expose(now)
             if step == last:
@@ -259,7 +261,8 @@ class SimulatedWorld:
             T = self.car.T_world_socket
             for solid in self.spec.socket.solids:
                 states.append(MovingSolid(solid.name, solid, T @ solid.T_frame_solid))
-        return (*states, *self._lid_parts.drawn())
+        cable = () if self.plugged is None else self.plugged.drawn()
+        return (*states, *self._lid_parts.drawn(), *cable)
 
     def bodies(self) -> tuple[MovingSurfaces, ...]:
         """What people look like, part by part, where they are now, for drawing."""

@@ -9,6 +9,8 @@ import numpy as np
 from armsight.arrays import JointVector
 from armsight.devices.camera_models import camera_info
 from armsight.devices.data import RgbdCameraInfo
+from armsight.geometry.pose import inverse, transform
+from armsight.robots.cable import HungCable
 from armsight.robots.robot import Robot
 from armsight.robots.soft_mount import SoftMount
 from armsight.workcell.calibration_file.reading import (
@@ -19,7 +21,7 @@ from armsight.workcell.calibration_file.schema import CellCalibration
 from armsight.workcell.checks import robot_of
 from armsight.workcell.drivers import SIMULATED
 from armsight.workcell.schema import Workcell
-from armsight.workcell.schema_devices import CameraSection
+from armsight.workcell.schema_devices import CameraSection, PlugSection
 
 GRAVITY = 9.81
 PORT_TORQUE = 15.0
@@ -53,7 +55,20 @@ def in_mount(robot: Robot, workcell: Workcell) -> Robot:
     rest = (weight + plug.cable_n, float(turning + plug.cable_n * np.linalg.norm(tip)))
     most = (workcell.guard.thing_force_n + rest[0], PORT_TORQUE + rest[1])
     mount = SoftMount(stiffness, most, rest)
-    return replace(robot, tool=replace(tool, mount=mount))
+    return replace(robot, tool=replace(tool, mount=mount, cable=_cable(workcell, plug)))
+
+
+def _cable(workcell: Workcell, plug: PlugSection) -> HungCable | None:
+    if plug.hanger is None:
+        return None
+    x, y, z = transform(inverse(workcell.robot.T_world_base), np.array([plug.hanger]))[0]
+    return HungCable(
+        (float(x), float(y), float(z)),
+        plug.cable_m,
+        0.5e-3 * plug.cable_mm,
+        mass=plug.cable_kg_per_m,
+        bending=plug.cable_nm2,
+    )
 
 
 def camera_info_of(

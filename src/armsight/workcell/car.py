@@ -64,7 +64,15 @@ def plug_spec(workcell: Workcell) -> PlugSpec | None:
     contours = plug_contours(shape)
     stiffness = (1e3 * section.mount_n_per_mm, section.mount_nm_per_rad)
     finger = _finger(workcell, section)
-    hung = None if section.hanger is None else CableSpec(section.hanger, section.cable_m)
+    hung = None
+    if section.hanger is not None:
+        hung = CableSpec(
+            section.hanger,
+            section.cable_m,
+            section.cable_kg_per_m,
+            section.cable_nm2,
+            0.5e-3 * section.cable_mm,
+        )
     seen = tuple(_look(surface, surface.look, "plain") for surface in surfaces(shape))
     return PlugSpec(
         contours.capsules,

@@ -192,11 +192,17 @@ class PlugSection(Section):
     cable_n: NotNegative = key(15.0, "Weight of the cable that hangs on it.", "N", le=200.0)
     hanger: Triple | None = key(
         None,
-        "Where the cable is hung up: a simulated one then pulls as what hangs there does, and "
-        "`cable_n` is what is expected of it before the port. Without the key it is a weight.",
+        "Where the cable is hung up: then it is the arm's own body in the pictures, wherever it "
+        "swings; a simulated one is seen, and pulls as what hangs there does, and `cable_n` is "
+        "what is expected of it before the port. Without the key it is a weight that nobody sees.",
         "m",
     )
     cable_m: Positive = key(1.9, "Its length between plug and hanger.", "m", le=10.0)
+    cable_mm: Positive = key(32.0, "How thick it is.", "mm", le=100.0)
+    cable_kg_per_m: Positive = key(2.26, "What a metre of it weighs.", "kg/m", le=20.0)
+    cable_nm2: NotNegative = key(
+        0.3, "What resists bending it: how far it swings depends on it.", "N m²", le=10.0
+    )
     finger_mm: Triple | None = key(
         None,
         "Tip of the finger that opens lids when it is out, in the flange's frame, with a pin of "
