@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32, Ints, SignedBytes
+from armsight.arrays import Floats, Floats32, Ints, SignedBytes, SignedShorts
 
 UNIT = 1.0 / 127.0**2
 BEHIND = 0.5
@@ -25,8 +25,57 @@ def squeeze(lean_x: float, lean_y: float) -> tuple[float, float, float, float, f
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _agreement(
+    words: SignedShorts,
+    size: tuple[int, int],
+    points: Floats32,
+    normals: Floats32,
+    place: tuple[float, float, float],
+    turn: tuple[float, float, float, float, float, float],
+    other_way: float,
+    start: int,
+    stop: int,
+) -> float:
+    """How well some points of a template agree with a field; see :func:`template_score`.
+
+    Nothing here branches and no step waits for the one before: the compiler takes 8 or 16 points
+    at once.
+
+    Args:
+        words: (h w,) the field, a pixel's two bytes as one number, x the lower.
+        size: h, w.
+        points: of the template.
+        normals: of the template.
+        place: u, v, scale.
+        turn: of a point to the picture, row by row: (2, 2) of x, y, then (2,) of z.
+        other_way: see there.
+        start: first point.
+        stop: the point behind the last.
+    """
+    h, w = np.int32(size[0]), np.int32(size[1])
+    u, v = np.float32(place[0] + 0.5), np.float32(place[1] + 0.5)
+    scale, weak = np.float32(place[2]), np.float32(other_way)
+    a, b, c, d = np.float32(turn[0]), np.float32(turn[1]), np.float32(turn[2]), np.float32(turn[3])
+    e, f = np.float32(turn[4]), np.float32(turn[5])
+    total, zero = np.float32(0.0), np.float32(0.0)
+    for i in range(start, stop):
+        px, py, pz = points[i, 0] * scale, points[i, 1] * scale, points[i, 2] * scale
+        x, y = np.int32(u + a * px + b * py + e * pz), np.int32(v + c * px + d * py + f * pz)
+        seen = (np.uint32(x) < np.uint32(w)) & (np.uint32(y) < np.uint32(h))
+        # an index that cannot be negative is not tested for it
+        word = words[np.uint32(y * w + x) if seen else np.uint32(0)]
+        p, q = np.float32(np.int8(word)), np.float32(np.int8(word >> 8))
+        nx = c * normals[i, 1] - d * normals[i, 0]
+        ny = b * normals[i, 0] - a * normals[i, 1]
+        dot = nx * p + ny * q
+        full = np.float32(2.0) * dot * dot / (nx * nx + ny * ny) - p * p - q * q if seen else zero
+        total += min(full, weak * full) if dot < zero else full
+    return float(total)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _score(
-    flat: SignedBytes,
+    words: SignedShorts,
     size: tuple[int, int],
     points: Floats32,
     normals: Floats32,
@@ -36,40 +85,21 @@ def _score(
     other_way: float,
     least: float,
 ) -> float:
-    """See :func:`template_score`; place: u, v, scale; shape: of a tilt; turn: cos, sin of roll.
-
-    The field is flat (its pixels of two bytes row by row) and its size (rows, columns) told beside:
-    an index that cannot be negative is not tested for it, at a third less time.
-    """
-    h, w = np.uint32(size[0]), np.uint32(size[1])
+    """See :func:`template_score`; shape: of a tilt; turn: cos, sin of roll."""
     s00, s01, s11, rise_x, rise_y = shape
     cr, sr = turn
-    scale = np.float32(place[2])
     # template (y up) to picture (y down): a squeeze after a turn after a flip
-    a, b = np.float32(s00 * cr + s01 * sr), np.float32(s00 * sr - s01 * cr)
-    c, d = np.float32(s01 * cr + s11 * sr), np.float32(s01 * sr - s11 * cr)
-    e, f = np.float32(rise_x), np.float32(rise_y)
-    u, v = np.float32(place[0] + 0.5), np.float32(place[1] + 0.5)
-    total, weak = np.float32(0.0), np.float32(other_way)
-    n = len(points)
-    check = 16
-    for i in range(n):
-        px, py, pz = points[i, 0] * scale, points[i, 1] * scale, points[i, 2] * scale
-        x = np.uint32(np.int32(u + a * px + b * py + e * pz))
-        y = np.uint32(np.int32(v + c * px + d * py + f * pz))
-        if x < w and y < h:
-            nx = c * normals[i, 1] - d * normals[i, 0]
-            ny = b * normals[i, 0] - a * normals[i, 1]
-            at = np.uintp(2) * (np.uintp(y) * np.uintp(w) + np.uintp(x))
-            p, q = np.float32(flat[at]), np.float32(flat[at + np.uintp(1)])
-            dot = nx * p + ny * q
-            value = np.float32(2.0) * dot * dot / (nx * nx + ny * ny) - p * p - q * q
-            total += weak * value if value > 0 and dot < 0 else value
-        if i + 1 == check and least > 0.0:
-            # points are scattered: what is seen of them tells of the rest, less surely at first
-            if total * UNIT / check < least - SLACK / np.sqrt(check):
-                return -1.0
-            check *= 2
+    a, b, c, d = s00 * cr + s01 * sr, s00 * sr - s01 * cr, s01 * cr + s11 * sr, s01 * sr - s11 * cr
+    whole = (a, b, c, d, rise_x, rise_y)
+    total = np.float32(0.0)
+    start, stop, n = 0, 16, len(points)
+    while start < n:
+        stop = min(stop, n)
+        total += _agreement(words, size, points, normals, place, whole, other_way, start, stop)
+        # points are scattered: what is seen of them tells of the rest, less surely at first
+        if stop < n and least > 0.0 and total * UNIT / stop < least - SLACK / np.sqrt(stop):
+            return -1.0
+        start, stop = stop, 2 * stop
     return float(total * UNIT / n)
 
 
@@ -102,7 +132,8 @@ def template_score(
     turn = (np.cos(guess[5]), np.sin(guess[5]))
     place = (guess[0], guess[1], guess[2])
     size = (field.shape[0], field.shape[1])
-    return _score(field.ravel(), size, points, normals, place, shape, turn, other_way, least)
+    words = field.view(np.int16).ravel()
+    return _score(words, size, points, normals, place, shape, turn, other_way, least)
 
 
 @njit(cache=True, nogil=True)
@@ -131,7 +162,7 @@ def best_rolls(
         (n,) scores.
     """
     scores = np.full(len(guesses), least)
-    flat, size = field.ravel(), (field.shape[0], field.shape[1])
+    words, size = field.view(np.int16).ravel(), (field.shape[0], field.shape[1])
     leader = 0.0
     cos, sin = np.cos(rolls), np.sin(rolls)
     for i in range(len(guesses)):
@@ -140,7 +171,7 @@ def best_rolls(
         floor = max(least, BEHIND * leader)
         for k in range(len(rolls)):
             turn = (cos[k], sin[k])
-            score = _score(flat, size, points, normals, place, shape, turn, other_way, floor)
+            score = _score(words, size, points, normals, place, shape, turn, other_way, floor)
             if score > floor:
                 floor = scores[i] = score
                 guesses[i, 5] = rolls[k]
