@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Mask, Points, Vector3
+from armsight.arrays import Floats, Ints, JointVector, Mask, Points, Vector3
 from armsight.motion.contact_kernels import BISECTIONS, contact_shares
 from armsight.motion.contact_limits import MOST
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
@@ -171,6 +171,9 @@ class ContactSpeed:
     speed: float
     margin: float
     held: bool = False
+    _placed: dict[bytes, tuple[Floats, Points, Points]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
 
     def limit(
         self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
@@ -234,11 +237,8 @@ class ContactSpeed:
     def shares(self, body: MovingBody, q: JointVector, law: Law) -> Callable[[JointVector], Floats]:
         """What gives the share of a motion (n,) [rad/s] allowed to each of k parts; inf for all."""
         own = np.flatnonzero(self.parts)
-        center, _ = body.motion(q, np.zeros(len(q)))
-        radius, center = body.radius[own], center[own]
-        gap = self.region.distance(center, self.when) - radius - self.margin
-        towards = self.region.towards(center, self.when)
-        outward = self.region.outward(center, self.when) * (0.0 if self.held else 1.0)
+        radius = body.radius[own]
+        gap, towards, outward = self._place(body, q, own)
         region = np.asarray(self.region.velocity, float)
 
         def of(motion: JointVector) -> Floats:
@@ -252,6 +252,22 @@ class ContactSpeed:
             return out
 
         return of
+
+    def _place(self, body: MovingBody, q: JointVector, own: Ints) -> tuple[Floats, Points, Points]:
+        """(k,) how far the parts are from the border [m], (k, 3) units to it and out of it.
+
+        A tick asks for this several times at one (n,) [rad].
+        """
+        key = q.tobytes()
+        known = self._placed.get(key)
+        if known is None:
+            center = body.motion(q, np.zeros(len(q)))[0][own]
+            gap = self.region.distance(center, self.when) - body.radius[own] - self.margin
+            outward = self.region.outward(center, self.when) * (0.0 if self.held else 1.0)
+            known = self._placed[key] = (
+                gap, self.region.towards(center, self.when), outward,
+            )  # fmt: skip
+        return known
 
 
 def own_motion(velocity: Vector3, push: Vector3 | None) -> Vector3:

@@ -75,11 +75,11 @@ def obstacles_of(
     if config.avoid_unknown and not snapshot.distance_counts_unknown:
         distance = distance_to_solid(snapshot)
     mount = _mount(body, grid)
-    held = state[mount] == OCCUPIED
-    held &= snapshot.last_occupied[mount] == -np.inf
-    if held.any():
+    held = mount[state.take(mount) == OCCUPIED]
+    held = held[snapshot.last_occupied.take(held) == -np.inf]
+    if len(held):
         state = state.copy()
-        state[tuple(axis[held] for axis in mount)] = FREE
+        state.ravel()[held] = FREE
     if at is not None:
         centers = np.empty_like(body.center)
         body_centers(body, np.asarray(at, float), centers)
@@ -150,14 +150,14 @@ class _Mount:
         )
 
 
-def _mount(body: Body, grid: VoxelGrid) -> tuple[Ints, Ints, Ints]:
-    """Indices of the voxels that the shoulder's spheres reach."""
+def _mount(body: Body, grid: VoxelGrid) -> Ints:
+    """Places in the flat grid of the voxels that the shoulder's spheres reach."""
     origin = tuple(float(x) for x in grid.origin)
     return _mount_cached(_Mount(body, origin, float(grid.voxel), grid.shape))
 
 
 @lru_cache(maxsize=16)
-def _mount_cached(key: _Mount) -> tuple[Ints, Ints, Ints]:
+def _mount_cached(key: _Mount) -> Ints:
     body = key.body
     shoulder = np.flatnonzero((body.lever[:, 1:] <= ON_AXIS).all(axis=1))
     marks = np.zeros(key.shape, np.uint8)
@@ -176,8 +176,7 @@ def _mount_cached(key: _Mount) -> tuple[Ints, Ints, Ints]:
             reach[shoulder],
             OCCUPIED,
         )
-    x, y, z = np.nonzero(marks)
-    return x, y, z
+    return np.flatnonzero(marks)
 
 
 def _excused(

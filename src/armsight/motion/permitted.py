@@ -132,9 +132,8 @@ def voxels_within(snapshot: WorkspaceSnapshot, region: Region) -> tuple[NDArray[
     high = np.minimum(grid.index((center + reach)[None])[0] + 1, grid.shape)
     if (low >= high).any():
         return tuple(np.zeros(0, np.int64) for _ in range(3))
-    axes = [np.arange(a, b) for a, b in zip(low, high)]
-    index = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    index = index[np.isin(snapshot.state[tuple(index.T)], (OCCUPIED, UNKNOWN))]
+    part = snapshot.state[low[0] : high[0], low[1] : high[1], low[2] : high[2]]
+    index = np.argwhere((part == OCCUPIED) | (part == UNKNOWN)) + low
     inside = region.distance(grid.center(index), snapshot.stamp) <= grown
     return tuple(index[inside].T)
 

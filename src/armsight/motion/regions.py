@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from armsight.arrays import Floats, Points, Pose, Vector3
-from armsight.geometry.pose import inverse, transform
 
 RegionShape: TypeAlias = Literal["sphere", "box", "capsule"]
 
@@ -73,17 +73,21 @@ class Region:
 
     def deviation(self, when: float) -> float:
         """Standard deviation [m] of the centre at a time [s], along its worst direction."""
-        seen = math.sqrt(max(float(np.linalg.eigvalsh(self.covariance)[-1]), 0.0))
-        return seen + self.drift * max(when - self.exposure, 0.0)
+        return self._deviation_seen + self.drift * max(when - self.exposure, 0.0)
+
+    @cached_property
+    def _deviation_seen(self) -> float:
+        """The same at the exposure [m]; asked for several times in every tick."""
+        return math.sqrt(max(float(np.linalg.eigvalsh(self.covariance)[-1]), 0.0))
 
     def distance(self, points: Points, when: float) -> Floats:
         """(n,) signed distance [m] of (n, 3) points in ``base`` at a time [s]; negative inside."""
         p = self._local(points, when)
         if self.shape == "box":
             q = np.abs(p) - 0.5 * np.asarray(self.size)
-            outside = np.linalg.norm(np.maximum(q, 0.0), axis=1)
+            outside = _lengths(np.maximum(q, 0.0))
             return np.asarray(outside + np.minimum(q.max(axis=1), 0.0))
-        return np.asarray(np.linalg.norm(p - self._core(p), axis=1) - self.size[0])
+        return np.asarray(_lengths(p - self._core(p)) - self.size[0])
 
     def towards(self, points: Points, when: float) -> Points:
         """(n, 3) unit vectors in ``base`` from outside points to the region's nearest point.
@@ -96,8 +100,8 @@ class Region:
             way = np.clip(p, -half, half) - p
         else:
             way = self._core(p) - p
-            way[np.linalg.norm(way, axis=1) <= self.size[0]] = 0.0
-        length = np.linalg.norm(way, axis=1, keepdims=True)
+            way[_lengths(way) <= self.size[0]] = 0.0
+        length = _lengths(way)[:, None]
         unit = np.divide(way, length, out=np.zeros_like(way), where=length > 1e-9)
         return np.asarray(unit @ self.T_base_region[:3, :3].T)
 
@@ -115,14 +119,13 @@ class Region:
             way[inside, face] = np.where(p[inside, face] < 0.0, -1.0, 1.0)
         else:
             way = p - self._core(p)
-        length = np.linalg.norm(way, axis=1, keepdims=True)
+        length = _lengths(way)[:, None]
         unit = np.divide(way, length, out=np.zeros_like(way), where=length > 1e-9)
         return np.asarray(unit @ self.T_base_region[:3, :3].T)
 
     def _local(self, points: Points, when: float) -> Points:
-        T = np.array(self.T_base_region, float)
-        T[:3, 3] = self.center(when)
-        return transform(inverse(T), np.asarray(points, float).reshape(-1, 3))
+        away = np.asarray(points, float).reshape(-1, 3) - self.center(when)
+        return np.asarray(away @ self.T_base_region[:3, :3])
 
     def _core(self, p: Points) -> Points:
         """(n, 3) the nearest points of a round shape's centre or axis, in its own frame."""
@@ -131,6 +134,11 @@ class Region:
             half = 0.5 * self.size[1]
             core[:, 2] = np.clip(p[:, 2], -half, half)
         return core
+
+
+def _lengths(ways: Points) -> Floats:
+    """(n,) of (n, 3) vectors; numpy's norm takes twice as long for the few that a tick has."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", ways, ways)))
 
 
 def region_fault(region: Region, now: float, future: float = 0.01) -> str:
@@ -153,14 +161,15 @@ def region_fault(region: Region, now: float, future: float = 0.01) -> str:
         T = np.asarray(region.T_base_region, float)
         if T.shape != (4, 4) or not np.isfinite(T).all():
             return "its pose is no finite 4 x 4 matrix"
-        if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6):
+        if not _near(T[:3, :3] @ T[:3, :3].T, np.eye(3), 1e-6):
             return "its pose is not a rotation and a translation"
         velocity, covariance = np.asarray(region.velocity), np.asarray(region.covariance)
         if velocity.shape != (3,) or not np.isfinite(velocity).all():
             return "its velocity must be three numbers in m/s"
         if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
             return "its covariance must be 3 x 3 numbers in m^2"
-        if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] < -1e-12:
+        symmetric = _near(covariance, covariance.T, 1e-8)
+        if not symmetric or np.linalg.eigvalsh(covariance)[0] < -1e-12:
             return "its covariance is not symmetric and positive"
         if not (math.isfinite(region.drift) and region.drift >= 0.0):
             return f"its drift is {region.drift} m/s; expected 0 or more"
@@ -171,3 +180,8 @@ def region_fault(region: Region, now: float, future: float = 0.01) -> str:
     except (TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
         return f"it cannot be read: {error}"
     return ""
+
+
+def _near(a: Floats, b: Floats, tolerance: float) -> bool:
+    """Whether finite numbers are the same by numpy's ``allclose``, in a fifth of its time."""
+    return bool((np.abs(a - b) <= tolerance + 1e-5 * np.abs(b)).all())

@@ -52,14 +52,14 @@ def facing(
         widest: greatest angle from ``front`` [rad].
     """
     flat = place - base_axis * (base_axis @ place)
-    length = float(np.linalg.norm(flat))
+    length = math.sqrt(float(flat @ flat))
     if length < 0.05:
         return front
     flat = flat / length
     side = cross(base_axis, front)
-    angle = float(np.arctan2(flat @ side, flat @ front))
-    angle = float(np.clip(angle, -widest, widest))
-    return np.asarray(np.cos(angle) * front + np.sin(angle) * side)
+    angle = math.atan2(float(flat @ side), float(flat @ front))
+    angle = min(max(angle, -widest), widest)
+    return np.asarray(math.cos(angle) * front + math.sin(angle) * side)
 
 
 def along_the_tool(axis: Vector3, tool: Vector3 | None) -> Vector3:
