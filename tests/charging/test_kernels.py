@@ -49,6 +49,25 @@ def test_votes_meet_in_the_middle_of_a_ring(tilt: float) -> None:
     assert abs(2 * best[2] + 0.5 - 33) <= 1.5
 
 
+@pytest.mark.parametrize("turn", [3, 20, 45, 70, 101])
+def test_an_edge_votes_for_the_cells_across_it(turn: int) -> None:
+    """Wherever in its cell of two by two pixels it lies, and for squeezed circles, too."""
+    angle = 2 * np.pi * turn / 128
+    m = np.array([np.cos(angle), np.sin(angle)])
+    shapes = np.array([np.eye(2), np.diag([0.8, 1.0])], np.float32)
+    for y, x in ((24, 31), (25, 30), (24, 30), (25, 31)):
+        gx, gy = np.zeros((2, 50, 60), np.float32)
+        gx[y, x], gy[y, x] = 9.0 * m
+        votes = vote_centers(gx, gy, 3.0, shapes, np.array([5.0, 8.0], np.float32))
+        for shape, mine in zip(shapes.astype(float), votes):
+            across = shape @ (shape @ m) / np.linalg.norm(shape @ m)
+            middles = [np.array([x, y]) + r * across for r in (-8.0, -5.0, 5.0, 8.0)]
+            cells = np.array([np.floor(0.5 * at + 0.25) for at in middles]).astype(int)
+            wanted = np.zeros_like(mine)
+            np.add.at(wanted, (cells[:, 1], cells[:, 0]), 1)
+            np.testing.assert_array_equal(mine, wanted)
+
+
 def _flat(points, guess):
     """Template points in the picture: squeeze . turn . flip, and the rise."""
     u, v, scale, lx, ly, roll = guess
