@@ -171,7 +171,8 @@ def given_box(recogniser: ArmRecogniser, sample: Sample, lens: PinholeCamera) ->
             errors.append(pixels * given.f / crop.f * CROP / SIDE)
     seen = observe(look, crop, sample.robot, marks)
     arm = at_edges(look.arm, crop.image)
-    found = place_known(robot, marks, seen, arm, crop, sample.q)
+    links = look.surface_of(sample.robot).links
+    found = place_known(robot, marks, seen, arm, crop, sample.q, links=links)
     if found is None:
         return Given(np.array(errors), None)
     fit = found[0]
