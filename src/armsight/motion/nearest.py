@@ -56,6 +56,9 @@ class SeparationView:
         nearest: (m,) index into ``hazards.blocks.points``; -1 if none.
         share: (m,) share of the motion that is allowed; inf, or more than 2, if unlimited.
         limiting: (m,) index of the hazard that limits it.
+        cable: share that the arm's cable leaves; inf where that limits nothing.
+        cable_excess: by how much it closes in faster than allowed, at most [m/s].
+        cable_hazard: index of the hazard that limits it; -1 if none.
     """
 
     center: Points
@@ -65,6 +68,9 @@ class SeparationView:
     nearest: Ints
     share: Floats
     limiting: Ints
+    cable: float = np.inf
+    cable_excess: float = 0.0
+    cable_hazard: int = -1
 
     @property
     def closest(self) -> int:
@@ -78,8 +84,8 @@ class SeparationView:
 
     @property
     def allowed(self) -> float:
-        """Share of the motion that every sphere allows, 0 or more."""
-        return float(self.share.min())
+        """Share of the motion that every sphere and the cable allow, 0 or more."""
+        return min(float(self.share.min()), self.cable)
 
 
 class MovingBody:

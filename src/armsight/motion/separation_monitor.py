@@ -13,6 +13,7 @@ from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
 from armsight.motion.drive_kernels import stop_path
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.hazard_kernels import in_reach
+from armsight.motion.hung_cable import DraggedCable
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.motion.separation_kernels import Law, protective
 from armsight.motion.slide_kernels import limiting_rows, project
@@ -47,6 +48,7 @@ class SeparationMonitor:
 
     def __init__(self, robot: Robot, config: GuardConfig, brake: JointVector) -> None:
         self.body = MovingBody(robot, brake)
+        self._cable = DraggedCable.of(robot)
         self._robot = robot
         self._config = config
         self.contact: ContactSpeed | GentleSpeed | None = None
@@ -96,6 +98,10 @@ class SeparationMonitor:
         everything = np.ones(len(self.body.radius), bool)
         if not free(hazards, everything):
             return False
+        if self._cable is not None:
+            stands = (float(until.max()), times, hazards, law)
+            if not self._cable.stops_in_time(np.asarray(stop, np.float64), state.velocity, *stands):
+                return False
         if isinstance(self.contact, GentleSpeed):
             fast = ~self.contact.gentle(self.body, state.position, state.velocity)
             return free(self.contact.touchable, fast)
@@ -177,11 +183,11 @@ class SeparationMonitor:
         """By how much some part closes in faster than allowed, at most [m/s]; 0 if none does."""
         tight = np.flatnonzero((view.share < 1.0) & (view.limiting >= 0))
         if len(tight) == 0:
-            return 0.0
+            return view.cable_excess
         away = hazards.blocks.points[view.limiting[tight]] - view.center[tight]
         length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
         closing = np.einsum("ij,ij->i", view.velocity[tight], away) / length
-        return float(np.max(closing * (1.0 - view.share[tight]), initial=0.0))
+        return float(np.max(closing * (1.0 - view.share[tight]), initial=view.cable_excess))
 
     def _tight(self, view: SeparationView, q: JointVector) -> tuple[Ints, Poses]:
         """The spheres that limit a motion, the most limiting first, and the links' poses."""
@@ -212,7 +218,10 @@ class SeparationMonitor:
         view = self.body.view(q, motion, hazards, law)
         if self.contact is not None:
             view = self.contact.limit(view, self.body, q, motion, law)
-        return view
+        if self._cable is None:
+            return view
+        stopping = float(view.stopping.max())
+        return self._cable.limit(view, q, motion, stopping, hazards, law)
 
     def _make_law(self, T_r: float, hazard_radius: float) -> Law:
         s, config = self._config.separation, self._config

@@ -158,6 +158,10 @@ class VelocityFilter:
     def who(self, view: SeparationView) -> str:
         """What limits a motion, in words."""
         sphere = int(np.argmin(view.share)) if np.isfinite(view.share).any() else view.closest
+        if view.cable < view.share.min() and view.cable_hazard >= 0:
+            kind = "unseen space" if self.unseen(view.cable_hazard) else "something"
+            x, y, z = self.hazards.blocks.points[view.cable_hazard]
+            return f"{kind} near the cable, at ({x:.2f}, {y:.2f}, {z:.2f})"
         index = int(view.limiting[sphere])
         contact = self.monitor.contact
         if index < 0 and contact is not None and view.share[sphere] < 1.0:

@@ -22,6 +22,8 @@ STEP = 0.002
 """Of the chain [s]."""
 ROUNDS = 3
 """Of Newton's method a step."""
+LOOK = 1e-3
+"""Ahead, for how fast a still cable moves [s]."""
 
 
 @njit(cache=True, nogil=True)
@@ -159,3 +161,28 @@ def _keep_lengths(place: Points, piece: float, way: Points, back: Points, gap: P
     for i in range(1, n):
         for c in range(3):
             place[i, c] += gap[i] * way[i, c] - gap[i - 1] * way[i - 1, c]
+
+
+@njit(cache=True, nogil=True)
+def dragged(
+    end: Vector3, lead: Vector3, hanger: Vector3, length: float, center: Points, velocity: Points
+) -> None:
+    """Write the (k, 3) middles of a still cable's pieces, and how fast they move with its end.
+
+    Args:
+        end: (3,) where it leaves the tool [m].
+        lead: (3,) how fast that moves [m/s].
+        hanger: (3,) where it hangs [m].
+        length: of it [m].
+        center: (k, 3) out [m].
+        velocity: (k, 3) out [m/s].
+    """
+    k = center.shape[0]
+    now, soon = np.empty((k + 1, 3)), np.empty((k + 1, 3))
+    hang(end, hanger, length, now)
+    hang(end + LOOK * lead, hanger, length, soon)
+    for i in range(k):
+        for c in range(3):
+            middle = 0.5 * (now[i, c] + now[i + 1, c])
+            center[i, c] = middle
+            velocity[i, c] = (0.5 * (soon[i, c] + soon[i + 1, c]) - middle) / LOOK
