@@ -239,7 +239,8 @@ def test_pictures_that_show_nothing_are_said():
 def test_a_plug_that_is_gone_and_a_cable_that_is_caught_are_felt(newton, words):
     feeling = Feeling(np.eye(4), Admittance())
     for k in range(100):
-        seen = SimpleNamespace(wrench=Wrench(0.01 * k, np.array([0.0, -newton, 0.0]), np.zeros(3)))
+        force = np.array([0.0, -newton - 0.01 * (k % 3), 0.0])
+        seen = SimpleNamespace(wrench=Wrench(0.01 * k, force, np.zeros(3)))
         feeling.take(seen)
     said = feeling.not_ours(31.0)
     assert words in said

@@ -143,6 +143,11 @@ def picture_fault(
 ) -> str:
     """Why a pair's pictures cannot be searched, in words; empty when they can."""
     for side, image, lens in (("left", left, left_lens), ("right", right, right_lens)):
+        if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+            shape = "x".join(str(n) for n in image.shape)
+            return (
+                f"the {side} picture is {image.dtype} of {shape}: uint8, RGB or grey, is expected"
+            )
         if image.shape[:2] != (lens.height, lens.width):
             h, w = image.shape[:2]
             return f"the {side} picture is {w}x{h}, its lens {lens.width}x{lens.height}"
@@ -152,7 +157,9 @@ def picture_fault(
 
 
 def gray(image: ColorImage) -> Bytes:
-    """(h, w) brightness of an (h, w, 3) picture."""
+    """(h, w) brightness of an (h, w, 3) picture, or an (h, w) one as it is."""
+    if image.ndim == 2:
+        return image
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
@@ -165,6 +172,7 @@ def drawn(image: ColorImage, lens: PinholeCamera, pose: PortPose | None) -> Colo
 
 def drawn_edges(image: ColorImage, edges: tuple[Floats, Mask] | None) -> ColorImage:
     """A picture about (n, 2) pixels of edges, and whether each was seen; all of it without any."""
+    image = image if image.ndim == 3 else np.dstack([image] * 3)
     out = image
     if edges is not None:
         pixels, found = edges

@@ -20,10 +20,13 @@ STEADY = (4.0, 0.6)
 """Readings that scatter by more are no zero [N], [N m]."""
 SILENT = 0.05
 """A reading older than this says nothing of now [s]."""
-
-
+FROZEN = 0.25
+"""Every sensor is noisy: one that says the very same for so long is dead, stamps or not [s]."""
 LIGHT, HEAVY = 0.7, 1.4
 """What is felt of a plug's weight, at least and at most."""
+TUG, BRIEF = 50.0, 0.04
+"""What pulls in free air by so much more than before [N], for so long [s], is no swing: moving the
+plug, and turning a sensor that errs by 20 N, makes less of a difference."""
 
 
 class Feeling:
@@ -43,6 +46,7 @@ class Feeling:
         self.T_flange_plug: Pose = T_flange_tip.copy()
         self.tare: Floats | None = None
         self._readings: deque[tuple[float, Floats]] = deque(maxlen=1000)
+        self._changed, self._same = -np.inf, 0  # since when it says what it says, and how often
 
     def take(self, seen: Seen) -> None:
         """The newest reading, if it is new and a number."""
@@ -50,8 +54,19 @@ class Feeling:
         if wrench is None or (self._readings and wrench.stamp <= self._readings[-1][0]):
             return
         value = np.concatenate([wrench.force, wrench.torque]).astype(float)
-        if np.isfinite(value).all():
-            self._readings.append((wrench.stamp, value))
+        if not np.isfinite(value).all():
+            return
+        if self._readings and np.array_equal(value, self._readings[-1][1]):
+            self._same += 1
+        else:
+            self._changed, self._same = wrench.stamp, 0
+        self._readings.append((wrench.stamp, value))
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the sensor repeats itself: nobody feels."""
+        repeats = self._same >= SAMPLES and self._readings[-1][0] - self._changed > FROZEN
+        return bool(repeats)
 
     def hang(self) -> None:
         """Take over how the plug hangs now; only in free air."""
@@ -73,6 +88,15 @@ class Feeling:
         how = "it is missing, or another one" if felt < weight else "is its cable caught?"
         return f"the plug weighs {felt:.0f} N, with its cable {weight:.0f} are expected: {how}"
 
+    @property
+    def pull(self) -> float:
+        """All that pulls and presses, weight included, by the newest readings [N]; NaN: unknown."""
+        if not self._readings or self.frozen:
+            return float("nan")
+        last = self._readings[-1][0]
+        recent = [value[:3] for stamp, value in self._readings if stamp > last - BRIEF]
+        return float(np.linalg.norm(np.mean(recent, axis=0)))
+
     def zero(self, now: float) -> bool:
         """Take over what is felt now as no contact; False where it cannot be believed."""
         mean = self._mean()
@@ -85,13 +109,17 @@ class Feeling:
     def contact(self, now: float, tare: Floats | None = None) -> Floats | None:
         """(6,) of contact on the plug, about its origin, in its axes; None where nobody feels."""
         tare = self.tare if tare is None else tare
-        if tare is None or not self._readings or now - self._readings[-1][0] > SILENT:
+        if tare is None or not self._readings or self.frozen:
+            return None
+        if now - self._readings[-1][0] > SILENT:
             return None
         return at_plug(self._readings[-1][1] - tare, self.T_flange_plug)
 
     def silent(self, now: float) -> float:
-        """How long ago the newest reading was taken [s]."""
-        return now - self._readings[-1][0] if self._readings else np.inf
+        """How long ago the newest reading was taken that said anything new of now [s]."""
+        if not self._readings:
+            return np.inf
+        return now - (self._changed if self.frozen else self._readings[-1][0])
 
     def give(self, now: float) -> float:
         """How far contact has moved the plug along its axis [m]."""
@@ -103,7 +131,7 @@ class Feeling:
         return tip_twist(twist, self._T_tip, self.T_flange_plug)
 
     def _mean(self) -> Floats | None:
-        if not self._readings:
+        if not self._readings or self.frozen:
             return None
         last = self._readings[-1][0]
         recent = np.array([value for stamp, value in self._readings if stamp > last - OVER])

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from armsight.charging.eye import SeenPort
+from armsight.charging.feeling import TUG
 from armsight.charging.hand import IN, after_kill
 from armsight.charging.insert import Answer, Insertion, Phase
 from armsight.charging.insert_paper import PaperInsertion
@@ -31,6 +32,12 @@ RELAX = 1.5
 """After seating the law lets the force go down for so long [s]."""
 NUMB = 0.5
 """A force sensor that has said nothing for so long is dead [s]."""
+IN_FREE_AIR = (
+    State.LOOK, State.APPROACH, State.ALIGN, State.TARE, State.LEAVE,
+    State.LID_LOOK, State.LID_BEFORE, State.LID_ALIGN, State.LID_TARE,
+)  # fmt: skip
+LOOSE = 1.0
+"""What was pressed before it left is loose after this time [s]."""
 
 
 class Station(LidStates):
@@ -62,6 +69,8 @@ class Station(LidStates):
             self._lid_held = state in (State.LID_WORK, State.LID_AWAY)
             self._go(State.HELD, seen.now, lost)
             return
+        if self._caught(seen):
+            return
         if state in (State.STAND_BY, State.STUCK, State.HELD):
             return
         forced = (State.INSERT, State.UNPLUG, State.LID_WORK, State.LID_AWAY)
@@ -88,9 +97,31 @@ class Station(LidStates):
             else:
                 self._fail(seen, words)
 
+    def _caught(self, seen: Seen) -> bool:
+        """Whether something holds the plug, or its cable, where nothing should: then it stops.
+
+        Neither on nor back is safe then: nobody knows where the cable lies.
+        """
+        homing = self.state is State.STAND_BY and self._way_out.kept
+        if not (self.state in IN_FREE_AIR or homing):
+            return False
+        if self.state is State.LEAVE and self._in_state(seen) < LOOSE:
+            return False
+        pull = self._hand.feeling.pull
+        if not pull > self._hung + TUG:
+            return False
+        words = (
+            f"{pull:.0f} N hold the plug in free air, {self._hung:.0f} when it set out: is its "
+            "cable caught? Free it by hand"
+        )
+        self.visits.blame(words)
+        self._go(State.STUCK, seen.now, words)
+        return True
+
     def _numb(self, seen: Seen) -> None:
         """Nobody feels any more: what is in the car stays in it, what is out leaves."""
-        silent = "the force sensor is silent"
+        frozen = self._hand.feeling.frozen
+        silent = f"the force sensor {'repeats itself' if frozen else 'is silent'}"
         if self.state in (State.LID_WORK, State.LID_AWAY):
             self.visits.blame(silent)
             words = f"{silent} and the finger is at the lid: bring it out by hand"
@@ -160,12 +191,16 @@ class Station(LidStates):
 
     def _find(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """From afar: which port, and about where."""
+        self._hung = self._hand.feeling.pull  # the newest before the arm sets out
         if car is not None and car.port and car.port not in INLETS_OF[self.options.plug]:
             words = f"the car says that it has {car.port}: the {self.options.plug} does not fit"
             self._fail(seen, words)
             return Wish(JointIntent("stand by", self._stand_by_joints))
         look = self._looker.fresh(seen, self.options.far, self._begun(seen))
+        if look is None and not self._looked:
+            self.words = f"waits for pictures of {self.options.far}"
         if look is not None:
+            self.words = ""
             self._looked += 1
             port = self._looker.of_ours(look)
             if port is not None:
@@ -306,11 +341,13 @@ class Station(LidStates):
             problem = problem or ("ended by hand" if self._ending else "")
             self.visits.note(charged=enough)
             self.visits.blame(problem)
-            if car is None or not car.locked:
+            if car is None or not (car.locked or car.charging):
                 self._told = ""
                 self._begin_unplug(seen)
             elif seen.now - self._told_at > self.options.patience:
                 words = "the car still locks the plug: unlock it at the car"
+                if not car.locked:
+                    words = "the car says that it still charges: end it at the car"
                 self._go(State.STUCK, seen.now, words)
         elif car is None:
             self.words = "charges; nothing is heard of the car: end by hand"
@@ -349,6 +386,8 @@ class Station(LidStates):
         goal = before_port(self.port.T_base_port, self.options.before)
         T = inverse(goal) @ self._hand.plug(seen)
         if T[2, 3] < 0.005:
+            wrong = "" if self._weight is None else self._hand.feeling.not_ours(self._weight)
+            self.visits.blame(f"out again, {wrong}" if wrong else "")
             self._out()
             again = self.outcome.problem and not self._ending and not self.outcome.seated
             if again and self._again + 1 < self.options.tries and self._T_near is not None:

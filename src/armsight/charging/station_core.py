@@ -103,6 +103,7 @@ class StationCore:
         self._looked = self._side = self._tries = self._again = self._goals = 0
         self._told, self._told_at = "", 0.0
         self._lid_held = False
+        self._hung = math.nan  # pulled at the plug when the visit began [N]
         self._sigma = self.options.far_sigma  # of the port's place, besides what it says itself
 
     @property
