@@ -171,8 +171,7 @@ def given_box(recogniser: ArmRecogniser, sample: Sample, lens: PinholeCamera) ->
             errors.append(pixels * given.f / crop.f * CROP / SIDE)
     seen = observe(look, crop, sample.robot, marks)
     arm = at_edges(look.arm, crop.image)
-    links = look.surface_of(sample.robot).links
-    found = place_known(robot, marks, seen, arm, crop, sample.q, links=links)
+    found = place_known(robot, marks, seen, arm, crop, sample.q)
     if found is None:
         return Given(np.array(errors), None)
     fit = found[0]

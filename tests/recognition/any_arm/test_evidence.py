@@ -1,7 +1,5 @@
 """Two looks at one arm, brought together: places known in both crops."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from armsight.geometry.camera import PinholeCamera
@@ -92,38 +90,3 @@ def test_the_types_of_two_looks_are_probabilities_between_theirs() -> None:
     types = np.exp(together(first, second, np.eye(3)).types)
     np.testing.assert_allclose(types.sum(), 1.0)
     assert np.exp(second.types[0]) < types[0] < np.exp(first.types[0])
-
-
-def test_the_surer_look_says_where_on_a_link_a_cell_lies() -> None:
-    def look(at: float, spread: float) -> Evidence:
-        links = np.zeros((10, CELLS, CELLS), np.float32)
-        places = np.full((3, CELLS, CELLS), at, np.float32)
-        surface = surface_of(links, places, np.full((CELLS, CELLS), np.log(spread), np.float32))
-        return replace(_evidence(np.array([80.0, 80.0]), 2.0), surface=surface)
-
-    both = together(look(0.5, 0.1), look(-0.1, 0.2), np.eye(3), 0.2).surface
-    # 0.2 / 0.01 = 20 parts of the first, 0.8 / 0.04 = 20 of the second.
-    np.testing.assert_allclose(both.coordinates, 0.2, atol=1e-6)
-    np.testing.assert_allclose(both.spread, 1.0 / np.sqrt(40.0), rtol=1e-5)
-
-
-def test_a_finer_look_counts_as_much_as_its_share() -> None:
-    scale, side = 1.2, 48
-    H = np.diag([scale, scale, 1.0])
-    H[:2, 2] = 0.5 * (4 * side - 1) - scale * 0.5 * (SIDE - 1)
-    here, there = np.array([40.0, 60.0]), np.array([120.0, 60.0])
-    column, row = np.meshgrid(np.arange(side), np.arange(side))
-    x, y = (scale * there + H[:2, 2] - 1.5) / 4
-    heat = -0.5 * ((column - x) ** 2 + (row - y) ** 2) / (1.5 * scale) ** 2
-    places, outside = log_places(heat[None].astype(np.float32), OUTSIDE)
-    blank = np.zeros((3, side, side), np.float32)
-    fine = replace(
-        _evidence(there, 1.5),
-        surface=surface_of(np.zeros((10, side, side), np.float32), blank, blank[0]),
-        heat={"ur5": places},
-        outside={"ur5": outside},
-    )
-    both = together(fine, _evidence(here, 1.5), H, 0.25)
-    weight = np.exp(both.heat["ur5"][0])
-    np.testing.assert_allclose(weight[:, 20:].sum(), 0.25, rtol=0.06)
-    np.testing.assert_allclose(weight[:, :20].sum(), 0.75, rtol=0.02)

@@ -5,13 +5,7 @@ import pytest
 
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.any_arm.frames import lumps_of
-from armsight.recognition.any_arm.views import (
-    SIDE,
-    mask_in_picture,
-    take_crop,
-    take_finer,
-    take_whole,
-)
+from armsight.recognition.any_arm.views import SIDE, mask_in_picture, take_crop, take_whole
 
 LENS = PinholeCamera(640, 480, 520.0, 520.0, 330.0, 235.0, (-0.12, 0.05, 0.001, -0.002, 0.0))
 
@@ -74,14 +68,3 @@ def test_lumps_are_found_in_the_pictures_own_pixels() -> None:
     np.testing.assert_allclose([first.low, first.high], [[400, 300], [600, 400]])
     np.testing.assert_allclose([second.low, second.high], [[50, 100], [120, 240]])
     assert lumps_of(np.full((48, 64), 0.2, np.float32), whole) == []
-
-
-def test_a_finer_look_shows_the_same_in_more_pixels() -> None:
-    point = np.array([[0.15, -0.1, 2.0]])
-    at = LENS.project(point)[0]
-    crop = take_crop(_spotted(point), LENS, at - 60.0, at + 80.0, 1.3)
-    fine, onto = take_finer(_spotted(point), LENS, crop, 192)
-    assert fine.shape == (192, 192, 3)
-    expected = onto @ [*crop.pixels(point)[0], 1.0]
-    row, column = np.nonzero(fine[..., 0] > 127)
-    np.testing.assert_allclose([column.mean(), row.mean()], expected[:2], atol=0.7)

@@ -2,8 +2,7 @@
 
 Two looks at one arm, turned and zoomed a little differently, err differently. The probabilities of
 where a landmark is are averaged: where they agree it stays as sure, and what they disagree about
-has two places, each of them half as likely. Places on a link's surface are averaged by how sure
-each look is of them; that stays the mean of both, since looks at one picture err alike.
+has two places, each of them half as likely.
 """
 
 from __future__ import annotations
@@ -72,31 +71,24 @@ def log_places(heat: Floats32, outside: Floats32) -> tuple[Floats32, Floats32]:
     )
 
 
-def together(first: Evidence, second: Evidence, H: Floats, share: float = 0.5) -> Evidence:
+def together(first: Evidence, second: Evidence, H: Floats) -> Evidence:
     """Two looks at one scene, in the second one's cells.
 
-    Where the first did not look, all is the second one's.
+    Surface coordinates are the second one's: it looks nearer. Where the first did not look, all is.
 
     Args:
         first: one look.
         second: another.
         H: (3, 3) from the second one's pixels to the first one's.
-        share: of the first one in what both say, 0..1.
     """
     moved = _Moved(H, first.surface.links.shape[1:], second.surface.links.shape[1:])
-    heat = {
-        name: _mean(moved.density(first.heat[name], mine), mine, share)
-        for name, mine in second.heat.items()
-    }
-    outside = {name: _mean(first.outside[name], v, share) for name, v in second.outside.items()}
-    types = share * first.types + (1.0 - share) * second.types
-    strength = {
-        name: share * first.strength[name] + (1.0 - share) * v
-        for name, v in second.strength.items()
-    }
+    heat = {name: _mean(moved(first.heat[name], mine), mine) for name, mine in second.heat.items()}
+    outside = {name: _mean(first.outside[name], v) for name, v in second.outside.items()}
+    types = 0.5 * (first.types + second.types)
+    strength = {name: 0.5 * (first.strength[name] + v) for name, v in second.strength.items()}
     return Evidence(
-        _joined(first.surface, second.surface, moved, share),
-        {name: _joined(first.own[name], mine, moved, share) for name, mine in second.own.items()},
+        _joined(first.surface, second.surface, moved),
+        {name: _joined(first.own[name], mine, moved) for name, mine in second.own.items()},
         heat,
         outside,
         types - np.log(np.exp(types - types.max()).sum()) - types.max(),
@@ -116,10 +108,6 @@ class _Moved:
         cell = (at[..., :2] / np.where(front, at[..., 2], 1.0)[..., None] - middle) / STRIDE
         inside = front & (cell > -0.5).all(-1) & (cell < np.array(source[::-1]) - 0.5).all(-1)
         self._inside = inside
-        centre = 0.5 * STRIDE * np.array([target[1], target[0]])
-        # A homography's own determinant over the third power of the depth is its area's.
-        area = abs(np.linalg.det(H)) / max(abs(float(H[2] @ [*centre, 1.0])), 1e-9) ** 3
-        self._area = np.float32(np.log(max(area, 1e-9)))
         self._x = np.where(inside, cell[..., 0], -9).astype(np.float32)
         self._y = np.where(inside, cell[..., 1], -9).astype(np.float32)
 
@@ -131,28 +119,15 @@ class _Moved:
         ])  # fmt: skip
         return np.where(self._inside, found, elsewhere)
 
-    def density(self, logs: Floats32, elsewhere: Floats32) -> Floats32:
-        """The same of logs of probabilities by cells, whose size changes."""
-        return self(logs + self._area, elsewhere)
+
+def _joined(first: Surface, second: Surface, moved: _Moved) -> Surface:
+    links = 0.5 * (second.links + moved(first.links, second.links))
+    return Surface(links.astype(np.float32), second.coordinates, second.spread)
 
 
-def _joined(first: Surface, second: Surface, moved: _Moved, share: float) -> Surface:
-    links = share * moved(first.links, second.links) + (1.0 - share) * second.links
-    mine = np.ascontiguousarray(second.coordinates.transpose(2, 0, 1))
-    other = moved(np.ascontiguousarray(first.coordinates.transpose(2, 0, 1)), mine)
-    a = share / moved(first.spread[None], second.spread[None])[0] ** 2
-    b = (1.0 - share) / second.spread**2
-    coordinates = (a * other + b * mine) / (a + b)
-    return Surface(
-        links.astype(np.float32),
-        np.ascontiguousarray(coordinates.transpose(1, 2, 0)),
-        np.asarray(1.0 / np.sqrt(a + b), np.float32),
-    )
-
-
-def _mean(a: Floats32, b: Floats32, share: float) -> Floats32:
-    """Log of the mean of two probabilities, of their logs; share: of the first."""
-    return np.asarray(np.logaddexp(a + np.log(share), b + np.log(1.0 - share)), np.float32)
+def _mean(a: Floats32, b: Floats32) -> Floats32:
+    """Log of the mean of two probabilities, of their logs."""
+    return np.asarray(np.logaddexp(a, b) - np.log(2.0), np.float32)
 
 
 def _softmax(x: Floats32) -> Floats:

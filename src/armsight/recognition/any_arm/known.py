@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Floats32, JointVector, Mask, Pose
 from armsight.geometry.pose import make_pose
-from armsight.recognition.any_arm.agreement import surprise_at
 from armsight.recognition.any_arm.landmarks import Landmarks
 from armsight.recognition.any_arm.outline import follow_outline, outline_overlap, within
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, far_starts, solve
@@ -27,9 +26,6 @@ CELLS = 40
 """Side of the small pictures in which poses are compared."""
 WEIGHT = 0.06
 """Mean cost of an observation, in overlap: a landmark that is far off costs about 2 of it."""
-LINKS = 0.3
-"""Unit of surprise at which link is where, in overlap; chosen on tuning frames of the second
-renderer."""
 STARTS = 10
 """Poses from far that are tried besides those that were followed."""
 ENDS = 3
@@ -63,7 +59,6 @@ def place_known(
     crop: Crop,
     q: JointVector,
     seed: int = 0,
-    links: Floats32 | None = None,
 ) -> tuple[Fit, float] | None:
     """The pose of an arm at known joints, and its overlap with the mask; None without landmarks.
 
@@ -75,13 +70,11 @@ def place_known(
         crop: itself.
         q: (n,) joints [rad].
         seed: of the steps.
-        links: (1 + l, CELLS, CELLS) probability of background, link 0, link 1 ... of the crop's
-            cells; None where nobody says which link is where.
     """
     fits = solve(robot, marks, seen, known=q)
     if not fits:
         return None
-    score = _Score(fits[0], seen, arm, crop, links)
+    score = _Score(fits[0], seen, arm, crop)
     poses = [fit.T_camera_base for fit in fits]
     poses += [make_pose(R, t) for R, t, _ in far_starts(robot, marks, seen, q)[:STARTS]]
     best = [(score(T), T) for T in poses]
@@ -97,15 +90,7 @@ def place_known(
 class _Score:
     """How well a pose explains a crop."""
 
-    def __init__(
-        self,
-        fit: Fit,
-        seen: Observations,
-        arm: Floats32,
-        crop: Crop,
-        links: Floats32 | None = None,
-    ) -> None:
-        self._links = links
+    def __init__(self, fit: Fit, seen: Observations, arm: Floats32, crop: Crop) -> None:
         self._fit, self._seen, self._arm, self._crop = fit, seen, arm, crop
         self._surface = arm_surface(fit.robot)
         self._corners = self._surface.posed(fit.q)
@@ -122,13 +107,12 @@ class _Score:
     def __call__(self, T: Pose) -> float:
         if float((T[:3, :3] @ self._middle + T[:3, 3])[2]) < 0.2:
             return -np.inf
-        drawn = render(self._surface, self._corners, T, self._lens, (CELLS, CELLS))
-        mine = (drawn.mask & self._inside).astype(float)
+        drawn = render(self._surface, self._corners, T, self._lens, (CELLS, CELLS)).mask
+        mine = (drawn & self._inside).astype(float)
         overlap = np.minimum(mine, self._wanted).sum() / max(
             np.maximum(mine, self._wanted).sum(), 1.0
         )
-        surprise = 0.0 if self._links is None else surprise_at(drawn, self._links, self._inside)
-        return float(overlap) - self._contradiction(self.fit(T)) - LINKS * surprise
+        return float(overlap) - self._contradiction(self.fit(T))
 
     def last(self, fit: Fit) -> float:
         """The same of a pose at its outline, in the finer picture."""

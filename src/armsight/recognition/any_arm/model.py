@@ -18,6 +18,7 @@ from armsight.recognition.any_arm.evidence import (
     Surface,
     log_places,
     surface_of,
+    together,
 )
 from armsight.recognition.any_arm.extension import Extension, apply, mark_of
 from armsight.recognition.any_arm.heat import Places, read_heat
@@ -156,6 +157,19 @@ class CropModel:
                 size that it should.
         """
         return self.read(self.evidence(image))
+
+    def look_again(self, first: Evidence, image: ColorImage, H: Floats) -> Look:
+        """At a picture of what another one showed, both together.
+
+        Args:
+            first: what was said of the other one.
+            image: (h, w, 3), sides multiples of 32.
+            H: (3, 3) from its pixels to the other one's.
+
+        Raises:
+            RecognitionError: see :meth:`look`.
+        """
+        return self.read(together(first, self.evidence(image), H))
 
     def evidence(self, image: ColorImage) -> Evidence:
         """What all is read off, of an (h, w, 3) picture whose sides are multiples of 32.

@@ -11,9 +11,8 @@ from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.errors import RecognitionError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
-from armsight.recognition.any_arm.agreement import links_surprise
 from armsight.recognition.any_arm.edges import at_edges
-from armsight.recognition.any_arm.evidence import STRIDE, Evidence, together
+from armsight.recognition.any_arm.evidence import STRIDE, Evidence
 from armsight.recognition.any_arm.frames import FINER, Lump, find_lumps
 from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.observing import observe
@@ -21,14 +20,7 @@ from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
 from armsight.recognition.any_arm.trust import LEAD, features, read_trust
-from armsight.recognition.any_arm.views import (
-    SIDE,
-    WHOLE,
-    Crop,
-    mask_in_picture,
-    take_crop,
-    take_finer,
-)
+from armsight.recognition.any_arm.views import SIDE, WHOLE, Crop, mask_in_picture, take_crop
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
 from armsight.robots.robot import Robot
@@ -39,8 +31,6 @@ MARGIN = 1.3
 """Side of a crop over the arm's box."""
 GOES_ON = 0.25 * SIDE / STRIDE
 """How far an arm that the crop's edge cuts is thought to go on beyond it [cells]."""
-FINE = 192
-"""Side of the third look, at what the second one shows [px]."""
 ARM = 0.5
 """Probability from which a cell is the arm's."""
 CLEAR = 0.7
@@ -58,9 +48,6 @@ COMPARED = 5
 OUTLINE = 120.0
 """Cost of an outline that overlaps nowhere, against landmarks; chosen on held-back crops of the
 training's renderer."""
-LINKS = 80.0
-"""Cost of an arm for each unit of surprise at which link is where; chosen on tuning frames of the
-second renderer."""
 KIND = 16.0
 """Cost of a type for each unit by which the log of its probability is less; chosen likewise."""
 ASSUMED_FOV = np.deg2rad(65.0)
@@ -71,7 +58,6 @@ ASSUMED_FOV = np.deg2rad(65.0)
 class _Candidate:
     fit: Fit
     overlap: float
-    surprise: float
     score: float
     kind: float
     mass: float
@@ -82,9 +68,7 @@ class _Candidate:
         """Of its trust."""
         C = self.fit.joint_covariances()
         sigma = float(np.sqrt(np.trace(C, axis1=1, axis2=2)).mean())
-        return features(
-            self.cost, self.points, self.overlap, self.kind, self.mass, sigma, lead, self.surprise
-        )
+        return features(self.cost, self.points, self.overlap, self.kind, self.mass, sigma, lead)
 
 
 class ArmRecogniser:
@@ -195,10 +179,10 @@ class ArmRecogniser:
     def looked(
         self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
     ) -> tuple[Look, Crop]:
-        """Three looks at a box of a picture: one, one aimed at what it saw, and that one finer.
+        """Two looks at a box of a picture, the second one aimed at what the first one saw.
 
         Returns:
-            all together, in the second one's crop; the first alone where it saw nothing.
+            both together, in the second one's crop; the first alone where it saw nothing.
         """
         crop = take_crop(image, lens, low, high, MARGIN)
         first = self.model.evidence(crop.image)
@@ -206,9 +190,7 @@ class ArmRecogniser:
         if box is None:
             return self.model.read(first), crop
         aimed = take_crop(image, lens, *_in_picture(crop, lens, *box), MARGIN)
-        both = together(first, self.model.evidence(aimed.image), aimed.onto(crop))
-        fine, onto = take_finer(image, lens, aimed, FINE)
-        return self.model.read(together(self.model.evidence(fine), both, onto, 1.0 / 3.0)), aimed
+        return self.model.look_again(first, aimed.image, aimed.onto(crop)), aimed
 
     def examined(
         self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
@@ -293,40 +275,36 @@ class ArmRecogniser:
         """The best fit of a type: landmarks, and of the best ones the outlines."""
         robot, marks = self._robot(name), self.model.landmarks[name]
         seen = observe(look, crop, name, marks)
-        links = look.surface_of(name).links
-        found = best_outlined(solve(robot, marks, seen)[:COMPARED], seen, arm, links, crop)
+        found = best_outlined(solve(robot, marks, seen)[:COMPARED], seen, arm, crop)
         if found is None:
             return None
-        fit, overlap, surprise = found
+        fit, overlap = found
         cost = cost_of(fit, seen)
         mass = float(look.places[name].mass.mean())
         score = cost + OUTLINE * (1.0 - overlap) - KIND * float(np.log(kind + 1e-3))
-        return _Candidate(fit, overlap, surprise, score, kind, mass, len(seen.link), cost)
+        return _Candidate(fit, overlap, score, kind, mass, len(seen.link), cost)
 
 
 def best_outlined(
-    fits: Sequence[Fit], seen: Observations, arm: Floats32, links: Floats32, crop: Crop
-) -> tuple[Fit, float, float] | None:
-    """Of fits to landmarks the one that ends up best on the mask and on its links.
+    fits: Sequence[Fit], seen: Observations, arm: Floats32, crop: Crop, known: bool = False
+) -> tuple[Fit, float] | None:
+    """Of fits to landmarks the one that ends up best on the mask, with its overlap.
 
     Args:
         fits: best first.
         seen: the observations that they explain.
         arm: (SIDE, SIDE) probability of the arm in the crop.
-        links: (1 + l, h, h) probability of background, link 0, link 1 ... by its cells.
         crop: itself.
-
-    Returns:
-        with its overlap with the mask, and its surprise at the links.
+        known: keep the joints.
     """
-    best: tuple[Fit, float, float] | None = None
+    best: tuple[Fit, float] | None = None
     least = np.inf
     for fit in fits:
-        drawn = follow_outline(fit, seen, arm, crop)
-        overlap, surprise = outline_overlap(drawn, arm, crop), links_surprise(drawn, links, crop)
-        score = cost_of(drawn, seen) + OUTLINE * (1.0 - overlap) + LINKS * surprise
+        drawn = follow_outline(fit, seen, arm, crop, known)
+        overlap = outline_overlap(drawn, arm, crop)
+        score = cost_of(drawn, seen) + OUTLINE * (1.0 - overlap)
         if score < least:
-            best, least = (drawn, overlap, surprise), score
+            best, least = (drawn, overlap), score
     return best
 
 

@@ -1,6 +1,6 @@
 """How sure an answer is: one probability from what can be seen of it, and one threshold.
 
-A logistic of eight features. Weights, threshold and the factor of the covariances are chosen on
+A logistic of six features. Weights, threshold and the factor of the covariances are chosen on
 crops that were held back from training and on tuning frames of another renderer, and travel on the
 network's card; never on a test set.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from armsight.arrays import Floats
 
-FEATURES = ("offset", "residual", "overlap", "type", "mass", "sigma", "lead", "links")
+FEATURES = ("offset", "residual", "overlap", "type", "mass", "sigma", "lead")
 THRESHOLD = 0.7
 LEAD = 20.0
 """Score by which the best type leads the second one where there is no doubt."""
@@ -30,26 +30,19 @@ class Trust:
         widen: factor of the standard deviations.
     """
 
-    weights: tuple[float, ...] = (0.0, -0.6, 6.0, 1.0, 3.0, -1.0, 1.0, -2.0)
+    weights: tuple[float, ...] = (0.0, -0.6, 6.0, 1.0, 3.0, -1.0, 1.0)
     threshold: float = THRESHOLD
     widen: float = 2.0
 
     def of(self, features: Floats) -> float:
-        """Probability that the answer is a good one, of (8,) features."""
+        """Probability that the answer is a good one, of (7,) features."""
         return float(1.0 / (1.0 + np.exp(-np.clip(features @ np.array(self.weights), -30, 30))))
 
 
 def features(
-    cost: float,
-    points: int,
-    overlap: float,
-    kind: float,
-    mass: float,
-    sigma: float,
-    lead: float,
-    surprise: float,
+    cost: float, points: int, overlap: float, kind: float, mass: float, sigma: float, lead: float
 ) -> Floats:
-    """(8,) what the logistic takes.
+    """(7,) what the logistic takes.
 
     Args:
         cost: of the fit.
@@ -60,12 +53,10 @@ def features(
         sigma: standard deviation of the joints, mean [m].
         lead: score of the best fit of another type over that of this one: a UR5 looks like a UR10
             that stands nearer.
-        surprise: at which link is where.
     """
     return np.array(
         [1.0, np.log(cost / max(points, 1) + 0.1), overlap - 0.6, kind - 0.7, mass - 0.4,
-         np.log(max(sigma, 1e-3) / 0.05), min(lead, LEAD) / LEAD - 0.5,
-         surprise - 0.7]
+         np.log(max(sigma, 1e-3) / 0.05), min(lead, LEAD) / LEAD - 0.5]
     )  # fmt: skip
 
 
@@ -82,9 +73,8 @@ def read_trust(card: dict[str, Any]) -> Trust:
         raise ValueError
     weights = tuple(float(v) for v in given["weights"])
     threshold, widen = float(given["threshold"]), float(given["widen"])
-    if len(FEATURES) - 2 <= len(weights) < len(FEATURES):
-        # Of a card from before the last features.
-        weights = (*weights, *[0.0] * (len(FEATURES) - len(weights)))
+    if len(weights) == len(FEATURES) - 1:
+        weights = (*weights, 0.0)  # of a card from before the last feature
     if len(weights) != len(FEATURES) or not np.isfinite([*weights, threshold, widen]).all():
         raise ValueError
     if not (0 <= threshold <= 1 and 0 < widen < 100):

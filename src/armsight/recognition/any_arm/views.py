@@ -82,28 +82,8 @@ def take_crop(
     return Crop(*_seen(image, lens, R, f))
 
 
-def take_finer(
-    image: ColorImage, lens: PinholeCamera, crop: Crop, side: int
-) -> tuple[ColorImage, Floats]:
-    """What a crop shows in more pixels, taken from the picture again.
-
-    Args:
-        image: the picture.
-        lens: that took it.
-        crop: of it.
-        side: of the finer one [px].
-
-    Returns:
-        (side, side, 3), and (3, 3) from the crop's pixels to its own.
-    """
-    scale = side / SIDE
-    shift = 0.5 * (side - 1) - scale * 0.5 * (SIDE - 1)
-    H = np.array([[scale, 0.0, shift], [0.0, scale, shift], [0.0, 0.0, 1.0]])
-    return _seen(image, lens, crop.R, scale * crop.f, side)[0], H
-
-
 def _seen(
-    image: ColorImage, lens: PinholeCamera, R: Rotation3, f: float, side: int = SIDE
+    image: ColorImage, lens: PinholeCamera, R: Rotation3, f: float
 ) -> tuple[ColorImage, Rotation3, float, Mask]:
     # Shrunk by area first: taking single pixels of a large picture would alias.
     share = min(1.0, 1.2 * f / lens.fx)
@@ -111,14 +91,14 @@ def _seen(
         size = (max(1, round(share * lens.width)), max(1, round(share * lens.height)))
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
     sx, sy = image.shape[1] / lens.width, image.shape[0] / lens.height
-    line = (np.arange(side) - 0.5 * (side - 1)) / f
+    line = (np.arange(SIDE) - 0.5 * (SIDE - 1)) / f
     x, y = np.meshgrid(line, line)
     points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], 1) @ R.T
     pixels = np.full((x.size, 2), -1e4)
     front = points[:, 2] > 0.05
     pixels[front] = lens.project(points[front])
-    u = ((pixels[:, 0] + 0.5) * sx - 0.5).astype(np.float32).reshape(side, side)
-    v = ((pixels[:, 1] + 0.5) * sy - 0.5).astype(np.float32).reshape(side, side)
+    u = ((pixels[:, 0] + 0.5) * sx - 0.5).astype(np.float32).reshape(SIDE, SIDE)
+    v = ((pixels[:, 1] + 0.5) * sy - 0.5).astype(np.float32).reshape(SIDE, SIDE)
     grey = (GREY, GREY, GREY)
     seen = cv2.remap(
         image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=grey
