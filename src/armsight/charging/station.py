@@ -105,9 +105,11 @@ class Station(LidStates):
         homing = self.state is State.STAND_BY and self._way_out.kept
         if not (self.state in IN_FREE_AIR or homing):
             return False
-        if self.state is State.LEAVE and self._in_state(seen) < LOOSE:
-            return False
         pull = self._hand.feeling.pull
+        if self.state is State.LEAVE and self._in_state(seen) < LOOSE:
+            # A sensor may have jumped in the socket: the way home is judged by what comes on top.
+            self._hung = pull if np.isfinite(pull) else self._hung
+            return False
         if not pull > self._hung + TUG:
             return False
         words = (
