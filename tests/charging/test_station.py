@@ -497,31 +497,22 @@ def test_a_car_that_goes_silent_while_it_charges_leaves_the_end_to_people(cell):
     assert stub.station.state is State.UNPLUG
 
 
-def test_a_car_that_has_enough_and_does_not_unlock_is_not_pulled_at(cell):
-    """It says two things at once; 105 N against a lock would break it."""
+@pytest.mark.parametrize(
+    ("locked", "words"),
+    [(True, "unlock it at the car"), (False, "the car says that it still charges")],
+)
+def test_a_car_that_has_enough_and_does_not_let_go_is_not_pulled_at(cell, locked, words):
+    """105 N against a lock would break it; without one the contacts would part under load."""
     car = OddCar()
-    car.says = VehicleStatus(parked=True, locked=True, charging=True, enough=True)
+    car.says = VehicleStatus(parked=True, locked=locked, charging=True, enough=True)
     stub = stub_in(cell, State.CHARGE, distance=-PLUG_DEPTH, car=car, patience=1.0)
     states = set()
     for _ in range(20):
         stub.rest(0.1)
         states.add(stub.station.state)
     assert states == {State.CHARGE, State.STUCK}
-    assert "unlock it at the car" in stub.station.words
-    assert "unlock it at the car" in stub.station.outcome.problem
-
-
-def test_a_car_that_charges_and_does_not_lock_is_not_pulled_at(cell):
-    """It says both: the contacts would part under load."""
-    car = OddCar()
-    car.says = VehicleStatus(parked=True, locked=False, charging=True, enough=True)
-    stub = stub_in(cell, State.CHARGE, distance=-PLUG_DEPTH, car=car, patience=1.0)
-    states = set()
-    for _ in range(20):
-        stub.rest(0.1)
-        states.add(stub.station.state)
-    assert states == {State.CHARGE, State.STUCK}
-    assert "the car says that it still charges" in stub.station.outcome.problem
+    assert words in stub.station.words
+    assert words in stub.station.outcome.problem
 
 
 def test_of_two_ports_the_surer_one_is_taken(cell):

@@ -10,7 +10,7 @@ import numpy as np
 from armsight.experiments.charging_faults import FAULTS, faulty_visit
 from armsight.experiments.charging_rows import agreement_row, fault_rows, visit_rows
 from armsight.experiments.charging_visits import TYPES, angled_cell, bench_visit, random_cell
-from armsight.experiments.episodes import Episode, run_episodes
+from armsight.experiments.episodes import Episode, part_of, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.station_eyes import Mode
 
@@ -70,7 +70,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     total = sum(count for count, _ in parts.values())
     done, found = 0, dict[str, Runs]()
     for name, (count, visit) in parts.items():
-        share = partial(_told, progress, done / total, count / total)
+        share = part_of(progress, done / total, count / total)
         settings = {"version": VERSION, "part": name}
         found[name] = run_episodes("charging", visit, range(count), seed, settings, share)
         done += count
@@ -85,11 +85,6 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     ]
     notes = (_table(found["paper ours"], found["paper"]), *_problems(found))
     return Outcome(tuple(rows), {"visits": lambda: _plot(found)}, notes)
-
-
-def _told(progress: Progress, begin: float, part: float, what: str, share: float) -> None:
-    """Progress of a part, as a share of the whole."""
-    progress(what, begin + part * share)
 
 
 def _visit(rendered: bool, seed: int, i: int) -> dict[str, Any]:

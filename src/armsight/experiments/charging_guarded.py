@@ -18,7 +18,7 @@ from armsight.experiments.charging_visits import (
     light_at_random,
     random_cell,
 )
-from armsight.experiments.episodes import run_episodes
+from armsight.experiments.episodes import part_of, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.station_bench import Peaks, depth_and_tilt
 from armsight.runtime.config import SessionMode
@@ -48,10 +48,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` cars, each visited by the guarded cell and in contact physics; see ``ABOUT``."""
     found: dict[str, Runs] = {}
     for k, (name, visit) in enumerate((("guarded", guarded_visit), ("alone", _alone))):
-
-        def share(what: str, part: float, k: int = k) -> None:
-            progress(what, (k + part) / 2)
-
+        share = part_of(progress, k / 2, 1 / 2)
         settings = {"version": VERSION, "part": name}
         found[name] = run_episodes("charging-guarded", visit, range(runs), seed, settings, share)
     rows = [

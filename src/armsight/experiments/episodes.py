@@ -76,6 +76,11 @@ def run_episodes(
     return [results[run] for run in runs]
 
 
+def part_of(progress: Progress, begin: float, part: float) -> Progress:
+    """Progress of a part that begins at a share of the whole, and is a share of it."""
+    return lambda what, share: progress(what, begin + part * share)
+
+
 def _one(episode: Callable[[int, int], dict[str, Any]], seed: int, run: int) -> dict[str, Any]:
     """An episode, and nothing of it left.
 
