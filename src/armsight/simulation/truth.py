@@ -111,7 +111,10 @@ class Truth:
         self._jacobian = np.zeros((3, cell.model.nv))
         self._turning = np.zeros((3, cell.model.nv))
         self._pushes = np.asarray(cell.model.geom_priority) != TOUCH_ONLY["priority"]
-        self._wrench = np.zeros(6)
+        self._by_arm = np.array([part.kind == "arm" for part in cell.parts], bool)
+        self._link: Ints = np.array([part.link for part in cell.parts], int)
+        names = [(part.owner, part.part) for part in cell.parts]
+        self._whom: Ints = np.array([names.index(name) for name in names], int)
         self._fromto = np.zeros(6)
         self.reset()
 
@@ -142,31 +145,50 @@ class Truth:
         return poses
 
     def note_contacts(self, now: float, seconds: float) -> None:
-        """Look at the contacts of the step of some seconds [s] that began at ``now`` [s]."""
+        """Look at the contacts of the step of some seconds [s] that began at ``now`` [s].
+
+        All at once: a plug in its socket touches it in fifty points, a thousand times a second.
+        """
         contact = self._data.contact
-        pushed: dict[int, tuple[Contact, Vector3]] = {}
-        geoms, gaps, points = contact.geom, contact.dist, contact.pos
-        motion: dict[int, tuple[Vector3, Vector3, Vector3]] = {}
-        for i in np.flatnonzero(gaps <= 0.0):
-            (a, b), gap, point = geoms[i], gaps[i], points[i]
-            arm, other, sign, geom = self._cell.parts[a], self._cell.parts[b], 1.0, b
-            if arm.kind != "arm":
-                arm, other, sign, geom = other, arm, -1.0, a
-            if arm.kind != "arm" or other.kind == "arm":
-                continue
-            if arm.link not in motion:
-                motion[arm.link] = self._motion(int(self._cell.link_bodies[arm.link]))
-            speed = _speed_at(point, *motion[arm.link])
-            found = self._note(arm, other, int(geom), now, float(gap), np.array(point), speed)
-            if self._pushes[a] and self._pushes[b]:
-                mujoco.mj_contactForce(self._cell.model, self._data, i, self._wrench)
-                force = sign * (contact.frame[i].reshape(3, 3).T @ self._wrench[:3])
-                sum_ = pushed[id(found)][1] if id(found) in pushed else np.zeros(3)
-                pushed[id(found)] = (found, sum_ + force)
-        for found, force in pushed.values():
-            strength = float(np.linalg.norm(force))
-            found.force = max(strength, 0.0 if np.isnan(found.force) else found.force)
-            found.impulse += strength * seconds
+        geoms, by_arm = contact.geom, self._by_arm[contact.geom]
+        of_arm = np.flatnonzero((contact.dist <= 0.0) & (by_arm[:, 0] != by_arm[:, 1]))
+        if not len(of_arm):
+            return
+        first = by_arm[of_arm, 0]
+        here = np.where(first, geoms[of_arm, 0], geoms[of_arm, 1])
+        there = np.where(first, geoms[of_arm, 1], geoms[of_arm, 0])
+        gaps, points = contact.dist[of_arm], contact.pos[of_arm]
+        pairs = np.stack([self._link[here], self._whom[there]], axis=1)
+        for link, whom in dict.fromkeys(map(tuple, pairs.tolist())):
+            touch = np.flatnonzero((pairs[:, 0] == link) & (pairs[:, 1] == whom))
+            arm, other = self._cell.parts[here[touch[0]]], self._cell.parts[there[touch[0]]]
+            gap, point = float(gaps[touch].min()), points[touch[0]]
+            speed = self._fastest(int(self._cell.link_bodies[link]), points[touch])
+            found = self._note(arm, other, int(there[touch[0]]), now, gap, point, speed)
+            pushing = touch[self._pushes[here[touch]] & self._pushes[there[touch]]]
+            if len(pushing):
+                sign = np.where(first[pushing], 1.0, -1.0)
+                strength = self._push(of_arm[pushing], sign)
+                found.force = max(strength, 0.0 if np.isnan(found.force) else found.force)
+                found.impulse += strength * seconds
+
+    def _push(self, which: Ints, sign: Floats) -> float:
+        """Strength of the sum of some contacts' forces, each with its sign [N]."""
+        forces = np.empty((len(which), 6))
+        for row, i in zip(forces, which.tolist()):
+            mujoco.mj_contactForce(self._cell.model, self._data, i, row)
+        frames = self._data.contact.frame[which].reshape(-1, 3, 3)
+        return float(np.linalg.norm(np.einsum("k,kij,ki->j", sign, frames, forces[:, :3])))
+
+    def _fastest(self, body: int, points: Floats) -> float:
+        """Speed of the fastest of some points (k, 3) of a body of the arm [m/s]."""
+        place, velocity = self._data.xpos[body], self._data.qvel
+        mujoco.mj_jac(self._cell.model, self._data, self._jacobian, self._turning, place, body)
+        x, y, z = (points - place).T
+        a, b, c = (self._turning @ velocity).tolist()
+        u, v, w = (self._jacobian @ velocity).tolist()
+        squares = (u + b * z - c * y) ** 2 + (v + c * x - a * z) ** 2 + (w + a * y - b * x) ** 2
+        return math.sqrt(squares.max())
 
     def note_separation(self, now: float) -> None:
         """Measure the distance from the arm to the nearest person."""
@@ -260,24 +282,10 @@ class Truth:
             return distance, (i, j), self._fromto[:3].copy()
         return best, pair, point
 
-    def _motion(self, body: int) -> tuple[Vector3, Vector3, Vector3]:
-        """A body's place (3,) [m], how fast it moves there [m/s], and how fast it turns [rad/s]."""
-        place, velocity = self._data.xpos[body], self._data.qvel
-        mujoco.mj_jac(self._cell.model, self._data, self._jacobian, self._turning, place, body)
-        return place, self._jacobian @ velocity, self._turning @ velocity
-
     def _speed(self, body: int, point: Vector3) -> float:
         """Speed of a point of the arm [m/s]."""
         mujoco.mj_jac(self._cell.model, self._data, self._jacobian, None, point, body)
         return float(np.linalg.norm(self._jacobian @ self._data.qvel))
-
-
-def _speed_at(point: Vector3, place: Vector3, velocity: Vector3, turning: Vector3) -> float:
-    """Speed [m/s] of a point of a body; plain numbers: numpy takes ten times as long for three."""
-    x, y, z = (point - place).tolist()
-    a, b, c = turning.tolist()
-    u, v, w = velocity.tolist()
-    return math.hypot(u + b * z - c * y, v + c * x - a * z, w + a * y - b * x)
 
 
 LIMBS = {
