@@ -41,3 +41,16 @@ def test_a_fault_does_not_end_it():
     owner = Owner()
     assert owner.thread.call(lambda: 1 / 0).fault.startswith("ZeroDivisionError")
     assert owner.thread.call(owner.call).value == 1
+
+
+def test_a_first_call_may_compile():
+    """Eyes of a servoing task compiled for over a minute beside other programs, and were given up
+    for good."""
+    slow = threading.Event()
+    thread = ForeignThread("compiles", 0.5)
+    threading.Timer(1.0, slow.set).start()
+    assert thread.call(slow.wait).value is True
+    never = threading.Event()
+    assert thread.call(never.wait).fault == "did not return within 0.5 s"
+    assert thread.call(lambda: 1).fault == "has hung"
+    never.set()

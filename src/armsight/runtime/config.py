@@ -47,7 +47,8 @@ class SessionConfig:
             measured on two cores.
         charge: ``declared`` (repeatable bit for bit) or ``measured`` compute time.
         patience: a call of a task or a perceiver that takes longer on the wall clock is given up
-            for good [s]; compiling or loading a network at the first call may take a while.
+            for good [s]; the first one after five times that, since it may compile or load a
+            network.
         planning_time: the planner's time limit [s].
         mapping, guard, planner: configuration of the parts; None takes the workcell's or defaults.
     """

@@ -13,6 +13,8 @@ from typing import Generic, TypeVar
 from armsight.errors import ArmsightError
 
 Result = TypeVar("Result")
+FIRST = 5.0
+"""A first call may take so many times longer: it compiles, or loads a network."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,13 @@ class ForeignThread:
     Args:
         name: of the thread.
         patience: how long a call may take on the wall clock [s]. Much longer than any deadline:
-            who is merely late is answered by the guard long before.
+            who is merely late is answered by the guard long before. The first call may take
+            :data:`FIRST` times as long.
     """
 
     def __init__(self, name: str, patience: float) -> None:
         self._name = name
-        self._patience = patience
+        self._patience, self._later = FIRST * patience, patience
         self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self.hung = False
@@ -78,16 +81,16 @@ class ForeignThread:
             done.set()
 
         began = time.monotonic()
+        patience = self._patience
+        self._patience = self._later
         self._jobs.put(call)
 
         def wait() -> Outcome[Result]:
-            left = self._patience - (time.monotonic() - began)
+            left = patience - (time.monotonic() - began)
             if done.wait(max(left, 0.0)):
                 return box[0]
             self.hung = True
-            return Outcome(
-                None, f"did not return within {self._patience:g} s", self._patience, True
-            )
+            return Outcome(None, f"did not return within {patience:g} s", patience, True)
 
         return wait
 
