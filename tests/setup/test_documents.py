@@ -1,6 +1,8 @@
 """The documents: whole, linked, and naming what is there."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,11 @@ def test_every_page_is_in_the_site():
 def test_the_first_names_are_on_their_page():
     shown = re.findall(r":: armsight\.(\w+)", (DOCS / "api.md").read_text())
     assert sorted(shown) == sorted(set(armsight.__all__) - {"__version__"})
+
+
+def test_the_readme_has_the_figures_that_are_published():
+    script = [sys.executable, str(ROOT / "scripts/readme_figures.py"), "--check"]
+    assert subprocess.run(script, check=False).returncode == 0, "run scripts/readme_figures.py"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
