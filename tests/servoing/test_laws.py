@@ -17,7 +17,7 @@ from armsight.servoing.aim import (
     joints_for,
     pose_error,
 )
-from armsight.servoing.approach import Funnel, facing
+from armsight.servoing.approach import Funnel, facing, side, touch_aim
 from armsight.servoing.ceiling import Ceiling
 from armsight.servoing.docking import docking
 from armsight.servoing.law import LawConfig, VelocityLaw
@@ -179,6 +179,29 @@ def test_the_funnel_lets_nobody_touch_who_is_not_aligned():
     assert funnel.standoff(touched + np.array((0.1, 0, 0)), touched, axis) == pytest.approx(
         funnel.most
     )
+
+
+def test_what_is_round_is_touched_from_where_a_floating_tip_is_and_come_round_to_otherwise():
+    """On its way the tip hardly enters the ball, also where it begins beside it."""
+    middle, radius = np.array([0.7, 0.0, 0.7]), 0.04
+    before = None
+    for degrees in range(0, 111, 2):
+        angle = np.deg2rad(degrees)
+        out = np.array([-np.cos(angle), np.sin(angle), 0.0])
+        tip = middle + (radius + 0.002) * out
+        way, beside = side(tip, middle, FRONT)
+        off = np.rad2deg(np.arccos(np.clip(way @ FRONT, -1, 1)))
+        assert off == pytest.approx(min(degrees, 30.0), abs=1e-3)
+        aim = touch_aim(tip, middle - radius * way, np.zeros(3), FRONT, -UP, Funnel(), beside)
+        if degrees <= 30:
+            assert aim.position == pytest.approx(middle + radius * out)
+        else:
+            assert (aim.position - middle) @ FRONT <= -radius * np.cos(np.deg2rad(30.0)) + 1e-9
+        if before is not None and degrees <= 60:
+            assert np.linalg.norm(aim.position - before) < 0.006, "it does not jump"
+        before = aim.position
+        steps = tip + np.linspace(0, 1, 200)[:, None] * (aim.position - tip)
+        assert np.linalg.norm(steps - middle, axis=1).min() > radius - 0.004
 
 
 class Drives:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,15 +12,16 @@ from armsight.geometry.pose import inverse
 from armsight.motion.face import face_fault
 from armsight.motion.intents import PoseIntent, Rest, VelocityIntent, refusal
 from armsight.motion.permits import Permit, PermitState
-from armsight.motion.task import Observation
+from armsight.motion.task import Observation, Perceived
 from armsight.robots import load_robot
 from armsight.robots.kinematics import tcp_pose
+from armsight.robots.sprung_tip import SprungTip
 from armsight.runtime.session import Session
 from armsight.servoing.approach import Funnel
 from armsight.servoing.detour import BEFORE
 from armsight.servoing.docking import docking
 from armsight.servoing.modes import ChaseConfig, make_chase
-from armsight.servoing.sighting import Look
+from armsight.servoing.sighting import Look, Looks
 from armsight.tasks.servo import ServoOptions, ServoTask
 from armsight.workcell import open_cell
 from armsight.workcell.packaged import load
@@ -63,8 +66,6 @@ def test_half_a_second_of_the_rendered_cell():
 
 
 def test_a_cell_without_colour_is_refused():
-    from dataclasses import replace
-
     class Camera:
         def __init__(self, info):
             self.info = replace(info, color=None)
@@ -120,6 +121,25 @@ def test_velocities_stay_within_the_limits_wherever_the_target_jumps(mode):
         if mode == "ours":
             assert (np.abs(command) <= limits.velocity * 1.0001).all()
         q = np.clip(q + 0.008 * command, UR10.limits.lower, UR10.limits.upper)
+
+
+def test_nothing_is_learned_from_the_mark_on_a_tip_that_is_pushed_aside():
+    """Of the pair's looks those go on without it that were exposed while something was felt."""
+    for tip, kept in ((None, True), (SprungTip(200.0, 0.03, 1.0), False)):
+        task = task_of()
+        task.config = replace(task.config, tip=tip)
+        seen = []
+        task.chase.see = seen.append
+        felt = Permit("ball", "thing", PermitState.GRANTED, pressed=3.0)
+        for k, now in enumerate((1.0, 1.1, 1.18)):
+            guard = Word(now, np.zeros(6))
+            guard.permit = felt if k == 1 else replace(felt, pressed=0.0)
+            mark = np.zeros(3)
+            pair = replace(look_at_place("wrist", (0.6, 0, 0.5), None, now - 0.09), mark=mark)
+            joints = JointState(now, HOME.copy(), np.zeros(6))
+            published = (Perceived("eye/wrist", Looks(pair.stamp, (pair,))),)
+            task._take(Observation(now, UR10, joints, guard, perceived=published))
+        assert [one.mark is not None for one in seen] == [True, True, kept]
 
 
 def test_a_permit_is_asked_for_near_a_thing_also_at_a_stand_off_but_there_not_for_somebody():

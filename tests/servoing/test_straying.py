@@ -110,5 +110,5 @@ def test_from_its_meeting_speed_a_tip_still_stops_before_what_turns(turns):
 def test_an_error_fades_and_only_what_is_on_a_soft_stand_is_left():
     errors, _ = follow(lambda t: shaken(t) if t < 1.0 else shaken(1.0), 0.002, ahead=0.142)
     assert errors[-1] < 0.07 * errors.max()
-    assert [name for name in DOCK_NAMES if np.isfinite(docking(name).reserve)] == ["ball"]
-    assert docking("ball").reserve == pytest.approx(0.002)
+    assert [name for name in DOCK_NAMES if np.isfinite(docking(name).reserve())] == ["ball"]
+    assert docking("ball").reserve() == pytest.approx(0.002)

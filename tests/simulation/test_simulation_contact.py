@@ -10,6 +10,7 @@ from armsight.geometry.pose import from_rpy, make_pose
 from armsight.geometry.shapes import Solid
 from armsight.robots import load_robot, load_tool
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
+from armsight.robots.sprung_tip import SprungTip, pressing_force
 from armsight.simulation.giving import DENT, GIVING
 from armsight.simulation.kernels import rotation_between, turn
 from armsight.simulation.spec import (
@@ -78,6 +79,29 @@ def test_a_ball_on_a_stand_pushes_back_as_its_springs_say(robot):
         drive(world, robot, -0.05, 0.6)
         back = world._pose("ball")[:3, 3]
         assert back == pytest.approx(spec.solid.T_frame_solid[:3, 3], abs=1e-3)
+
+
+@pytest.mark.parametrize("depth", [0.0004, 0.010, 0.020, 0.032])
+@pytest.mark.parametrize("aslant", [0.0, 50.0])
+def test_a_tip_on_springs_gives_way_as_its_formula_says(robot, depth, aslant):
+    """In its seat, on its spring and on its stop, pushed along the tool and from the side."""
+    tip = SprungTip(300.0, 0.02, 1.0)
+    floating = replace(robot, tool=replace(robot.tool, tip=tip))
+    T = tcp_pose(robot, robot.home)
+    way = T[:3, :3] @ from_rpy(np.deg2rad([aslant, 0, 0]), (0, 0, 0))[:3, 2]
+    center = T[:3, 3] - 0.00506 * T[:3, 2] + (0.03 + 0.005) * way  # touches the ball of the tip
+    ball = Solid("ball", "sphere", (0.03, 0, 0), make_pose(None, center))
+    item = MovingObjectSpec(ball, hold=2000.0, surface=20e3, max_speed=10.0)
+    with SimulatedWorld(cell(floating, objects=(item,))) as world:
+        free = drive(world, robot, 0.0, 0.3)[-1].force
+        for step in range(1, 101):  # its stand comes
+            world.drag("ball", center - step / 100 * depth * way)
+            world.advance(0.3 + 0.01 * step)
+        felt = drive(world, robot, 0.0, 1.0)[-1].force - free
+        place = world.tip.place
+    expected = pressing_force(depth, 1.0 / (1.0 / 2000.0 + 1.0 / 20e3), tip)
+    assert felt @ (T[:3, :3].T @ way) == pytest.approx(-expected, rel=0.1, abs=0.25)
+    assert place @ (T[:3, :3].T @ way) == pytest.approx(-tip.moved(expected), rel=0.05, abs=1e-3)
 
 
 def test_what_is_seen_of_a_thing_goes_back_by_its_stand_not_by_its_skin(robot):

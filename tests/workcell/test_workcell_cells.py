@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from armsight.errors import WorkcellError
 from armsight.geometry.pose import inverse, transform
+from armsight.robots.sprung_tip import SprungTip
 from armsight.workcell import (
     camera_info_of,
     load_workcell,
@@ -165,3 +167,13 @@ def test_every_key_of_the_reference_has_a_meaning():
     rows = [line for line in page.splitlines() if line.startswith("| `")]
     assert len(rows) > 60
     assert not [row for row in rows if row.rstrip("| ").endswith("|") or "value |" in row]
+
+
+def test_a_tip_on_springs_is_the_tools_and_asks_for_a_force_sensor():
+    plain = '[cell]\nname = "t"\n[robot]\nmodel = "ur10"\ntool = "pen"\n'
+    tip = "[tip]\nspring_n_per_mm = 0.2\ntravel_mm = 30\nseat_n = 1\n"
+    tool = robot_in(parse_workcell(plain + tip + "[wrench]\n")).tool
+    assert tool.tip == SprungTip(200.0, 0.03, 1.0)
+    assert robot_in(parse_workcell(plain)).tool.tip is None
+    with pytest.raises(WorkcellError, match=r"\[tip\] needs a \[wrench\]"):
+        robot_in(parse_workcell(plain + tip))

@@ -42,9 +42,8 @@ the fixed cameras alone; V's mode (mean of the two closest, of what they saw las
 ours (one filter, a bias for each camera, predicted to now) under the cell's and under V's. Then,
 ours in the guarded cell without pictures (`experiments/servo_eyes.py`): the tip follows a ball on
 a circle of 0.2 m at 0.25 m/s, {1e2 * STANDOFF:.0f} cm before its surface, whole error of the tip
-against where it should be; the same at the surface itself (`touching_rms_mm`), where the permit
-lets the tip move by 2.5 cm/s against the ball in any direction, so that what it has lost sideways
-it hardly regains; the same stand-off with 0.5 s without any picture every 2 s; and a ball that goes
+against where it should be; the same at the surface itself (`touching_rms_mm`), where a tip on
+springs touches the ball from the side that it is at, up to 30 degrees off where it should be; the same stand-off with 0.5 s without any picture every 2 s; and a ball that goes
 to and fro sideways out of the pair's view. Ablations: without the target's velocity fed forward,
 without biases.
 """
@@ -66,7 +65,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     ]
     found: dict[str, list[Any]] = {}
     for i, (name, part) in enumerate(parts):
-        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 8})
+        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 9})
         found[name] = []
         for k in range(runs):
             found[name].append(cache.get(k, partial(part, seed, k)))

@@ -51,7 +51,9 @@ the surface, within {LIMIT:g} s. The ball rests, or wanders on seeded smooth pat
 
 Task, guard with its permits, drives with their delay and the arm's and cameras' true errors are
 those of the cell; what the cameras say is drawn from a model (`experiments/servo_eyes.py`), and
-the ball yields when it is touched. `paper_` and `fixed_` are V's modes under V's own errors (the
+the ball yields when it is touched: its stand by 2 N/mm, and the stylus, which floats in its holder
+on springs of 0.2 N/mm with 30 mm of travel (`[tip]` in the cell's file, for V's modes as for ours;
+until November 2026 it was stiff). `paper_` and `fixed_` are V's modes under V's own errors (the
 cameras off by about 3 cm, the pair by 1 cm); ours runs under the cell's (3 mm and 0.2 deg, the
 arm's absolute errors). Not in: a ball held by a person, recorded hands, rendered trials.
 """
@@ -70,7 +72,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
-        settings = [mode, motion, asdict(errors), shares, 9]
+        settings = [mode, motion, asdict(errors), shares, 10]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):

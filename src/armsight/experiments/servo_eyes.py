@@ -97,6 +97,7 @@ class Eyes:
         normal: (3,) of a flat target, which is seen from before it only; None for a ball.
         along: (3,) where the target goes on, which fixed cameras see; None for one that ends.
         marked: the tool has a mark that the pair sees.
+        aside: (3,) how far a tip on springs is out of its seat now, in ``base`` [m].
     """
 
     fixed: list[ModelCamera]
@@ -110,6 +111,7 @@ class Eyes:
     normal: Vector3 | None = None
     along: Vector3 | None = None
     marked: bool = True
+    aside: Vector3 = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         self._due: dict[str, float] = {c.name: c.phase for c in self.fixed}
@@ -202,7 +204,7 @@ class Eyes:
     def _mark(self, q: JointVector, T_true: Pose, T_believed: Pose, noise: Floats) -> Vector3:
         """The stylus' tip as the pair sees it, less where the joints say that it is."""
         at = np.array([0.0, 0.0, -0.005, 1.0])
-        tip = (tcp_pose(self.true_robot, q) @ at)[:3]
+        tip = (tcp_pose(self.true_robot, q) @ at)[:3] + self.aside
         p = T_true[:3, :3].T @ (tip - T_true[:3, 3]) + self.rng.normal(0, 1, 3) * noise
         seen = T_believed[:3, :3] @ p + T_believed[:3, 3]
         return np.asarray(seen - (tcp_pose(self.robot, q) @ at)[:3])

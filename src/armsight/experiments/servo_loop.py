@@ -56,7 +56,7 @@ or the drives' acceleration, and joints beyond their range, in all rounds of all
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` steps, and one run of the rendered cell."""
     setup = set_up(1.0, 1.0)
-    cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF, "version": 5})
+    cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF, "version": 6})
     steps = []
     for k in range(runs):
         steps.append(cache.get(k, lambda k=k: one(setup, (seed, k))))  # type: ignore[misc]

@@ -22,6 +22,7 @@ from armsight.motion.guard_config import GuardConfig
 from armsight.motion.task import Observation
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
+from armsight.robots.sprung_tip import pressing_force
 from armsight.runtime.config import SessionConfig
 from armsight.runtime.configure import guard_config
 from armsight.simulation.arm_errors import true_geometry
@@ -134,6 +135,7 @@ class Trial:
         )
         self.cell.q = np.array(start, float)
         self.course = Course()
+        self.tip = None if setup.robot.tool is None else setup.robot.tool.tip
         self._status: Any = None
 
     @property
@@ -144,13 +146,15 @@ class Trial:
     def step(self) -> None:
         """One period of the guard."""
         cell, now = self.cell, self.cell.now
+        push = self._push()
+        self.eyes.aside = self._aside(push)
         self.eyes.expose(now, cell.q, self.ball)
         joints = JointState(now, cell.q.copy(), cell.v.copy())
         observation = Observation(
             now, cell.robot, joints, self._status, perceived=self.eyes.arrived(now)
         )
         intent = self.task.update(observation)
-        cell.guard.feel(felt(cell, self._push()))
+        cell.guard.feel(felt(cell, push))
         decision = cell.tick(goal=intent)
         self._status = decision.status
         self._note(decision.command)
@@ -165,10 +169,21 @@ class Trial:
         return self.course
 
     def _push(self) -> Vector3:
-        """(3,) how the ball on its stand pushes the tip back, which does not move it here [N]."""
+        """(3,) how the ball on its stand pushes the tip back [N]; the tip gives way if it may.
+
+        Tip and ball are round, and the springs are the same to every side: the tip goes straight
+        away from the ball's middle.
+        """
         away = tcp_pose(self.eyes.true_robot, self.cell.q)[:3, 3] - self.ball(self.now)
         length = float(np.linalg.norm(away))
-        return np.asarray(STAND * max(RADIUS - length, 0.0) * away / max(length, 1e-6))
+        force = pressing_force(RADIUS - length, STAND, self.tip)
+        return np.asarray(force * away / max(length, 1e-6))
+
+    def _aside(self, push: Vector3) -> Vector3:
+        """(3,) how far a push [N] moves the tip out of its seat [m]."""
+        force = float(np.linalg.norm(push))
+        moved = 0.0 if self.tip is None else self.tip.moved(force)
+        return np.asarray(moved * push / max(force, 1e-9))
 
     def _note(self, command: JointVector) -> None:
         course, cell = self.course, self.cell
@@ -194,7 +209,8 @@ class Trial:
             # A ball that runs into a tip that stands or leaves is not pushed by it: of that the
             # force counts. Nor is one that goes as fast before it.
             pushes = not held and min(float(own @ way), float((own - moves) @ way)) > MOVING
-            course.harm += pushes or -STAND * course.gap[-1] > self.task.dock.force
+            force = pressing_force(-course.gap[-1], STAND, self.tip)
+            course.harm += pushes or force > self.task.dock.force
 
 
 def make_task(

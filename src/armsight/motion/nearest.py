@@ -94,7 +94,7 @@ class MovingBody:
     Attributes:
         moving: (k,) bool, which of ``Robot.spheres`` these are.
         shell: (m,) radius in which a sphere's matter is for certain [m]: a tool in a soft mount is
-            bent out of its spheres by its weight and cable.
+            bent out of its spheres by its weight and cable, a tip on springs by what it touches.
 
     Raises:
         ValueError: the robot has no spheres, so nothing of it could be protected.
@@ -212,4 +212,6 @@ def _sag(robot: Robot) -> Floats:
     if tool is not None and tool.mount is not None:
         levers = np.linalg.norm(tool.spheres.center - tool.T_flange_tcp[:3, 3], axis=1)
         sag[len(sag) - len(levers) :] = [tool.mount.sag(float(lever)) for lever in levers]
+    if tool is not None and tool.tip is not None:  # what is pressed aside is beside its place
+        sag[len(sag) - len(tool.spheres.radius) :] += tool.tip.travel
     return sag

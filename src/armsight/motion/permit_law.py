@@ -20,6 +20,7 @@ from armsight.motion.guard_config import GuardConfig
 from armsight.motion.permits import Permit
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
+from armsight.robots.sprung_tip import SprungTip, press_depth
 
 NOTICED = 0.5
 """Less force than this is noise [N]."""
@@ -30,24 +31,40 @@ UNSEEN = 0.01
 5 mm/s, and a hand that sways (0.07 m/s2) is another 5 mm/s faster than when it was seen."""
 SHARE = 0.6
 """Share of the force that may be left to be used up while the arm stops."""
+SLOWS = 2.0
+"""An arm's tip slows by this much at least when it brakes [m/s^2]."""
 LEAST = 0.002
 """The arm may always move this slowly in contact: back, if nothing else [m/s]."""
 
 
-def pressing_speed(config: GuardConfig, permit: Permit | None, stiffness: float) -> float:
+def pressing_speed(
+    config: GuardConfig,
+    permit: Permit | None,
+    stiffness: float,
+    tip: SprungTip | None = None,
+) -> float:
     """Speed [m/s] from which the arm stops before what it touches is pressed too hard.
 
     Args:
         config: of the guard.
         permit: what holds, with what is felt; None for an arm that leaves.
         stiffness: of what is touched [N/m].
+        tip: how the arm's own tip gives way; None where it does not.
     """
     if permit is None or not permit.holds or not stiffness > 0.0:
         return config.retreat_speed
     late = STALE + 2.0 * config.period + config.start_delay
-    pressed = 0.0 if math.isnan(permit.pressed) else permit.pressed
-    room = permit.force - (pressed if pressed > NOTICED else 0.0)
-    return max(SHARE * room / (stiffness * late), LEAST)
+    felt = 0.0 if math.isnan(permit.pressed) else permit.pressed
+    pressed = felt if felt > NOTICED else 0.0
+
+    def depth(force: float) -> float:
+        return press_depth(force, stiffness, tip)
+
+    way = depth(pressed + SHARE * (permit.force - pressed)) - depth(pressed)
+    # On a spring the way is long, and so is what braking takes of it: all of it has to do.
+    rest = max(depth(permit.force) - depth(felt), 0.0)
+    in_time = math.sqrt((SLOWS * late) ** 2 + 2.0 * SLOWS * rest) - SLOWS * late
+    return max(min(way / late, in_time), LEAST)
 
 
 def gentle_speed(

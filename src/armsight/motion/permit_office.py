@@ -169,7 +169,9 @@ class PermitOffice:
             speed = self._config.retreat_speed
         if not grant.person:
             stiffness = 0.0 if self._request is None else self._request.stiffness
-            speed = min(speed, pressing_speed(self._config, permit, stiffness))
+            tool = self._robot.tool
+            tip = None if tool is None else tool.tip
+            speed = min(speed, pressing_speed(self._config, permit, stiffness, tip))
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
             parts, region = grant.touching[self._body.moving], grant.region
             held = grant.out is not None

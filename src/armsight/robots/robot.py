@@ -11,6 +11,7 @@ from armsight.arrays import Floats, Ints, JointVector, Points, Pose, Poses
 from armsight.geometry.shapes import Solid
 from armsight.robots.cable import HungCable
 from armsight.robots.soft_mount import SoftMount
+from armsight.robots.sprung_tip import SprungTip
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,7 @@ class Tool:
         mass: [kg]; center_of_mass: (3,) in the flange's frame [m].
         held: solids that it holds, in the flange's frame; spheres and mass count them already.
         mount: that lets it and what it holds give way; None where it is bolted to the flange.
+        tip: how what of it may touch gives way by itself; None where that is stiff.
         cable: from it to a hanger in the cell; None where there is none, or nobody says where.
     """
 
@@ -108,6 +110,7 @@ class Tool:
     center_of_mass: Floats
     held: tuple[Solid, ...] = ()
     mount: SoftMount | None = None
+    tip: SprungTip | None = None
     cable: HungCable | None = None
 
     def moved(self, T_flange_moved: Pose) -> Tool:

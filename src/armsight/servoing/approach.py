@@ -11,6 +11,8 @@ from armsight.arrays import Vector3
 from armsight.geometry.pose import cross
 from armsight.servoing.aim import Aim
 
+ASIDE = math.radians(30.0)
+"""A tip on springs touches what is round from so far off the tool's axis, too [rad]."""
 STRAIGHT = math.radians(10.0)
 """A tool that points so far from where it should comes along where it should [rad]."""
 
@@ -31,10 +33,20 @@ class Funnel:
     free: float = 0.008
     most: float = 0.12
 
-    def standoff(self, tip: Vector3, touched: Vector3, axis: Vector3) -> float:
-        """How far before the touched point the tip shall be now [m]."""
+    def standoff(
+        self, tip: Vector3, touched: Vector3, axis: Vector3, beside: float | None = None
+    ) -> float:
+        """How far before the touched point the tip shall be now [m].
+
+        Args:
+            tip: (3,) where it is [m].
+            touched: (3,) the point [m].
+            axis: (3,) unit, the tool's.
+            beside: how far the tip counts as beside its way [m]; None for beside the axis.
+        """
         to = touched - tip
-        beside = float(np.linalg.norm(to - axis * (axis @ to)))
+        if beside is None:
+            beside = float(np.linalg.norm(to - axis * (axis @ to)))
         past = max(float(-(axis @ to)), 0.0)  # behind the point already: go back first
         extra = self.slope * max(beside - self.free, 0.0) + (self.most if past > 0.02 else 0.0)
         return self.gap + min(extra, self.most)
@@ -75,6 +87,30 @@ def along_the_tool(axis: Vector3, tool: Vector3 | None) -> Vector3:
     return np.asarray(mixed / max(float(np.linalg.norm(mixed)), 1e-9))
 
 
+def side(tip: Vector3, middle: Vector3, axis: Vector3) -> tuple[Vector3, float]:
+    """From where a round target is touched by a tip that may be pushed from any side.
+
+    Args:
+        tip: (3,) where it is [m].
+        middle: (3,) of the target [m].
+        axis: (3,) unit, the tool's.
+
+    Returns:
+        (3,) unit, the way from the tip to the middle, if that is no more than :data:`ASIDE` off the
+        tool's axis, else the nearest that is; and how far the tip is beside that way [m].
+    """
+    to = middle - tip
+    away = math.sqrt(float(to @ to))
+    way = to / max(away, 1e-9)
+    angle = math.acos(float(np.clip(way @ axis, -1.0, 1.0)))
+    if angle <= ASIDE:
+        return way, 0.0
+    across = way - float(way @ axis) * axis
+    across = across / max(math.sqrt(float(across @ across)), 1e-9)
+    way = math.cos(ASIDE) * axis + math.sin(ASIDE) * across
+    return way, away * math.sin(min(angle - ASIDE, 0.5 * math.pi))
+
+
 def touch_aim(
     tip: Vector3,
     touched: Vector3,
@@ -82,7 +118,8 @@ def touch_aim(
     axis: Vector3,
     down: Vector3,
     funnel: Funnel,
+    beside: float | None = None,
 ) -> Aim:
-    """The aim of a tip that shall touch a moving point along an axis."""
-    standoff = funnel.standoff(tip, touched, axis)
+    """The aim of a tip that shall touch a moving point along an axis; see :class:`Funnel`."""
+    standoff = funnel.standoff(tip, touched, axis, beside)
     return Aim(touched - standoff * axis, velocity, axis, down)

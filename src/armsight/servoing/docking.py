@@ -16,6 +16,7 @@ from armsight.arrays import Floats, Pose, Vector3
 from armsight.geometry.pose import cross, make_pose
 from armsight.motion.permits import ContactKind, PermitRequest
 from armsight.motion.regions import Region, RegionShape
+from armsight.robots.sprung_tip import SprungTip, press_depth
 from armsight.servoing.eyes import Target
 from armsight.servoing.targets.ball import Ball
 from armsight.servoing.targets.bullseye import Bullseye
@@ -94,10 +95,13 @@ class Docking:
     scale: float = 1.0
     wary: bool = False
 
-    @property
-    def reserve(self) -> float:
-        """How wrong a prediction of it may be [m]: then it is pressed with half of the force."""
-        return 0.5 * self.force / self.stiffness if self.wary else math.inf
+    def reserve(self, tip: SprungTip | None = None) -> float:
+        """How wrong a prediction of it may be [m]: then it is pressed with half of the force.
+
+        Args:
+            tip: how the tool's own tip gives way; None where it does not.
+        """
+        return press_depth(0.5 * self.force, self.stiffness, tip) if self.wary else math.inf
 
     def request(
         self, seen: Touchable, otherwise: Vector3, up: Vector3, front: Vector3

@@ -14,8 +14,9 @@ from armsight.devices.data import JointState
 from armsight.motion.data import GuardStatus
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
+from armsight.robots.sprung_tip import SprungTip
 from armsight.servoing.aim import Aim, Weights
-from armsight.servoing.approach import Funnel, along_the_tool, facing, touch_aim
+from armsight.servoing.approach import Funnel, along_the_tool, facing, side, touch_aim
 from armsight.servoing.docking import Direction, Touchable
 from armsight.servoing.estimate import FilterConfig, TargetEstimate, TargetFilter
 from armsight.servoing.law import LawConfig, VelocityLaw
@@ -62,6 +63,7 @@ class ChaseConfig:
         gentle: speed of the tip [m/s] where it is nearer than ``NEAR_BODY`` to somebody's part.
         reserve: so wrong a prediction may be [m] without harm: from what strays more a tip that has
             touched it leaves at once.
+        tip: how the tool's own tip gives way; None where it does not.
         law, filter, segments, weights: of the parts.
     """
 
@@ -74,6 +76,7 @@ class ChaseConfig:
     funnel: Funnel = field(default_factory=Funnel)
     gentle: float = math.inf
     reserve: float = math.inf
+    tip: SprungTip | None = None
     law: LawConfig = field(default_factory=LawConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
     segments: SegmentConfig = field(default_factory=SegmentConfig)
@@ -232,7 +235,10 @@ class OurChase:
         self._straying.predicted(self._acts, at)
         retreat += self._straying.keeps_off(now, self.distance)
         at = at + self._takeover.held
-        touched = at - (config.radius + retreat + self.give) * axis
+        way, beside = axis, None
+        if config.tip is not None and config.radius > 0.0 and config.funnel.gap <= 0.0:
+            way, beside = side(tip, at, axis)
+        touched = at - (config.radius + retreat + self.give) * way
         most = config.gentle if self.distance < NEAR_BODY else math.inf
         if math.isfinite(config.reserve):
             ahead = self._acts - estimate.stamp
@@ -241,8 +247,10 @@ class OurChase:
             if self._straying.speed > GOES:
                 most = min(most, meeting_speed(left, turns))
             goes = float(velocity @ axis)
-            velocity = velocity - min(max(goes, 0.0), self._straying.speed_error(ahead)) * axis
-        aim = touch_aim(tip, touched, velocity, axis, down, config.funnel)
+            # What gives way by its reserve forgives as much of a speed, half of it for the place.
+            wrong = max(self._straying.speed_error(ahead) - 0.5 * config.reserve / LATE, 0.0)
+            velocity = velocity - min(max(goes, 0.0), wrong) * axis
+        aim = touch_aim(tip, touched, velocity, axis, down, config.funnel, beside)
         return Wish(self.law.command(now, joints, aim, most), estimate.seen)
 
     def before(self, gap: float) -> Pose | None:

@@ -100,6 +100,7 @@ def build_model(
         board,
         spec.gripper if fingers else None,
         spec.plug,
+        spec.pushes,
     )
     if spec.plug is not None and spec.plug.hung is not None:
         add_cable(builder, spec.plug.hung)

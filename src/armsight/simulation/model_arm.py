@@ -13,6 +13,7 @@ from armsight.robots.robot import Capsules, LinkMesh, Robot, Tool
 from armsight.simulation import looks
 from armsight.simulation.board import BoardUnit
 from armsight.simulation.finger import add_finger
+from armsight.simulation.floating_tip import add_floating, floats
 from armsight.simulation.gl import mujoco
 from armsight.simulation.hulls import convex_pieces, load_mesh
 from armsight.simulation.model_fingers import add_fingers
@@ -43,6 +44,7 @@ def add_arm(
     board: BoardUnit | None = None,
     gripper: GripperSpec | None = None,
     plug: PlugSpec | None = None,
+    pushes: bool = False,
 ) -> tuple[str, ...]:
     """The links; with a force sensor the tool is a body of its own, else part of the last.
 
@@ -55,6 +57,7 @@ def add_arm(
         board: that hangs on it or stands somewhere, or None.
         gripper: whose fingers move, or None; needs ``sensing``.
         plug: the tool hangs in a mount that gives way, or None; needs ``sensing``, too.
+        pushes: contact pushes; a tip on springs then gives way, and needs ``sensing``.
     """
     carried = board if board is not None and board.mounted_on == "flange" else None
     if board is not None and carried is None:
@@ -85,7 +88,7 @@ def add_arm(
             _held(builder, body, robot, robot.T_last_flange)
         _link(builder, body, robot, link, meshes)
     if sensing:
-        _flange(builder, body, robot, carried, gripper, plug)
+        _flange(builder, body, robot, carried, gripper, plug, pushes)
     return tuple(names)
 
 
@@ -114,12 +117,16 @@ def _flange(
     board: BoardUnit | None,
     gripper: GripperSpec | None,
     plug: PlugSpec | None,
+    pushes: bool,
 ) -> None:
     """What hangs on the force sensor."""
     T, tool = robot.T_last_flange, robot.tool
     body = last.add_body(name="arm/flange", pos=T[:3, 3], quat=to_wxyz(T), gravcomp=1.0)
     mass = 1e-3 if tool is None else max(tool.mass, 1e-3)
     center = np.zeros(3) if tool is None else tool.center_of_mass
+    tip = None
+    if pushes and tool is not None and tool.tip is not None and plug is None and board is None:
+        tip, mass, center = add_floating(body, tool)
     if plug is not None and tool is not None:
         set_inertia(body, 1e-2, np.zeros(3), np.eye(3) * 1e-6)
         _plug(builder, body, robot, tool, plug, mass)
@@ -131,6 +138,9 @@ def _flange(
     elif tool is not None and plug is None:
         fingertips = add_fingers(builder, body, robot, gripper) if gripper is not None else ()
         meshes = [(m, m.T_link_mesh) for m in tool.meshes if m.path.stem not in fingertips]
+        if meshes and tip is not None:
+            _link(builder, tip, robot, robot.n, [m for m in meshes if floats(m[0])], "arm/tip")
+            meshes = [m for m in meshes if not floats(m[0])]
         if meshes:
             _link(builder, body, robot, robot.n, meshes, "arm/tool")
         _held(builder, body, robot, np.eye(4))

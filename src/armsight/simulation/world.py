@@ -19,6 +19,7 @@ from armsight.simulation.arm_errors import compliance, true_geometry
 from armsight.simulation.board import draw_board
 from armsight.simulation.cameras import SimulatedCamera, SimulatedStereo, make_rivals
 from armsight.simulation.clock import SimulatedClock
+from armsight.simulation.floating_tip import floating
 from armsight.simulation.giving import Followers
 from armsight.simulation.gl import mujoco
 from armsight.simulation.gripper import SimulatedGripper
@@ -64,6 +65,7 @@ class SimulatedWorld:
         truth: what really happened, for experiments only.
         renderer: pictures from any pose (see also :meth:`picture`).
         plugged: the truth about a plug and its socket, or None.
+        tip: a tool's tip that floats on springs, where contact pushes; or None.
         car: the car that the socket belongs to, or None; lid: the truth about its lid, or None.
         memory: where everything stands, for a program that takes over.
     """
@@ -92,6 +94,7 @@ class SimulatedWorld:
             if spec.plug is None
             else Plugged(self._cell.model, self._data, spec.plug, spec.socket)
         )
+        self.tip = floating(self._cell.model, self._data, robot.tool)
         self._lid_parts = LidParts(self._cell.model, self._data, spec)
         self.lid = self._lid_parts.lid
         self.arm = SimulatedArm(
@@ -215,6 +218,8 @@ class SimulatedWorld:
             if self.plugged is not None:
                 self.plugged.push()
                 self._lid_parts.push(self.gripper, now)
+            if self.tip is not None:
+                self.tip.push()
             before = None if self.wrench is None else data.qvel.copy()
             mujoco.mj_step(model, data)
             if data.ncon:

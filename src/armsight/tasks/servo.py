@@ -21,6 +21,7 @@ from armsight.servoing.segments import SegmentConfig
 from armsight.servoing.targets.ball import Ball
 from armsight.tasks.handover import HandoverTask
 from armsight.tasks.servo_task import Mode, ServoTask
+from armsight.workcell.beliefs import tip_of
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell
@@ -95,6 +96,7 @@ def chase_config(
     T_base_world = inverse(T_world_base)
     lower, upper = _box(workcell.mapping.lower, workcell.mapping.upper, T_base_world)
     speed = section.speed * workcell.guard.speed
+    tip = tip_of(workcell)
     return ChaseConfig(
         vertical=T_base_world[:3, 2],
         front=T_base_world[:3, 0],
@@ -103,7 +105,8 @@ def chase_config(
         turned=dock.turned,
         funnel=Funnel(gap=standoff if standoff > 0.0 else dock.gap),
         gentle=dock.gentle,
-        reserve=dock.reserve,
+        reserve=dock.reserve(tip),
+        tip=tip,
         law=LawConfig(
             delay=section.start_delay_ms / 1e3 + 0.002,
             speed=speed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 from typing import Literal
 
@@ -23,6 +24,7 @@ from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
+from armsight.robots.sprung_tip import press_depth
 from armsight.servoing.detour import BEFORE, Detour
 from armsight.servoing.docking import Docking
 from armsight.servoing.eyes import Eye, WristEye
@@ -38,6 +40,9 @@ ASK_WITHIN = 2.0
 """A permit is asked for from here on [m]: other links of the arm come near the target, too."""
 FELT = 1.0
 """Less force than this is the tool's own inertia, and noise [N]."""
+ASIDE, BESIDE = 64, 0.05
+"""Rounds in which the tip was pushed that are remembered; a picture so long before or after one of
+them [s] may show it out of its seat."""
 EASES = 0.02
 """What is felt counts by its mean over about this time [s]."""
 GIVES = 0.05
@@ -89,6 +94,7 @@ class ServoTask:
         self._latency = math.nan
         self._pausing = False
         self._felt = 0.0
+        self._aside: deque[float] = deque(maxlen=ASIDE)
 
     def update(self, observation: Observation) -> Intent:
         """See :class:`~armsight.motion.task.Task`."""
@@ -155,11 +161,14 @@ class ServoTask:
         """How far the tip gives way to what presses [m]: that much is bent by what is felt.
 
         A goal behind a surface that yields is followed for ever: the eyes see the surface go back.
+        A tip on springs is pressed farther by as much.
         """
         permit = None if guard is None else guard.permit
         felt = 0.0 if permit is None or math.isnan(permit.pressed) else permit.pressed
         self._felt += (felt - self._felt) * min(1.0, self.period / EASES)
-        return min(max(self._felt - FELT, 0.0) / self.dock.stiffness, GIVES)
+        hold, tip = self.dock.stiffness, self.config.tip
+        bent = press_depth(self._felt, hold, tip) - press_depth(FELT, hold, tip)
+        return min(max(bent, 0.0), GIVES)
 
     def face(self) -> Face:
         """What the page shows."""
@@ -167,6 +176,7 @@ class ServoTask:
 
     def _take(self, observation: Observation) -> None:
         """Everything that has been seen since the last round, in the order of exposure."""
+        self._note_aside(observation.now, observation.guard)
         fresh = []
         for perceived in observation.perceived:
             if isinstance(perceived.evidence, Looks):
@@ -176,8 +186,20 @@ class ServoTask:
                         self._looks[look.camera] = look
                         fresh.append(look)
         for look in sorted(fresh, key=lambda look: look.stamp):
+            # The pair learns its own place from the mark on a tip that is in its seat.
+            if any(abs(look.stamp - at) < BESIDE for at in self._aside):
+                look = replace(look, mark=None)
             self.chase.see(look)
             self._latency = observation.now - look.stamp
+
+    def _note_aside(self, now: float, guard: GuardStatus | None) -> None:
+        """Remember when a tip on springs may have been out of its seat."""
+        if self.config.tip is None:
+            return
+        permit = None if guard is None else guard.permit
+        pressed = math.nan if permit is None else permit.pressed
+        if pressed > self.config.tip.seat / 2.0 or self.chase.distance < 0.0:
+            self._aside.append(now)
 
     def _show(self, robot: Robot, joints: JointState, now: float, touching: bool) -> Face:
         chase = self.chase

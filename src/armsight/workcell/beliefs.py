@@ -9,10 +9,12 @@ import numpy as np
 from armsight.arrays import JointVector
 from armsight.devices.camera_models import camera_info
 from armsight.devices.data import RgbdCameraInfo
+from armsight.errors import WorkcellError
 from armsight.geometry.pose import inverse, transform
 from armsight.robots.cable import HungCable
 from armsight.robots.robot import Robot
 from armsight.robots.soft_mount import SoftMount
+from armsight.robots.sprung_tip import SprungTip
 from armsight.workcell.calibration_file.reading import (
     calibrated_info,
     mount_pose,
@@ -31,7 +33,7 @@ PORT_TORQUE = 15.0
 def robot_in(workcell: Workcell) -> Robot:
     """The cell's robot: with its tool, its home, and joint limits as narrow as the file says."""
     section = workcell.robot
-    robot = in_mount(robot_of(section, workcell.held), workcell)
+    robot = with_tip(in_mount(robot_of(section, workcell.held), workcell), workcell)
     limits = robot.limits
     lower, upper = limits.lower, limits.upper
     if section.joint_lower_deg is not None:
@@ -56,6 +58,30 @@ def in_mount(robot: Robot, workcell: Workcell) -> Robot:
     most = (workcell.guard.thing_force_n + rest[0], PORT_TORQUE + rest[1])
     mount = SoftMount(stiffness, most, rest)
     return replace(robot, tool=replace(tool, mount=mount, cable=_cable(workcell, plug)))
+
+
+def with_tip(robot: Robot, workcell: Workcell) -> Robot:
+    """The robot whose tool's tip gives way as the cell's file states, if it does.
+
+    Raises:
+        WorkcellError: there is no tool, or no force sensor to tell that the spring is at work.
+    """
+    tip, tool = tip_of(workcell), robot.tool
+    if tip is None:
+        return robot
+    if tool is None or workcell.wrench is None:
+        raise WorkcellError(
+            f"{workcell.file or workcell.name}: [tip] needs a [wrench] and robot.tool: whose it is"
+        )
+    return replace(robot, tool=replace(tool, tip=tip))
+
+
+def tip_of(workcell: Workcell) -> SprungTip | None:
+    """How the cell's file says that the tool's tip gives way; None where it does not."""
+    section = workcell.tip
+    if section is None:
+        return None
+    return SprungTip(1e3 * section.spring_n_per_mm, 1e-3 * section.travel_mm, section.seat_n)
 
 
 def _cable(workcell: Workcell, plug: PlugSection) -> HungCable | None:

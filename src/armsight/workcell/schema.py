@@ -30,6 +30,7 @@ from armsight.workcell.schema_devices import (
     PlugSection,
     RobotSection,
     StereoSection,
+    TipSection,
     WrenchSection,
 )
 from armsight.workcell.schema_simulation import SimulationSection
@@ -144,6 +145,7 @@ class Workcell(Section):
     stereo: tuple[StereoSection, ...] = key((), "Stereo pairs.")
     wrench: WrenchSection | None = key(None, "The force sensor at the flange, if there is one.")
     gripper: GripperSection | None = key(None, "The gripper, if there is one.")
+    tip: TipSection | None = key(None, "How the tool's tip gives way, if it does.")
     plug: PlugSection | None = key(None, "The charging plug, if the flange carries one.")
     solid: tuple[SolidSection, ...] = key((), "What stands still and is known: table, walls.")
     held: tuple[HeldSection, ...] = key((), "What the arm holds, or what hangs from its flange.")

@@ -183,6 +183,21 @@ class GripperSection(Section):
     connection: Connection = key({}, "What a real driver needs; the driver's page says what.")
 
 
+class TipSection(Section):
+    """The tool's tip floats in its holder on springs, as a touch probe's does, and gives way."""
+
+    spring_n_per_mm: Positive = key(
+        ..., "With which it gives way, to whatever side.", "N/mm", le=100.0
+    )
+    travel_mm: Positive = key(..., "By how much, until it meets a stop.", "mm", le=100.0)
+    seat_n: NotNegative = key(
+        1.0,
+        "What pushes less does not move it out of its seat.",
+        "N",
+        le=20.0,
+    )
+
+
 class PlugSection(Section):
     """The charging plug that the flange carries, and the mount that lets it give way."""
 

@@ -1,0 +1,104 @@
+"""The guard's speed for a thing that a tip on springs touches: arms played until they stand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from armsight.motion.force_watch import STALE
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.nearest import MovingBody
+from armsight.motion.permit_law import pressing_speed
+from armsight.motion.permits import LIMITS, Permit, PermitState
+from armsight.robots.sprung_tip import SprungTip
+from armsight.workcell import load_workcell, robot_in
+from armsight.workcell.beliefs import tip_of
+from armsight.workcell.packaged import packaged
+
+CONFIG = GuardConfig()
+LATE = STALE + 2.0 * CONFIG.period + CONFIG.start_delay
+BRAKES = 2.0
+"""A tip slows by this much at least [m/s^2]: the slowest arm's, at full reach."""
+TIP = SprungTip(300.0, 0.025, 1.0)
+OTHERS = (SprungTip(200.0, 0.03, 1.0), SprungTip(500.0, 0.01, 0.5), SprungTip(100.0, 0.05, 0.0))
+THINGS = (1e3, 2.5e3, 5e3, 50e3)
+
+
+def granted(pressed: float, force: float = 10.0) -> Permit:
+    return Permit("t", "thing", PermitState.GRANTED, force=force, pressed=pressed)
+
+
+def force_at(press: float, hold: float, tip: SprungTip | None) -> float:
+    """Of a thing that is pressed [N]: the tip moves until what pushes it is what holds it."""
+    if tip is None:
+        return hold * press
+    near, far = 0.0, tip.travel
+    for _ in range(60):
+        middle = 0.5 * (near + far)
+        pushed, holds = hold * (press - middle), tip.seat + tip.stiffness * middle
+        near, far = (middle, far) if pushed > holds else (near, middle)
+    return hold * (press - near)
+
+
+def press_at(force: float, hold: float, tip: SprungTip | None) -> float:
+    near, far = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (near + far)
+        near, far = (middle, far) if force_at(middle, hold, tip) < force else (near, middle)
+    return near
+
+
+def hardest(speed: float, pressed: float, hold: float, tip: SprungTip | None) -> float:
+    """Force [N] once an arm stands that went on for as long as nobody knew, and then braked."""
+    press, v, t, dt = press_at(pressed, hold, tip), speed, 0.0, 1e-4
+    while v > 0.0:
+        press += v * dt
+        t += dt
+        v -= BRAKES * dt if t > LATE else 0.0
+    return force_at(press, hold, tip)
+
+
+@pytest.mark.parametrize("tip", [None, TIP, *OTHERS])
+@pytest.mark.parametrize("hold", THINGS)
+def test_no_arm_presses_harder_than_it_may(tip: SprungTip | None, hold: float) -> None:
+    for pressed in np.linspace(0.0, 9.5, 20):
+        speed = min(pressing_speed(CONFIG, granted(pressed), hold, tip), LIMITS["thing"].speed)
+        if speed > 0.002:  # always allowed: it takes the arm back
+            assert hardest(speed, pressed, hold, tip) <= 10.02
+
+
+def test_beyond_its_travel_the_tip_counts_for_nothing() -> None:
+    on_the_stop = TIP.seat + TIP.stiffness * TIP.travel + 0.1
+    with_tip = pressing_speed(CONFIG, granted(on_the_stop, 40.0), 2.5e3, TIP)
+    assert with_tip == pytest.approx(pressing_speed(CONFIG, granted(on_the_stop, 40.0), 2.5e3))
+    # A law that took the spring for endless would go on here until the arm presses with 100 N.
+    soft = SprungTip(TIP.stiffness, math.inf, TIP.seat)
+    bold = pressing_speed(CONFIG, granted(on_the_stop, 40.0), 2.5e3, soft)
+    assert hardest(min(bold, 0.25), on_the_stop, 2.5e3, TIP) > 40.0
+
+
+def test_a_jammed_tip_presses_as_a_stiff_one() -> None:
+    """What the law takes for granted, and what happens without: docs/guard.md has the figure."""
+    speed = min(pressing_speed(CONFIG, granted(math.nan), 2.5e3, TIP), 0.15)
+    assert hardest(speed, 0.0, 2.5e3, TIP) < 10.0
+    assert hardest(speed, 0.0, 2.5e3, None) == pytest.approx(51.0, abs=2.0)
+
+
+def test_a_tip_of_the_servoing_cell_lets_the_arm_come_faster() -> None:
+    tip = tip_of(load_workcell(packaged()["ur10_servoing"]))
+    stiff, soft = (pressing_speed(CONFIG, granted(math.nan), 2.5e3, t) for t in (None, tip))
+    assert stiff == pytest.approx(0.6 * 10.0 / (2.5e3 * LATE))
+    way = soft * LATE + soft**2 / (2.0 * BRAKES)
+    assert way == pytest.approx(10.0 / 2.5e3 + 0.03)
+
+
+def test_separation_counts_with_a_tip_that_is_pressed_aside() -> None:
+    robot = robot_in(load_workcell(packaged()["ur10_servoing"]))
+    tool = robot.tool
+    assert tool is not None
+    assert tool.tip is not None
+    body = MovingBody(robot, robot.limits.acceleration)
+    wider = body.shell - body.radius
+    k = len(tool.spheres.radius)
+    assert wider[-k:] == pytest.approx(tool.tip.travel)
+    assert not wider[:-k].any()
