@@ -43,8 +43,9 @@ ours (one filter, a bias for each camera, predicted to now) under the cell's and
 ours in the guarded cell without pictures (`experiments/servo_eyes.py`): the tip follows a ball on
 a circle of 0.2 m at 0.25 m/s, {1e2 * STANDOFF:.0f} cm before its surface, whole error of the tip
 against where it should be; the same at the surface itself (`touching_rms_mm`), where a tip on
-springs touches the ball from the side that it is at, up to 30 degrees off where it should be; the same stand-off with 0.5 s without any picture every 2 s; and a ball that goes
-to and fro sideways out of the pair's view. Ablations: without the target's velocity fed forward,
+springs touches the ball from the side that it is at, up to 30 degrees off where it should be; the
+same stand-off with 0.5 s without any picture every 2 s; and a ball that goes to and fro sideways
+out of the pair's view. Ablations: without the target's velocity fed forward,
 without biases.
 """
 
