@@ -145,7 +145,7 @@ def _as_recorded(text: str, description: CellDescription) -> str:
         document["robot"]["tool"] = description.tool
     for key in ("person", "object", "undeclared"):
         document.get("simulation", {}).pop(key, None)
-    for key in ("camera", "stereo", "wrench", "gripper"):
+    for key in ("camera", "stereo", "wrench", "gripper", "tip"):
         document.pop(key, None)
     for key in ("driver", "connection"):
         document.get("robot", {}).pop(key, None)

@@ -43,7 +43,7 @@ FOUND = (56, 189, 248)
 def carrying_sphere(workcell: Workcell) -> Workcell:
     """The cell with the marker on its arm and nothing else, its cameras no evidence for the map."""
     robot = workcell.robot.model_copy(update={"tool": SPHERE_TOOL})
-    bare = {"robot": robot, "board": None, "gripper": None, "plug": None, "held": ()}
+    bare = {"robot": robot, "board": None, "gripper": None, "plug": None, "tip": None, "held": ()}
     return to_calibrate(workcell).model_copy(update=bare)
 
 
