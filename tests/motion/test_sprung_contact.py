@@ -8,8 +8,9 @@ import pytest
 from armsight.motion.force_watch import STALE
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import MovingBody
-from armsight.motion.permit_law import pressing_speed
-from armsight.motion.permits import LIMITS, Permit, PermitState
+from armsight.motion.permit_law import floating, pressing_speed
+from armsight.motion.permits import LIMITS, Permit, PermitRequest, PermitState
+from armsight.motion.regions import Region
 from armsight.robots.sprung_tip import SprungTip
 from armsight.workcell import load_workcell, robot_in
 from armsight.workcell.beliefs import tip_of
@@ -90,6 +91,22 @@ def test_a_tip_of_the_servoing_cell_lets_the_arm_come_faster() -> None:
     assert stiff == pytest.approx(0.6 * 10.0 / (2.5e3 * LATE))
     way = soft * LATE + soft**2 / (2.0 * BRAKES)
     assert way == pytest.approx(10.0 / 2.5e3 + 0.03)
+
+
+def test_the_spring_counts_for_what_floats_alone() -> None:
+    robot = robot_in(load_workcell(packaged()["ur10_servoing"]))
+    region = Region("sphere", (0.04, 0.0, 0.0), np.eye(4), 0.0, np.zeros(3), np.eye(3) * 1e-6)
+    for parts, reach, floats in (
+        (("tool",), 0.06, True),
+        (("tool",), 0.12, False),
+        (("tool",), math.inf, False),
+        (("tool", "wrist_3_link"), 0.06, False),
+        (("forearm_link",), 0.06, False),
+    ):
+        request = PermitRequest("ball", "thing", region, parts, reach)
+        assert (floating(robot, request) is not None) == floats
+    assert floating(robot, None) is None
+    assert floating(robot.without_tool(), request) is None
 
 
 def test_separation_counts_with_a_tip_that_is_pressed_aside() -> None:

@@ -173,7 +173,7 @@ def test_a_tip_on_springs_is_the_tools_and_asks_for_a_force_sensor():
     plain = '[cell]\nname = "t"\n[robot]\nmodel = "ur10"\ntool = "pen"\n'
     tip = "[tip]\nspring_n_per_mm = 0.2\ntravel_mm = 30\nseat_n = 1\n"
     tool = robot_in(parse_workcell(plain + tip + "[wrench]\n")).tool
-    assert tool.tip == SprungTip(200.0, 0.03, 1.0)
+    assert tool.tip == SprungTip(200.0, 0.03, 1.0, 0.1)
     assert robot_in(parse_workcell(plain)).tool.tip is None
     with pytest.raises(WorkcellError, match=r"\[tip\] needs a \[wrench\]"):
         robot_in(parse_workcell(plain + tip))

@@ -17,7 +17,7 @@ from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.motion.contact_limits import contact_speed, effective_mass
 from armsight.motion.force_watch import STALE, held_force
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.permits import Permit
+from armsight.motion.permits import Permit, PermitRequest
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 from armsight.robots.sprung_tip import SprungTip, press_depth
@@ -35,6 +35,19 @@ SLOWS = 2.0
 """An arm's tip slows by this much at least when it brakes [m/s^2]."""
 LEAST = 0.002
 """The arm may always move this slowly in contact: back, if nothing else [m/s]."""
+
+
+def floating(robot: Robot, request: PermitRequest | None) -> SprungTip | None:
+    """How what a permit lets touch gives way by itself; None where any of it is stiff.
+
+    Args:
+        robot: with its tool.
+        request: that was granted, or None.
+    """
+    tip = None if robot.tool is None else robot.tool.tip
+    if tip is None or request is None or any(part != "tool" for part in request.parts):
+        return None
+    return tip if request.reach <= tip.length else None
 
 
 def pressing_speed(

@@ -19,7 +19,7 @@ from armsight.motion.force_watch import ForceWatch
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards, MovingBody
 from armsight.motion.permit_grounds import followed, jump, seen_against
-from armsight.motion.permit_law import NOTICED, gentle_speed, pressing_speed
+from armsight.motion.permit_law import NOTICED, floating, gentle_speed, pressing_speed
 from armsight.motion.permits import (
     Permit,
     PermitRequest,
@@ -169,8 +169,7 @@ class PermitOffice:
             speed = self._config.retreat_speed
         if not grant.person:
             stiffness = 0.0 if self._request is None else self._request.stiffness
-            tool = self._robot.tool
-            tip = None if tool is None else tool.tip
+            tip = floating(self._robot, self._request)
             speed = min(speed, pressing_speed(self._config, permit, stiffness, tip))
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
             parts, region = grant.touching[self._body.moving], grant.region

@@ -25,11 +25,13 @@ class SprungTip:
         stiffness: c, of the spring [N/m].
         travel: L, by which it gives way at most [m].
         seat: F_0, with which it is held at its place [N].
+        length: so much of the tool, from its tip, floats [m].
     """
 
     stiffness: float
     travel: float
     seat: float
+    length: float = 0.1
 
     def moved(self, force: float) -> float:
         """How far the tip is from its place when a force [N] pushes it [m]."""

@@ -81,7 +81,12 @@ def tip_of(workcell: Workcell) -> SprungTip | None:
     section = workcell.tip
     if section is None:
         return None
-    return SprungTip(1e3 * section.spring_n_per_mm, 1e-3 * section.travel_mm, section.seat_n)
+    return SprungTip(
+        1e3 * section.spring_n_per_mm,
+        1e-3 * section.travel_mm,
+        section.seat_n,
+        1e-3 * section.length_mm,
+    )
 
 
 def _cable(workcell: Workcell, plug: PlugSection) -> HungCable | None:

@@ -196,6 +196,9 @@ class TipSection(Section):
         "N",
         le=20.0,
     )
+    length_mm: Positive = key(
+        100.0, "So much of the tool, from its tip, floats; the rest is stiff.", "mm", le=500.0
+    )
 
 
 class PlugSection(Section):
