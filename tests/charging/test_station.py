@@ -307,6 +307,74 @@ def test_a_permit_that_is_lost_in_contact_lets_go_and_comes_out(cell):
     assert stub.station.outcome.problem == "a hand"
 
 
+def lose(stub, pressed=40.0, reason="something else is too near"):
+    """The guard withdraws the permit; what it had granted."""
+    granted = replace(stub.guard.permit, force=125.0, pressed=pressed)
+    stub.guard.permit = replace(granted, state=PermitState.WITHDRAWN, reason=reason)
+    stub.guard.mode = GuardMode.REFLEX
+    wish = stub.step()
+    assert isinstance(wish.intent, Rest)
+    assert wish.intent.permit is None, "what was withdrawn is asked for anew after a round without"
+    stub.guard.permit = replace(granted, state=PermitState.REFUSED, reason=reason)
+    return granted
+
+
+def grant(stub, granted):
+    stub.guard.permit, stub.guard.mode = granted, GuardMode.VELOCITY
+
+
+@pytest.mark.parametrize("distance", [0.010, -0.012])
+def test_who_comes_near_is_waited_for_and_is_no_try(cell, distance):
+    """Visits were given up, or began again from the second look, whenever a visitor came."""
+    short = replace(OPTIONS.insert, seconds=5.0)
+    stub = stub_in(cell, State.INSERT, insert=short, patience=8.0)
+    for _ in range(4):
+        before(stub, cell, distance)
+        granted = lose(stub)
+        wish = stub.rest(6.0)
+        assert stub.station.words == "waits: something else is too near"
+        assert isinstance(wish.intent, Rest)
+        assert wish.intent.permit is not None, "it asks again"
+        grant(stub, granted)
+        wish = stub.rest(0.1)
+        assert isinstance(wish.intent, VelocityIntent)
+    assert stub.station.state is State.INSERT
+    assert stub.station.outcome.problem == ""
+    assert stub.station.outcome.tries == 1
+
+
+def test_a_plug_that_was_led_back_meanwhile_goes_in_anew(cell):
+    stub = stub_in(cell, State.INSERT)
+    granted = lose(stub)
+    before(stub, cell, 0.05)
+    lose(stub)
+    stub.rest(1.0)
+    assert stub.station.state is State.INSERT
+    grant(stub, granted)
+    stub.step()
+    assert stub.station.state is State.ALIGN
+
+
+def test_who_stays_for_longer_than_is_waited_ends_the_attempt(cell):
+    stub = stub_in(cell, State.INSERT, patience=3.0)
+    lose(stub)
+    stub.rest(3.5)
+    assert stub.station.state is State.LEAVE
+    words = "insert: no end after 3 s (waits: something else is too near)"
+    assert stub.station.outcome.problem == words
+
+
+@pytest.mark.parametrize(("pressed", "most"), [(124.0, 10), (0.0, 0)])
+def test_who_pressed_too_hard_is_not_waited_for(cell, pressed, most):
+    stub = stub_in(cell, State.INSERT, interruptions=most)
+    granted = lose(stub, pressed, "why")
+    assert stub.station.state is State.HELD
+    grant(stub, granted)
+    stub.rest(2.0)
+    assert stub.station.state is State.LEAVE
+    assert stub.station.outcome.problem == "why"
+
+
 def test_somebody_who_comes_between_is_no_jam(cell):
     """The guard held the arm for a visitor, and the law gave up: no progress."""
     short = replace(OPTIONS.insert, seconds=2.0)

@@ -81,18 +81,28 @@ class PlugHand:
 
         It is told where the guard holds the arm: somebody who comes between is no jam.
         """
-        assert self.law is not None
-        wrench = self.feeling.contact(seen.now)
-        if wrench is None:
+        held = seen.guard is not None and seen.guard.mode is GuardMode.STOPPED
+        answer = self._step(seen, face, held)
+        if answer is None:
             permit = self._permission.ask(seen.now, seen.guard)
             return None, Wish(Rest("the force sensor is silent", True, permit))
-        held = seen.guard is not None and seen.guard.mode is GuardMode.STOPPED
-        seat = face @ make_pose(None, (0.0, 0.0, self._depth))
-        answer = self.law.step(Felt(seen.now, inverse(seat) @ self.plug(seen), wrench, held))
         self.answer = answer
         if answer.depth > IN:
             self._permission.felt(seen.now)
         return answer, self.moving(seen, answer.twist, name, bound=answer.depth > 0.0)
+
+    def clock(self, seen: Seen, face: Pose) -> None:
+        """The law waits, and no time passes for it."""
+        self._step(seen, face, True)
+
+    def _step(self, seen: Seen, face: Pose, held: bool) -> Answer | None:
+        """One step of the law; None where nobody feels."""
+        assert self.law is not None
+        wrench = self.feeling.contact(seen.now)
+        if wrench is None:
+            return None
+        seat = face @ make_pose(None, (0.0, 0.0, self._depth))
+        return self.law.step(Felt(seen.now, inverse(seat) @ self.plug(seen), wrench, held))
 
     def moving(self, seen: Seen, twist: Floats, name: str, bound: bool = False) -> Wish:
         """The (6,) twist of the plug in its axes, as a wish."""

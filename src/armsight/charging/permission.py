@@ -16,6 +16,8 @@ RENEW = 90.0
 """A permit is asked for under a new name after this time, before it ends [s]."""
 SPEED = 0.06
 """Of the plug in the region at most [m/s]."""
+HARD = 0.8
+"""Share of the force of a permit: who presses with more was not interrupted by others."""
 LID_SPEED = 0.08
 """Of the finger in that of a lid [m/s]."""
 LID_BOX = np.array([[-0.13, -0.10, -0.07], [0.22, 0.10, 0.18]])
@@ -113,3 +115,10 @@ class Permission:
         if permit is None or permit.state is not PermitState.WITHDRAWN:
             return ""
         return permit.reason or "the permit was withdrawn"
+
+    def interrupted(self, guard: GuardStatus | None) -> bool:
+        """Whether a permit was withdrawn while nothing pressed hard: somebody came near."""
+        permit = None if guard is None else guard.permit
+        if permit is None or not self.lost(guard):
+            return False
+        return permit.pressed < HARD * permit.force

@@ -53,7 +53,10 @@ class Station(LidStates):
             self._recover(seen, self._way_out.left)
         car = self.vehicle.status(seen.now)
         self._watch(seen, car)
-        wish: Wish = getattr(self, f"_{self.state.name.lower()}")(seen, car)
+        act = (
+            self._wait if self._waiting.under_way else getattr(self, f"_{self.state.name.lower()}")
+        )
+        wish: Wish = act(seen, car)
         if self._lid_setup is None or self.state in (State.STUCK, State.HELD):
             return wish  # a finger that is at a lid stays as it is
         width = 0.0 if self.state in AT_LID else self._lid_setup.stroke
@@ -64,7 +67,10 @@ class Station(LidStates):
     def _watch(self, seen: Seen, car: VehicleStatus | None) -> None:
         """Lost permits, cars that move, states that take too long, a wish to end."""
         state, lost = self.state, self.permission.lost(seen.guard)
-        if state in IN_CONTACT and lost:
+        plug = self._hand.plug(seen)
+        if lost and self._waiting.begins(seen, state, self.permission, plug):
+            self.words = f"waits: {lost}"
+        elif state in IN_CONTACT and lost:
             self.visits.blame(lost)
             self._lid_held = state in (State.LID_WORK, State.LID_AWAY)
             self._go(State.HELD, seen.now, lost)
@@ -87,6 +93,8 @@ class Station(LidStates):
             return
         elif self._ending and not leaving and not shutting:
             self._fail(seen, "ended by hand")
+        elif self._waiting.under_way and leaving:
+            return  # it comes out when it may
         elif self._in_state(seen) > self._patience:
             why = seen.guard.reason if seen.guard is not None and seen.guard.reason else ""
             words = f"{state.value}: no end after {self._patience:.0f} s"
@@ -165,6 +173,22 @@ class Station(LidStates):
         else:
             self._go(state, seen.now, words)
 
+    def _wait(self, seen: Seen, car: VehicleStatus | None) -> Wish:
+        """Until it may touch again; then on, or from before the port if it was led back."""
+        if self.permission.holds(seen.guard):
+            waited, led_back = self._waiting.end(seen.now, self._hand.plug(seen))
+            self._since = self._begun(seen) + waited
+            if led_back and self.state is State.INSERT:
+                if self._hand.depth(seen, self._face) > IN:
+                    self._fail(seen, f"led back: {self.words}")
+                else:
+                    self._go(State.ALIGN, seen.now, "once more from before the port")
+        if self.state in (State.INSERT, State.UNPLUG):
+            self._hand.clock(seen, self._face)
+        if self._hand.depth(seen, self._face) > IN:
+            self.permission.felt(seen.now)
+        return Wish(Rest(self.words, permit=self._ask(seen)))
+
     # -- states ---------------------------------------------------------------------------------
 
     def _stand_by(self, seen: Seen, car: VehicleStatus | None) -> Wish:
@@ -178,6 +202,7 @@ class Station(LidStates):
         if self._wanted and there and car is not None and car.parked:
             self._wanted = False
             self._looked = self._side = self._tries = self._again = 0
+            self._waiting.forget()
             self.port = self._hand.answer = None
             if self.finger is not None:
                 self.finger.begin()

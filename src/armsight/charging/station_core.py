@@ -22,6 +22,7 @@ from armsight.charging.ports.table import PORTS
 from armsight.charging.vehicle import Vehicle
 from armsight.charging.visit import NEAR, Outcome, Seen, State, StationOptions
 from armsight.charging.visit_log import VisitLog
+from armsight.charging.waiting import Waiting
 from armsight.charging.way_out import WayOut
 from armsight.geometry.pose import inverse
 from armsight.motion.intents import PoseIntent
@@ -103,6 +104,7 @@ class StationCore:
         self._looked = self._side = self._tries = self._again = self._goals = 0
         self._told, self._told_at = "", 0.0
         self._lid_held = False
+        self._waiting = Waiting(self.options)
         self._hung = math.nan  # pulled at the plug when the visit began [N]
         self._sigma = self.options.far_sigma  # of the port's place, besides what it says itself
 
@@ -145,6 +147,7 @@ class StationCore:
 
     def _go(self, state: State, now: float, words: str = "") -> None:
         self.state, self._since, self.words = state, now, words
+        self._waiting.give_up()
         self._goals += 1
 
     def _fail(self, seen: Seen, problem: str) -> None:

@@ -61,6 +61,7 @@ class StationOptions:
         force, torque: that the permit asks for [N], [N m].
         settle: at rest before a look and before taring [s].
         looks: of each kind at most; tries: of the whole way from the second look on.
+        interruptions: of plugging in by somebody who comes near, at most; they are no tries.
         patience: for one state at most, but for charging [s]; lid_patience: for working a lid.
         lid_from: distance of the near look at a lid [m].
         far_sigma, near_sigma: of a port's place in ``base`` by each pair, beyond what the pictures
@@ -86,6 +87,7 @@ class StationOptions:
     settle: float = 0.5
     looks: int = 4
     tries: int = 3
+    interruptions: int = 10
     patience: float = 45.0
     lid_patience: float = 90.0
     lid_from: float = 0.40

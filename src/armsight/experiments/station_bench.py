@@ -206,15 +206,21 @@ class StationBench:
     def _lid_shut(self) -> bool:
         return self.world.lid is not None and self.world.lid.shut
 
+    def _pressed(self) -> float:
+        """How hard the socket presses the plug [N], as a guard with a force sensor would say."""
+        plugged = self.world.plugged
+        assert plugged is not None
+        return float(np.linalg.norm(plugged.wrench()[:3]))
+
     def _follow(self, intent: Intent | None, joints: JointState) -> JointVector:
         q, robot = joints.position, self.robot
         permit = None if intent is None else intent.permit
         state = PermitState.WITHDRAWN if self.withdrawn else PermitState.GRANTED
-        given = (
-            None
-            if permit is None
-            else Permit(permit.name, permit.kind, state, self.withdrawn, region=permit.region)
-        )
+        given = None
+        if permit is not None:
+            given = Permit(permit.name, permit.kind, state, self.withdrawn, region=permit.region)
+            felt = self._pressed() if self.withdrawn else 0.0
+            given = replace(given, force=permit.force, pressed=felt)
         wanted, name, reached = np.zeros(robot.n), "", False
         if isinstance(intent, JointIntent | PoseIntent):
             name = intent.name

@@ -219,15 +219,23 @@ class Guard:
         if tick.verdict.severity == Severity.SLOW:
             self._come_to_rest(tick, GuardMode.STOPPED, tick.verdict.reason)
             return
-        if self._permits.retreat is not None:
+        retreat = self._permits.retreat
+        if retreat is not None:
             self._route, self._joining, self._coasting = None, False, False
-            self._evasion.back_out(tick, self._permits.retreat, self._permits.push)
+            if retreat.stands:
+                reflex.end()
+                self._come_to_rest(tick, GuardMode.STOPPED, f"stands, held: {retreat.reason}")
+            else:
+                self._evasion.back_out(tick, retreat, self._permits.push)
             self._goals.drop_request()
             return
         if reflex.active:
             self._react(tick)
             return
         if reflex.due(tick.near.least) and self._permits.in_contact(tick.now):
+            if self._permits.one_way_out:  # what a socket holds stands still
+                self._come_to_rest(tick, GuardMode.STOPPED, self._filter.who(tick.view))
+                return
             self._permits.withdraw("something else is too near", tick.now)
         if (goals.active or steering.intent is not None) and reflex.due(tick.near.least):
             reflex.begin(tick.near.least)

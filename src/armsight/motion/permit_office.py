@@ -79,7 +79,7 @@ class PermitOffice:
         self._q: JointVector | None = None
         self._now = -math.inf
         self._left: tuple[Grant, float] | None = None
-        self._quiet = False
+        self._quiet = self._beside = False
 
     def feel(self, readings: Sequence[Wrench]) -> None:
         """Readings of the force sensor, oldest first; judged by the next :meth:`consider`."""
@@ -115,13 +115,15 @@ class PermitOffice:
         self._looked = snapshot
         permit = self.permit
         if permit is not None and permit.holds and permit.region is not None:
+            self.retreat = None
             if before is None or before.region is not permit.region:
                 self.grant = self._grant(permit, permit.region)
         elif self.retreat is None:
             self.grant = None
             self._give_way(now)
         elif q is None or not (self._touches(now) or self._pressed_on(now, self.retreat)):
-            self._left, self._quiet = (self.retreat.grant, now), False
+            swings = self.retreat.grant.out is None  # what holds parts is bolted: it does not
+            self._left, self._quiet = (self.retreat.grant, now) if swings else None, False
             self.retreat = self.grant = None
         else:
             self.retreat.grow_old(now)
@@ -130,13 +132,21 @@ class PermitOffice:
             self.permit = replace(permit, pressed=self._force.pressed)
         return self.grant is not before
 
-    def withdraw(self, reason: str, now: float) -> None:
-        """What was granted is so no longer; an arm in contact backs out."""
+    def withdraw(self, reason: str, now: float, beside: bool = False) -> None:
+        """What was granted is so no longer; an arm in contact backs out.
+
+        Args:
+            reason: in words.
+            now: [s].
+            beside: somebody may be beside what may be touched. What holds a part of the arm is then
+                not backed out of: it stands until that is permitted again.
+        """
         if self.permit is None or not self.permit.holds:
             return
         self.permit = replace(self.permit, state=PermitState.WITHDRAWN, reason=reason)
         if self._touches(now) and self.grant is not None and self._q is not None:
             self.retreat = Retreat(reason, self.grant, self._executed, self._q, now)
+            self.retreat.stands = beside and self.one_way_out
             self.grant = self.retreat.grant
 
     @property
@@ -152,6 +162,11 @@ class PermitOffice:
     def in_contact(self, now: float) -> bool:
         """Whether the parts that may touch are so near that a sideways motion would tear."""
         return self.grant is not None and self._touches(now)
+
+    @property
+    def one_way_out(self) -> bool:
+        """Whether what may be touched holds the part that is in it, as a socket does."""
+        return self.grant is not None and self.grant.out is not None
 
     def apply(self, snapshot: WorkspaceSnapshot) -> WorkspaceSnapshot:
         """A snapshot as the arm may count with it."""
@@ -252,7 +267,7 @@ class PermitOffice:
             self._request, self.permit = None, None
             return
         name, kind = str(getattr(request, "name", "?")), str(getattr(request, "kind", "?"))
-        permit = self.permit
+        permit, self._beside = self.permit, False
         if permit is None or (permit.name, permit.kind) != (name, kind):
             permit = self.permit = Permit(name, kind, PermitState.REFUSED)
         reason = request_fault(request, self._robot, now)
@@ -274,7 +289,7 @@ class PermitOffice:
                 most = hardest.get(request.kind, math.inf)
                 self.permit = granted(request, now, self._force.fault(now), most)
         elif permit.holds:
-            self.withdraw(reason, now)
+            self.withdraw(reason, now, self._beside)
         else:
             self.permit = replace(permit, reason=reason)
 
@@ -284,7 +299,8 @@ class PermitOffice:
         """Why a request is not granted now; empty when it is."""
         if snapshot is None:
             return "there is no map yet"
-        if self.retreat is not None:
+        held = self.retreat is not None and self.retreat.stands
+        if self.retreat is not None and not held:
             return f"the arm still backs out: {self.retreat.reason}"
         if not touching(self._robot, request).any():
             return (
@@ -294,7 +310,7 @@ class PermitOffice:
             reason = self._force.fault(now)
             if reason:
                 return f"nobody would feel how hard it presses: {reason}"
-        if self._force.pressed > FREE * request.force:
+        if self._force.pressed > FREE * request.force and not held:
             return f"the force sensor feels {self._force.pressed:.1f} N before anything is touched"
         if request.kind == "face" and not self._config.soft > 0.0:
             return "the tool's tip is not declared soft (guard.soft_tip_n_per_mm)"
@@ -321,6 +337,7 @@ class PermitOffice:
         same = snapshot is self._looked and region is permit.region
         if snapshot is not None and not same:
             reason = seen_against(snapshot, region, permit.kind)
+            self._beside = reason != ""
             if reason:
                 return reason
         if region is not permit.region:

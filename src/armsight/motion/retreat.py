@@ -65,6 +65,7 @@ class Retreat:
         reason: why.
         grant: what could be touched, where it was believed last.
         braked: the arm has come to rest first.
+        stands: it does not leave what holds it, and stands until that is permitted again.
         began: when [s].
     """
 
@@ -72,7 +73,7 @@ class Retreat:
         self, reason: str, grant: Grant, executed: Executed, q: JointVector, now: float
     ) -> None:
         self.reason = reason
-        self.braked = False
+        self.braked = self.stands = False
         self.began = now
         self._until = now + FOLLOWED
         self._seen = grant.region.exposure
@@ -97,8 +98,9 @@ class Retreat:
         self.grant = replace(self.grant, region=replace(region, drift=0.0))
 
     def clearance(self, now: float) -> float:
-        """How far from the region the arm has left [m]."""
-        lost = not self.grant.person and now > self._seen + UNSEEN
+        """How far from the region the arm has left [m]: what holds parts does not swing back."""
+        may_swing = not self.grant.person and self.grant.out is None
+        lost = may_swing and now > self._seen + UNSEEN
         return LOST_CLEAR if lost else CLEAR
 
     def grow_old(self, now: float) -> None:

@@ -1,0 +1,129 @@
+"""What holds a part of the arm, as a socket does a plug, while somebody comes near."""
+
+import numpy as np
+import pytest
+
+from armsight.devices.data import Wrench
+from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.geometry.pose import make_pose
+from armsight.motion.intents import VelocityIntent
+from armsight.motion.permits import PermitRequest, PermitState
+from armsight.motion.regions import Region
+from armsight.robots import load_robot, load_tool
+from armsight.robots.kinematics import flange_pose, tcp_pose
+
+ROBOT = load_robot("ur5").with_tool(load_tool("pen"))
+OUT = np.array([0.0, 0.0, 1.0])
+COMES, GOES = 1.5, 4.0
+
+
+def felt(now, pushed=0.0):
+    """A reading that nobody takes for a dead sensor's."""
+    shakes = 0.01 * np.sin(1e3 * now)
+    return Wrench(now - 0.001, np.array([pushed, shakes, 0.0]), np.zeros(3))
+
+
+def visited(out):
+    """A tip in a region, wished to creep on at 1 cm/s; somebody is near from COMES to GOES [s]."""
+    tip = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
+    elbow = flange_pose(ROBOT, ROBOT.home)[:3, 3] + np.array([0.0, 0.0, 0.02])
+
+    def place(t):
+        away = np.interp(t, [COMES - 0.8, COMES, GOES, GOES + 0.8], [1.5, 0.24, 0.24, 1.5])
+        return elbow + away * np.array([0.0, 1.0, 0.0])
+
+    cell = QuickCell([Ball(place, 0.08)], robot=ROBOT)
+    port = Region("box", (0.1, 0.1, 0.1), make_pose(None, tip), 0.0, drift=0.0)
+    request = PermitRequest(
+        "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=out
+    )
+    places = []
+    for _ in range(round(7.0 / cell.config.period)):
+        cell.guard.feel([felt(cell.now)])
+        wanted = np.array([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
+        wish = VelocityIntent("in", wanted, "base", cell.now, cell.now + 0.1, request)
+        cell.tick(goal=wish)
+        places.append(tcp_pose(cell.robot, cell.q)[:3, 3])
+    return cell, np.array(places)
+
+
+def during(cell, begin, end):
+    return slice(round(begin / cell.config.period), round(end / cell.config.period))
+
+
+def test_it_stands_still_and_goes_on_when_they_have_gone():
+    """Until November 2026 a plug was pulled out of its socket, of a car that charged as well,
+    whenever somebody came within 15 cm of the arm; a visitor every 16 s, and no car was charged."""
+    cell, places = visited(OUT)
+    near = during(cell, COMES + 0.3, GOES)
+    assert np.ptp(places[near], axis=0).max() < 1e-4
+    assert all(s.permit.holds for s in cell.log[near])
+    assert not cell.touches
+    after = during(cell, GOES + 1.0, 7.0)
+    assert places[after][-1][2] < places[near][-1][2] - 0.005
+
+
+def test_what_holds_nothing_is_left():
+    cell, places = visited(None)
+    near = during(cell, COMES, GOES)
+    assert any("backs out" in s.reason for s in cell.log[near])
+    assert cell.log[near][-1].permit.state is PermitState.WITHDRAWN
+    assert np.linalg.norm(places[near][-1] - places[near][0]) > 0.002
+    assert not cell.touches
+
+
+@pytest.mark.parametrize(("out", "stays"), [(OUT, 3.0), (OUT, 0.3), (None, 0.3)])
+def test_who_is_beside_has_the_permit_withdrawn_until_they_have_gone(out, stays):
+    """A socket's part stands until its permit is given again; others leave first."""
+    tip = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
+
+    def place(t):
+        beside = COMES < t < COMES + stays
+        return tip + np.array([0.0, 0.10 if beside else 3.0, 0.0])
+
+    cell = QuickCell([Ball(place, 0.05)], robot=ROBOT)
+    port = Region("box", (0.1, 0.1, 0.1), make_pose(None, tip), 0.0, drift=0.0)
+    request = PermitRequest(
+        "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=out
+    )
+    heights = []
+    for _ in range(round(4.0 / cell.config.period)):
+        cell.guard.feel([felt(cell.now)])
+        permit = cell.log[-1].permit if cell.log else None
+        lost = permit is not None and permit.state is PermitState.WITHDRAWN
+        ask = None if lost else request  # anew after a round without it
+        wish = VelocityIntent("in", np.zeros(6), "base", cell.now, cell.now + 0.1, ask)
+        cell.tick(goal=wish)
+        heights.append(tcp_pose(cell.robot, cell.q)[2, 3])
+    beside = during(cell, COMES + 0.3, COMES + min(stays, 2.0))
+    assert not any(s.permit.holds for s in cell.log[beside] if s.permit)
+    assert any(s.permit and s.permit.state is PermitState.WITHDRAWN for s in cell.log)
+    assert cell.log[-1].permit.holds == (out is not None and stays < 1.0)
+    assert any("stands, held" in s.reason for s in cell.log) == (out is not None)
+    rose = np.max(heights) - heights[0]
+    assert rose > 0.02 if out is None else rose < 1e-3
+
+
+@pytest.mark.parametrize("out", [OUT, None])
+def test_a_socket_that_was_left_does_not_swing_back(out):
+    """A plug that had left its port went 20 cm astray, away from what its own cable did to the
+    force sensor: that was taken for what it had touched, come back."""
+    tip = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
+    cell = QuickCell([], robot=ROBOT)
+    port = Region("box", (0.1, 0.1, 0.1), make_pose(None, tip), 0.0, drift=0.0)
+    request = PermitRequest(
+        "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=out
+    )
+    left, backs = np.inf, False
+    for _ in range(round(8.0 / cell.config.period)):
+        pressed = 30.0 if 1.4 < cell.now < 1.5 else 0.0  # more than is permitted
+        pushed = pressed or (6.0 if cell.now > left + 1.5 else 0.0)
+        cell.guard.feel([felt(cell.now, pushed)])
+        ask = request if 0.5 < cell.now < 1.5 else None
+        wish = VelocityIntent("in", np.zeros(6), "base", cell.now, cell.now + 0.1, ask)
+        cell.tick(goal=wish)
+        backed, backs = backs, "backs out" in cell.log[-1].reason
+        if backed and not backs:
+            left = min(left, cell.now)
+    assert left < 6.0
+    assert any("pushes it" in s.reason for s in cell.log) == (out is None)
