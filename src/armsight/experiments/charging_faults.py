@@ -9,7 +9,7 @@ import numpy as np
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import State
-from armsight.experiments.charging_visits import FORCE
+from armsight.experiments.charging_visits import FORCE, fully_in
 from armsight.experiments.station_bench import StationBench, make_station
 from armsight.geometry.pose import make_pose
 from armsight.workcell.schema import Workcell
@@ -63,7 +63,7 @@ def faulty_visit(cell: Workcell, fault: Fault, seed: int, rendered: bool = False
             _happen(fault, bench, car, rng)
         if fault == "person" and bench.now > due + 3.0:
             bench.withdrawn = ""
-        seated |= station.state is State.CHARGE and bench.score()[0] > 0.034
+        seated |= station.state is State.CHARGE and fully_in(cell, *bench.score())
         if station.state is State.STUCK:
             break
     bench.world.close()
