@@ -104,6 +104,29 @@ def test_who_is_beside_has_the_permit_withdrawn_until_they_have_gone(out, stays)
     assert rose > 0.02 if out is None else rose < 1e-3
 
 
+def test_who_stands_in_a_socket_that_presses_comes_out():
+    """Somebody is beside it, and the car moves: it cannot stand there."""
+    tip = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
+
+    def place(t):
+        return tip + np.array([0.0, 0.10 if t > COMES else 3.0, 0.0])
+
+    cell = QuickCell([Ball(place, 0.05)], robot=ROBOT)
+    port = Region("box", (0.1, 0.1, 0.1), make_pose(None, tip), 0.0, drift=0.0)
+    request = PermitRequest(
+        "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=OUT
+    )
+    for _ in range(round(3.5 / cell.config.period)):
+        cell.guard.feel([felt(cell.now, 30.0 if cell.now > 2.5 else 0.0)])
+        ask = request if 0.5 < cell.now < 1.8 else None
+        wish = VelocityIntent("in", np.zeros(6), "base", cell.now, cell.now + 0.1, ask)
+        cell.tick(goal=wish)
+    said = [s.reason for s in cell.log]
+    before, after = round(2.4 / cell.config.period), round(2.7 / cell.config.period)
+    assert "stands, held" in said[before]
+    assert "backs out of contact: pressed with" in said[after]
+
+
 @pytest.mark.parametrize("out", [OUT, None])
 def test_a_socket_that_was_left_does_not_swing_back(out):
     """A plug that had left its port went 20 cm astray, away from what its own cable did to the

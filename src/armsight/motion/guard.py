@@ -222,7 +222,7 @@ class Guard:
         retreat = self._permits.retreat
         if retreat is not None:
             self._route, self._joining, self._coasting = None, False, False
-            if retreat.stands:
+            if retreat.stands is not None:
                 reflex.end()
                 self._come_to_rest(tick, GuardMode.STOPPED, f"stands, held: {retreat.reason}")
             else:

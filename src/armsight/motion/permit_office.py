@@ -143,10 +143,11 @@ class PermitOffice:
         """
         if self.permit is None or not self.permit.holds:
             return
+        before = self.permit
         self.permit = replace(self.permit, state=PermitState.WITHDRAWN, reason=reason)
         if self._touches(now) and self.grant is not None and self._q is not None:
             self.retreat = Retreat(reason, self.grant, self._executed, self._q, now)
-            self.retreat.stands = beside and self.one_way_out
+            self.retreat.stands = before if beside and self.one_way_out else None
             self.grant = self.retreat.grant
 
     @property
@@ -250,7 +251,11 @@ class PermitOffice:
         readings, self._waiting = self._waiting, []
         near = self.grant is not None and self._near(now)
         self._force.take(readings, self._q, near, self._pull)
-        permit = self.permit
+        retreat, permit = self.retreat, self.permit
+        if retreat is not None and retreat.stands is not None:
+            reason = self._force.excess(retreat.stands)
+            if reason:  # it cannot stand there: out, along the one way
+                retreat.stands, retreat.reason = None, reason
         if permit is None or not permit.holds:
             return
         silent = (
@@ -299,7 +304,7 @@ class PermitOffice:
         """Why a request is not granted now; empty when it is."""
         if snapshot is None:
             return "there is no map yet"
-        held = self.retreat is not None and self.retreat.stands
+        held = self.retreat is not None and self.retreat.stands is not None
         if self.retreat is not None and not held:
             return f"the arm still backs out: {self.retreat.reason}"
         if not touching(self._robot, request).any():

@@ -28,6 +28,7 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.contact_speed import carried_along
 from armsight.motion.executed import Executed
 from armsight.motion.nearest import MovingBody
+from armsight.motion.permits import Permit
 from armsight.motion.permitted import Grant, permitted
 from armsight.motion.regions import Region
 from armsight.motion.steering import joints_of_twist
@@ -65,7 +66,8 @@ class Retreat:
         reason: why.
         grant: what could be touched, where it was believed last.
         braked: the arm has come to rest first.
-        stands: it does not leave what holds it, and stands until that is permitted again.
+        stands: the permit that was withdrawn, where the arm does not leave what holds it, but
+            stands until that is permitted again, or presses harder than this permit allowed.
         began: when [s].
     """
 
@@ -73,7 +75,8 @@ class Retreat:
         self, reason: str, grant: Grant, executed: Executed, q: JointVector, now: float
     ) -> None:
         self.reason = reason
-        self.braked = self.stands = False
+        self.braked = False
+        self.stands: Permit | None = None
         self.began = now
         self._until = now + FOLLOWED
         self._seen = grant.region.exposure
