@@ -355,6 +355,20 @@ def test_a_plug_that_was_led_back_meanwhile_goes_in_anew(cell):
     assert stub.station.state is State.ALIGN
 
 
+def test_a_plug_before_the_port_keeps_to_its_way(cell):
+    """The guard let it slide aside, 5 cm, along a visitor; then it sought the port on the flank."""
+    stub = stub_in(cell, State.INSERT)
+    wish = stub.rest(0.2)
+    assert stub.station.answer.depth < 0.0
+    assert wish.intent.bound
+    aside = make_pose(None, [0.03, 0.0, 0.0])
+    port = stub.station.port
+    stub.station.port = replace(port, T_base_port=port.T_base_port @ aside)
+    stub.step()
+    assert stub.station.state is State.LEAVE
+    assert stub.station.outcome.problem == "the plug was led aside"
+
+
 def test_who_stays_for_longer_than_is_waited_ends_the_attempt(cell):
     stub = stub_in(cell, State.INSERT, patience=3.0)
     lose(stub)

@@ -36,6 +36,8 @@ IN_FREE_AIR = (
     State.LOOK, State.APPROACH, State.ALIGN, State.TARE, State.LEAVE,
     State.LID_LOOK, State.LID_BEFORE, State.LID_ALIGN, State.LID_TARE,
 )  # fmt: skip
+LED = 0.02
+"""Nothing in free air brings the plug so far from the port's axis but the guard [m]."""
 LOOSE = 1.0
 """What was pressed before it left is loose after this time [s]."""
 
@@ -346,6 +348,9 @@ class Station(LidStates):
     def _insert(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         answer, wish = self._hand.by_force(seen, self.state.value, self._face)
         if answer is None:
+            return wish
+        if answer.depth < -IN and self._hand.aside(seen, self._face) > LED:
+            self._fail(seen, "the plug was led aside")
             return wish
         self.words = _said(answer)
         if answer.phase is Phase.SEATED:
