@@ -71,15 +71,11 @@ FIGURES = (
 def row_of(figure: Figure) -> dict[str, Any]:
     """The published row; raises KeyError where there is none, or more than one."""
     page = json.loads((ROOT / "docs/results" / f"{figure.experiment}.json").read_text())
-    rows: list[dict[str, Any]] = [
-        r
-        for r in page["rows"]
-        if r["key"] == figure.key and r["condition"].startswith(figure.condition)
-    ]
-    exact = [r for r in rows if r["condition"] == figure.condition] or rows
-    if len(exact) != 1:
-        raise KeyError(f"{figure.experiment}: {len(exact)} rows {figure.key} | {figure.condition}")
-    return exact[0]
+    named = (figure.key, figure.condition)
+    rows: list[dict[str, Any]] = [r for r in page["rows"] if (r["key"], r["condition"]) == named]
+    if len(rows) != 1:
+        raise KeyError(f"{figure.experiment}: {len(rows)} rows {figure.key} | {figure.condition}")
+    return rows[0]
 
 
 def table() -> str:

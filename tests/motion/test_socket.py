@@ -14,6 +14,7 @@ from armsight.robots.kinematics import flange_pose, tcp_pose
 
 ROBOT = load_robot("ur5").with_tool(load_tool("pen"))
 OUT = np.array([0.0, 0.0, 1.0])
+TIP = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
 COMES, GOES = 1.5, 4.0
 
 
@@ -23,28 +24,47 @@ def felt(now, pushed=0.0):
     return Wrench(now - 0.001, np.array([pushed, shakes, 0.0]), np.zeros(3))
 
 
+def ends_at(cell):
+    """(3,) where the tip is [m]."""
+    return tcp_pose(cell.robot, cell.q)[:3, 3]
+
+
+class Socket:
+    """A tip in a region that may be touched, balls about it, and one wish after the other."""
+
+    def __init__(self, out, *balls):
+        self.cell = QuickCell(balls, robot=ROBOT)
+        port = Region("box", (0.1, 0.1, 0.1), make_pose(None, TIP), 0.0, drift=0.0)
+        self.request = PermitRequest(
+            "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=out
+        )
+
+    def round(self, asks=True, down=0.0, pushed=0.0):
+        """One tick: whether the permit is asked for, how fast down [m/s], what is felt [N]."""
+        cell = self.cell
+        cell.guard.feel([felt(cell.now, pushed)])
+        ask = self.request if asks else None
+        wanted = np.array([0.0, 0.0, -down, 0.0, 0.0, 0.0])
+        cell.tick(goal=VelocityIntent("in", wanted, "base", cell.now, cell.now + 0.1, ask))
+
+    def rounds(self, seconds):
+        """The ticks of so long [s]."""
+        return range(round(seconds / self.cell.config.period))
+
+
 def visited(out):
     """A tip in a region, wished to creep on at 1 cm/s; somebody is near from COMES to GOES [s]."""
-    tip = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
     elbow = flange_pose(ROBOT, ROBOT.home)[:3, 3] + np.array([0.0, 0.0, 0.02])
 
     def place(t):
         away = np.interp(t, [COMES - 0.8, COMES, GOES, GOES + 0.8], [1.5, 0.24, 0.24, 1.5])
         return elbow + away * np.array([0.0, 1.0, 0.0])
 
-    cell = QuickCell([Ball(place, 0.08)], robot=ROBOT)
-    port = Region("box", (0.1, 0.1, 0.1), make_pose(None, tip), 0.0, drift=0.0)
-    request = PermitRequest(
-        "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=out
-    )
-    places = []
-    for _ in range(round(7.0 / cell.config.period)):
-        cell.guard.feel([felt(cell.now)])
-        wanted = np.array([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
-        wish = VelocityIntent("in", wanted, "base", cell.now, cell.now + 0.1, request)
-        cell.tick(goal=wish)
-        places.append(tcp_pose(cell.robot, cell.q)[:3, 3])
-    return cell, np.array(places)
+    socket, places = Socket(out, Ball(place, 0.08)), []
+    for _ in socket.rounds(7.0):
+        socket.round(down=0.01)
+        places.append(ends_at(socket.cell))
+    return socket.cell, np.array(places)
 
 
 def during(cell, begin, end):
@@ -75,26 +95,18 @@ def test_what_holds_nothing_is_left():
 @pytest.mark.parametrize(("out", "stays"), [(OUT, 3.0), (OUT, 0.3), (None, 0.3)])
 def test_who_is_beside_has_the_permit_withdrawn_until_they_have_gone(out, stays):
     """A socket's part stands until its permit is given again; others leave first."""
-    tip = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
 
     def place(t):
         beside = COMES < t < COMES + stays
-        return tip + np.array([0.0, 0.10 if beside else 3.0, 0.0])
+        return TIP + np.array([0.0, 0.10 if beside else 3.0, 0.0])
 
-    cell = QuickCell([Ball(place, 0.05)], robot=ROBOT)
-    port = Region("box", (0.1, 0.1, 0.1), make_pose(None, tip), 0.0, drift=0.0)
-    request = PermitRequest(
-        "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=out
-    )
-    heights = []
-    for _ in range(round(4.0 / cell.config.period)):
-        cell.guard.feel([felt(cell.now)])
+    socket, heights = Socket(out, Ball(place, 0.05)), []
+    cell = socket.cell
+    for _ in socket.rounds(4.0):
         permit = cell.log[-1].permit if cell.log else None
         lost = permit is not None and permit.state is PermitState.WITHDRAWN
-        ask = None if lost else request  # anew after a round without it
-        wish = VelocityIntent("in", np.zeros(6), "base", cell.now, cell.now + 0.1, ask)
-        cell.tick(goal=wish)
-        heights.append(tcp_pose(cell.robot, cell.q)[2, 3])
+        socket.round(asks=not lost)  # anew after a round without it
+        heights.append(ends_at(cell)[2])
     beside = during(cell, COMES + 0.3, COMES + min(stays, 2.0))
     assert not any(s.permit.holds for s in cell.log[beside] if s.permit)
     assert any(s.permit and s.permit.state is PermitState.WITHDRAWN for s in cell.log)
@@ -106,21 +118,14 @@ def test_who_is_beside_has_the_permit_withdrawn_until_they_have_gone(out, stays)
 
 def test_who_stands_in_a_socket_that_presses_comes_out():
     """Somebody is beside it, and the car moves: it cannot stand there."""
-    tip = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
 
     def place(t):
-        return tip + np.array([0.0, 0.10 if t > COMES else 3.0, 0.0])
+        return TIP + np.array([0.0, 0.10 if t > COMES else 3.0, 0.0])
 
-    cell = QuickCell([Ball(place, 0.05)], robot=ROBOT)
-    port = Region("box", (0.1, 0.1, 0.1), make_pose(None, tip), 0.0, drift=0.0)
-    request = PermitRequest(
-        "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=OUT
-    )
-    for _ in range(round(3.5 / cell.config.period)):
-        cell.guard.feel([felt(cell.now, 30.0 if cell.now > 2.5 else 0.0)])
-        ask = request if 0.5 < cell.now < 1.8 else None
-        wish = VelocityIntent("in", np.zeros(6), "base", cell.now, cell.now + 0.1, ask)
-        cell.tick(goal=wish)
+    socket = Socket(OUT, Ball(place, 0.05))
+    cell = socket.cell
+    for _ in socket.rounds(3.5):
+        socket.round(asks=0.5 < cell.now < 1.8, pushed=30.0 if cell.now > 2.5 else 0.0)
     said = [s.reason for s in cell.log]
     before, after = round(2.4 / cell.config.period), round(2.7 / cell.config.period)
     assert "stands, held" in said[before]
@@ -131,20 +136,12 @@ def test_who_stands_in_a_socket_that_presses_comes_out():
 def test_a_socket_that_was_left_does_not_swing_back(out):
     """A plug that had left its port went 20 cm astray, away from what its own cable did to the
     force sensor: that was taken for what it had touched, come back."""
-    tip = tcp_pose(ROBOT, ROBOT.home)[:3, 3]
-    cell = QuickCell([], robot=ROBOT)
-    port = Region("box", (0.1, 0.1, 0.1), make_pose(None, tip), 0.0, drift=0.0)
-    request = PermitRequest(
-        "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=out
-    )
-    left, backs = np.inf, False
-    for _ in range(round(8.0 / cell.config.period)):
+    socket = Socket(out)
+    cell, left, backs = socket.cell, np.inf, False
+    for _ in socket.rounds(8.0):
         pressed = 30.0 if 1.4 < cell.now < 1.5 else 0.0  # more than is permitted
         pushed = pressed or (6.0 if cell.now > left + 1.5 else 0.0)
-        cell.guard.feel([felt(cell.now, pushed)])
-        ask = request if 0.5 < cell.now < 1.5 else None
-        wish = VelocityIntent("in", np.zeros(6), "base", cell.now, cell.now + 0.1, ask)
-        cell.tick(goal=wish)
+        socket.round(asks=0.5 < cell.now < 1.5, pushed=pushed)
         backed, backs = backs, "backs out" in cell.log[-1].reason
         if backed and not backs:
             left = min(left, cell.now)

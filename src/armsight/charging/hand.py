@@ -66,14 +66,18 @@ class PlugHand:
             seen: newest.
             face: ``T_base_plug`` of a plug that touches the face.
         """
-        T = inverse(face) @ self.plug(seen)
-        if self.aside(seen, face) > ASIDE:
+        T = self._before(seen, face)
+        if float(np.linalg.norm(T[:2, 3])) > ASIDE:
             return -math.inf
         return float(T[2, 3]) + self.feeling.give(seen.now)
 
     def aside(self, seen: Seen, face: Pose) -> float:
         """How far the plug is from the port's axis [m]."""
-        return float(np.linalg.norm((inverse(face) @ self.plug(seen))[:2, 3]))
+        return float(np.linalg.norm(self._before(seen, face)[:2, 3]))
+
+    def _before(self, seen: Seen, face: Pose) -> Pose:
+        """The plug in the frame of one that touches the face."""
+        return np.asarray(inverse(face) @ self.plug(seen))
 
     def straight(self, seen: Seen, goal: Pose, name: str) -> Wish:
         """In free air towards a pose of the plug."""

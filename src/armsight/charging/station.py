@@ -55,10 +55,8 @@ class Station(LidStates):
             self._recover(seen, self._way_out.left)
         car = self.vehicle.status(seen.now)
         self._watch(seen, car)
-        act = (
-            self._wait if self._waiting.under_way else getattr(self, f"_{self.state.name.lower()}")
-        )
-        wish: Wish = act(seen, car)
+        act = "wait" if self._waiting.under_way else self.state.name.lower()
+        wish: Wish = getattr(self, f"_{act}")(seen, car)
         if self._lid_setup is None or self.state in (State.STUCK, State.HELD):
             return wish  # a finger that is at a lid stays as it is
         width = 0.0 if self.state in AT_LID else self._lid_setup.stroke
@@ -69,8 +67,7 @@ class Station(LidStates):
     def _watch(self, seen: Seen, car: VehicleStatus | None) -> None:
         """Lost permits, cars that move, states that take too long, a wish to end."""
         state, lost = self.state, self.permission.lost(seen.guard)
-        plug = self._hand.plug(seen)
-        if lost and self._waiting.begins(seen, state, self.permission, plug):
+        if lost and self._waiting.begins(seen, state, self.permission, self._hand.plug(seen)):
             self.words = f"waits: {lost}"
         elif state in IN_CONTACT and lost:
             self.visits.blame(lost)

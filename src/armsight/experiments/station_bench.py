@@ -218,9 +218,10 @@ class StationBench:
         state = PermitState.WITHDRAWN if self.withdrawn else PermitState.GRANTED
         given = None
         if permit is not None:
-            given = Permit(permit.name, permit.kind, state, self.withdrawn, region=permit.region)
-            felt = self._pressed() if self.withdrawn else 0.0
-            given = replace(given, force=permit.force, pressed=felt)
+            given = Permit(
+                permit.name, permit.kind, state, self.withdrawn, permit.region,
+                force=permit.force, pressed=self._pressed() if self.withdrawn else 0.0,
+            )  # fmt: skip
         wanted, name, reached = np.zeros(robot.n), "", False
         if isinstance(intent, JointIntent | PoseIntent):
             name = intent.name

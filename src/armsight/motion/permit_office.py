@@ -79,7 +79,7 @@ class PermitOffice:
         self._q: JointVector | None = None
         self._now = -math.inf
         self._left: tuple[Grant, float] | None = None
-        self._quiet = self._beside = False
+        self._quiet = False
 
     def feel(self, readings: Sequence[Wrench]) -> None:
         """Readings of the force sensor, oldest first; judged by the next :meth:`consider`."""
@@ -272,10 +272,10 @@ class PermitOffice:
             self._request, self.permit = None, None
             return
         name, kind = str(getattr(request, "name", "?")), str(getattr(request, "kind", "?"))
-        permit, self._beside = self.permit, False
+        permit = self.permit
         if permit is None or (permit.name, permit.kind) != (name, kind):
             permit = self.permit = Permit(name, kind, PermitState.REFUSED)
-        reason = request_fault(request, self._robot, now)
+        reason, beside = request_fault(request, self._robot, now), False
         if not permit.holds:  # the map follows what is asked for, granted or not
             tracked = None if reason else followed(request, now)
             permit = self.permit = replace(permit, region=tracked)
@@ -284,7 +284,7 @@ class PermitOffice:
         if permit.state == PermitState.WITHDRAWN:
             return
         if not reason and permit.holds:
-            reason = self._against(now, permit, request, snapshot)
+            reason, beside = self._against(now, permit, request, snapshot)
         elif not reason:
             reason = self._refusal(now, request, snapshot)
         if not reason:
@@ -294,7 +294,7 @@ class PermitOffice:
                 most = hardest.get(request.kind, math.inf)
                 self.permit = granted(request, now, self._force.fault(now), most)
         elif permit.holds:
-            self.withdraw(reason, now, self._beside)
+            self.withdraw(reason, now, beside)
         else:
             self.permit = replace(permit, reason=reason)
 
@@ -304,8 +304,8 @@ class PermitOffice:
         """Why a request is not granted now; empty when it is."""
         if snapshot is None:
             return "there is no map yet"
-        held = self.retreat is not None and self.retreat.stands is not None
-        if self.retreat is not None and not held:
+        stands = self.retreat is not None and self.retreat.stands is not None
+        if self.retreat is not None and not stands:
             return f"the arm still backs out: {self.retreat.reason}"
         if not touching(self._robot, request).any():
             return (
@@ -315,7 +315,7 @@ class PermitOffice:
             reason = self._force.fault(now)
             if reason:
                 return f"nobody would feel how hard it presses: {reason}"
-        if self._force.pressed > FREE * request.force and not held:
+        if self._force.pressed > FREE * request.force and not stands:
             return f"the force sensor feels {self._force.pressed:.1f} N before anything is touched"
         if request.kind == "face" and not self._config.soft > 0.0:
             return "the tool's tip is not declared soft (guard.soft_tip_n_per_mm)"
@@ -325,29 +325,31 @@ class PermitOffice:
 
     def _against(
         self, now: float, permit: Permit, request: PermitRequest, snapshot: WorkspaceSnapshot | None
-    ) -> str:
-        """Why a permit does not hold any more; takes over the newest region otherwise."""
+    ) -> tuple[str, bool]:
+        """Why a permit does not hold any more, and whether somebody may be beside its region.
+
+        Takes over the newest region where nothing speaks against it.
+        """
         assert permit.region is not None
         if now > permit.until:
-            return "its time is over; ask for it anew"
+            return "its time is over; ask for it anew", False
         region = permit.region
         if request.region.exposure > region.exposure:
             away = jump(region, request.region)
             if away > 0.0:
-                return f"it jumped by {away:.2f} m"
+                return f"it jumped by {away:.2f} m", False
             region = request.region
         reason = region_refusal(region, permit.kind, now)
         if reason:
-            return reason
+            return reason, False
         same = snapshot is self._looked and region is permit.region
         if snapshot is not None and not same:
             reason = seen_against(snapshot, region, permit.kind)
-            self._beside = reason != ""
             if reason:
-                return reason
+                return reason, True
         if region is not permit.region:
             self.permit = replace(permit, region=region)
-        return ""
+        return "", False
 
     def _follow(
         self,
