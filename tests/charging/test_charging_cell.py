@@ -27,12 +27,13 @@ from armsight.workcell import parse_workcell, world_spec
 
 @pytest.fixture(scope="module")
 def bench():
-    return StationBench(charging_cell(), seed=4)
+    bench = StationBench(charging_cell(), seed=4)
+    bench.world.advance(0.6)  # the plug hangs still
+    return bench
 
 
 def test_the_plug_hangs_where_force_sensor_and_springs_say(bench):
     world = bench.world
-    world.advance(0.6)
     readings = []
     while (reading := world.wrench.read()) is not None:
         readings.append(np.concatenate([reading.force, reading.torque]))
