@@ -9,6 +9,8 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Floats, Floats32, Ints, JointVector, Mask, Points, Poses, Vector3
+from armsight.motion.drive_kernels import stopping_times
+from armsight.robots.kernels import carried_motion_into
 
 BISECTIONS = 24
 """Halvings of the share of a motion: to less than a millionth."""
@@ -95,6 +97,82 @@ def contact_shares(
             out[i] = max(meets / closing, 0.0) if closing > 0.0 else np.inf
         else:
             out[i] = share_within(v, region, outward[i], spin[i], speed)
+
+
+@njit(cache=True, nogil=True)
+def motion_shares(
+    motion: JointVector,
+    poses: Poses,
+    axis: Points,
+    link: Ints,
+    local: Points,
+    radius: Floats,
+    brake: JointVector,
+    gap: Floats,
+    towards: Points,
+    outward: Points,
+    region: Vector3,
+    speed: float,
+    lag: float,
+) -> Floats:
+    """(k,) share of a motion (n,) [rad/s] that :func:`contact_shares` allows to k parts.
+
+    Args:
+        motion: of the joints.
+        poses: (n + 1, 4, 4) of the links; axis: (n, 3) of the joints.
+        link: (k,) that carries each part; local: (k, 3) its centre there; radius: (k,) [m].
+        brake: (n,) deceleration of each joint [rad/s^2].
+        gap, towards, outward, region, speed, lag: as there.
+    """
+    center, velocity = np.empty((link.shape[0], 3)), np.empty((link.shape[0], 3))
+    carried_motion_into(poses, axis, link, local, motion, center, velocity)
+    turning = np.empty(axis.shape[0] + 1)
+    turning_speeds(poses, axis, motion, turning)
+    stopping, out = np.empty(link.shape[0]), np.empty(link.shape[0])
+    stopping_times(motion, brake, link, stopping)
+    spin = turning[link] * radius
+    contact_shares(velocity, spin, stopping, gap, towards, outward, region, speed, lag, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def eased_share(
+    along: JointVector,
+    rest: JointVector,
+    halvings: int,
+    poses: Poses,
+    axis: Points,
+    link: Ints,
+    local: Points,
+    radius: Floats,
+    brake: JointVector,
+    gap: Floats,
+    towards: Points,
+    outward: Points,
+    region: Vector3,
+    speed: float,
+    lag: float,
+) -> float:
+    """Greatest s in 0..1 at which ``along + s rest`` is allowed to all parts, bisected.
+
+    -1 where even ``along`` is not. The other arguments are those of :func:`motion_shares`.
+    """
+    good, bad, share = -1.0, 1.0, 1.0
+    for k in range(halvings + 2):  # all of it, none, and then between
+        allowed = motion_shares(
+            along + share * rest, poses, axis, link, local, radius, brake, gap, towards, outward,
+            region, speed, lag,
+        )  # fmt: skip
+        if allowed.min() >= 1.0:
+            if k == 0:
+                return 1.0
+            good = share
+        elif k == 1:
+            return -1.0
+        else:
+            bad = share
+        share = 0.0 if k == 0 else 0.5 * (good + bad)
+    return good
 
 
 @njit(cache=True, nogil=True)

@@ -15,15 +15,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, Ints, JointVector, Mask, Points, Vector3
-from armsight.motion.contact_kernels import BISECTIONS, contact_shares
+from armsight.arrays import Floats, JointVector, Mask, Points, Vector3
+from armsight.motion.contact_kernels import BISECTIONS, eased_share, motion_shares
 from armsight.motion.contact_limits import MOST
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.motion.regions import Region
 from armsight.motion.separation_kernels import Law
+from armsight.robots.kernels import carried_points
 
 EASINGS = 8
 """Halvings of the share by which a wish is eased: to less than a hundredth of it."""
@@ -171,9 +173,7 @@ class ContactSpeed:
     speed: float
     margin: float
     held: bool = False
-    _placed: dict[bytes, tuple[Floats, Points, Points]] = field(
-        default_factory=dict, compare=False, repr=False
-    )
+    _placed: dict[bytes, tuple[Any, ...]] = field(default_factory=dict, compare=False, repr=False)
 
     def limit(
         self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
@@ -185,7 +185,8 @@ class ContactSpeed:
         if not self.parts.any():
             return view
         allowed = np.full(len(self.parts), np.inf)
-        allowed[self.parts] = self.shares(body, q, law)(motion)
+        rates = np.ascontiguousarray(motion, float)
+        allowed[self.parts] = motion_shares(rates, *self._numbers(body, q, law))
         tighter = allowed < view.share
         return replace(
             view,
@@ -204,70 +205,54 @@ class ContactSpeed:
         own = np.flatnonzero(self.parts)
         if len(own) == 0:
             return wanted
+        numbers = self._numbers(body, q, law)
         along = carried_along(body, q, int(own[-1]), self.region.velocity)
-        shares = self.shares(body, q, law)
-
-        def kept(motion: JointVector) -> bool:
-            return bool(shares(motion).min() >= 1.0)
-
-        across, closes = self._across(body, q, wanted - along)
-        base = wanted - across if closes else along + across
-        if across.any() and kept(base):
-            rest = wanted - base
-            return eased(base, wanted, lambda s: kept(base + s * rest))
-        return eased(along, wanted, lambda s: kept(along + s * (wanted - along)))
+        across, closes = self._across(body, q, wanted - along, numbers)
+        if across.any():
+            base = wanted - across if closes else along + across
+            share = eased_share(base, wanted - base, EASINGS, *numbers)
+            if share >= 0.0:
+                return wanted if share == 1.0 else base + share * (wanted - base)
+        share = eased_share(along, wanted - along, EASINGS, *numbers)
+        return along + share * (wanted - along) if 0.0 <= share < 1.0 else wanted
 
     def _across(
-        self, body: MovingBody, q: JointVector, motion: JointVector
+        self, body: MovingBody, q: JointVector, motion: JointVector, numbers: tuple[Any, ...]
     ) -> tuple[JointVector, bool]:
         """(n,) what of a motion [rad/s] brings the nearest part to the region, or away from it.
 
         And whether it is the first; zero where the second is not free.
         """
-        own = np.flatnonzero(self.parts)
-        center, _ = body.motion(q, motion)
-        gap = self.region.distance(center[own], self.when) - body.radius[own]
-        part = int(own[np.argmin(gap)])
-        outward = self.region.outward(center[part][None], self.when)[0]
+        poses, _, link, local, _, _, gap = numbers[:7]
+        nearest = int(np.argmin(gap))
+        part = int(np.flatnonzero(self.parts)[nearest])
+        center = carried_points(poses, link[nearest : nearest + 1], local[nearest : nearest + 1])
+        outward = self.region.outward(center, self.when)[0]
         speed = float(outward @ (body.jacobian(q, part)[:3] @ motion))
         if speed > 0.0 and self.held:
             return np.zeros(len(q)), False
         return carried_along(body, q, part, speed * outward), speed < 0.0
 
-    def shares(self, body: MovingBody, q: JointVector, law: Law) -> Callable[[JointVector], Floats]:
-        """What gives the share of a motion (n,) [rad/s] allowed to each of k parts; inf for all."""
-        own = np.flatnonzero(self.parts)
-        radius = body.radius[own]
-        gap, towards, outward = self._place(body, q, own)
-        region = np.asarray(self.region.velocity, float)
+    def _numbers(self, body: MovingBody, q: JointVector, law: Law) -> tuple[Any, ...]:
+        """What the kernels of contact are told of the parts at (n,) [rad], and of the region.
 
-        def of(motion: JointVector) -> Floats:
-            _, velocity = body.motion(q, motion)
-            spin = body.turning(q, motion)[own] * radius
-            out = np.empty(len(own))
-            contact_shares(
-                velocity[own], spin, body.stopping(motion)[own], gap, towards, outward, region,
-                float(self.speed), float(law.T_arm), out,
-            )  # fmt: skip
-            return out
-
-        return of
-
-    def _place(self, body: MovingBody, q: JointVector, own: Ints) -> tuple[Floats, Points, Points]:
-        """(k,) how far the parts are from the border [m], (k, 3) units to it and out of it.
-
-        A tick asks for this several times at one (n,) [rad].
+        A tick asks for this several times at one place.
         """
         key = q.tobytes()
         known = self._placed.get(key)
         if known is None:
-            center = body.motion(q, np.zeros(len(q)))[0][own]
-            gap = self.region.distance(center, self.when) - body.radius[own] - self.margin
+            own = np.flatnonzero(self.parts)
+            poses, link = body.poses(q), body.link[own]
+            local, radius = body.local[own], body.radius[own]
+            center = carried_points(poses, link, local)
+            gap = self.region.distance(center, self.when) - radius - self.margin
             outward = self.region.outward(center, self.when) * (0.0 if self.held else 1.0)
+            towards = self.region.towards(center, self.when)
             known = self._placed[key] = (
-                gap, self.region.towards(center, self.when), outward,
+                poses, body.robot.axis, link, local, radius, body.brake, gap, towards, outward,
+                np.asarray(self.region.velocity, float), float(self.speed),
             )  # fmt: skip
-        return known
+        return (*known, float(law.T_arm))
 
 
 def own_motion(velocity: Vector3, push: Vector3 | None) -> Vector3:

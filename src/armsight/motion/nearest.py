@@ -118,13 +118,14 @@ class MovingBody:
 
     def motion(self, q: JointVector, q_dot: JointVector) -> tuple[Points, Points]:
         """(m, 3) centres in ``base`` [m] and their velocities [m/s]."""
-        robot, poses = self.robot, self._poses(q)
+        robot, poses = self.robot, self.poses(q)
         center, velocity = np.empty_like(self.local), np.empty_like(self.local)
         rates = np.ascontiguousarray(q_dot, float)
         carried_motion_into(poses, robot.axis, self.link, self.local, rates, center, velocity)
         return center, velocity
 
-    def _poses(self, q: JointVector) -> Poses:
+    def poses(self, q: JointVector) -> Poses:
+        """(n + 1, 4, 4) of the links in ``base`` at (n,) [rad]."""
         robot = self.robot
         q = np.ascontiguousarray(q, float)
         return np.asarray(chain_poses(q, robot.T_link_joint, robot.axis))
@@ -132,18 +133,18 @@ class MovingBody:
     def fastest(self, q: JointVector, q_dot: JointVector, velocity: Points) -> float:
         """No point of the body is faster than this [m/s]; (m, 3) velocities are the centres'."""
         rates = np.ascontiguousarray(q_dot, float)
-        poses, axis = self._poses(q), self.robot.axis
+        poses, axis = self.poses(q), self.robot.axis
         return float(fastest_point(poses, axis, self.link, self.radius, rates, velocity))
 
     def turning(self, q: JointVector, q_dot: JointVector) -> Floats:
         """(m,) how fast the link of each sphere turns [rad/s]."""
         out = np.empty(len(self.robot.axis) + 1)
-        turning_speeds(self._poses(q), self.robot.axis, np.ascontiguousarray(q_dot, float), out)
+        turning_speeds(self.poses(q), self.robot.axis, np.ascontiguousarray(q_dot, float), out)
         return np.asarray(out[self.link])
 
     def jacobian(self, q: JointVector, sphere: int) -> Points:
         """(6, n) Jacobian of a sphere's centre at (n,) [rad]: linear [m/rad], angular."""
-        poses = self._poses(q)
+        poses = self.poses(q)
         R, p = poses[self.link[sphere], :3, :3], poses[self.link[sphere], :3, 3]
         at = np.ascontiguousarray(R @ self.local[sphere] + p)
         return np.asarray(jacobian(poses, self.robot.axis, int(self.link[sphere]), at))

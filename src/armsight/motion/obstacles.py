@@ -38,7 +38,6 @@ from armsight.motion.permitted import PermittedSnapshot, voxels_within
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-NOTHING = -1
 NOBODY = np.zeros(0, bool)
 """No part may touch anything."""
 TURNS = 48
@@ -74,12 +73,10 @@ def obstacles_of(
     state, distance = snapshot.state, snapshot.distance
     if config.avoid_unknown and not snapshot.distance_counts_unknown:
         distance = distance_to_solid(snapshot)
+    state = state.copy()  # the only one: it is written in three times
     mount = _mount(body, grid)
     held = mount[state.take(mount) == OCCUPIED]
-    held = held[snapshot.last_occupied.take(held) == -np.inf]
-    if len(held):
-        state = state.copy()
-        state.ravel()[held] = FREE
+    state.ravel()[held[snapshot.last_occupied.take(held) == -np.inf]] = FREE
     if at is not None:
         centers = np.empty_like(body.center)
         body_centers(body, np.asarray(at, float), centers)
@@ -88,10 +85,10 @@ def obstacles_of(
             lower = np.minimum(lower, (centers - reach).min(axis=0))
             upper = np.maximum(upper, (centers + reach).max(axis=0))
         if config.avoid_unknown:
-            state = _excused(state, origin, grid.voxel, centers, body.radius + config.excuse)
+            _excuse(state, origin, grid.voxel, centers, body.radius + config.excuse, FREE)
     touching = NOBODY
     if isinstance(snapshot, PermittedSnapshot):
-        state = _opened(state, voxels_within(snapshot, snapshot.grant.region), config)
+        _open(state, voxels_within(snapshot, snapshot.grant.region), config)
         touching = np.ascontiguousarray(snapshot.grant.touching[body.original])
     return Obstacles(
         origin,
@@ -107,17 +104,13 @@ def obstacles_of(
     )
 
 
-def _opened(
-    state: NDArray[np.uint8], within: tuple[Ints, ...], config: CollisionConfig
-) -> NDArray[np.uint8]:
-    """A copy of ``state`` in which what is solid of some voxels is PERMITTED."""
-    copy = state.copy()
-    there = copy[within]
+def _open(state: NDArray[np.uint8], within: tuple[Ints, ...], config: CollisionConfig) -> None:
+    """Make what is solid of some voxels PERMITTED."""
+    there = state[within]
     solid = there == OCCUPIED
     if config.avoid_unknown:
         solid |= there == UNKNOWN
-    copy[within] = np.where(solid, np.uint8(PERMITTED), there)
-    return copy
+    state[within] = np.where(solid, np.uint8(PERMITTED), there)
 
 
 def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
@@ -168,45 +161,17 @@ def _mount_cached(key: _Mount) -> Ints:
         body_centers(body, q, centers)
         reach = body.radius + body.lever[:, 0] * np.pi / TURNS + body.lever[:, 1:].sum(axis=1)
         _excuse(
-            frozen(marks),
-            marks,
-            np.asarray(key.origin),
-            key.voxel,
-            centers[shoulder],
-            reach[shoulder],
-            OCCUPIED,
+            marks, np.asarray(key.origin), key.voxel, centers[shoulder], reach[shoulder], OCCUPIED
         )
     return np.flatnonzero(marks)
 
 
-def _excused(
-    state: np.ndarray, origin: Floats, voxel: float, centers: Points, reach: Floats
-) -> np.ndarray:
-    """``state``, or a copy of it in which unknown voxels within reach of the body are free."""
-    nowhere = np.empty((0, 0, 0), np.uint8)
-    if not _excuse(frozen(state), nowhere, origin, voxel, centers, reach, NOTHING):
-        return state
-    copy = state.copy()
-    _excuse(frozen(state), copy, origin, voxel, centers, reach, FREE)
-    return copy
-
-
 @njit(cache=True, nogil=True)
 def _excuse(
-    state: np.ndarray,
-    out: np.ndarray,
-    origin: Floats,
-    voxel: float,
-    centers: Points,
-    reach: Floats,
-    write: int,
-) -> bool:
-    """Write a state to unknown voxels whose cube meets a sphere; whether there is any.
-
-    With ``write`` NOTHING the first one found is enough and nothing is written.
-    """
+    state: np.ndarray, origin: Floats, voxel: float, centers: Points, reach: Floats, write: int
+) -> None:
+    """Write a state to the unknown voxels whose cube meets a sphere."""
     nx, ny, nz = state.shape
-    found = False
     for k in range(centers.shape[0]):
         gx = (centers[k, 0] - origin[0]) / voxel
         gy = (centers[k, 1] - origin[1]) / voxel
@@ -223,8 +188,4 @@ def _excuse(
                         continue
                     dz = max(iz - gz, gz - iz - 1.0, 0.0)
                     if dx * dx + dy * dy + dz * dz <= r * r:
-                        if write == NOTHING:
-                            return True
-                        out[ix, iy, iz] = write
-                        found = True
-    return found
+                        state[ix, iy, iz] = write
