@@ -72,7 +72,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
-        settings = [mode, motion, asdict(errors), shares, 10]
+        settings = [mode, motion, asdict(errors), shares, 11]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):

@@ -17,11 +17,14 @@ from armsight.geometry.pose import inverse
 from armsight.motion.task import Perceived
 from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_pose
 from armsight.robots.robot import Robot
+from armsight.servoing.eyes import Eye, WristEye
 from armsight.servoing.sighting import Look, Looks, Sighting
 
 RADIUS = 0.04
 ASLANT = 0.25
 """A print is not found by who sees it more aslant: cosine with its normal [1]."""
+ON_ITS_WAY = 0.002
+"""A picture that has arrived waits so long for an eye [s]."""
 Path = Callable[[float], Vector3]
 """(3,) place in ``base`` [m] at a time [s]."""
 
@@ -74,7 +77,7 @@ class ModelCamera:
     depth: float
     phase: float
     rate: float = 5.0
-    latency: float = 0.062
+    latency: float = 0.040 + ON_ITS_WAY + Eye.latency
 
 
 @dataclass
@@ -84,7 +87,7 @@ class ModelPair:
     believed: Pose
     true: Pose
     rate: float = 10.0
-    latency: float = 0.082
+    latency: float = 0.050 + ON_ITS_WAY + WristEye.latency
     half: tuple[float, float] = (math.tan(math.radians(22.5)), math.tan(math.radians(15.45)))
 
 

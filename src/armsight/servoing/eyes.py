@@ -48,7 +48,8 @@ class Eye:
         rate: pictures a second [Hz] (V: 5); scale: their size, see :class:`CameraUse`.
     """
 
-    latency = 0.02
+    latency = 0.012
+    """What a look takes at most in 99 of 100 [s]: 5 to 8 ms of a core were measured, rounded up."""
 
     def __init__(self, camera: str, target: Target, rate: float = 5.0, scale: float = 0.5) -> None:
         self.name = f"eye/{camera}"
@@ -85,7 +86,8 @@ class WristEye:
         surface: measure V's thirty planes as well.
     """
 
-    latency = 0.03
+    latency = 0.02
+    """As an :class:`Eye`'s [s]: 12 to 15 ms were measured."""
     cameras: tuple[CameraUse, ...] = ()
 
     def __init__(
