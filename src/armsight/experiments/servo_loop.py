@@ -47,9 +47,10 @@ believed at once, counts as long as it takes.
 
 `control_ms` is the processor time of a round of the task and of the guard (until November 2026 the
 drives, the map and the cameras' model of the cell without pictures were counted, too, about a sixth
-of it); `vision_ms` that of a look of all five cameras, in {RENDERED:g} s of the rendered ball task, which `realtime_factor` is
-of, too, on the machine named. `limit_violations` counts commands beyond the joints' declared speed
-or the drives' acceleration, and joints beyond their range, in all rounds of all trials.
+of it); `vision_ms` that of a look of all five cameras, in {RENDERED:g} s of the rendered ball task,
+which `realtime_factor` is of, too, on the machine named. `limit_violations` counts commands beyond
+the joints' declared speed or the drives' acceleration, and joints beyond their range, in all rounds
+of all trials.
 """
 
 

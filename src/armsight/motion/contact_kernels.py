@@ -117,12 +117,10 @@ def motion_shares(
 ) -> Floats:
     """(k,) share of a motion (n,) [rad/s] that :func:`contact_shares` allows to k parts.
 
-    Args:
-        motion: of the joints.
+    Of the arguments, those from ``gap`` on being as there:
         poses: (n + 1, 4, 4) of the links; axis: (n, 3) of the joints.
         link: (k,) that carries each part; local: (k, 3) its centre there; radius: (k,) [m].
         brake: (n,) deceleration of each joint [rad/s^2].
-        gap, towards, outward, region, speed, lag: as there.
     """
     center, velocity = np.empty((link.shape[0], 3)), np.empty((link.shape[0], 3))
     carried_motion_into(poses, axis, link, local, motion, center, velocity)
