@@ -11,6 +11,8 @@ from tests.test_pictures import claims
 
 from armsight.charging.ports.table import PORTS
 from armsight.cli import run
+from armsight.commands.detect_port import _draw
+from armsight.errors import UsageError
 from armsight.geometry.pose import inverse
 
 LENS_WORDS = ["--intrinsics", f"{LENS.fx},{LENS.fy},{LENS.cx},{LENS.cy}"]
@@ -78,6 +80,8 @@ def test_no_port_is_exit_code_1(tmp_path: Path, capsys) -> None:
         (["PICTURE", "SPECK", "--baseline", "0.15"], "another size than"),
         (["PICTURE", "PICTURE", "--baseline", "-1"], "a pair needs --baseline"),
         ([], "0 pictures; give one, or a pair"),
+        (["PICTURE", "--ports", ","], "--ports names no type"),
+        (["PICTURE", "PICTURE", "--baseline", "0.2", "--toe-in-deg", "nan"], "--toe-in-deg is nan"),
     ],
 )
 def test_bad_input(words, message: str, picture: Path, tmp_path: Path, capsys) -> None:
@@ -151,3 +155,9 @@ def test_exchanged_cameras_show_no_port(tmp_path: Path, capsys) -> None:
     capsys.readouterr()
     assert run(["detect-port", *files[::-1], *words]) == 1
     assert "no port" in capsys.readouterr().err
+
+
+def test_a_kind_of_picture_that_nobody_writes_is_said(tmp_path: Path) -> None:
+    image = np.zeros((LENS.height, LENS.width), np.uint8)
+    with pytest.raises(UsageError, match=r"found\.xyz: not a kind of picture that can be written"):
+        _draw(tmp_path / "found.xyz", image, LENS, [])

@@ -89,6 +89,11 @@ def test_a_journal_that_cannot_be_believed_is_an_error_that_says_what_to_do(
     assert "\n" not in str(error.value)
 
 
+def test_a_journal_whose_name_no_disk_takes_is_an_error_in_words(tmp_path):
+    with pytest.raises(JournalError, match="cannot be read: File name too long"):
+        Journal(tmp_path / ("j" * 300)).read()
+
+
 def test_a_journal_that_cannot_be_written_says_so(tmp_path):
     (tmp_path / "folder").write_text("a file where the folder should be")
     with pytest.raises(JournalError, match="cannot be written"):

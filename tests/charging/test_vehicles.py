@@ -73,6 +73,12 @@ def test_a_packaged_vehicle_lets_its_plug_in_and_closes_round_it(name):
         ("front_mm = 10", "front_mm 10", "not TOML"),
         ("lean_deg = [-5, 25]", '[lid]\nlatch = "magnet"', "lid.latch: Input should be 'push' or"),
         ("lean_deg = [-5, 25]", '[lid]\nlatch = "push"\nopens_deg = 40', "lid.opens_deg"),
+        ("lean_deg = [-5, 25]", '[lid]\nlatch = "push"', "opening_mm.right ends within the lid"),
+        (
+            "thickness_m = 0.6",
+            "thickness_m = 0.095",
+            "behind_mm has to be less than thickness_m less front_mm",
+        ),
     ],
 )
 def test_a_broken_vehicle_file_is_an_error_that_says_where(tmp_path, old, new, words):
@@ -86,6 +92,8 @@ def test_a_broken_vehicle_file_is_an_error_that_says_where(tmp_path, old, new, w
 def test_a_vehicle_that_is_not_there_names_those_that_are(tmp_path):
     with pytest.raises(UsageError, match="packaged are city_car, crossover, hatchback"):
         load_vehicle(tmp_path / "none.toml")
+    with pytest.raises(UsageError, match="packaged are city_car"):
+        load_vehicle("no\0name")
     text = charging_cell().text
     wrong = text.replace('[simulation.car]\nport = "type2"', '[simulation.car]\nport = "ccs2"')
     with pytest.raises(WorkcellError, match="hatchback has type2, not ccs2"):

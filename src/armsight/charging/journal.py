@@ -104,7 +104,7 @@ class Journal:
             JournalError: the file is there and cannot be believed; somebody has to look whether
                 the plug is in the car.
         """
-        if self.file is None or not self.file.exists():
+        if self.file is None:
             return None
         hint = "look whether the plug is in the car, bring the arm out by hand and remove the file"
         try:
@@ -112,6 +112,8 @@ class Journal:
             if len(text) > MOST:
                 raise ValueError("is too long")
             return _entry(json.loads(text.decode()))
+        except (FileNotFoundError, NotADirectoryError):
+            return None
         except OSError as error:
             raise JournalError(f"{self.file}: cannot be read: {error.strerror}; {hint}") from None
         except (ValueError, KeyError, TypeError, RecursionError) as error:

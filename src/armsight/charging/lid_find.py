@@ -21,12 +21,12 @@ from armsight.charging.fit import Fit, FitOptions, fit
 from armsight.charging.looks import Look, look, window_about
 from armsight.charging.ports.outline import Outline
 from armsight.charging.ports.table import MM, Port, Rim
-from armsight.charging.vehicle_file import HINGES, LID_HALF, LidShape
+from armsight.charging.vehicle_file import HINGES, LID_HALF, LID_RECESS, LidShape
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy, inverse, make_pose
 from armsight.geometry.stereo import StereoPair
 
-GAP, RECESS = 4 * MM, 45 * MM
+GAP, RECESS = 4 * MM, LID_RECESS
 """Between lid and body; width of the recess beside its free edge [m]."""
 LEAST = 24.0
 """A line that is shorter is no edge of a lid [px]."""

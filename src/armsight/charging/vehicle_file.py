@@ -28,6 +28,10 @@ HINGES = {"left": 0.0, "bottom": 90.0, "right": 180.0, "top": -90.0}
 """How far a lid's frame is turned about the port's axis [deg]."""
 LID_HALF, LID_THICK = 0.075, 0.008
 """Half the edge of a lid, and its thickness [m]."""
+LID_RECESS = 0.045
+"""Width of the recess for fingers beside its free edge [m]."""
+FREE_EDGE = {"left": "right", "bottom": "up", "right": "left", "top": "down"}
+"""The edge of the opening at which the recess is, by where the hinge is."""
 Offset = Annotated[float, Field(ge=-60.0, le=60.0, allow_inf_nan=False)]
 Millimetres = Annotated[float, Field(ge=1.0, le=500.0, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=0.05, le=5.0, allow_inf_nan=False)]
@@ -71,6 +75,14 @@ class LidShape(_Table):
     opens_deg: Annotated[float, Field(ge=80.0, le=135.0, allow_inf_nan=False)] = 106.0
     middle_mm: tuple[Offset, Offset] = (0.0, 0.0)
 
+    @property
+    def room_mm(self) -> dict[str, float]:
+        """How far an opening that holds it and its recess goes at least, by edges [mm]."""
+        (x, y), half = self.middle_mm, 1e3 * LID_HALF
+        room = {"left": half - x, "right": half + x, "up": half + y, "down": half - y}
+        room[FREE_EDGE[self.hinge]] += 1e3 * LID_RECESS
+        return room
+
 
 class VehicleShape(_Table):
     """A car's side about its port.
@@ -108,11 +120,14 @@ class VehicleShape(_Table):
             low, high = getattr(self, name)
             if low >= high:
                 raise ValueError(f"{name} is [{low:g}, {high:g}]; the second has to be greater")
-        if 1e-3 * self.behind_mm >= self.thickness_m:
-            raise ValueError("behind_mm has to be less than thickness_m")
+        if 1e-3 * self.behind_mm >= self.thickness_m - 1e-3 * self.front_mm:
+            raise ValueError("behind_mm has to be less than thickness_m less front_mm")
         for edge in ("left", "right", "up"):
             if getattr(self.side_m, edge) <= 1e-3 * getattr(self.opening_mm, edge):
                 raise ValueError(f"side_m.{edge} ends within the opening")
+        for edge, least in () if self.lid is None else self.lid.room_mm.items():
+            if getattr(self.opening_mm, edge) < least - 1e-9:
+                raise ValueError(f"opening_mm.{edge} ends within the lid, or its recess: {least:g}")
         return self
 
     @property
@@ -196,10 +211,10 @@ def load_vehicle(given: str | Path) -> VehicleShape:
         file = FOLDER / f"{given}.toml"
     try:
         data = file.read_bytes()
-    except OSError as error:
-        known = ", ".join(packaged())
+    except (OSError, ValueError) as error:  # a name may hold what no file's name can
+        known, why = ", ".join(packaged()), getattr(error, "strerror", None) or error
         raise UsageError(
-            f"vehicle {given}: cannot be read ({error.strerror}); packaged are {known}"
+            f"vehicle {str(given)!r}: cannot be read ({why}); packaged are {known}"
         ) from None
     if len(data) > MOST:
         raise UsageError(f"vehicle {file}: {len(data)} bytes; a vehicle's file is short")

@@ -71,8 +71,12 @@ class DetectPort:
         if not 0.0 < self.least_score <= 1.0:
             raise UsageError(f"--least-score is {self.least_score:g}, expected above 0, at most 1")
         names = tuple(name.strip() for name in self.ports.split(",") if name.strip())
+        if not names:
+            raise UsageError("--ports names no type; leave it out, or say which to look for")
         for name in names:
             port(name)
+        if not abs(self.toe_in_deg) < 90.0:
+            raise UsageError(f"--toe-in-deg is {self.toe_in_deg:g}, expected less than 90 deg")
         grays = [_read(file) for file in self.images]
         lens = self._lens(grays[0].shape[1], grays[0].shape[0])
         least = self.least_score
@@ -180,7 +184,7 @@ def _row(p: PortPose, lens: PinholeCamera) -> dict[str, Any]:
         "quaternion_xyzw": np.round(to_quaternion(T), 5).tolist(),
         "sigma_mm": np.round(1e3 * sigma[:3], 2).tolist(),
         "sigma_deg": np.round(np.rad2deg(sigma[3:]), 2).tolist(),
-        "roll_gap": round(p.roll_gap, 1),
+        "roll_gap": round(p.roll_gap, 1) if np.isfinite(p.roll_gap) else None,
         "tilt_gap": round(p.tilt_gap, 1) if np.isfinite(p.tilt_gap) else None,
         "doubtful": p.doubtful,
     }
@@ -212,9 +216,12 @@ def _draw(
         cv2.putText(
             picture, words, (int(u) + 12, int(v) - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.7, WHITE, 2
         )
-    done, data = cv2.imencode(file.suffix or ".png", picture[:, :, ::-1])
-    if not done:
-        raise UsageError(f"{file}: not a kind of picture that can be written; use .png or .jpg")
+    try:
+        _, data = cv2.imencode(file.suffix or ".png", picture[:, :, ::-1])
+    except cv2.error:
+        raise UsageError(
+            f"{file}: not a kind of picture that can be written; use .png or .jpg"
+        ) from None
     write_atomically(file, data.tobytes())
 
 
