@@ -16,6 +16,7 @@ from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import MovingBody
 from armsight.motion.permit_office import PermitOffice
 from armsight.motion.permitted import Grant
+from armsight.motion.regions import Region
 from armsight.motion.retreat import (
     ARRIVED,
     CARRIED,
@@ -24,8 +25,12 @@ from armsight.motion.retreat import (
     LOST_CLEAR,
     PACE,
     UNSEEN,
+    YIELDS,
+    YIELDS_MOST,
     Retreat,
+    behind,
     gap,
+    gap_to_seen,
 )
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 
@@ -121,6 +126,12 @@ def test_what_nobody_sees_goes_on_for_a_while_and_then_stays_where_that_led():
     before = still.grant
     still.grow_old(1.0 + 2.0 * FOLLOWED)
     assert still.grant is before
+    anew, _ = leaving(velocity=(0.0, 0.1, 0.0))
+    anew.follow(anew.grant.region, 3.0)
+    anew.grow_old(3.0 + 0.9 * FOLLOWED)
+    assert anew.grant.region.speed == pytest.approx(0.1)
+    anew.grow_old(3.0 + 1.1 * FOLLOWED)
+    assert anew.grant.region.speed == 0.0
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.2, 0.5])
@@ -165,6 +176,116 @@ def test_where_something_holds_the_part_it_is_pulled_out_one_way_and_by_no_more_
 
 def unit(way):
     return way / np.linalg.norm(way)
+
+
+def tip_and_way(body, ball):
+    """The nearest to a ball of the parts that may touch, and which way (3,) it leaves straight."""
+    center, _ = body.motion(ROBOT.home, np.zeros(ROBOT.n))
+    parts = np.arange(len(center))[-3:]
+    part = int(parts[np.argmin(np.linalg.norm(center[parts] - ball, axis=1))])
+    return part, center[part], unit(center[part] - ball)
+
+
+def straight(body, part, way):
+    """(n,) direction in the joints: damped least squares, by numpy's."""
+    J = body.jacobian(ROBOT.home, part)[:3]
+    rows = np.vstack([J, 0.1 * np.eye(ROBOT.n)])
+    return unit(np.linalg.lstsq(rows, np.concatenate([way, np.zeros(ROBOT.n)]), rcond=None)[0])
+
+
+@pytest.mark.parametrize(("person", "out"), [(True, None), (False, None), (False, np.ones(3))])
+def test_at_once_only_a_thing_that_holds_nothing_is_left(person, out):
+    assert leaving(person, out=out)[0].at_once == (not person and out is None)
+
+
+@pytest.mark.parametrize("person", [False, True])
+def test_a_thing_is_left_the_faster_the_harder_it_presses_and_somebody_is_not(person):
+    retreat, body = leaving(person)
+    _, _, out = tip_and_way(body, retreat.grant.region.center(1.0))
+
+    def fastest(push):
+        motion = retreat.motion(body, ROBOT.home, 1.0, 0.045, push)
+        return body.fastest(ROBOT.home, motion, body.motion(ROBOT.home, motion)[1])
+
+    calm = fastest(None)
+    assert fastest(-5.0 * out) == pytest.approx(calm), "pulled"
+    for force in (1.0, 5.0, 50.0):
+        more = 0.0 if person else min(YIELDS * force, YIELDS_MOST)
+        assert fastest(force * out) / calm == pytest.approx(1.0 + more / (PACE * 0.045))
+
+
+def test_straight_out_is_where_it_is_pushed_as_well_if_the_two_agree():
+    retreat, body = leaving(True)
+    part, _, out = tip_and_way(body, retreat.grant.region.center(1.0))
+    side = unit(np.cross(out, [1.0, 0.2, 0.1]))
+    aside, against = unit(0.3 * out + side), unit(side - 0.3 * out)
+    for push, way in (
+        (None, out),
+        (3.0 * aside, unit(out + aside)),
+        (1.0 * aside, out),  # too little to say where from
+        (3.0 * against, out),  # a sensor may lie
+    ):
+        motion = retreat.motion(body, ROBOT.home, 1.0, 0.045, push)
+        assert unit(motion) == pytest.approx(straight(body, part, way), abs=1e-9)
+
+
+@pytest.mark.parametrize(("aside", "turns"), [(0.3, 0.0), (0.0, 0.3)])
+def test_it_does_not_go_the_way_it_came_where_that_leads_along_or_hardly_moves_the_part(
+    aside, turns
+):
+    """A way that is 17 deg off the surface; one on which the wrist turns, more than it leaves."""
+    still, body = leaving()
+    part, _, out = tip_and_way(body, still.grant.region.center(1.0))
+    J = tcp_jacobian(ROBOT, ROBOT.home)
+    back = 0.03 * out + aside * unit(np.cross(out, [1.0, 0.2, 0.1])) * 0.3
+    turn = J[3:].T @ np.array([1.0, 0.5, 0.2])
+    turn = unit(turn - np.linalg.lstsq(J[:3], J[:3] @ turn, rcond=None)[0])
+    came = np.linalg.lstsq(J, np.array([*back, 0, 0, 0]), rcond=None)[0] + turns * turn
+    driven = Executed()
+    driven.add(ROBOT.home + came)
+    driven.add(ROBOT.home)
+    retreat = Retreat("why", still.grant, driven, ROBOT.home, 1.0)
+    motion = retreat.motion(body, ROBOT.home, 1.0, 0.045)
+    assert unit(motion) == pytest.approx(straight(body, part, out), abs=1e-9)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_what_pushes_is_put_against_the_part_that_it_pushes(shape):
+    """It is at rest there, and holds nothing, whatever it did where it was seen last."""
+    retreat, body = leaving(velocity=(0.0, 0.1, 0.0), out=np.array([0.0, 0.0, 1.0]))
+    seen = retreat.grant.region
+    part, at, _ = tip_and_way(body, seen.center(1.0))
+    thing = replace(seen, shape=shape, size=(0.05, 0.08, 0.06), drift=0.1)
+    inside = 0.05 if shape == "sphere" else 0.025
+    push = np.array([1.0, -2.0, 2.0])
+    found = behind(replace(retreat.grant, region=thing), body, ROBOT.home, push, 1.0)
+    there = at - (inside + body.radius[part]) * push / 3.0
+    for when in (1.0, 4.0):
+        assert found.region.center(when) == pytest.approx(there)
+        assert found.region.deviation(when) == thing.deviation(1.0)
+    assert found.out is None
+    assert (found.touching == retreat.grant.touching).all()
+
+
+def test_the_gap_to_what_is_seen_of_somebody_is_from_surface_to_surface():
+    body = MovingBody(ROBOT, ROBOT.limits.acceleration)
+    center, _ = body.motion(ROBOT.home, np.zeros(ROBOT.n))
+    rng = np.random.default_rng(2)
+    points = (TIP + rng.uniform(-0.4, 0.5, (90, 3))).astype(np.float32)
+    off = np.abs(points - TIP - 0.15).max(axis=1)
+    points, off = points[abs(off - 0.2) > 0.05], off[abs(off - 0.2) > 0.05]  # in it, or far from it
+    empty = make_snapshot([], stamp=1.0)
+    seen = replace(empty, hazards=points, hazard_unknown=np.zeros(len(points), bool))
+    touching = np.zeros(len(ROBOT.spheres.radius), bool)
+    touching[-3:] = True
+    region = Region("box", (0.3, 0.3, 0.3), make_pose(None, TIP + 0.15), 1.0)
+    away = np.linalg.norm(points[off < 0.2][:, None] - center[-3:], axis=2) - body.radius[-3:]
+    grant = Grant(region, touching, True)
+    expected = away.min() - seen.hazard_radius
+    assert gap_to_seen(body, grant, ROBOT.home, seen) == pytest.approx(expected, abs=1e-6)
+    assert gap_to_seen(body, grant, ROBOT.home, empty) == np.inf
+    nobody = replace(grant, touching=0 * touching)
+    assert gap_to_seen(body, nobody, ROBOT.home, seen) == np.inf
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -90,8 +90,8 @@ class DraggedCable:
         if not fast.any():
             return view
         k = int(fast.sum())
-        distance, share = np.full(k, np.inf), np.full(k, np.inf)
-        nearest, limiting = np.full(k, -1), np.full(k, -1)
+        distance, share = np.empty((2, k))
+        nearest, limiting = np.empty((2, k), np.int64)
         scan(
             hazards.blocks, center[fast], self.radius[fast], velocity[fast],
             np.full(k, stopping), float(speed.max()), law, 0.0, distance, nearest, share, limiting,
