@@ -9,6 +9,7 @@ import pytest
 from test_station import OPTIONS, Stub
 
 from armsight.charging.journal import Journal
+from armsight.charging.lid import R_LID_FINGER, LidHand, LidOptions
 from armsight.charging.lid_eye import LidLook
 from armsight.charging.lid_find import find_lid, fit_lid
 from armsight.charging.lid_finger import OUT, LidSetup
@@ -260,6 +261,32 @@ def test_a_dead_force_sensor_at_the_lid_is_somebodys_to_help_and_a_car_that_move
     stub.car.parked = False
     stub.rest(0.1)
     assert stub.station.state is State.LID_AWAY
+
+
+def test_a_finger_that_does_not_come_away_from_an_open_lid_is_somebodys_to_help():
+    """What kept it there was not said, and the arm set out for the second look with it."""
+    hand = LidHand(LidOptions("push"))
+    hand._find_shut, hand._push, hand._lead = (_done,) * 3
+    hand._against = lambda *a: _done(True)
+    hand._plan = hand._open()
+    held = make_pose(R_LID_FINGER, [0.02, 0.0, 0.10])
+    wrench = np.array([30.0, 0.0, 30.0, 0.0, 0.0, 0.0])  # against the way out
+    for i in range(50):
+        hand.step(0.008 * i, held, wrench)
+    assert hand.ended
+    assert hand.problem == ""
+    assert hand.caught == "something is in the way"
+    stub = LidStub().to(State.LID_WORK)
+    stub.station.finger.hand = hand
+    stub.rest(0.1)
+    assert stub.station.state is State.STUCK
+    assert "coming away from the lid: something is in the way; help by hand" in stub.station.words
+
+
+def _done(*result):
+    """A plan that ends at once."""
+    yield from ()
+    return result[0] if result and result[0] is True else ""
 
 
 def test_what_was_opened_is_shut_whatever_came_of_the_visit():

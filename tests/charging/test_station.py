@@ -8,12 +8,12 @@ import pytest
 
 from armsight.charging.admittance import Admittance
 from armsight.charging.eye import PortLook, SeenPort
-from armsight.charging.insert import InsertOptions
+from armsight.charging.insert import Answer, InsertOptions, Phase
 from armsight.charging.journal import Entry, Journal, JournalError
 from armsight.charging.moves import before_port
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, VehicleStatus
-from armsight.charging.visit import Seen, State, StationOptions
+from armsight.charging.visit import Seen, State, StationOptions, Wish
 from armsight.devices.data import JointState, Wrench
 from armsight.experiments.station_bench import StationBench, charging_cell
 from armsight.geometry.pose import inverse, make_pose
@@ -249,6 +249,7 @@ def test_the_way_home_is_on_disk_before_the_arm_leaves_its_stand_by(cell, tmp_pa
     assert not again.station.busy
     assert not file.exists()
     assert again.station.outcomes[-1].problem == "was killed with the plug out of the car"
+    assert again.station.words == "was killed with the plug out of the car"  # it is back
 
 
 def test_a_plug_that_was_never_near_and_stands_as_if_in_the_car_is_somebodys_to_look_at(
@@ -616,6 +617,8 @@ def test_a_journal_of_another_plug_or_a_broken_one_stops_the_station(cell, tmp_p
     wish = stub.step()
     assert stub.station.state is State.STUCK
     assert wish.intent.fault
+    assert not stub.station.outcome.out  # as far as anybody knows
+    assert f"look at the plug, bring the arm out by hand and remove {file}" in stub.station.words
     file.write_text("nonsense")
     with pytest.raises(JournalError, match="look whether"):
         station(cell, file)
@@ -704,3 +707,151 @@ def test_who_is_stuck_keeps_its_leave_while_the_car_holds_the_plug_and_only_then
     assert permit.region.exposure == pytest.approx(stub.now)
     stub = stub_in(cell, State.STUCK, distance=0.08)
     assert stub.rest(0.1).intent.permit is None
+
+
+class ToldCar(OddCar):
+    """And keeps what it is told."""
+
+    def __init__(self, **says):
+        super().__init__()
+        self.says, self.told = VehicleStatus(parked=True, **says), []
+
+    def tell(self, word, now):
+        self.told.append(word)
+
+
+def test_a_sensor_that_dies_while_the_car_holds_what_is_pulled_leaves_the_plug_in_the_car(cell):
+    """The mount gives by 20 mm there: by its joints alone the hand was out, and pulled on."""
+    stub = stub_in(cell, State.INSERT)
+    before(stub, cell, 0.005)
+    stub.station._begin_unplug(Seen(stub.now, JointState(stub.now, stub.q, np.zeros(6))))
+    stub.rest(0.1, wrench=False)
+    stub.station._hand.answer = Answer(np.zeros(6), Phase.PULL, "", 0.015)  # of the last reading
+    stub.rest(0.5, wrench=False)
+    assert stub.station.state is State.STUCK
+    assert "the plug is in the car" in stub.station.words
+
+
+def test_a_plug_that_comes_out_for_any_reason_is_told_to_the_car_before(cell):
+    """A car that drove off, or a port that pressed too hard: it charged while it was pulled at."""
+    car = ToldCar(charging=True, locked=True)
+    stub = stub_in(cell, State.CHARGE, distance=-PLUG_DEPTH, car=car)
+    stub.station.visits.note(seated=True, out=False)
+    stub.step()
+    car.says = VehicleStatus(parked=False, charging=True, locked=True)
+    stub.step()
+    assert stub.station.state is State.UNPLUG
+    assert car.told == ["stop"]
+
+
+def test_a_car_that_holds_a_plug_that_was_held_up_is_not_pulled_at(cell):
+    car = ToldCar(charging=True, locked=True)
+    stub = stub_in(cell, State.HELD, distance=-PLUG_DEPTH, car=car, patience=4.0)
+    stub.rest(2.0)
+    assert stub.station.state is State.HELD
+    assert car.told == ["stop"]
+    car.says = VehicleStatus(parked=True)
+    stub.rest(0.1)
+    assert stub.station.state is State.UNPLUG
+    stub = stub_in(cell, State.HELD, distance=-PLUG_DEPTH, car=ToldCar(locked=True), patience=2.0)
+    stub.rest(4.0)
+    assert stub.station.state is State.STUCK
+    assert "unlock it at the car" in stub.station.words
+
+
+def seats(stub):
+    """The law of a stub says that the plug is seated."""
+    seated = Answer(np.zeros(6), Phase.SEATED, "seated at 35.0 mm", PLUG_DEPTH)
+    stub.station._hand.by_force = lambda *a: (seated, Wish(Rest("")))
+    stub.step()
+    assert stub.station.state is State.CHARGE
+
+
+def test_every_visit_tells_the_car_to_stop(cell):
+    """One that was told in a visit that ended otherwise was not told in the next, and held on."""
+    car = ToldCar()
+    stub = stub_in(cell, State.INSERT, car=car)
+    stub.station._told = "stop"
+    before(stub, cell, -PLUG_DEPTH)
+    seats(stub)
+    car.says = VehicleStatus(parked=True, locked=True, enough=True)
+    stub.rest(0.1)
+    assert car.told == ["plugged", "stop"]
+    assert stub.station.state is State.CHARGE
+
+
+def test_a_seat_that_could_not_be_written_down_is_said(cell):
+    stub = stub_in(cell, State.INSERT, car=ToldCar())
+    stub.station._keep = lambda plugged=False: "j.json: cannot be written: No space left on device"
+    seats(stub)
+    assert "seated at 35.0 mm; j.json: cannot be written" in stub.station.words
+
+
+def test_a_car_that_has_enough_while_somebody_is_waited_for_is_told_at_once(cell):
+    car = ToldCar(charging=True, locked=True)
+    stub = stub_in(cell, State.CHARGE, distance=-PLUG_DEPTH, car=car)
+    stub.step()
+    lose(stub)
+    car.says = VehicleStatus(parked=True, charging=True, problem="too hot")
+    wish = stub.rest(0.2)
+    assert isinstance(wish.intent, Rest)
+    assert stub.station.state is State.CHARGE
+    assert car.told == ["stop"]
+
+
+def test_a_car_that_does_not_charge_is_said(cell):
+    car = ToldCar()
+    stub = stub_in(cell, State.CHARGE, distance=-PLUG_DEPTH, car=car, patience=2.0)
+    stub.rest(2.5)
+    assert "the car does not charge" in stub.station.words
+    car.says = VehicleStatus(parked=True, charging=True)
+    stub.rest(0.1)
+    assert stub.station.words == ""
+
+
+def test_what_is_not_waited_for_any_more_is_not_said(cell):
+    stub = Stub(cell, station(cell, car=OddCar()))
+    stub.station.begin()
+    stub.rest(0.1)
+    assert "nothing is heard of the car" in stub.station.words
+    stub.station.end()
+    stub.rest(0.1)
+    assert stub.station.words == ""
+
+
+def test_a_pair_on_the_flange_that_sends_nothing_is_named(cell):
+    stub = stub_in(cell, State.LOOK, distance=0.36, patience=2.0)
+    stub.guard.reached, stub.guard.goal = True, f"look {stub.station._goals}"
+    stub.rest(2.1)
+    problem = stub.station.outcome.problem
+    assert problem == "second look: no end after 2 s (waits for pictures of flange)"
+
+
+def test_a_finger_that_was_left_at_a_lid_is_not_dragged_home_by_a_station_without_one(
+    cell, tmp_path
+):
+    file = tmp_path / "j.json"
+    port, T = seen_port(cell), robot_in(cell).tool.T_flange_tcp
+    T_lid = port.T_base_port @ make_pose(None, [0.0, 0.0, 0.03])
+    left = Entry("type2", "type2_plug", port.T_base_port, port.covariance, T, np.zeros(6))
+    Journal(file).write(replace(left, T_base_lid=T_lid, at_lid=True))
+    stub = Stub(cell, station(cell, file))
+    wish = stub.rest(0.1)
+    assert stub.station.state is State.STUCK
+    assert isinstance(wish.intent, Rest)
+    assert "a finger at a lid, and here is none; look at the finger" in stub.station.words
+    assert file.exists()
+
+
+def test_a_cable_is_noticed_on_the_way_home_of_a_killed_station_too(cell, tmp_path):
+    file = tmp_path / "j.json"
+    port, T = seen_port(cell), robot_in(cell).tool.T_flange_tcp
+    Journal(file).write(Entry("type2", "type2_plug", port.T_base_port, port.covariance, T))
+    stub = Stub(cell, station(cell, file))
+    before(stub, cell, 0.40)
+    stub.station.port = None
+    stub.rest(0.5)
+    assert stub.station.state is State.STAND_BY
+    stub.hangs = 75.0
+    stub.rest(0.1)
+    assert stub.station.state is State.STUCK

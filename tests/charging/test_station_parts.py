@@ -24,7 +24,7 @@ from armsight.geometry.pose import exp, from_rpy, inverse, log, make_pose
 from armsight.motion.executed import Executed
 from armsight.motion.ik import solve_ik
 from armsight.motion.nearest import MovingBody
-from armsight.motion.permits import touching
+from armsight.motion.permits import Permit, PermitState, touching
 from armsight.motion.permitted import Grant
 from armsight.motion.retreat import Retreat
 from armsight.robots.kinematics import tcp_jacobian
@@ -115,6 +115,20 @@ def test_a_full_disk_leaves_no_half_of_a_journal(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [file]
 
 
+def test_a_journal_is_in_its_folder_when_it_was_written(tmp_path, monkeypatch):
+    """After a loss of power a file whose folder was not written is not there."""
+    settled, fsync = [], os.fsync
+
+    def noted(descriptor):
+        settled.append(os.fstat(descriptor).st_ino)
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    file = tmp_path / "j.json"
+    Journal(file).write(entry())
+    assert settled == [file.stat().st_ino, tmp_path.stat().st_ino]
+
+
 def test_a_plug_hangs_as_far_as_its_weight_over_the_springs_says():
     mount, T_tip = Admittance((5000.0, 30.0), 0.07), make_pose(None, [0, 0, 0.2])
     # 20 N down (-y of a level plug) at 6 cm behind the tip: the sensor feels it at the flange
@@ -193,6 +207,19 @@ def test_a_permit_is_asked_for_about_the_port_and_renewed_before_it_ends():
     later = permission.ask(1.0 + RENEW + 0.1, None)
     assert later.name != first.name
     assert first.seconds > RENEW + 10.0
+
+
+def test_a_permit_is_not_renewed_while_the_plug_presses_hard():
+    """What is felt before a permit is granted speaks against it: the plug stood without one."""
+    permission = Permission(StationOptions())
+    port = SeenPort("type2", 0.9, PORT, np.diag([1e-6] * 3 + [1e-4] * 3), False)
+    permission.see(port, 1.0, 0.002)
+    first = permission.ask(1.0, None)
+    permit = Permit(first.name, "thing", PermitState.GRANTED, pressed=80.0)
+    late = 1.0 + RENEW + 0.1
+    assert permission.ask(late, SimpleNamespace(permit=permit)).name == first.name
+    permit = replace(permit, pressed=20.0)
+    assert permission.ask(late, SimpleNamespace(permit=permit)).name != first.name
 
 
 @pytest.mark.parametrize("depth", [0.005, 0.020, 0.035])

@@ -62,6 +62,9 @@ class PlugHand:
     def depth(self, seen: Seen, face: Pose) -> float:
         """Of the plug's front below the face [m], the mount's give taken in.
 
+        Where nobody feels, it is at least as deep as the law knew last: pulled at, the hand is some
+        centimetres before the plug that the car holds.
+
         Args:
             seen: newest.
             face: ``T_base_plug`` of a plug that touches the face.
@@ -69,7 +72,10 @@ class PlugHand:
         T = self._before(seen, face)
         if float(np.linalg.norm(T[:2, 3])) > ASIDE:
             return -math.inf
-        return float(T[2, 3]) + self.feeling.give(seen.now)
+        depth = float(T[2, 3]) + self.feeling.give(seen.now)
+        if self.answer is not None and self.feeling.contact(seen.now) is None:
+            depth = max(depth, self.answer.depth)
+        return depth
 
     def aside(self, seen: Seen, face: Pose) -> float:
         """How far the plug is from the port's axis [m]."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,6 +85,7 @@ class Journal:
             "at_lid": entry.at_lid,
         }
         write_text(self.file, json.dumps(data, indent=1, allow_nan=False) + "\n", JournalError)
+        _settle(self.file)
 
     def clear(self) -> None:
         """The arm is where it waits: nothing is under way.
@@ -118,6 +121,16 @@ class Journal:
             raise JournalError(f"{self.file}: cannot be read: {error.strerror}; {hint}") from None
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise JournalError(f"{self.file}: is no journal ({error}); {hint}") from None
+
+
+def _settle(file: Path) -> None:
+    """Have the folder's own entry on disk, too; some file systems do not offer that."""
+    with suppress(OSError):
+        folder = os.open(os.path.realpath(file.parent), os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _entry(data: object) -> Entry:

@@ -83,12 +83,13 @@ class LidHand:
 
     Attributes:
         ended: whether it has; problem: what is wrong then, in words; empty when nothing is.
+        caught: why it did not come away from a lid that it had opened, or tried to; else empty.
         words: what is being done.
     """
 
     def __init__(self, options: LidOptions, task: Work = "open") -> None:
         self.options = options
-        self.ended, self.problem, self.words = False, "", ""
+        self.ended, self.problem, self.caught, self.words = False, "", "", ""
         self._plan = {"open": self._open, "shut": self._shut, "leave": self._leave}[task]()
         self._now = 0.0
         self._p, self._f = np.zeros(3), np.zeros(3)
@@ -152,7 +153,7 @@ class LidHand:
             self.words = "feels whether it is open"
             felt = yield from self._against(LEFT, 0.04)
             problem = "" if felt else "the lid was lost on the way: look where it is"
-        yield from self._leave()
+        self.caught = yield from self._leave()
         return problem
 
     def _leave(self) -> Plan:

@@ -61,6 +61,8 @@ class LidStates(StationCore):
                 self._fail(seen, "the lid that was seen from afar is not seen from near")
             else:
                 self._other_side(seen, "again from another side")
+        elif self._in_state(seen) > 0.5 * o.patience:
+            self.words = f"waits for pictures of {o.near}"
         return Wish(goal, (o.near,))
 
     def _lid_before(self, seen: Seen, car: VehicleStatus | None) -> Wish:
@@ -101,7 +103,10 @@ class LidStates(StationCore):
         wish = self._by_finger(seen)
         hand = self._finger.hand
         assert hand is not None
-        if hand.ended:
+        if hand.ended and hand.caught:
+            self.visits.blame(hand.problem)
+            self._caught_at_lid(seen, hand.caught)
+        elif hand.ended:
             self._lid_worked(seen, hand.problem)
         return wish
 
@@ -111,13 +116,16 @@ class LidStates(StationCore):
         hand = self._finger.hand
         assert hand is not None
         if hand.ended and hand.problem:
-            words = f"coming away from the lid: {hand.problem}; help by hand"
-            self._go(State.STUCK, seen.now, words)
+            self._caught_at_lid(seen, hand.problem)
         elif hand.ended:
             self._finger.opened = False
             self._out()
             self._finish(seen)
         return wish
+
+    def _caught_at_lid(self, seen: Seen, why: str) -> None:
+        """The finger did not come away: no path begins there."""
+        self._go(State.STUCK, seen.now, f"coming away from the lid: {why}; help by hand")
 
     def _lid_worked(self, seen: Seen, problem: str) -> None:
         """The hand has ended and is out of the lid's way."""

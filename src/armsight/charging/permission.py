@@ -14,6 +14,9 @@ from armsight.motion.regions import Region
 
 RENEW = 90.0
 """A permit is asked for under a new name after this time, before it ends [s]."""
+SOFT = 0.4
+"""But not while it presses with more than this share of its force: what is felt before a permit is
+granted speaks against it, and the plug would stand in its socket without one."""
 SPEED = 0.06
 """Of the plug in the region at most [m/s]."""
 HARD = 0.8
@@ -90,9 +93,10 @@ class Permission:
             self._pausing = True
             return None
         self._pausing = False
-        if now - self._since > RENEW:
+        o, permit = self._options, None if guard is None else guard.permit
+        presses = permit is not None and permit.pressed > SOFT * o.force
+        if now - self._since > (np.inf if presses and np.isfinite(self._since) else RENEW):
             self._since, self._number = now, self._number + 1
-        o = self._options
         return PermitRequest(
             f"{self._what} {self._number}",
             "thing",

@@ -38,6 +38,8 @@ IN_FREE_AIR = (
 )  # fmt: skip
 LED = 0.02
 """Nothing in free air brings the plug so far from the port's axis but the guard [m]."""
+NOT_HEARD = "charges; nothing is heard of the car: end by hand"
+NOT_CHARGED = "plugged in, but the car does not charge: end by hand"
 LOOSE = 1.0
 """What was pressed before it left is loose after this time [s]."""
 
@@ -113,6 +115,8 @@ class Station(LidStates):
         if not (self.state in IN_FREE_AIR or homing):
             return False
         pull = self._hand.feeling.pull
+        if math.isnan(self._hung):
+            self._hung = pull  # it was killed on its way
         if self.state is State.LEAVE and self._in_state(seen) < LOOSE:
             # A sensor may have jumped in the socket: the way home is judged by what comes on top.
             self._hung = pull if np.isfinite(pull) else self._hung
@@ -145,8 +149,15 @@ class Station(LidStates):
     def _recover(self, seen: Seen, entry: Entry) -> None:
         """A station that was killed: where is the plug, and what now?"""
         self._way_out.left = None
+        strange = ""
         if entry.plug != self.options.plug:
-            self._go(State.STUCK, seen.now, f"the journal is of a {entry.plug}; look at the plug")
+            strange = f"the journal is of a {entry.plug}; look at the plug"
+        elif entry.at_lid and self.finger is None:
+            strange = "was killed with a finger at a lid, and here is none; look at the finger"
+        if strange:
+            words = f"{strange}, bring the arm out by hand and remove {self._journal.file}"
+            self.visits.begin(Outcome(port=entry.port, began=seen.now, out=False))
+            self._go(State.STUCK, seen.now, words)
             return
         self.port = SeenPort(entry.port, 1.0, entry.T_base_port, entry.covariance, False)
         self._sigma = 0.0  # it is in what was written
@@ -186,6 +197,8 @@ class Station(LidStates):
             self._hand.clock(seen, self._face)
         if self._hand.depth(seen, self._face) > IN:
             self.permission.felt(seen.now)
+        if self.state is State.CHARGE and self._charged(car):
+            self._end_charging(seen)  # nothing moves by that
         return Wish(Rest(self.words, permit=self._ask(seen)))
 
     # -- states ---------------------------------------------------------------------------------
@@ -194,10 +207,13 @@ class Station(LidStates):
         there = np.abs(seen.joints.position - self._stand_by_joints).max() < 0.02
         self._ending = False
         if self._way_out.kept and there:
+            if self._late:
+                self.words, self._late = self._how_it_ended, False
             self.words = self._way_out.forget() or self.words
         elif self._way_out.kept and self._in_state(seen) > self._patience:
             why = "" if seen.guard is None else seen.guard.reason
             self.words = f"is not back at its stand-by: {why or 'the arm does not get there'}"
+            self._late = True
         if self._wanted and there and car is not None and car.parked:
             self._wanted = False
             self._looked = self._side = self._tries = self._again = 0
@@ -281,6 +297,8 @@ class Station(LidStates):
                 self._fail(seen, f"second look: {doubt}")
             else:
                 self._other_side(seen, "again from another side")
+        elif self._in_state(seen) > 0.5 * o.patience:
+            self.words = f"waits for pictures of {o.near}"
         return Wish(goal, (o.near,))
 
     def _approach(self, seen: Seen, car: VehicleStatus | None) -> Wish:
@@ -352,36 +370,34 @@ class Station(LidStates):
         self.words = _said(answer)
         if answer.phase is Phase.SEATED:
             self.visits.note(seated=True, plugged=seen.now)
-            self._keep(plugged=True)
+            unkept = self._keep(plugged=True)
+            self._told = "plugged"
             self.vehicle.tell("plugged", seen.now)
-            self._go(State.CHARGE, seen.now, answer.words)
+            words = f"{answer.words}; {unkept}" if unkept else answer.words
+            self._go(State.CHARGE, seen.now, words)
         elif answer.phase is Phase.FAILED:
             self._fail(seen, f"plugging in: {answer.words}")
         return wish
 
     def _charge(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         self.permission.felt(seen.now)
-        problem = "" if car is None else car.problem
-        enough = car is not None and car.enough
-        if enough or problem or self._ending:
-            if self._told != "stop":
-                self.vehicle.tell("stop", seen.now)
-                self._told, self._told_at = "stop", seen.now
+        if self._charged(car):
+            self._end_charging(seen)
+            problem = "" if car is None else car.problem
             problem = problem or ("ended by hand" if self._ending else "")
-            self.visits.note(charged=enough)
+            self.visits.note(charged=car is not None and car.enough)
             self.visits.blame(problem)
-            if car is None or not (car.locked or car.charging):
-                self._told = ""
+            if not self._holds_on(seen, car):
                 self._begin_unplug(seen)
-            elif seen.now - self._told_at > self.options.patience:
-                words = "the car still locks the plug: unlock it at the car"
-                if not car.locked:
-                    words = "the car says that it still charges: end it at the car"
-                self._go(State.STUCK, seen.now, words)
         elif car is None:
-            self.words = "charges; nothing is heard of the car: end by hand"
-        elif car is not None and not car.charging and self._in_state(seen) > RELAX:
+            self.words = NOT_HEARD
+        elif not car.charging and self._in_state(seen) > RELAX:
+            self._told = "plugged"
             self.vehicle.tell("plugged", seen.now)  # it has not heard; or we were killed meanwhile
+            if self._in_state(seen) > self.options.patience:
+                self.words = NOT_CHARGED
+        elif self.words in (NOT_HEARD, NOT_CHARGED):
+            self.words = ""
         if self._in_state(seen) < RELAX and self._hand.law is not None:
             return self._hand.by_force(seen, self.state.value, self._face)[1]
         return Wish(Rest("charges", permit=self._ask(seen)))
@@ -404,7 +420,10 @@ class Station(LidStates):
             if self._lid_held:
                 self._leave_lid(seen)
             elif self._hand.depth(seen, self._face) > IN:
-                self._begin_unplug(seen)
+                if car is not None and (car.locked or car.charging):
+                    self._end_charging(seen)
+                if not self._holds_on(seen, car):
+                    self._begin_unplug(seen)
             else:
                 self._go(State.LEAVE, seen.now, self.words)
         return Wish(Rest(self.words))

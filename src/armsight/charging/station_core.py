@@ -19,7 +19,7 @@ from armsight.charging.looking import Looker
 from armsight.charging.moves import SIDES, before_port, looking_pose
 from armsight.charging.permission import Permission
 from armsight.charging.ports.table import PORTS
-from armsight.charging.vehicle import Vehicle
+from armsight.charging.vehicle import Vehicle, VehicleStatus
 from armsight.charging.visit import NEAR, Outcome, Seen, State, StationOptions
 from armsight.charging.visit_log import VisitLog
 from armsight.charging.waiting import Waiting
@@ -103,7 +103,7 @@ class StationCore:
         self._since: float | None = None
         self._looked = self._side = self._tries = self._again = self._goals = 0
         self._told, self._told_at = "", 0.0
-        self._lid_held = False
+        self._lid_held = self._late = False
         self._waiting = Waiting(self.options)
         self._hung = math.nan  # pulled at the plug when the visit began [N]
         self._sigma = self.options.far_sigma  # of the port's place, besides what it says itself
@@ -136,6 +136,8 @@ class StationCore:
 
     def end(self) -> None:
         """Whatever is under way shall end: come out, stand by."""
+        if self._wanted and self.state is State.STAND_BY:
+            self.words = ""
         self._wanted, self._ending = False, True
 
     @property
@@ -173,10 +175,41 @@ class StationCore:
             self._go(State.LID_BEFORE, seen.now, "shuts the lid")
             return
         self.visits.end(seen.now)
+        self._go(State.STAND_BY, seen.now, self._how_it_ended)
+
+    @property
+    def _how_it_ended(self) -> str:
+        """The newest visit, in words."""
         good = "charged, and the plug is out again" if self.outcome.charged else ""
-        self._go(State.STAND_BY, seen.now, self.outcome.problem or good)
+        return self.outcome.problem or good
+
+    def _charged(self, car: VehicleStatus | None) -> bool:
+        """Whether charging shall end: by the car, or by the button."""
+        return self._ending or (car is not None and bool(car.enough or car.problem))
+
+    def _end_charging(self, seen: Seen) -> None:
+        """Tell the car, once a visit."""
+        if self._told != "stop":
+            self.vehicle.tell("stop", seen.now)
+            self._told, self._told_at = "stop", seen.now
+
+    def _holds_on(self, seen: Seen, car: VehicleStatus | None) -> bool:
+        """Whether the car holds the plug, or charges, though it was told: nothing is pulled then.
+
+        One that never lets go is somebody's to help.
+        """
+        if car is None or not (car.locked or car.charging):
+            return False
+        if seen.now - self._told_at > self.options.patience:
+            words = "the car still locks the plug: unlock it at the car"
+            if not car.locked:
+                words = "the car says that it still charges: end it at the car"
+            self._go(State.STUCK, seen.now, words)
+        return True
 
     def _begin_unplug(self, seen: Seen) -> None:
+        if self.outcome.seated:
+            self._end_charging(seen)  # whyever it comes out: contacts do not part under load
         self._hand.begin(Insertion(self._law_options, out=True))
         self._go(State.UNPLUG, seen.now, self.words)
 
