@@ -62,6 +62,7 @@ def test_what_is_not_understood_exits_2(words, capsys):
             2,
             "--seconds is nan; exp",
         ),
+        (["charge", "ur10_charging", "--charging", "inf", "--headless"], 2, "never ends"),
         (["charge", "ur10_charging", "--charging", "nan"], 2, "--charging is nan s; expected 0"),
         (["replay", "no.mcap"], 1, "no.mcap: no such recording"),
         (["experiment", "patrol-smook"], 2, 'did you mean "patrol-smoke"'),

@@ -30,7 +30,8 @@ class Charge(Working):
         visits: how many; 0: by the page's button alone.
         charging: how long a simulated car charges [s].
         state: the station's file; CELL.station.json in the working folder if left out.
-        seconds: at most, on the cell's clock; 180 a visit if left out and nobody watches.
+        seconds: at most, on the cell's clock; 180 a visit and its charging if left out and nobody
+            watches.
     """
 
     inlet: Literal["auto", "type1", "type2", "ccs1", "ccs2"] = "auto"
@@ -42,6 +43,7 @@ class Charge(Working):
     def run(self) -> int:
         """Charge; prints how each visit went; 1 where one went wrong."""
         from dataclasses import replace
+        from math import inf
 
         from armsight.commands.running import exit_code, ran, say, write_summary
         from armsight.errors import UsageError
@@ -49,13 +51,15 @@ class Charge(Working):
 
         if self.visits < 0:
             raise UsageError(f"--visits is {self.visits}; expected 0 or more")
+        if self.headless and self.charging == inf:
+            raise UsageError("--charging inf never ends, and with --headless nobody would end it")
         if not self.charging >= 0.0:
             raise UsageError(f"--charging is {self.charging:g} s; expected 0 or more")
         if self.headless and self.visits == 0:
             raise UsageError("--headless needs --visits: nobody would press the button")
         asked = self
         if self.headless and self.seconds is None:
-            asked = replace(self, seconds=180.0 * self.visits)
+            asked = replace(self, seconds=self.visits * (180.0 + self.charging))
         options = ChargeOptions(self.inlet, self.mode, self.visits, self.charging, self.state)
         made: list[ChargeTask] = []
         ended: list[bool] = []
@@ -104,8 +108,9 @@ def told(outcome: Outcome) -> str:
         words.append(f"{outcome.port} found ({100 * outcome.score:.0f} %)")
     if outcome.lid_opened:
         words.append("lid opened")
-    if outcome.seated:
-        words.append(f"seated after {outcome.plugged - outcome.began:.1f} s")
+    if outcome.seated:  # NaN: before the station that took the plug out was started
+        after = outcome.plugged - outcome.began
+        words.append("seated" if after != after else f"seated after {after:.1f} s")
     if outcome.charged:
         words.append("charged")
     words.append("out" if outcome.out else "NOT out")

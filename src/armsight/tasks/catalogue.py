@@ -48,7 +48,7 @@ def load_options(name: str) -> type[Any]:
     Raises:
         TaskError: there is none, two packages claim the name, or it cannot be loaded.
     """
-    found = _import(name, f"task {name}") if ":" in name else _by_name(name)
+    found = imported(name, f"task {name}") if ":" in name else _by_name(name)
     if not isinstance(found, type) or not is_dataclass(found):
         raise TaskError(f"task {name}: {found!r} is no dataclass; its fields would be the options")
     if not (hasattr(found, "make") or hasattr(found, "update")):
@@ -99,7 +99,7 @@ def one_task(names: Sequence[str]) -> str:
 
 def _by_name(name: str) -> Any:
     if name in OURS:
-        return _import(OURS[name], f"task {name}")
+        return imported(OURS[name], f"task {name}")
     entries = [entry for entry in entry_points(group=GROUP) if entry.name == name]
     targets = sorted({entry.value for entry in entries})
     if len(targets) > 1:
@@ -126,7 +126,7 @@ def _load(entry: EntryPoint, name: str) -> Any:
         ) from error
 
 
-def _import(target: str, what: str) -> Any:
+def imported(target: str, what: str) -> Any:
     """``module:Class``; modules are looked for in the present folder too."""
     module, _, attribute = target.partition(":")
     here = str(Path.cwd())

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from armsight.charging.admittance import Admittance
-from armsight.charging.eye import PortEye, PortLook
+from armsight.charging.eye import PortEye, PortLook, SeenPort
 from armsight.charging.find import INLETS
 from armsight.charging.insert import InsertOptions
 from armsight.charging.journal import Journal
@@ -40,7 +40,9 @@ from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.tasks.parked_car import ParkedCarOnMap
+from armsight.tasks.vehicles import open_vehicle
 from armsight.workcell.car import finger_pose, vehicle_of
+from armsight.workcell.drivers import SIMULATED
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell
@@ -78,7 +80,9 @@ class ChargeOptions:
         """The task for a cell.
 
         Raises:
-            UsageError: the cell has no plug, no force sensor or no pair that stands still.
+            UsageError: the cell has no plug, no force sensor or no pair that stands still, or its
+                car is not one for its plug, or has a lid that no pair could look at.
+            TaskError: who speaks for the car cannot be loaded or opened.
             JournalError: what a killed station has left cannot be believed.
         """
         workcell = cell.workcell
@@ -100,12 +104,22 @@ class ChargeOptions:
             workcell.robot.start_delay_ms / 1e3 + SENSOR + TICK,
         )
         vehicle = vehicle_of(workcell, section.vehicle)
+        if vehicle is not None and vehicle.inlet not in fits:
+            raise UsageError(
+                f"{workcell.name}: plug.vehicle: {section.vehicle} has {vehicle.inlet}, which a "
+                f"{section.kind} does not enter"
+            )
         body = ParkedCarOnMap(vehicle, cell.T_world_base)
         T_finger = finger_pose(section)
         lid = None
         has_lid = vehicle is not None and vehicle.lid is not None and self.mode == "ours"
         if has_lid and T_finger is not None and cell.gripper is not None:
             assert vehicle is not None
+            if not carried:
+                raise UsageError(
+                    f"{workcell.name}: a lid needs a stereo pair on the flange: from afar alone "
+                    "no finger meets it"
+                )
             lid = LidSetup(vehicle, T_finger, cell.gripper.opening)
         options = StationOptions(
             section.kind,
@@ -116,16 +130,10 @@ class ChargeOptions:
             cable=section.cable_n,
             aside=ASIDE if T_finger is None else ASIDE_FINGER,
         )
-        simulated = getattr(cell.world, "car", None)
-        car = SimulatedCar(
-            "" if self.inlet == "auto" else self.inlet,
-            self.charging,
-            stands=lambda: simulated is None or simulated.parked,
-        )
         station = Station(
             cell.robot,
             cell.robot.home,
-            car,
+            self.speaker(cell),
             Journal(self.state or Path.cwd() / f"{workcell.name}.station.json"),
             options,
             carried[0].T_mount_camera if carried else None,
@@ -139,6 +147,28 @@ class ChargeOptions:
             pairs = [fixed[0], *(info.name for info in carried)]
             eyes += [LidEye(pair, lid.shape.lid) for pair in pairs]
         return ChargeTask(station, eyes, self.visits, body, workcell.name)
+
+    def speaker(self, cell: Cell) -> Vehicle:
+        """Who speaks for the car.
+
+        Raises:
+            UsageError: nobody does, and the arm is a real one.
+            TaskError: who should cannot be loaded or opened.
+        """
+        section = cell.workcell.plug
+        if section is not None and section.car:
+            return open_vehicle(section.car, section.connection)
+        if cell.workcell.robot.driver != SIMULATED:
+            raise UsageError(
+                f"{cell.workcell.name}: nobody speaks for the car; name who does as plug.car. A "
+                "simulated car says that it stands and has enough, whatever a real one does"
+            )
+        simulated = getattr(cell.world, "car", None)
+        return SimulatedCar(
+            "" if self.inlet == "auto" else self.inlet,
+            self.charging,
+            stands=lambda: simulated is None or simulated.parked,
+        )
 
 
 class ChargeTask:
@@ -201,6 +231,7 @@ class ChargeTask:
     def _fresh(self) -> None:
         self._pairs: tuple[str, ...] = ()
         self._begun = 0
+        self._left: SeenPort | None = None
         self._looks: dict[str, PortLook] = {}
         self._lids: dict[str, LidLook] = {}
         self._face = Face("wait")
@@ -227,6 +258,7 @@ class ChargeTask:
         joints = observation.joints
         if joints is None:
             return Rest("no joint reading yet")
+        self._begun = max(self._begun, len(station.outcomes))  # one that a killed station left
         if not station.busy and self._begun < self.visits:
             self._begun += 1
             station.begin()
@@ -254,7 +286,9 @@ class ChargeTask:
         car = self.vehicle.status(observation.now)
         if car is not None and not car.parked:
             self.body.gone()
-        elif self.station.port is not None:
+            if not self.station.busy:
+                self._left = self.station.port  # the next one stands elsewhere
+        elif self.station.port is not None and self.station.port is not self._left:
             self.body.found(self.station.port.T_base_port, self.station.port.covariance)
             self.body.lid(self.station.port.T_base_port if self.station.lid_open else None)
         self._objection = self.body.told(observation.snapshot)

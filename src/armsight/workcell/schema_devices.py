@@ -230,7 +230,15 @@ class PlugSection(Section):
     )
     vehicle: Text = key(
         "",
-        "What is parked here: a packaged vehicle (`hatchback`, `crossover`, `city_car`) or a "
+        "What is parked here: a packaged vehicle (`hatchback`, `hatchback_lid`, "
+        "`hatchback_catch`, `crossover`, `city_car`) or a "
         "vehicle file. Its body is declared where its port is found; without the key the car's "
         "side has to be among the cell's solids.",
     )
+    car: Text = key(
+        "",
+        "Who speaks for the parked car: `module:Class`, or a name of the entry points "
+        "`armsight.vehicles`; called with `connection`. Without the key a simulated car speaks, "
+        "which no real arm is led by.",
+    )
+    connection: Connection = key({}, "What who speaks for the car needs.")
