@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from armsight.geometry.pose import make_pose
+from armsight.servoing.eyes import Eye, drawn
+from armsight.servoing.sighting import Sighting, believable
 from armsight.servoing.targets.ball import Ball
 
 from .test_estimate import filter_, look
@@ -90,3 +92,83 @@ def test_a_pair_of_unequal_lenses_is_as_good_as_its_declaration():
     for seen in BALL.in_pair(replace(view, frame=unequal)):
         off = seen.position - CENTER
         assert off @ np.linalg.solve(seen.covariance, off) < 16.0
+
+
+def test_what_cannot_be_a_sighting_is_left_out_and_said():
+    """A detector of anybody's: its sound sightings count, the others are named."""
+    good = look("a", 1.0, (0.7, 0.0, 0.8)).sightings[0]
+    nan = np.array([np.nan, 0.0, 0.8])
+    for wrong, words in (
+        (replace(good, position=nan), "position must be an array of 3 finite numbers"),
+        (replace(good, position=None), "position must be"),
+        (replace(good, surface=(0.7, 0.0, 0.8)), "surface must be an array"),
+        (replace(good, covariance=np.diag([1e-6, 1e-6, -1e-4])), "not symmetric and positive"),
+        (replace(good, covariance=np.eye(2)), "covariance must be"),
+        (replace(good, normal=np.array([0.0, 0.0, 2.0])), "expected a unit vector"),
+        (replace(good, tilt=float("nan")), "tilt is nan"),
+        ((0.7, 0.0, 0.8), "found a tuple; expected a Sighting"),
+    ):
+        kept, said = believable([wrong, good])
+        assert kept == (good,)
+        assert words in said
+    assert believable([good]) == ((good,), "")
+
+
+class Blind:
+    """A detector that has gone wrong."""
+
+    name = "ball"
+
+    def in_frame(self, view):
+        place = np.full(3, np.nan)
+        return [Sighting("ball", "cam", view.frame.stamp, place, np.eye(3), place)]
+
+    def in_pair(self, view, surface=False):
+        return self.in_frame(view)
+
+
+def test_an_eye_with_a_detector_gone_wrong_sees_nothing_and_warns():
+    view = frame([], np.eye(4))
+    seen = Eye("cam", Blind()).update([view])
+    assert seen.looks[0].sightings == ()
+    assert "position" in seen.warning
+
+
+def test_a_mark_of_a_place_far_outside_of_the_picture_is_not_drawn():
+    """OpenCV raises for so large a pixel, and the whole look would be lost."""
+    image = np.zeros((270, 480, 3), np.uint8)
+    beside = np.array([[1.0, 0.0, 1e-14]])
+    assert not drawn(image, frame([], np.eye(4)).color_lens, [beside]).any()
+
+
+def test_pictures_that_come_too_late_are_no_other_target():
+    """Three cameras late by more than what is remembered, between two looks of the pair: that the
+    estimate began anew at their old stamps put a moving target back to where it was."""
+    f = filter_()
+    for k in range(30):
+        t = 0.05 * k
+        f.add(look("wrist", t, (0.7, 0.2 * t, 0.8), 0.0005))
+    before = f.estimate
+    for camera, late in (("a", 0.62), ("b", 0.61), ("a", 0.60)):
+        assert not f.add(look(camera, t - late, (0.7, 0.2 * (t - late), 0.8)))
+    assert f.restarts == 0
+    assert f.estimate.seen == before.seen
+    assert np.array_equal(f.estimate.position, before.position)
+
+
+def test_a_run_that_begins_anew_knows_nothing_of_the_cameras():
+    """The same seed runs the same again: what a carried-off ball taught of a bias is gone, too."""
+
+    def course(f):
+        for k in range(12):
+            f.add(look("a", 0.1 * k, (0.72, 0.0, 0.8)))
+            f.add(look("wrist", 0.1 * k + 0.01, (0.7, 0.0, 0.8), 0.0005))
+        for k in range(4):  # carried off: the estimate begins anew, biases are kept
+            f.add(look("a", 1.13 + 0.02 * k, (1.7, 0.5, 0.8)))
+        return f.estimate.position
+
+    f = filter_()
+    first = course(f)
+    assert f.restarts == 1
+    f.reset()
+    assert np.array_equal(course(f), first)

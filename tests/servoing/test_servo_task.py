@@ -192,6 +192,41 @@ def test_the_mark_on_the_tool_keeps_no_target_alive():
     assert np.isfinite(near).all()
 
 
+def published(camera, place, stamp):
+    return Perceived(f"eye/{camera}", Looks(stamp, (look_at_place(camera, UP, place, stamp),)))
+
+
+def test_a_look_from_the_future_is_not_taken_and_said():
+    """Once in the estimate it would lie ahead of all that is seen after it, and never grow old."""
+    task, place = task_of(), (0.8, 0.1, 0.7)
+    ahead = (published("b", place, 99.0),)
+    intent = task.update(replace(observe(1.0), perceived=ahead))
+    assert isinstance(intent, Rest)
+    assert intent.reason == "b: seen 98.000 s in the future; check clocks"
+    for k in range(5):
+        now = 1.1 + 0.1 * k
+        seen = (*ahead, published("a", place, now - 0.05))
+        intent = task.update(replace(observe(now), perceived=seen))
+        assert isinstance(intent, VelocityIntent)
+        assert intent.exposure == now - 0.05
+
+
+def test_a_permit_for_somebody_rests_on_pictures_that_showed_them():
+    """What is refused as another's, in every picture since, keeps no face's permit alive."""
+    task = task_of(dock="straw")
+    for k in range(8):
+        now = 1.0 + 0.05 * k
+        task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), (0.8, 0.1 + 0.1 * now, 0.7), now))
+    seen, fresh = now, task.update(observe(now + 0.05)).permit.region
+    assert fresh.exposure == seen
+    for k in range(2):  # elsewhere each time: no other target either
+        elsewhere = (1.2 + 0.4 * k, -0.5, 0.3 + 0.5 * k)
+        task.chase.see(look_at_place("b", (1.7, 1.4, -0.1), elsewhere, now + 0.1 * (k + 1)))
+    region = task.update(observe(now + 0.25)).permit.region
+    assert region.exposure == seen
+    assert np.allclose(region.center(seen), fresh.center(seen), atol=0.01)
+
+
 def test_where_its_own_way_is_blocked_it_asks_for_a_planned_one_and_goes_on_from_there():
     """The guard drives nothing of what is wanted, though it may touch: half a second is enough."""
     place, began = np.array([0.8, 0.1, 0.7]), None

@@ -40,6 +40,7 @@ class Touchable:
         drift: how fast its place becomes unsure while nobody sees it [m/s].
         normal: (3,) unit, out of its surface, where it has a face that was seen; else None.
         along: (3,) unit, where it goes on beyond its point (a forearm), where that was seen.
+        seen: newest exposure that showed it [s], where the stamp may be that of another picture.
     """
 
     stamp: float
@@ -50,6 +51,7 @@ class Touchable:
     drift: float = 0.1
     normal: Vector3 | None = None
     along: Vector3 | None = None
+    seen: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -120,11 +122,15 @@ class Docking:
         size = (a, b, c + 2.0 * seen.margin) if self.shape == "box" else (a + seen.margin, b, c)
         center = seen.position + self.offset[0] * normal + self.offset[1] * up
         center = center + self.offset[2] * side
+        stamp = seen.stamp
+        if self.permit != "thing":  # of somebody a picture that did not show them is no evidence
+            stamp = min(stamp, seen.seen)
+            center = center + (stamp - seen.stamp) * seen.velocity
         region = Region(
             self.shape,
             size,
             facing_pose(center, side if self.shape == "capsule" else normal),
-            seen.stamp,
+            stamp,
             seen.velocity,
             seen.covariance,
             min(max(seen.drift, SURE), self.drift) if self.permit == "thing" else self.drift,

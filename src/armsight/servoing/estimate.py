@@ -168,10 +168,14 @@ class TargetFilter:
         self._index = {name: 9 + 3 * i for i, name in enumerate(cameras)}
         self._wrist = wrist
         self._n = 9 + 3 * len(self._index)
-        self._bias, self._bias_P = self._prior()
         self.reset()
 
     def reset(self) -> None:
+        """Nothing has been seen, and nothing learned of the cameras: a run begins anew."""
+        self._bias, self._bias_P = self._prior()
+        self._forget_target()
+
+    def _forget_target(self) -> None:
         """Nothing has been seen; what was learned of the cameras stays."""
         self._events: list[_Event] = []
         self._base: _Event | None = None
@@ -213,6 +217,8 @@ class TargetFilter:
         """Take in what one camera saw; whether any of it was believed."""
         if look.camera not in self._index or not math.isfinite(look.stamp):
             return False
+        if self._base is not None and look.stamp < self._base.stamp:
+            return False  # what comes too late contradicts nothing
         if look.mark is not None and self.config.biases:
             R = look.mark_covariance + self.config.mark**2 * np.eye(3)
             self._measure(_Event(look.stamp, look.camera, look.mark, R, True, look.wrist))
@@ -260,7 +266,7 @@ class TargetFilter:
             self._bias = np.concatenate([np.zeros(9), self._bias])
         restarts = self.restarts + 1
         wrist = self._wrist_stamp
-        self.reset()
+        self._forget_target()
         self.restarts, self._wrist_stamp, self._seen = restarts, wrist, event.stamp
         return self._measure(event)
 

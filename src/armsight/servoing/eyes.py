@@ -14,7 +14,7 @@ from armsight.geometry.pose import inverse, transform
 from armsight.motion.perception import CameraUse, PosedFrame, PosedPair
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
-from armsight.servoing.sighting import Look, Looks, Sighting
+from armsight.servoing.sighting import Look, Looks, Sighting, believable
 
 SHOWN = 320
 """Pictures are shown at least so wide, at a whole fraction of their size [px]."""
@@ -62,7 +62,7 @@ class Eye:
         view = frames[-1]
         if view.frame.color is None or view.T_base_color is None or view.T_base_camera is None:
             return None
-        sightings = tuple(self._target.in_frame(view))
+        sightings, wrong = believable(self._target.in_frame(view))
         assert view.color_lens is not None
         in_color = inverse(view.T_base_color)
         picture = drawn(
@@ -74,7 +74,7 @@ class Eye:
             view.frame.camera, view.frame.stamp, False, view.T_base_camera, sightings,
             picture=picture,
         )  # fmt: skip
-        return Looks(look.stamp, (look,))
+        return Looks(look.stamp, (look,), wrong)
 
 
 class WristEye:
@@ -111,10 +111,10 @@ class WristEye:
         view = frames[-1]
         if view.T_base_camera is None or view.joints is None:
             return None
-        sightings = tuple(self._target.in_pair(view, self._surface))
+        sightings, wrong = believable(self._target.in_pair(view, self._surface))
         tool = tcp_pose(self._robot, view.joints.position)
         expected = tool[:3, :3] @ self._at + tool[:3, 3]
-        marks: list[Sighting] = [] if self._mark is None else self._mark.in_pair(view)
+        marks, _ = believable([] if self._mark is None else self._mark.in_pair(view))
         near = [m for m in marks if np.linalg.norm(m.position - expected) < MARK_RADIUS]
         best = min(near, key=lambda m: float(np.linalg.norm(m.position - expected)), default=None)
         in_left = inverse(view.T_base_camera)
@@ -129,7 +129,7 @@ class WristEye:
             np.eye(3) if best is None else best.covariance,
             drawn(view.frame.left, view.info.left, shown),
         )
-        return Looks(look.stamp, (look,))
+        return Looks(look.stamp, (look,), wrong)
 
 
 def drawn(image: ColorImage, lens: PinholeCamera, points: Sequence[Points]) -> ColorImage:
@@ -140,7 +140,8 @@ def drawn(image: ColorImage, lens: PinholeCamera, points: Sequence[Points]) -> C
     small = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.uint8)
     for point in points:
         u, v = lens.project(point)[0] / step
-        if np.isfinite([u, v]).all():
+        # One that its own lens does not show is not drawn: OpenCV takes no such large numbers.
+        if 0.0 <= u < small.shape[1] and 0.0 <= v < small.shape[0]:
             at = (round(float(u)), round(float(v)))
             cv2.drawMarker(small, at, (20, 230, 60), cv2.MARKER_CROSS, 17, 2)
     return small

@@ -276,7 +276,7 @@ class OurChase:
         place, velocity = e.at(acts)
         return Touchable(
             e.stamp, place - velocity * (acts - e.stamp), velocity, P[:3, :3], drift=drift,
-            normal=e.normal, along=e.along,
+            normal=e.normal, along=e.along, seen=e.seen,
         )  # fmt: skip
 
     def follow(self, now: float, estimate: TargetEstimate) -> Vector3:

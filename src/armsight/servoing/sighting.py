@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +71,52 @@ class Looks:
     Attributes:
         stamp: exposure of the oldest [s].
         looks: one a camera.
+        warning: what people should read, such as a sighting that cannot be; empty when all is well.
     """
 
     stamp: float
     looks: tuple[Look, ...]
+    warning: str = ""
+
+
+def believable(found: Iterable[Any]) -> tuple[tuple[Sighting, ...], str]:
+    """Those of a detector's sightings that can be, and what is wrong with the others, in words.
+
+    A detector may be anybody's. One place that is not a number would stay in the estimate for good.
+    """
+    judged = [(sighting, sighting_fault(sighting)) for sighting in found]
+    wrong = next((fault for _, fault in judged if fault), "")
+    return tuple(sighting for sighting, fault in judged if not fault), wrong
+
+
+def sighting_fault(sighting: Any) -> str:
+    """What is wrong with a sighting, in words; empty when nothing is. Never raises."""
+    if not isinstance(sighting, Sighting):
+        return f"a detector found a {type(sighting).__name__}; expected a Sighting"
+    name = f"a sighting of {sighting.target}"
+    for field_ in ("position", "surface", "normal", "along"):
+        value = getattr(sighting, field_)
+        unit = field_ in ("normal", "along")
+        if value is None and unit:
+            continue
+        if not _is_vector(value):
+            return f"{name}: its {field_} must be an array of 3 finite numbers, not {value!r}"
+        if unit and abs(float(value @ value) - 1.0) > 1e-3:
+            return f"{name}: its {field_} is {value.tolist()}; expected a unit vector"
+    C = sighting.covariance
+    if not (isinstance(C, np.ndarray) and C.shape == (3, 3) and _finite(C)):
+        return f"{name}: its covariance must be an array of 3 x 3 finite numbers [m^2]"
+    if not np.allclose(C, C.T, atol=1e-12) or np.linalg.eigvalsh(C)[0] < -1e-12:
+        return f"{name}: its covariance is not symmetric and positive"
+    if not isinstance(sighting.tilt, int | float) or not 0.0 <= sighting.tilt < np.inf:
+        return f"{name}: its tilt is {sighting.tilt!r} rad; expected 0 or more"
+    return ""
+
+
+def _is_vector(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.shape == (3,) and _finite(value)
+
+
+def _finite(values: Floats) -> bool:
+    """Whether numbers are all finite; what holds no numbers is not."""
+    return values.dtype.kind in "fiu" and bool(np.isfinite(values).all())

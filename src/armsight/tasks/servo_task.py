@@ -19,7 +19,7 @@ from armsight.motion.face import (
     Picture,
     PointsMark,
 )
-from armsight.motion.intents import Intent, PoseIntent, Rest, VelocityIntent
+from armsight.motion.intents import FUTURE, Intent, PoseIntent, Rest, VelocityIntent
 from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
@@ -92,6 +92,7 @@ class ServoTask:
         self._touching = False
         self._face = Face("wait")
         self._latency = math.nan
+        self._ahead = ""
         self._pausing = False
         self._felt = 0.0
         self._aside: deque[float] = deque(maxlen=ASIDE)
@@ -111,7 +112,7 @@ class ServoTask:
         self._touching = touching
         self._face = self._show(observation.robot, joints, now, touching)
         if wish is None:
-            return Rest(self.chase.reason)
+            return Rest(self._ahead or self.chase.reason)
         permit = self._permit(observation)
         around = self._around(now, observation.guard)
         if around is not None:
@@ -181,6 +182,10 @@ class ServoTask:
         for perceived in observation.perceived:
             if isinstance(perceived.evidence, Looks):
                 for look in perceived.evidence.looks:
+                    if look.stamp > observation.now + FUTURE:
+                        late = look.stamp - observation.now
+                        self._ahead = f"{look.camera}: seen {late:.3f} s in the future; check clocks"
+                        continue
                     last = self._looks.get(look.camera)
                     if last is None or look.stamp > last.stamp:
                         self._looks[look.camera] = look
@@ -190,6 +195,7 @@ class ServoTask:
             if any(abs(look.stamp - at) < BESIDE for at in self._aside):
                 look = replace(look, mark=None)
             self.chase.see(look)
+            self._ahead = self._ahead if not look.sightings else ""
             self._latency = observation.now - look.stamp
 
     def _note_aside(self, now: float, guard: GuardStatus | None) -> None:
