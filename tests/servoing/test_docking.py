@@ -101,8 +101,23 @@ def test_a_jammed_gripper_is_not_waited_for_on_somebody_s_palm():
         palm = arm.tip - LETS_GO * UP
         arm.stay(palm, 1.2, (0.04, True))
         assert arm.task.phase == "let go"
-        intent = arm.stay(palm, 3.5, late)
+        leaving = arm.stay(palm, 1.3, late)
+        assert arm.task.phase == "leave"
+        # One that comes free on the way lets nothing fall.
+        assert leaving.width == (late[0] if late[1] else HandoverTask.opening)
+        intent = arm.stay(palm, 2.2, late)
         assert isinstance(intent, Rest)
+        assert says in intent.reason
+        assert says in arm.task.face().reason
+
+
+def test_an_empty_gripper_hands_nothing_over_and_says_no_such_thing():
+    for gripper, says in (((0.085, False), "did not feel"), (None, "no gripper says")):
+        arm = Arm()
+        arm.stay(arm.tip - WAITS * UP, 1.0, gripper)
+        arm.task.chase.reset()
+        intent = arm.stay(arm.tip - LETS_GO * UP, 4.0, gripper)
+        assert arm.task.phase == "done"
         assert says in intent.reason
 
 

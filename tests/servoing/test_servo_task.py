@@ -22,6 +22,7 @@ from armsight.servoing.detour import BEFORE
 from armsight.servoing.docking import docking
 from armsight.servoing.modes import ChaseConfig, make_chase
 from armsight.servoing.sighting import Look, Looks
+from armsight.tasks.handover import HandoverTask
 from armsight.tasks.servo import ServoOptions, ServoTask
 from armsight.workcell import open_cell
 from armsight.workcell.packaged import load
@@ -74,6 +75,39 @@ def test_a_cell_without_colour_is_refused():
         cell.cameras = tuple(Camera(c.info) for c in cell.cameras)
         with pytest.raises(UsageError, match="no camera with a colour lens"):
             ServoOptions().make(cell)
+
+
+class Lacking:
+    """A cell whose gripper or pairs are taken away, or which has another gripper."""
+
+    def __init__(self, cell, **other):
+        self._cell, self._other = cell, other
+
+    def __getattr__(self, name):
+        return self._other[name] if name in self._other else getattr(self._cell, name)
+
+
+class Narrow:
+    opening = 0.05
+
+
+def test_what_a_cell_lacks_for_a_task_is_said_and_its_own_gripper_is_used():
+    with open_cell(load("ur10_handover"), seed=0) as cell:
+        with pytest.raises(UsageError, match=r"no \[gripper\]"):
+            ServoOptions("hand").make(Lacking(cell, gripper=None))
+        with pytest.raises(UsageError, match="no stereo pair on the flange"):
+            ServoOptions("hand", "paper").make(Lacking(cell, stereo=()))
+        for wrong in ({"standoff": -0.1}, {"standoff": float("nan")}, {"ball_radius": 0.0}):
+            with pytest.raises(UsageError, match="expected 0 or more"):
+                ServoOptions(**wrong).make(cell)
+        # One of 5 cm is open at 5 cm, not jammed.
+        handover = ServoOptions("hand").make(Lacking(cell, gripper=Narrow))
+        assert isinstance(handover, HandoverTask)
+        assert handover.opening == handover._width == 0.05
+        # At a stand-off a hand is followed: nothing is let go.
+        follows = ServoOptions("hand", standoff=0.2).make(Lacking(cell, gripper=None))
+        assert not isinstance(follows, HandoverTask)
+        assert follows.chase.config.funnel.gap == 0.2
 
 
 def task_of(mode="ours", standoff=0.0, dock="ball"):

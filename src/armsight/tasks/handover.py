@@ -35,13 +35,12 @@ STAYS = 1.5
 class HandoverTask(ServoTask):
     """Brings what the gripper holds to a palm, lets it go there, and leaves.
 
-    Args:
-        opening: width of the open gripper [m].
-
     Attributes:
+        opening: width of the open gripper [m].
         phase: wait, lower, let go, leave or done; since: when it began [s].
         released: when the gripper was told to open [s]; inf before.
         failed: why nothing was handed over, in words; empty while that is not so.
+        unsure: what speaks against that something was, in words; empty where nothing does.
     """
 
     opening: float = 0.085
@@ -50,27 +49,36 @@ class HandoverTask(ServoTask):
         """Nothing has been seen; the item is held."""
         super().reset()
         self.phase, self.since, self.released = "wait", -math.inf, math.inf
-        self.failed, self._held = "", False
+        self.failed, self.unsure, self._held = "", "", False
         self._above = math.inf
+        self._width = self.opening
         self._height(WAITS)
 
     def update(self, observation: Observation) -> Intent:
         """See :class:`~armsight.motion.task.Task`."""
         now = observation.now
         if self.phase == "done":
-            return Rest(self.failed or "the item has been handed over")
+            return Rest(self._ended)
         intent = super().update(observation)
         self._go_on(observation, now)
         if self.phase in ("let go", "leave") and isinstance(
             intent, VelocityIntent | PoseIntent | Rest
         ):
-            return replace(intent, width=self.opening)
+            return replace(intent, width=self._width)
         return intent
 
     def face(self) -> Face:
         """What the page shows."""
         face = super().face()
-        return face if self.phase == "wait" else replace(face, state=self.phase)
+        if self.phase == "wait":
+            return face
+        reason = self._ended if self.phase == "done" else self.failed or face.reason
+        return replace(face, state=self.phase, reason=reason)
+
+    @property
+    def _ended(self) -> str:
+        """What became of the item, in words."""
+        return self.failed or self.unsure or "the item has been handed over"
 
     def _go_on(self, observation: Observation, now: float) -> None:
         """The next phase, if this one is over."""
@@ -87,7 +95,12 @@ class HandoverTask(ServoTask):
                 self._begin("lower", LETS_GO, now)
         elif self.phase == "lower":
             if self._over_palm(observation, LETS_GO, LANDS):
-                self.released = now
+                self.released, self._width = now, self.opening
+                gripper = observation.gripper
+                if gripper is None:
+                    self.unsure = "told to open, but no gripper says that it did"
+                elif gripper.holding is False:
+                    self.unsure = "the gripper has opened; it did not feel that it held anything"
                 self._begin("let go", LETS_GO, now)
             elif not self._over_palm(observation, 0.5 * (WAITS + LETS_GO), 2.0 * ABOVE, 3.0):
                 self._begin("wait", WAITS, now)  # the palm has gone on
@@ -96,6 +109,7 @@ class HandoverTask(ServoTask):
             shut = gripper is not None and gripper.width < OPEN * self.opening
             if shut and gripper is not None and now > self.since + JAMMED:
                 self.failed = f"the gripper did not open: {1e3 * gripper.width:.0f} mm"
+                self._width = min(max(gripper.width, 0.0), self.opening)  # nor on the way
             if not shut or self.failed:
                 self._begin("leave", LEAVES, now)
         elif self.phase == "leave" and now > self.since + STAYS:

@@ -53,8 +53,14 @@ class ServoOptions:
         """The task for a cell.
 
         Raises:
-            UsageError: the cell has no camera with colour, or the mode needs a pair it lacks.
+            UsageError: an option cannot be, the cell has no camera with colour, or it lacks the pair
+                of the paper's mode or the gripper of a hand-over.
         """
+        if not 0.0 <= self.standoff < math.inf or not 0.0 < self.ball_radius < math.inf:
+            raise UsageError(
+                f"a standoff of {self.standoff:g} m and a ball_radius of {self.ball_radius:g} m; "
+                "expected 0 or more, and above 0"
+            )
         cameras = [c.info.name for c in cell.cameras if c.info.color is not None]
         if not cameras:
             raise UsageError(
@@ -62,6 +68,11 @@ class ServoOptions:
             )
         pairs = [p.info.name for p in cell.stereo if p.info.mounted_on == "flange"]
         pair = pairs[0] if pairs and self.mode != "fixed" else ""
+        if self.mode == "paper" and not pair:
+            raise UsageError(
+                f"{cell.workcell.name}: no stereo pair on the flange, which the mode paper needs; "
+                "fixed is the same without"
+            )
         dock = docking(self.target, self.ball_radius)
         target = dock.detector()
         eyes: list[Eye | WristEye] = [Eye(name, target, scale=dock.scale) for name in cameras]
@@ -76,8 +87,16 @@ class ServoOptions:
         config = chase_config(cell.workcell, cell.T_world_base, dock, self.standoff)
         names = [*cameras, *([pair] if pair else [])]
         chase = make_chase(self.mode, cell.robot, names, pair, config)
-        if dock.name == "hand":
-            return HandoverTask(dock, self.mode, chase, eyes, config)
+        if dock.name == "hand" and self.standoff == 0.0:
+            if cell.gripper is None:
+                raise UsageError(
+                    f"{cell.workcell.name}: no [gripper] that could let anything go; with a "
+                    "standoff a hand is followed without one"
+                )
+            task = HandoverTask(dock, self.mode, chase, eyes, config)
+            task.opening = cell.gripper.opening
+            task.reset()
+            return task
         return ServoTask(dock, self.mode, chase, eyes, config, self.standoff)
 
 
