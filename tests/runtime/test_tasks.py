@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from doubles import FakeGuard, FakeMap, FakePlanner, GoTo, make_cell
 
-from armsight.errors import DeviceError, UsageError
+from armsight.errors import DeviceError, LoopError, UsageError
 from armsight.mapping.snapshot import CameraStatus
-from armsight.motion.face import Button, Curve, Face, Figure
+from armsight.motion.face import Button, Curve, Face, Figure, FrameMark, PointsMark
 from armsight.motion.intents import JointIntent, Rest, VelocityIntent
 from armsight.motion.perception import CameraUse
 from armsight.motion.task import Subscriptions
@@ -337,6 +337,191 @@ def test_a_face_that_cannot_be_shown_is_said_and_does_no_harm():
     assert problem == "task scripted: figures have the name x twice"
     assert session.view().face is None
     assert isinstance(guard.seen[-1][3], JointIntent)
+
+
+@pytest.mark.parametrize(
+    ("face", "words"),
+    [
+        (Face(curves=(Button("a", "A"),)), "curves: a: a Button is none of the curves"),
+        (Face(figures=(Figure("a", "3"),)), "figures: a: its value must be a number, not '3'"),
+        (Face(figures=(Figure("a", np.ones(1)),)), "its value must be a number"),
+        (Face(marks=(FrameMark("a", np.eye(4), float("nan")),)), "its length must be above 0"),
+        (Face(marks=(PointsMark("a", np.ones((1, 3)), 0.1, "red"),)), "its color is 'red'"),
+        (Face(marks=(PointsMark("a", np.ones((1, 3)), 0.1, (0, 0, 256)),)), "its color is"),
+    ],
+)
+def test_no_face_ends_a_run(face, words):
+    """What page, recorder or the loop itself would raise for is said before it comes there."""
+
+    class Faced(Scripted):
+        def face(self):
+            return face
+
+    session, _ = session_of(Faced(lambda o: None))
+    session.run(0.2)
+    assert words in {h.name: h.problem for h in session.health()}["task/scripted"]
+    assert session.view().face is None
+    assert session.task_failure == ""
+
+
+def test_subscriptions_that_raise_in_a_run_end_the_task_and_not_the_run():
+    class Fickle(Scripted):
+        @property
+        def subscriptions(self):
+            if len(self.seen) > 5:
+                raise KeyError("which camera?")
+            return Subscriptions()
+
+        @subscriptions.setter
+        def subscriptions(self, value):
+            pass
+
+    class Blank(Fickle):
+        @property
+        def subscriptions(self):
+            return None if len(self.seen) > 5 else Subscriptions()
+
+        @subscriptions.setter
+        def subscriptions(self, value):
+            pass
+
+    for task, words in ((Fickle, "KeyError: 'which camera?'"), (Blank, "its subscriptions: ")):
+        session, guard = session_of(task(lambda o: Rest("")))
+        session.run(0.4)
+        assert session.task_failure.startswith(f"task scripted failed: {words}")
+        assert guard.seen[-1][3].fault
+
+
+def test_a_pair_that_is_wanted_in_a_run_and_not_there_ends_the_task_in_words():
+    def act(observation):
+        task.subscriptions = Subscriptions(stereo=("wrist",) if observation.now > 0.1 else ())
+        return Rest("")
+
+    task = Scripted(act)
+    session, _ = session_of(task)
+    session.run(0.3)
+    assert "no stereo pair 'wrist' in this cell; there are: none" in session.task_failure
+
+
+def test_a_gripper_that_was_lost_is_told_again_and_its_fault_is_forgotten():
+    """A width that came while it was being opened again was lost for good."""
+
+    class Lost(FakeGripper):
+        times = 0
+
+        def move(self, width):
+            Lost.times += 1
+            if Lost.times < 3:
+                raise DeviceError("gripper: no answer")
+            super().move(width)
+
+    cell = make_cell()
+    cell.gripper = Lost()
+    session, _ = session_of(Scripted(lambda o: Rest("", width=0.02)), cell)
+    session.run(0.4)
+    assert Lost.times == 1
+    (health,) = [h for h in session.health() if h.name == "task/scripted"]
+    assert "gripper: no answer" in health.problem
+    session.run(1.0)
+    assert cell.gripper.told == [0.02]
+    assert Lost.times == 3
+    (health,) = [h for h in session.health() if h.name == "task/scripted"]
+    assert health.problem == ""
+
+
+@pytest.mark.parametrize("width", [np.array([0.01, 0.02]), "wide", float("nan")])
+def test_a_width_that_is_no_number_is_said(width):
+    cell = make_cell()
+    cell.gripper = FakeGripper()
+    session, _ = session_of(Scripted(lambda o: Rest("", width=width)), cell)
+    session.run(0.2)
+    assert "gripper: " in {h.name: h.problem for h in session.health()}["task/scripted"]
+    assert session.task_failure == ""
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        ({"excluded": ("c",)}, "cannot be read: ValueError"),
+        ({"excluded": (("c", None),)}, "expected a camera's name and a reason"),
+        ({"excluded": None}, "cannot be read: TypeError"),
+        ({"placed": ("c",)}, "has placed a str"),
+    ],
+)
+def test_what_a_perceiver_says_of_cameras_ends_no_run(extra, words):
+    class Odd(Counter):
+        def update(self, frames):
+            word = Count(frames[-1].frame.stamp, 1)
+            for key, value in extra.items():
+                object.__setattr__(word, key, value)
+            return word
+
+    session, _ = session_of(None, perceivers=[Odd()])
+    session.run(0.3)
+    assert words in {h.name: h.problem for h in session.health()}["perceiver/counter"]
+
+
+def test_a_stamp_of_single_precision_is_a_stamp_and_no_warning_is_none():
+    @dataclass(frozen=True)
+    class Single:
+        stamp: np.float32
+        warning: None = None
+
+    class Half(Counter):
+        def update(self, frames):
+            return Single(np.float32(frames[-1].frame.stamp))
+
+    task = Scripted(lambda o: None, Subscriptions(perceivers=("counter",)))
+    session, _ = session_of(task, perceivers=[Half()])
+    session.run(0.3)
+    assert task.seen[-1].result("counter") is not None
+    assert {h.name: h.problem for h in session.health()}["perceiver/counter"] == ""
+
+
+def test_a_perceiver_that_cannot_bear_doubts_harms_no_map():
+    class Upset(Counter):
+        def doubted(self, camera, excluded):
+            raise RuntimeError("not mine")
+
+    session, _ = session_of(None, perceivers=[Upset()])
+    perceiver = session._components[3]
+    perceiver.doubted("c", True)
+    assert perceiver.problem == "doubted() failed: RuntimeError: not mine"
+
+
+def test_a_perceiver_without_its_parts_is_refused_in_words():
+    class Bare:
+        name, period = "bare", 0.1
+
+    with pytest.raises(UsageError, match="perceiver bare has no cameras, update"):
+        session_of(None, perceivers=[Bare()])
+
+
+def test_perceivers_and_the_task_are_prepared_once_before_time_begins():
+    class Slow(Counter):
+        def warm_up(self):
+            prepared.append(("counter", cell.clock.now()))
+
+    class SlowTask(Scripted):
+        def warm_up(self):
+            prepared.append(("task", cell.clock.now()))
+
+    prepared, cell = [], make_cell()
+    session, _ = session_of(SlowTask(lambda o: None), cell, perceivers=[Slow()])
+    session.warm_up()
+    session.run(0.1)
+    session.warm_up()
+    assert prepared == [("counter", 0.0), ("task", 0.0)]
+
+
+def test_what_cannot_be_prepared_is_said():
+    class Lame(Counter):
+        def warm_up(self):
+            raise OSError("no weights")
+
+    session, _ = session_of(None, perceivers=[Lame()])
+    with pytest.raises(LoopError, match=r"counter cannot be prepared \(OSError: no weights\)"):
+        session.warm_up()
 
 
 @pytest.mark.parametrize(

@@ -167,6 +167,14 @@ class ShownFace:
 
 _VECTORS = {ArrowMark: ("start", "end"), EllipsoidMark: ("radii",), RegionMark: ("size",)}
 _POSED = (FrameMark, EllipsoidMark, RegionMark)
+_MARKS = (PointsMark, ArrowMark, FrameMark, EllipsoidMark, RegionMark)
+_KINDS: dict[str, tuple[type, ...]] = {
+    "figures": (Figure, Curve),
+    "curves": (Figure, Curve),
+    "pictures": (Picture,),
+    "marks": _MARKS,
+    "buttons": (Button,),
+}
 
 
 def face_fault(face: Any) -> str:
@@ -193,9 +201,11 @@ def _parts_fault(kind: str, parts: object) -> str:
     if len(set(names)) != len(names):
         return f"{kind} have the name {_twice(names)} twice"
     for part in parts:
+        if not isinstance(part, _KINDS[kind]):
+            return f"{kind}: {part.name}: a {type(part).__name__} is none of the {kind}"
         try:
             fault = _part_fault(part)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             fault = str(error)
         if fault:
             return f"{kind}: {part.name}: {fault}"
@@ -204,6 +214,8 @@ def _parts_fault(kind: str, parts: object) -> str:
 
 def _part_fault(part: Any) -> str:
     if isinstance(part, Figure | Curve):
+        if isinstance(part.value, str) or np.ndim(part.value) != 0:
+            return f"its value must be a number, not {part.value!r}"
         float(part.value)
         return "" if isinstance(part.unit, str) else "its unit must be text"
     if isinstance(part, Picture):
@@ -217,8 +229,11 @@ def _part_fault(part: Any) -> str:
 
 
 def _mark_fault(mark: Any) -> str:
-    if not isinstance(mark, PointsMark | ArrowMark | FrameMark | EllipsoidMark | RegionMark):
-        return f"{type(mark).__name__} cannot be shown"
+    if isinstance(mark, FrameMark):
+        if not (math.isfinite(mark.length) and mark.length > 0.0):
+            return "its length must be above 0"
+    elif not _is_color(mark.color):
+        return f"its color is {mark.color!r}; expected red, green, blue of 0 to 255"
     if isinstance(mark, PointsMark):
         points = np.asarray(mark.points, float)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
@@ -233,6 +248,12 @@ def _mark_fault(mark: Any) -> str:
         if T.shape != (4, 4) or not np.isfinite(T).all():
             return "T_base_mark must be a finite 4 x 4 pose"
     return ""
+
+
+def _is_color(color: Any) -> bool:
+    values = np.asarray(color)
+    whole = values.shape == (3,) and values.dtype.kind in "iu"
+    return whole and bool(((values >= 0) & (values <= 255)).all())
 
 
 def _twice(names: Sequence[object]) -> str:

@@ -170,7 +170,7 @@ def _wire(
 
     def wake_guard(at: float) -> None:
         # A task that wants the map is asked before.
-        if task is not None and task.task.subscriptions.snapshot:
+        if task is not None and task.wanted.snapshot:
             loop.wake(task.name, at)
         loop.wake("guard", at)
 
@@ -181,9 +181,7 @@ def _wire(
 
     def tell_doubt(camera: str, excluded: bool) -> None:
         for perceiver in perceivers:
-            tell = getattr(perceiver.perceiver, "doubted", None)
-            if tell is not None:
-                tell(camera, excluded)
+            perceiver.doubted(camera, excluded)
 
     mapping.on_doubted = tell_doubt
     made.sensing.on_frames = lambda at: loop.wake("mapping", at)
@@ -203,6 +201,11 @@ def _perceivers(
     channels: Channels,
     latency: Callable[[float], Latency],
 ) -> list[PerceiverComponent]:
+    for p in wanted.perceivers:
+        lacks = [part for part in ("name", "period", "cameras", "update") if not hasattr(p, part)]
+        if lacks:
+            name = getattr(p, "name", type(p).__name__)
+            raise UsageError(f"perceiver {name} has no {', '.join(lacks)}")
     names = [p.name for p in wanted.perceivers]
     if len(set(names)) < len(names):
         raise UsageError(f"two perceivers have the same name: {', '.join(sorted(names))}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from numbers import Real
 from types import MappingProxyType
 from typing import Any
 
@@ -107,6 +108,16 @@ class PerceiverComponent:
         self.charge = self._latency.of(outcome.seconds)
         self._finish(outcome, now + self.charge)
 
+    def doubted(self, camera: str, excluded: bool) -> None:
+        """A camera does not count any more; the perceiver is told if it wants to know."""
+        tell = getattr(self.perceiver, "doubted", None)
+        if tell is None:
+            return
+        try:
+            tell(camera, excluded)
+        except Exception as error:  # the map is told of no stranger's mistakes
+            self.problem = f"doubted() failed: {type(error).__name__}: {error}"
+
     def _known(self, frame: RgbdFrame | StereoFrame) -> bool:
         return frame.camera in (self._pairs if isinstance(frame, StereoFrame) else self._cameras)
 
@@ -120,13 +131,31 @@ class PerceiverComponent:
         evidence = outcome.value
         if evidence is None:
             return
-        stamp = getattr(evidence, "stamp", None)
-        if not isinstance(stamp, (int, float)) or not math.isfinite(stamp):
-            self.problem = f"its {type(evidence).__name__} has no finite stamp"
+        self.problem = evidence_fault(evidence)
+        if self.problem:
             return
-        self.problem = str(getattr(evidence, "warning", ""))
+        self.problem = str(getattr(evidence, "warning", "") or "")
         self.newest.publish(evidence, at)
         self.on_result(at)
+
+
+def evidence_fault(evidence: Any) -> str:
+    """What is wrong with what a perceiver published, in words; empty when nothing is."""
+    kind = type(evidence).__name__
+    try:
+        stamp = getattr(evidence, "stamp", None)
+        if not isinstance(stamp, Real) or not math.isfinite(stamp):
+            return f"its {kind} has no finite stamp"
+        for pair in getattr(evidence, "excluded", ()):
+            camera, reason = pair
+            if not (isinstance(camera, str) and isinstance(reason, str)):
+                return f"its {kind} excludes {pair!r}; expected a camera's name and a reason"
+        for info in getattr(evidence, "placed", ()):
+            if not isinstance(info, RgbdCameraInfo):
+                return f"its {kind} has placed a {type(info).__name__}; expected RgbdCameraInfo"
+    except Exception as error:  # whatever a stranger's record does when it is looked at
+        return f"its {kind} cannot be read: {type(error).__name__}: {error}"
+    return ""
 
 
 def checked_period(what: str, part: Any) -> float:

@@ -8,14 +8,14 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from armsight.arrays import Vector3
 from armsight.devices.data import DeclaredSolids, EmptyCell
 from armsight.devices.world import MovingSolid, MovingSurfaces
-from armsight.errors import DeviceError, LoopError, UsageError
+from armsight.errors import ArmsightError, DeviceError, LoopError, UsageError
 from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import WorkspaceSnapshot
@@ -275,16 +275,19 @@ class Session:
 
         Args:
             progress: told the stage and the share done, 0..1.
+
+        Raises:
+            LoopError: a perceiver or the task cannot be prepared.
         """
         if not self._warm:
             remote = self._guard if isinstance(self._guard, CommandRelay) else None
             if remote is not None:
                 remote.begin()
             self._parts.warm_up(progress)
-            for perceiver in self.perceivers:
-                if hasattr(perceiver, "warm_up"):
-                    progress(f"preparing {perceiver.name}", 0.95)
-                    perceiver.warm_up()
+            for part in (*self.perceivers, *([] if self.task is None else [self.task])):
+                if hasattr(part, "warm_up"):
+                    progress(f"preparing {part.name}", 0.95)
+                    _prepare(part)
             if remote is not None:
                 progress("preparing the guard's process", 0.98)
                 remote.wait_ready()
@@ -423,3 +426,19 @@ class Session:
                 devices.advance(now)
         if isinstance(self._guard, GuardComponent):
             watch_heart(self._loop, now, self._devices.arm.stop)
+
+
+def _prepare(part: Any) -> None:
+    """Let somebody else's task or perceiver compile what it will need.
+
+    Raises:
+        LoopError: it raised.
+    """
+    try:
+        part.warm_up()
+    except ArmsightError:
+        raise
+    except Exception as error:
+        raise LoopError(
+            f"{part.name} cannot be prepared ({type(error).__name__}: {error}); nothing has moved"
+        ) from error

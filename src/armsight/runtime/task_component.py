@@ -33,6 +33,8 @@ SILENT = 0.25
 """A task is not taken at its word any more when it has said nothing for so long [s] ..."""
 ROUNDS = 3.0
 """... and for so many of its periods and latencies, for one that is slow by design."""
+GRIP_AGAIN = 0.5
+"""A gripper that did not take a width is told it again after this time [s]."""
 FACE_PERIOD = 0.05
 """Seconds between two looks at the task's face [s]."""
 TRACE_SECONDS = 30.0
@@ -46,6 +48,7 @@ class TaskComponent:
         problem: what is wrong, in words; empty when all is well.
         failure: why the task has ended for good, in words; empty while it lives.
         held: the task is not asked while this is true.
+        wanted: what it subscribed to in its last round.
         on_seconds: told how long a round computed beside the loop [s].
         on_subscriptions: told when the task wants other cameras than before.
         on_width: moves the gripper to a width [m]; None in a cell without one.
@@ -83,6 +86,7 @@ class TaskComponent:
         self.on_seconds: Callable[[float], None] = lambda seconds: None
         self.call_at: Callable[[float, Callable[[], None]], None] | None = None
         self.task = task
+        self.wanted = task.subscriptions
         self._uses = task.subscriptions.cameras
         self._pairs = task.subscriptions.stereo
         self.frames = NewestFrames(self._uses)
@@ -98,6 +102,8 @@ class TaskComponent:
         self._pressed: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._face_due = -math.inf
         self._width: float | None = None
+        self._tried, self._grip_due = math.nan, -math.inf
+        self._faults: dict[str, str] = {}
         self._standing: dict[str, Sequence[Solid]] = {}
         self._past: dict[tuple[str, str], deque[tuple[float, float]]] = {}
         for use in task.subscriptions.cameras:
@@ -154,61 +160,90 @@ class TaskComponent:
 
     def _round(
         self, observation: Observation, pressed: Sequence[str], shown: bool
-    ) -> tuple[Intent | None, Any]:
-        """One round in the task's own thread: buttons, what it wants, and its face."""
+    ) -> tuple[Any, Any, Any, Any]:
+        """One round in the task's own thread: buttons, what it wants, its face, what it says."""
         for button in pressed:
             self.task.press(button)  # type: ignore[attr-defined]
         wanted = self.task.update(observation)
         face = getattr(self.task, "face", None)
-        return wanted, face() if shown and face is not None else None
+        standing = getattr(self.task, "standing", {})
+        shows = face() if shown and face is not None else None
+        return wanted, shows, standing, self.task.subscriptions
 
-    def _finish(self, outcome: Outcome[tuple[Intent | None, Any]], began: float, at: float) -> None:
+    def _finish(
+        self, outcome: Outcome[tuple[Any, Any, Any, Any]], began: float, at: float
+    ) -> None:
         if outcome.value is None:
-            self.failure = self.problem = f"task {self.task.name} failed: {outcome.fault}"
-            self._channels.word.publish(TaskWord(began, None, self.failure), at)
+            self._end(outcome.fault, began, at)
             return
-        wanted, face = outcome.value
+        wanted, face, standing, subscribed = outcome.value
+        try:
+            self._subscribe(subscribed)
+        except Exception as error:  # whatever a stranger's subscriptions are
+            self._end(f"its subscriptions: {error}", began, at)
+            return
         self._channels.word.publish(TaskWord(began, wanted), at)
-        self._grip(getattr(wanted, "width", None))
-        self._declare(getattr(self.task, "standing", {}))
-        wanted_now = self.task.subscriptions
-        uses, pairs = wanted_now.cameras, wanted_now.stereo
+        self._grip(getattr(wanted, "width", None), began)
+        self._declare(standing)
+        if face is not None:
+            self._show(face, began, at)
+
+    def _end(self, fault: str, began: float, at: float) -> None:
+        """The task has failed: its last word is why."""
+        self.failure = self.problem = f"task {self.task.name} failed: {fault}"
+        self._channels.word.publish(TaskWord(began, None, self.failure), at)
+
+    def _subscribe(self, wanted: Any) -> None:
+        """Take over what the task wants to see in the next round."""
+        uses, pairs, _ = wanted.cameras, wanted.stereo, wanted.snapshot
+        self.wanted = wanted
         if uses != self._uses:
             self.frames.use(uses)
         if (uses, pairs) != (self._uses, self._pairs):
             self._uses, self._pairs = uses, pairs
             self.on_subscriptions()
-        if face is not None:
-            self._show(face, began, at)
 
-    def _grip(self, width: Any) -> None:
-        """Move the gripper to what an intent asks for, once."""
-        if width is None or width == self._width or self.on_width is None:
+    def _grip(self, width: Any, now: float) -> None:
+        """Move the gripper to what an intent asks for, once; one that did not take it, again."""
+        if width is None or self.on_width is None:
             return
-        self._width = width
         try:
+            width = float(width)
+            if width == self._width or (width == self._tried and now < self._grip_due):
+                return
+            self._tried, self._grip_due = width, now + GRIP_AGAIN
             self.on_width(width)
         except (DeviceError, TypeError, ValueError) as error:
-            self.problem = f"task {self.task.name}: gripper: {error}"
+            self._say("gripper", f"gripper: {error}")
+        else:
+            self._width = width
+            self._say("gripper", "")
 
     def _declare(self, standing: Mapping[str, Sequence[Solid]]) -> None:
         """Pass on what the task says stands in the cell, where that has changed."""
         try:
-            for name in [n for n, s in self._standing.items() if standing.get(n) is not s]:
+            gone = [n for n, s in self._standing.items() if standing.get(n) is not s]
+            for name in gone:
                 del self._standing[name]
                 self.on_standing(name, ())
-            for name in [n for n in standing if n not in self._standing]:
+            come = [n for n in standing if n not in self._standing]
+            for name in come:
                 self._standing[name] = standing[name]
                 self.on_standing(name, standing[name])
         except (UsageError, AttributeError, TypeError, ValueError) as error:
-            self.problem = f"task {self.task.name}: what stands in the cell: {error}"
+            self._say("standing", f"what stands in the cell: {error}")
+        else:
+            if gone or come:
+                self._say("standing", "")
+
+    def _say(self, what: str, words: str) -> None:
+        """Note what is wrong of one kind; empty when it is well again."""
+        self._faults[what] = words
+        self.problem = "; ".join(f"task {self.task.name}: {w}" for w in self._faults.values() if w)
 
     def _show(self, face: Any, now: float, at: float) -> None:
         fault = face_fault(face)
-        if fault:
-            self.problem = f"task {self.task.name}: {fault}"
-        elif not self.problem.startswith(f"task {self.task.name}: gripper"):
-            self.problem = ""
+        self._say("face", fault)
         if not fault:
             traces = tuple(self._trace(curve, now) for curve in face.curves)
             self._channels.face.publish(ShownFace(self.task.name, now, face, traces), at)
@@ -222,7 +257,7 @@ class TaskComponent:
         return Trace(curve.name, curve.unit, times, values)
 
     def _observe(self, now: float) -> Observation:
-        channels, wanted = self._channels, self.task.subscriptions
+        channels, wanted = self._channels, self.wanted
         pairs = [channels.readings.newest(StereoFrame, name) for name in wanted.stereo]
         frames = [
             posed(f, self._cameras[f.camera], self._robot, channels.history)
