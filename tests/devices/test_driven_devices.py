@@ -17,6 +17,7 @@ from port_doubles import (
 )
 
 from armsight.devices.clock import WallClock
+from armsight.devices.conformance import conformance
 from armsight.devices.data import RgbdCameraInfo, StereoInfo
 from armsight.devices.driven_arm import DrivenArm
 from armsight.devices.driven_cameras import DrivenCamera, DrivenStereo
@@ -29,6 +30,7 @@ from armsight.devices.port import (
     WrenchSettings,
 )
 from armsight.errors import DeviceError, DeviceLostError
+from armsight.geometry.pose import make_pose
 from armsight.robots.robot import JointLimits
 
 ONES = np.ones(6)
@@ -378,6 +380,32 @@ def test_a_stereo_pair_delivers_when_it_is_wanted():
     frame = until(pair.read)
     assert (frame.camera, frame.left[0, 0, 0], frame.right[0, 0, 0]) == ("p", 9, 10)
     pair.close()
+
+
+@pytest.mark.parametrize(
+    ("T", "words"),
+    [
+        (make_pose(None, (-0.06, 0.0, 0.0)), "are the lenses swapped, or the pose inverted"),
+        (make_pose(None, (60.0, 0.0, 0.0)), "lenses 60 m apart; expected metres"),
+        (np.eye(4), "lenses 0 m apart"),
+        (np.full((4, 4), np.nan), "no 4 x 4 pose"),
+        (None, "no 4 x 4 pose"),
+        (np.diag([1.0, 1.0, -1.0, 1.0]), "no rotation"),
+    ],
+)
+def test_a_pair_whose_lenses_cannot_stand_so_is_refused(T, words):
+    """Swapped lenses, millimetres: triangulation would say something wrong of every target."""
+
+    class Odd(StereoDouble):
+        report = replace(StereoDouble.report, T_left_right=T)
+
+    settings = CameraSettings("p")
+    with pytest.raises(DeviceError, match=words):
+        DrivenStereo(settings, lambda s: Odd(s, Log()), lambda r: None, WallClock())
+    checks = conformance("stereo", lambda s: Odd(s, Log()), settings)
+    said = next(check for check in checks if check.title == "reports")
+    assert not said.good
+    assert words in said.found
 
 
 def test_a_force_sensor_and_what_it_cannot_feel():

@@ -98,7 +98,12 @@ def test_a_lattice_stands_for_all_of_a_region_and_nothing_else(shape):
         ("size", None, "three numbers"),
         ("size", "big", "cannot be read"),
         ("T_base_region", np.full((4, 4), np.nan), "no finite"),
+        ("size", ("0.04", 0.0, 0.0), "three numbers"),
         ("T_base_region", np.diag([2.0, 1, 1, 1]), "rotation"),
+        # What is no array the guard could not count with, and would raise in its own tick.
+        ("T_base_region", np.eye(4).tolist(), "its pose is a list; expected an array of numbers"),
+        ("velocity", (0.0, 0.0, 0.0), "its velocity is a tuple; expected an array"),
+        ("covariance", None, "its covariance is a NoneType; expected an array"),
         ("velocity", np.array([np.inf, 0, 0]), "velocity"),
         ("covariance", np.diag([-1.0, 1, 1]), "positive"),
         ("drift", -1.0, "drift"),
@@ -115,6 +120,10 @@ def test_a_wrong_region_is_refused_in_words(field, value, says):
     ("field", "value", "says"),
     [
         ("kind", "hug", "hug"),
+        ("kind", ["thing"], "its kind is"),
+        ("parts", None, "its parts are None; expected names"),
+        ("parts", "tool", "its parts are 'tool'; expected names"),
+        ("parts", (None,), "no part None"),
         ("parts", ("nose",), "no part nose"),
         ("parts", (), "no part given"),
         ("parts", ("tool",), "carries no tool"),
@@ -133,6 +142,8 @@ def test_a_wrong_request_is_refused_in_words(field, value, says):
     assert request_fault(good, robot, 1.0) == ""
     assert says in request_fault(replace(good, **{field: value}), robot, 1.0)
     assert "PermitRequest" in request_fault("may I?", robot, 1.0)
+    single = replace(good, speed=np.float32(0.05), force=np.float32(5.0))
+    assert request_fault(single, robot, 1.0) == ""
 
 
 # -- what the permit of a thing changes ------------------------------------------------------

@@ -21,7 +21,13 @@ from typing import Any
 import numpy as np
 
 from armsight.devices.clock_map import ClockMap
-from armsight.devices.driven_cameras import check_lens, check_rate, checked_color, clean_depth
+from armsight.devices.driven_cameras import (
+    check_lens,
+    check_pair,
+    check_rate,
+    checked_color,
+    clean_depth,
+)
 from armsight.devices.line import OPEN_SECONDS, STOP_SECONDS
 from armsight.devices.port import Kind
 from armsight.errors import DeviceError
@@ -217,6 +223,7 @@ def _check_report(kind: Kind, report: Any) -> DriverCheck:
     if kind == "stereo":
         check_lens("stereo", "left", report.left)
         check_lens("stereo", "right", report.right)
+        check_pair("stereo", report.T_left_right)
         found = (
             f"{report.model}: baseline {1e3 * np.linalg.norm(report.T_left_right[:3, 3]):.1f} mm"
         )

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, DepthImage
+from armsight.arrays import Bytes, ColorImage, DepthImage, Pose
 from armsight.devices.clock import WallClock
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
 from armsight.devices.driven_sensor import DrivenSensor
@@ -30,6 +30,8 @@ SILENT_FRAMES = 10
 """A camera that misses so many frames in a row is lost."""
 MOST_INFRARED = 8
 """No infrared picture is finer than so many times its depth picture."""
+LEAST_APART, MOST_APART = 0.001, 2.0
+"""The lenses of a pair are so far apart [m]."""
 SILENCE = 1.0
 """But none is lost sooner than after this [s]."""
 
@@ -224,9 +226,13 @@ class DrivenStereo:
         report: StereoReport = driver.report
         check_lens(self.name, "left", report.left)
         check_lens(self.name, "right", report.right)
+        check_pair(self.name, report.T_left_right)
         check_rate(self.name, report.rate, report.latency)
         before = self._report
-        if before is not None and (before.left, before.right) != (report.left, report.right):
+        if before is not None and (
+            (before.left, before.right) != (report.left, report.right)
+            or not np.allclose(before.T_left_right, report.T_left_right, atol=1e-4)
+        ):
             raise DeviceError(
                 f"{self.name}: came back with other intrinsics ({report.model}, before "
                 f"{before.model}); if it is another pair, start again and calibrate it"
@@ -259,6 +265,31 @@ def check_lens(name: str, which: str, lens: PinholeCamera) -> None:
         raise DeviceError(
             f"{name}: its driver reports a {which} lens of {lens.width}x{lens.height} px with "
             f"fx {lens.fx:g}, fy {lens.fy:g}, cx {lens.cx:g}, cy {lens.cy:g} px, which cannot be"
+        )
+
+
+def check_pair(name: str, T_left_right: Pose) -> None:
+    """Where the right lens of a pair can be, in the left one's frame.
+
+    Raises:
+        DeviceError: it cannot be there.
+    """
+    T = np.asarray(T_left_right)
+    if T.shape != (4, 4) or T.dtype.kind not in "fiu" or not np.isfinite(T).all():
+        raise DeviceError(f"{name}: its driver reports a T_left_right that is no 4 x 4 pose")
+    R, (x, y, z) = T[:3, :3], T[:3, 3]
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0.0:
+        raise DeviceError(f"{name}: its driver reports a T_left_right whose turn is no rotation")
+    apart = float(np.linalg.norm(T[:3, 3]))
+    if not LEAST_APART < apart < MOST_APART:
+        raise DeviceError(
+            f"{name}: its driver reports lenses {apart:g} m apart; expected metres, between "
+            f"{LEAST_APART:g} and {MOST_APART:g}"
+        )
+    if -x > max(abs(y), abs(z)):
+        raise DeviceError(
+            f"{name}: its driver reports the right lens to the left of the left one, at "
+            f"x = {x:g} m of its frame; are the lenses swapped, or the pose inverted?"
         )
 
 

@@ -229,7 +229,12 @@ class CameraDriver(Protocol):
 
 @dataclass(frozen=True)
 class StereoReport:
-    """What a stereo pair says it is; see :class:`CameraReport`."""
+    """What a stereo pair says it is; see :class:`CameraReport`.
+
+    Attributes:
+        left, right: intrinsics of the lenses, with the distortion that their pictures have.
+        T_left_right: the right lens in the left one's frame: about ``(baseline, 0, 0)`` [m].
+    """
 
     model: str
     left: PinholeCamera
@@ -241,7 +246,7 @@ class StereoReport:
 
 @dataclass(frozen=True)
 class StereoReading:
-    """One exposure of both lenses: (h, w, 3) uint8 RGB each; see :class:`DepthReading`."""
+    """One exposure of both lenses at once: (h, w, 3) uint8 RGB each; see :class:`DepthReading`."""
 
     stamp: float | None
     left: ColorImage

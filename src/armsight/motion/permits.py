@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from numbers import Real
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -141,22 +142,23 @@ def request_fault(request: Any, robot: Robot, now: float) -> str:
     """Why a request cannot be granted whatever is seen, in words; empty when it may be."""
     if not isinstance(request, PermitRequest):
         return f"a task asked for {type(request).__name__}; expected a PermitRequest"
-    limits = LIMITS.get(request.kind)
-    if limits is None:
+    if request.kind not in tuple(LIMITS):
         return f'its kind is "{request.kind}"; granted are {", ".join(LIMITS)}'
     fault = region_fault(request.region, now)
     if fault:
         return f"its region cannot be: {fault}"
     for name in ("speed", "force", "torque", "seconds", "reach", "stiffness"):
         value = getattr(request, name)
-        if not isinstance(value, int | float) or not value > 0.0:
+        if not isinstance(value, Real) or not value > 0.0:
             return f"its {name} is {value}; expected above 0"
     if request.out is not None and not _is_direction(request.out):
         return f"its way out is {request.out}; expected a unit vector"
+    if not isinstance(request.parts, tuple | list):
+        return f"its parts are {request.parts!r}; expected names"
     known = ("tool", *robot.link_names[1:])
     wrong = [part for part in request.parts if part not in known]
     if wrong or not request.parts:
-        return f"no part {', '.join(wrong) or 'given'}; this arm has {', '.join(known)}"
+        return f"no part {', '.join(map(str, wrong)) or 'given'}; this arm has {', '.join(known)}"
     if "tool" in request.parts and robot.tool is None:
         return f"the flange carries no tool; name a link: {', '.join(known[1:])}"
     return ""

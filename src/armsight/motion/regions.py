@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -153,17 +154,21 @@ def region_fault(region: Region, now: float, future: float = 0.01) -> str:
         if region.shape not in ("sphere", "box", "capsule"):
             return f'its shape is "{region.shape}"; expected sphere, box or capsule'
         size = np.asarray(region.size, float)
-        if size.shape != (3,) or not np.isfinite(size).all():
+        numbers = size.shape == (3,) and all(isinstance(edge, Real) for edge in region.size)
+        if not numbers or not np.isfinite(size).all():
             return "its size must be three numbers in metres"
         needed = {"sphere": size[:1], "capsule": size[:1], "box": size}[region.shape]
         if (needed <= 0.0).any() or (size < 0.0).any():
             return f"its size is {tuple(float(s) for s in size)} m; expected above 0"
-        T = np.asarray(region.T_base_region, float)
+        T, velocity = region.T_base_region, region.velocity
+        covariance = region.covariance
+        for what, value in (("pose", T), ("velocity", velocity), ("covariance", covariance)):
+            if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
+                return f"its {what} is a {type(value).__name__}; expected an array of numbers"
         if T.shape != (4, 4) or not np.isfinite(T).all():
             return "its pose is no finite 4 x 4 matrix"
         if not _near(T[:3, :3] @ T[:3, :3].T, np.eye(3), 1e-6):
             return "its pose is not a rotation and a translation"
-        velocity, covariance = np.asarray(region.velocity), np.asarray(region.covariance)
         if velocity.shape != (3,) or not np.isfinite(velocity).all():
             return "its velocity must be three numbers in m/s"
         if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
