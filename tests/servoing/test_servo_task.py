@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,11 +19,19 @@ from armsight.robots import load_robot
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.sprung_tip import SprungTip
 from armsight.runtime.session import Session
+from armsight.servoing.aim_kernels import aimed_joints
 from armsight.servoing.approach import Funnel
 from armsight.servoing.detour import BEFORE
-from armsight.servoing.docking import docking
+from armsight.servoing.docking import DOCK_NAMES, docking
+from armsight.servoing.eyes import Eye, WristEye
+from armsight.servoing.kernels import last_steps_down, pick_likely
 from armsight.servoing.modes import ChaseConfig, make_chase
-from armsight.servoing.sighting import Look, Looks
+from armsight.servoing.sighting import Look, Looks, sighting_fault
+from armsight.servoing.targets import ball, bullseye, mouth, palm
+from armsight.servoing.targets.ball import Ball
+from armsight.servoing.targets.mouth import Mouth
+from armsight.servoing.targets.palm import Palm
+from armsight.tasks.catalogue import make_task
 from armsight.tasks.handover import HandoverTask
 from armsight.tasks.servo import ServoOptions, ServoTask
 from armsight.workcell import open_cell
@@ -29,6 +39,7 @@ from armsight.workcell.packaged import load
 
 from .test_laws import FRONT, HOME, UP, JointState, Word
 from .test_laws import look as look_at_place
+from .traced import frame
 
 UR10 = load_robot("ur10")
 
@@ -108,6 +119,55 @@ def test_what_a_cell_lacks_for_a_task_is_said_and_its_own_gripper_is_used():
         follows = ServoOptions("hand", standoff=0.2).make(Lacking(cell, gripper=None))
         assert not isinstance(follows, HandoverTask)
         assert follows.chase.config.funnel.gap == 0.2
+
+
+def test_a_target_of_ones_own_is_a_detector_and_a_docking():
+    """The example: its detector finds a ball to a centimetre, its task runs in V's cell."""
+    example = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "own_target.py"))
+    ball = np.array([0.1, 0.0, 2.0])
+    (seen,) = example["RedThing"]().in_frame(frame([(ball, 0.04, (205, 30, 25))], np.eye(4)))
+    assert np.linalg.norm(seen.position - ball) < 0.01
+    assert sighting_fault(seen) == ""
+    with open_cell(load("ur10_servoing"), seed=0) as cell:
+        task = make_task("own_target:Follow", example["Follow"](0.05), cell)
+    assert [eye.name for eye in task.perceivers][-1] == "eye/wrist"
+    assert task.chase.config.funnel.gap == 0.05
+    task.chase.see(look_at_place("front_left", (1.7, 1.4, -0.1), (0.8, 0.1, 0.7), 1.0))
+    permit = task.update(observe(1.05)).permit
+    assert (permit.name, permit.kind) == ("red thing", "thing")
+
+
+@pytest.mark.parametrize("name", DOCK_NAMES)
+def test_eyes_and_task_compile_what_they_need_before_time_begins(name):
+    """What finds the target has run to its end; the detector that is used remembers nothing."""
+    rehearsed = {"ball": ball, "bullseye": bullseye, "straw": mouth, "hand": palm}[name].rehearsed
+    assert rehearsed(), "a painted one is found"
+    target = docking(name).detector()
+    mind = {key: value for key, value in vars(target).items() if key in ("_down", "_offset")}
+    Eye("a", target).warm_up()
+    WristEye("b", target, UR10, Ball(0.005, "mark")).warm_up()
+    assert mind == {key: vars(target)[key] for key in mind}
+    task = task_of(dock=name)
+    task.warm_up()
+    assert task.chase.estimate is None
+    for kernel in (pick_likely, last_steps_down, aimed_joints):
+        assert kernel.signatures
+
+
+def test_a_cell_that_begins_anew_is_looked_at_anew():
+    class Remembers:
+        name, told, seen = "x", 0, []
+
+        def reset(self):
+            Remembers.told += 1
+
+    Eye("a", Remembers()).reset()
+    WristEye("b", Remembers(), UR10).reset()
+    assert Remembers.told == 2
+    for target, field, value in ((Mouth(), "_down", UP), (Palm(), "_offset", {"a": UP})):
+        setattr(target, field, value)
+        Eye("a", target).reset()
+        assert not getattr(target, field)
 
 
 def task_of(mode="ours", standoff=0.0, dock="ball"):

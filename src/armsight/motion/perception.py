@@ -100,7 +100,8 @@ class Perceiver(Protocol):
     say. It may name stereo pairs in ``stereo``, whose pictures then come as :class:`PosedPair`;
     with ``on_demand = True`` only while the task subscribes to the pair. It may have a ``reset()``,
     called when a simulated cell begins anew, and a ``warm_up()``, called once before the arm may
-    move: what is compiled then is not compiled in a round. One that raises loses that round and
+    move (what it raises ends the run before it begins): what is compiled then is not compiled in a
+    round. One that raises loses that round and
     says so; one that hangs publishes nothing any more.
 
     What it publishes may have ``excluded``, pairs of a camera's name and a reason: from then on

@@ -96,6 +96,7 @@ class Task(Protocol):
 
     * ``latency``: what a round takes on the simulated clock [s]; 0.002 if it does not say;
     * ``perceivers``: a sequence of :class:`~armsight.motion.perception.Perceiver` to run with it;
+    * ``warm_up()``: called once before the arm may move: what compiles does so there;
     * ``reset()``: called when a simulated cell begins anew at time 0;
     * ``face()``: a :class:`~armsight.motion.face.Face` to show, asked for 20 times a second;
     * ``press(button)``: a person pressed the button of this name on its face;

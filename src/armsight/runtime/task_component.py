@@ -170,9 +170,7 @@ class TaskComponent:
         shows = face() if shown and face is not None else None
         return wanted, shows, standing, self.task.subscriptions
 
-    def _finish(
-        self, outcome: Outcome[tuple[Any, Any, Any, Any]], began: float, at: float
-    ) -> None:
+    def _finish(self, outcome: Outcome[tuple[Any, Any, Any, Any]], began: float, at: float) -> None:
         if outcome.value is None:
             self._end(outcome.fault, began, at)
             return

@@ -25,6 +25,11 @@ MARK_RADIUS = 0.03
 class Target(Protocol):
     """Something that can be found in pictures. One class a target; a trained one would do as well.
 
+    One object serves all eyes, each of which calls it in a thread of its own. It may have a
+    ``warm_up()``, called before the arm may move: what compiles or loads a network does so there;
+    and a ``reset()``, where it remembers anything, called when a simulated cell begins anew. What
+    cannot be a sighting (NaN, a covariance that is none) is left out and said.
+
     Attributes:
         name: such as ``ball``.
     """
@@ -56,6 +61,14 @@ class Eye:
         self.period = 0.01
         self.cameras: tuple[CameraUse, ...] = (CameraUse(camera, rate, scale),)
         self._target = target
+
+    def warm_up(self) -> None:
+        """Let the target compile what it needs: a first look would take seconds."""
+        _call("warm_up", self._target)
+
+    def reset(self) -> None:
+        """A simulated cell begins anew: the target forgets what it has seen."""
+        _call("reset", self._target)
 
     def update(self, frames: Sequence[PosedFrame]) -> Looks | None:
         """See :class:`~armsight.motion.perception.Perceiver`."""
@@ -106,6 +119,14 @@ class WristEye:
         self._at = np.zeros(3) if T_tcp_mark is None else np.asarray(T_tcp_mark, float)
         self._surface = surface
 
+    def warm_up(self) -> None:
+        """Let the target compile what it needs: a first look would take seconds."""
+        _call("warm_up", self._target, self._mark)
+
+    def reset(self) -> None:
+        """A simulated cell begins anew: the target forgets what it has seen."""
+        _call("reset", self._target, self._mark)
+
     def update(self, frames: Sequence[PosedPair]) -> Looks | None:
         """See :class:`~armsight.motion.perception.Perceiver`."""
         view = frames[-1]
@@ -130,6 +151,12 @@ class WristEye:
             drawn(view.frame.left, view.info.left, shown),
         )
         return Looks(look.stamp, (look,), wrong)
+
+
+def _call(name: str, *targets: Target | None) -> None:
+    """Call what a target may have."""
+    for target in targets:
+        getattr(target, name, lambda: None)()
 
 
 def drawn(image: ColorImage, lens: PinholeCamera, points: Sequence[Points]) -> ColorImage:

@@ -96,6 +96,7 @@ class Chase(Protocol):
     """Turns what the cameras see into what the joints should do.
 
     Attributes:
+        robot: whose joints.
         state, reason: in words, for the page.
         place: (3,) where the target is believed to be now [m], or None.
         distance: of the tip from the target's surface, as believed [m]; inf without a target.
@@ -104,6 +105,7 @@ class Chase(Protocol):
         give: how far the tip gives way to what presses [m]; V's modes, which feel nothing, do not.
     """
 
+    robot: Robot
     state: str
     reason: str
     place: Vector3 | None

@@ -53,51 +53,64 @@ class ServoOptions:
         """The task for a cell.
 
         Raises:
-            UsageError: an option cannot be, the cell has no camera with colour, or it lacks the pair
-                of the paper's mode or the gripper of a hand-over.
+            UsageError: an option cannot be, or the cell has no camera with colour, no pair for the
+                paper's mode, or no gripper for a hand-over.
         """
         if not 0.0 <= self.standoff < math.inf or not 0.0 < self.ball_radius < math.inf:
             raise UsageError(
                 f"a standoff of {self.standoff:g} m and a ball_radius of {self.ball_radius:g} m; "
                 "expected 0 or more, and above 0"
             )
-        cameras = [c.info.name for c in cell.cameras if c.info.color is not None]
-        if not cameras:
+        return servo_task(cell, docking(self.target, self.ball_radius), self.mode, self.standoff)
+
+
+def servo_task(cell: Cell, dock: Docking, mode: Mode = "ours", standoff: float = 0.0) -> ServoTask:
+    """The task of a docking, one of V's or of your own, for a cell.
+
+    Args:
+        cell: open.
+        dock: the target, the way to it, and what may be touched.
+        mode: see :class:`ServoOptions`.
+        standoff: how far before the surface the tip stays [m]; 0 for what the docking says.
+
+    Raises:
+        UsageError: the cell has no camera with colour, no pair for the paper's mode, or no gripper
+            for a hand-over.
+    """
+    cameras = [c.info.name for c in cell.cameras if c.info.color is not None]
+    if not cameras:
+        raise UsageError(
+            f"{cell.workcell.name}: no camera with a colour lens; a target is found by colour"
+        )
+    pairs = [p.info.name for p in cell.stereo if p.info.mounted_on == "flange"]
+    pair = pairs[0] if pairs and mode != "fixed" else ""
+    if mode == "paper" and not pair:
+        raise UsageError(
+            f"{cell.workcell.name}: no stereo pair on the flange, which the mode paper needs; "
+            "fixed is the same without"
+        )
+    target = dock.detector()
+    eyes: list[Eye | WristEye] = [Eye(name, target, scale=dock.scale) for name in cameras]
+    if pair:
+        tool = cell.robot.tool.name if cell.robot.tool is not None else ""
+        radius, at = TOOL_MARKS.get(tool, (0.0, (0.0, 0.0, 0.0)))
+        beside = target if isinstance(target, Ball) else None
+        mark = Ball(radius, "mark", beside=beside) if radius else None
+        eyes.append(WristEye(pair, target, cell.robot, mark, np.array(at), mode == "paper"))
+    config = chase_config(cell.workcell, cell.T_world_base, dock, standoff)
+    names = [*cameras, *([pair] if pair else [])]
+    chase = make_chase(mode, cell.robot, names, pair, config)
+    if dock.name == "hand" and standoff == 0.0:
+        if cell.gripper is None:
             raise UsageError(
-                f"{cell.workcell.name}: no camera with a colour lens; a target is found by colour"
+                f"{cell.workcell.name}: no [gripper] that could let anything go; with a "
+                "standoff a hand is followed without one"
             )
-        pairs = [p.info.name for p in cell.stereo if p.info.mounted_on == "flange"]
-        pair = pairs[0] if pairs and self.mode != "fixed" else ""
-        if self.mode == "paper" and not pair:
-            raise UsageError(
-                f"{cell.workcell.name}: no stereo pair on the flange, which the mode paper needs; "
-                "fixed is the same without"
-            )
-        dock = docking(self.target, self.ball_radius)
-        target = dock.detector()
-        eyes: list[Eye | WristEye] = [Eye(name, target, scale=dock.scale) for name in cameras]
-        if pair:
-            tool = cell.robot.tool.name if cell.robot.tool is not None else ""
-            radius, at = TOOL_MARKS.get(tool, (0.0, (0.0, 0.0, 0.0)))
-            beside = target if isinstance(target, Ball) else None
-            mark = Ball(radius, "mark", beside=beside) if radius else None
-            eyes.append(
-                WristEye(pair, target, cell.robot, mark, np.array(at), self.mode == "paper")
-            )
-        config = chase_config(cell.workcell, cell.T_world_base, dock, self.standoff)
-        names = [*cameras, *([pair] if pair else [])]
-        chase = make_chase(self.mode, cell.robot, names, pair, config)
-        if dock.name == "hand" and self.standoff == 0.0:
-            if cell.gripper is None:
-                raise UsageError(
-                    f"{cell.workcell.name}: no [gripper] that could let anything go; with a "
-                    "standoff a hand is followed without one"
-                )
-            task = HandoverTask(dock, self.mode, chase, eyes, config)
-            task.opening = cell.gripper.opening
-            task.reset()
-            return task
-        return ServoTask(dock, self.mode, chase, eyes, config, self.standoff)
+        task = HandoverTask(dock, mode, chase, eyes, config)
+        task.opening = cell.gripper.opening
+        task.reset()
+        return task
+    return ServoTask(dock, mode, chase, eyes, config, standoff)
 
 
 def chase_config(
@@ -156,4 +169,4 @@ def _box(lower: Triple | None, upper: Triple | None, T_base_world: Pose) -> tupl
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
-__all__ = ["Mode", "ServoOptions", "ServoTask", "chase_config"]
+__all__ = ["Mode", "ServoOptions", "ServoTask", "chase_config", "servo_task"]

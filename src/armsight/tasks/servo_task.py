@@ -7,6 +7,8 @@ from collections import deque
 from dataclasses import replace
 from typing import Literal
 
+import numpy as np
+
 from armsight.devices.data import JointState
 from armsight.motion.data import GuardStatus
 from armsight.motion.face import (
@@ -28,8 +30,8 @@ from armsight.robots.sprung_tip import press_depth
 from armsight.servoing.detour import BEFORE, Detour
 from armsight.servoing.docking import Docking
 from armsight.servoing.eyes import Eye, WristEye
-from armsight.servoing.modes import Chase, ChaseConfig, tool_direction
-from armsight.servoing.sighting import Look, Looks
+from armsight.servoing.modes import Chase, ChaseConfig, make_chase, tool_direction
+from armsight.servoing.sighting import Look, Looks, Sighting
 
 Mode = Literal["ours", "paper", "fixed"]
 NEAR = 0.03
@@ -96,6 +98,18 @@ class ServoTask:
         self._pausing = False
         self._felt = 0.0
         self._aside: deque[float] = deque(maxlen=ASIDE)
+
+    def warm_up(self) -> None:
+        """Compile the laws: a chase of its own goes after a made-up target."""
+        robot, config = self.chase.robot, self.config
+        chase = make_chase(self.mode, robot, ("rehearsal",), "", config)
+        home = np.array(robot.home, float)
+        place = tcp_pose(robot, home)[:3, 3] + 0.2 * config.front
+        for stamp in (1.0, 1.1, 1.2):
+            seen = Sighting(self.dock.name, "rehearsal", stamp, place, 1e-6 * np.eye(3), place)
+            chase.see(Look("rehearsal", stamp, False, np.eye(4), (seen,)))
+            chase.step(stamp + 0.05, JointState(stamp + 0.05, home, np.zeros(robot.n)), None)
+            chase.before(BEFORE)
 
     def update(self, observation: Observation) -> Intent:
         """See :class:`~armsight.motion.task.Task`."""
@@ -184,7 +198,9 @@ class ServoTask:
                 for look in perceived.evidence.looks:
                     if look.stamp > observation.now + FUTURE:
                         late = look.stamp - observation.now
-                        self._ahead = f"{look.camera}: seen {late:.3f} s in the future; check clocks"
+                        self._ahead = (
+                            f"{look.camera}: seen {late:.3f} s in the future; check clocks"
+                        )
                         continue
                     last = self._looks.get(look.camera)
                     if last is None or look.stamp > last.stamp:

@@ -9,6 +9,7 @@ picture of one, the stylus' own tip.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from armsight.servoing.planes import plane_sweep
 from armsight.servoing.segment import LabColor, Region
 from armsight.servoing.sighting import Sighting
 from armsight.servoing.sphere_fit import BallFit, Cone, Outline, fit_ball, tangent_cone
+from armsight.servoing.targets.rehearsal import Disc, rehearse
 from armsight.servoing.targets.seen import outlines_in_frame, outlines_in_pair, points_of
 
 RED = LabColor(hue_deg=36.0, width_deg=24.0)
@@ -85,6 +87,10 @@ class Ball:
         self.radius, self.name, self.color = radius, name, color
         same = beside is not None and beside.color == color
         self._cones: PairCones = beside._cones if beside is not None and same else PairCones(color)
+
+    def warm_up(self) -> None:
+        """Compile what finds balls."""
+        rehearsed()
 
     def in_frame(self, view: PosedFrame) -> list[Sighting]:
         """Balls in the colour and depth of one camera, the most believable first."""
@@ -197,6 +203,12 @@ class Ball:
             None,
             wrist,
         )
+
+
+@cache
+def rehearsed() -> tuple[Sighting, ...]:
+    """A painted ball, looked for once."""
+    return tuple(rehearse(Ball(0.04), (Disc(0.04, (205, 30, 25)),), 0.03))
 
 
 def _swept(view: PosedPair, T: Pose, region: Region, otherwise: Vector3) -> Vector3:

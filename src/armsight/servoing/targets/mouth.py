@@ -8,6 +8,7 @@ of the pair, as much of it as they show; which way is down is remembered from af
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -22,6 +23,7 @@ from armsight.servoing.segment import LabColor, lab_of
 from armsight.servoing.sighting import Sighting
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.discs import Discs, Part, SeenDisc, between
+from armsight.servoing.targets.rehearsal import Disc, rehearse
 from armsight.servoing.targets.seen import half_size_mask, rays_of
 
 YELLOW = LabColor(hue_deg=88.0, width_deg=20.0, chroma=25.0, purity=0.55)
@@ -50,6 +52,14 @@ class Mouth:
     def __init__(self) -> None:
         self._discs = Discs(YELLOW, (FACE,))
         self._down: Vector3 | None = None
+
+    def reset(self) -> None:
+        """Which way is down has not been seen."""
+        self._down = None
+
+    def warm_up(self) -> None:
+        """Compile what finds it."""
+        rehearsed()
 
     def in_frame(self, view: PosedFrame) -> list[Sighting]:
         """In the colour and depth of one camera, the most believable first."""
@@ -215,3 +225,10 @@ _LINES = np.array(
     [*EYES, *[(ARC * np.sin(a), ARC - BELOW - ARC * np.cos(a)) for a in _ANGLES]], float
 )
 """(k, 2) points of the print that are dark, right and up of the face's middle [m]."""
+
+
+@cache
+def rehearsed() -> tuple[Sighting, ...]:
+    """A painted face, looked for once."""
+    lines = [Disc(HALF_WIDTH, (15, 15, 18), (float(x), -float(y))) for x, y in _LINES]
+    return tuple(rehearse(Mouth(), [Disc(FACE.radius, (242, 204, 26)), *lines]))

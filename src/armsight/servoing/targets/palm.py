@@ -6,6 +6,8 @@ remembers where the disc was on the glove that it sees.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from armsight.arrays import Points, Vector3
@@ -15,6 +17,7 @@ from armsight.servoing.disc_fit import meet, plane_of
 from armsight.servoing.segment import LabColor, color_mask, regions
 from armsight.servoing.sighting import Sighting
 from armsight.servoing.targets.discs import Discs, Part, SeenDisc
+from armsight.servoing.targets.rehearsal import Disc, rehearse
 from armsight.servoing.targets.seen import LEAST, points_of, rays_of
 
 BLUE = LabColor(hue_deg=295.0, width_deg=20.0)
@@ -39,6 +42,14 @@ class Palm:
     def __init__(self) -> None:
         self._discs = Discs(BLUE, (DISC,))
         self._offset: dict[str, Vector3] = {}
+
+    def reset(self) -> None:
+        """Where the disc is on the glove has not been seen."""
+        self._offset.clear()
+
+    def warm_up(self) -> None:
+        """Compile what finds it."""
+        rehearsed()
 
     def in_frame(self, view: PosedFrame) -> list[Sighting]:
         """In the colour and depth of one camera: the disc on the glove, else the glove."""
@@ -112,3 +123,10 @@ def _of_disc(seen: SeenDisc, frame: StereoFrame) -> Sighting:
         Palm.name, frame.camera, frame.stamp, fit.center, fit.covariance, seen.surface, fit.normal,
         True, fit.tilt,
     )  # fmt: skip
+
+
+@cache
+def rehearsed() -> tuple[Sighting, ...]:
+    """A painted palm, looked for once."""
+    glove, disc = Disc(0.06, (242, 77, 158)), Disc(DISC.radius, (20, 51, 191))
+    return tuple(rehearse(Palm(), (glove, disc)))
