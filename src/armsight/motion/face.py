@@ -200,8 +200,9 @@ def _parts_fault(kind: str, parts: object) -> str:
         return f"every one of the {kind} needs a name"
     if len(set(names)) != len(names):
         return f"{kind} have the name {_twice(names)} twice"
+    kinds: Any = _KINDS[kind]
     for part in parts:
-        if not isinstance(part, _KINDS[kind]):
+        if not isinstance(part, kinds):
             return f"{kind}: {part.name}: a {type(part).__name__} is none of the {kind}"
         try:
             fault = _part_fault(part)
@@ -214,9 +215,10 @@ def _parts_fault(kind: str, parts: object) -> str:
 
 def _part_fault(part: Any) -> str:
     if isinstance(part, Figure | Curve):
-        if isinstance(part.value, str) or np.ndim(part.value) != 0:
-            return f"its value must be a number, not {part.value!r}"
-        float(part.value)
+        value: Any = part.value
+        if isinstance(value, str) or np.ndim(value) != 0:
+            return f"its value must be a number, not {value!r}"
+        float(value)
         return "" if isinstance(part.unit, str) else "its unit must be text"
     if isinstance(part, Picture):
         image = np.asarray(part.image)

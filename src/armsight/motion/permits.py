@@ -149,12 +149,13 @@ def request_fault(request: Any, robot: Robot, now: float) -> str:
         return f"its region cannot be: {fault}"
     for name in ("speed", "force", "torque", "seconds", "reach", "stiffness"):
         value = getattr(request, name)
-        if not isinstance(value, Real) or not value > 0.0:
+        if not isinstance(value, Real) or not float(value) > 0.0:
             return f"its {name} is {value}; expected above 0"
     if request.out is not None and not _is_direction(request.out):
         return f"its way out is {request.out}; expected a unit vector"
-    if not isinstance(request.parts, tuple | list):
-        return f"its parts are {request.parts!r}; expected names"
+    parts: Any = request.parts
+    if not isinstance(parts, tuple | list):
+        return f"its parts are {parts!r}; expected names"
     known = ("tool", *robot.link_names[1:])
     wrong = [part for part in request.parts if part not in known]
     if wrong or not request.parts:
