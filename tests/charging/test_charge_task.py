@@ -20,7 +20,7 @@ from armsight.tasks.charge import ChargeOptions, ChargeTask
 from armsight.tasks.parked_car import ParkedCarOnMap
 from armsight.tasks.vehicles import open_vehicle
 from armsight.workcell import parse_workcell, robot_in
-from armsight.workcell.packaged import load
+from armsight.workcell.packaged import load, packaged
 
 MY_CAR = """
 class Car:
@@ -127,14 +127,8 @@ def test_a_car_that_has_left_is_not_said_to_stand_where_it_was():
     assert len(task.standing) == 1
 
 
-def test_a_visit_that_a_killed_station_left_is_the_one_that_was_asked_for(tmp_path):
-    """Nobody asked for another one, which began all the same."""
-    cell, file = charging_cell(), tmp_path / "j.json"
-    port, T = seen_port(cell), robot_in(cell).tool.T_flange_tcp
-    Journal(file).write(Entry("type2", "type2_plug", port.T_base_port, port.covariance, T))
-    stub = Stub(cell, station(cell, file))
-    task, ended = ChargeTask(stub.station, [], 1, ParkedCarOnMap(None, np.eye(4))), []
-    task.done = lambda: ended.append(True)
+def rounds(task, stub):
+    """Some rounds of the task, the arm at its stand-by."""
     for i in range(20):
         now = 0.008 * (i + 1)
         task.update(
@@ -149,6 +143,36 @@ def test_a_visit_that_a_killed_station_left_is_the_one_that_was_asked_for(tmp_pa
                 robot=stub.robot,
             )
         )
+
+
+def test_who_is_stuck_offers_no_button_that_does_nothing(tmp_path):
+    cell, file = charging_cell(), tmp_path / "j.json"
+    port, T = seen_port(cell), robot_in(cell).tool.T_flange_tcp
+    Journal(file).write(Entry("type1", "type1_plug", port.T_base_port, port.covariance, T))
+    stub = Stub(cell, station(cell, file))
+    task = ChargeTask(stub.station, [], 1, ParkedCarOnMap(None, np.eye(4)))
+    rounds(task, stub)
+    face = task.face()
+    assert face.state == "stuck"
+    assert not any(button.enabled for button in face.buttons)
+
+
+@pytest.mark.parametrize("name", [n for n in packaged() if n.startswith("ur10_charging")])
+def test_the_packaged_cells_charge(name, tmp_path):
+    both = ("post", "base"), ("flange", "flange")
+    task = ChargeOptions(state=tmp_path / "j.json").make(opened(load(name), *both))
+    assert task.station.state.value == "stand by"
+
+
+def test_a_visit_that_a_killed_station_left_is_the_one_that_was_asked_for(tmp_path):
+    """Nobody asked for another one, which began all the same."""
+    cell, file = charging_cell(), tmp_path / "j.json"
+    port, T = seen_port(cell), robot_in(cell).tool.T_flange_tcp
+    Journal(file).write(Entry("type2", "type2_plug", port.T_base_port, port.covariance, T))
+    stub = Stub(cell, station(cell, file))
+    task, ended = ChargeTask(stub.station, [], 1, ParkedCarOnMap(None, np.eye(4))), []
+    task.done = lambda: ended.append(True)
+    rounds(task, stub)
     assert ended
     assert not stub.station.busy
     assert len(stub.station.outcomes) == 1

@@ -95,6 +95,7 @@ def test_the_ports_frame_is_upright_and_looks_out_of_the_car(bench):
         ('kind = "type2_plug"', 'kind = "type2"', "type2 is an inlet; plugs are type1_plug"),
         ('port = "type2"', 'port = "type2_plug"', "no inlet type2_plug; there are type1"),
         ('tool = "type2_plug"', 'tool = "none"', "needs a \\[wrench\\] and robot.tool"),
+        ('tool = "type2_plug"', 'tool = "ccs2_plug"', "robot.tool is ccs2_plug: name the same"),
     ],
 )
 def test_a_plug_or_port_that_cannot_be_is_said(old, new, words):

@@ -41,7 +41,7 @@ from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.tasks.parked_car import ParkedCarOnMap
 from armsight.tasks.vehicles import open_vehicle
-from armsight.workcell.car import finger_pose, vehicle_of
+from armsight.workcell.car import check_tool, finger_pose, vehicle_of
 from armsight.workcell.drivers import SIMULATED
 
 if TYPE_CHECKING:
@@ -97,6 +97,7 @@ class ChargeOptions:
             raise UsageError(f"{workcell.name}: no stereo pair that stands still looks for ports")
         if section.kind not in INLETS_OF:
             raise UsageError(f"{workcell.name}: plug.kind: no inlet for a {section.kind} is known")
+        check_tool(workcell)
         fits = INLETS_OF[section.kind]
         looked_for = INLETS if self.inlet == "auto" else (self.inlet,)
         mount = Admittance(
@@ -330,7 +331,7 @@ class ChargeTask:
         depth = 1e3 * answer.depth if answer is not None and in_law else math.nan
         six = station.port_covariance
         sigma = 1e3 * float(np.sqrt(np.diag(six)[:3].max())) if port else math.nan
-        free = not station.busy
+        free, stuck = not station.busy, station.state is State.STUCK
         parking = () if self.park is None else (Button("park", "Park the car anew", free),)
         good = sum(o.seated and o.out and not o.problem for o in station.outcomes)
         return Face(
@@ -353,7 +354,7 @@ class ChargeTask:
             marks=tuple(marks),
             buttons=(
                 Button("charge", "Charge the car", not station.busy),
-                Button("end", "End and come out", station.busy),
+                Button("end", "End and come out", station.busy and not stuck),
                 *parking,
             ),
         )

@@ -61,6 +61,7 @@ def plug_spec(workcell: Workcell) -> PlugSpec | None:
         raise WorkcellError(f"{file}: plug.kind: {section.kind} is an inlet; plugs are {known}")
     if workcell.robot.tool == "none" or workcell.wrench is None:
         raise WorkcellError(f"{file}: [plug] needs a [wrench] and robot.tool: what the plug is")
+    check_tool(workcell)
     contours = plug_contours(shape)
     stiffness = (1e3 * section.mount_n_per_mm, section.mount_nm_per_rad)
     finger = _finger(workcell, section)
@@ -84,6 +85,20 @@ def plug_spec(workcell: Workcell) -> PlugSpec | None:
         looks=seen,
         drawn=min(float(look.vertices[:, 2].min()) for look in seen) - 0.5e-3,
     )
+
+
+def check_tool(workcell: Workcell) -> None:
+    """That the flange does not carry another plug than the one that is plugged in.
+
+    Raises:
+        WorkcellError: it does; its weight and tip would be the other one's.
+    """
+    section, tool = workcell.plug, workcell.robot.tool
+    if section is not None and tool in PORTS and tool != section.kind:
+        raise WorkcellError(
+            f"{workcell.file or workcell.name}: plug.kind is {section.kind}, and robot.tool is "
+            f"{tool}: name the same plug"
+        )
 
 
 def _finger(workcell: Workcell, section: PlugSection) -> FingerSpec | None:
@@ -205,4 +220,4 @@ def _look(surface: Surface, look: str, material: str) -> Look:
     return Look(surface.vertices, surface.normals, surface.faces, color, gloss, material)
 
 
-__all__ = ["PLUG_OF", "CarSection", "plug_spec", "socket_spec", "vehicle_of"]
+__all__ = ["PLUG_OF", "CarSection", "check_tool", "plug_spec", "socket_spec", "vehicle_of"]
