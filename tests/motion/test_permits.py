@@ -94,6 +94,7 @@ def test_a_lattice_stands_for_all_of_a_region_and_nothing_else(shape):
     [
         ("shape", "cone", "cone"),
         ("size", (0.0, 0.0, 0.0), "above 0"),
+        ("size", (0.03, -0.1, 0.0), "above 0"),
         ("size", (np.nan, 0.0, 0.0), "three numbers"),
         ("size", None, "three numbers"),
         ("size", "big", "cannot be read"),
@@ -104,16 +105,31 @@ def test_a_lattice_stands_for_all_of_a_region_and_nothing_else(shape):
         ("T_base_region", np.eye(4).tolist(), "its pose is a list; expected an array of numbers"),
         ("velocity", (0.0, 0.0, 0.0), "its velocity is a tuple; expected an array"),
         ("covariance", None, "its covariance is a NoneType; expected an array"),
+        ("T_base_region", np.eye(3), "no finite"),
         ("velocity", np.array([np.inf, 0, 0]), "velocity"),
+        ("velocity", np.zeros(2), "velocity"),
         ("covariance", np.diag([-1.0, 1, 1]), "positive"),
+        ("covariance", np.eye(3) + np.eye(3, k=1), "symmetric"),
+        ("covariance", np.eye(2), "3 x 3"),
         ("drift", -1.0, "drift"),
-        ("exposure", 11.0, "in the future"),
+        ("drift", np.inf, "drift"),
+        ("exposure", 10.02, "in the future"),
         ("exposure", np.nan, "time in seconds"),
     ],
 )
 def test_a_wrong_region_is_refused_in_words(field, value, says):
     assert region_fault(sphere([0.4, 0.0, 0.3]), 10.0) == ""
     assert says in region_fault(replace(sphere([0.4, 0.0, 0.3]), **{field: value}), 10.0)
+
+
+def test_a_region_may_be_new_never_lost_and_known_better_one_way_than_another():
+    T = from_rpy((0.3, -1.2, 2.5), (0.4, 0.0, 0.3))
+    unsure = T[:3, :3] @ np.diag([1e-4, 4e-4, 0.0]) @ T[:3, :3].T
+    region = Region("box", (0.1, 0.2, 0.1), T, 10.005, covariance=unsure, drift=0.0)
+    assert region_fault(region, 10.0) == ""
+    assert region_fault(replace(region, shape="capsule", size=(0.1, 0.0, 0.0)), 10.0) == ""
+    assert "above 0" in region_fault(replace(region, size=(0.1, 0.2, 0.0)), 10.0)
+    assert region.deviation(99.0) == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize(

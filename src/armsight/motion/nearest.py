@@ -156,12 +156,7 @@ class MovingBody:
         return out
 
     def view(
-        self,
-        q: JointVector,
-        q_dot: JointVector,
-        hazards: Hazards,
-        law: Law,
-        parts: np.ndarray | None = None,
+        self, q: JointVector, q_dot: JointVector, hazards: Hazards, law: Law
     ) -> SeparationView:
         """What separation says of a motion (n,) [rad/s] at (n,) [rad].
 
@@ -170,26 +165,17 @@ class MovingBody:
             q_dot: joint velocities of the whole motion.
             hazards: to look at.
             law: numbers of the law.
-            parts: (m,) bool, spheres to look at; all if left out. Others are unlimited.
         """
         center, velocity = self.motion(q, q_dot)
         m = len(self.radius)
         stopping = self.stopping(q_dot)
         fastest = self.fastest(q, q_dot, velocity)
-        distance, share = np.full(m, np.inf), np.full(m, np.inf)
-        nearest, limiting = np.full(m, -1), np.full(m, -1)
-        if parts is None:
-            scan(
-                hazards.blocks, center, self.shell, velocity, stopping, fastest, law, HORIZON,
-                distance, nearest, share, limiting,
-            )  # fmt: skip
-        else:
-            d, k, s, g = distance[parts], nearest[parts], share[parts], limiting[parts]
-            scan(
-                hazards.blocks, center[parts], self.shell[parts], velocity[parts],
-                stopping[parts], fastest, law, HORIZON, d, k, s, g,
-            )  # fmt: skip
-            distance[parts], nearest[parts], share[parts], limiting[parts] = d, k, s, g
+        distance, share = np.empty((2, m))
+        nearest, limiting = np.empty((2, m), np.int64)
+        scan(
+            hazards.blocks, center, self.shell, velocity, stopping, fastest, law, HORIZON,
+            distance, nearest, share, limiting,
+        )  # fmt: skip
         return SeparationView(center, velocity, stopping, distance, nearest, share, limiting)
 
     def pair(

@@ -77,7 +77,7 @@ class PermitOffice:
         self._ceiling = (up, config.head_height - config.base_height)
         self._waiting: list[Wrench] = []
         self._q: JointVector | None = None
-        self._now = -math.inf
+        self._now = 0.0
         self._left: tuple[Grant, float] | None = None
         self._quiet = False
 
@@ -162,7 +162,7 @@ class PermitOffice:
 
     def in_contact(self, now: float) -> bool:
         """Whether the parts that may touch are so near that a sideways motion would tear."""
-        return self.grant is not None and self._touches(now)
+        return self._touches(now)
 
     @property
     def one_way_out(self) -> bool:
@@ -249,8 +249,7 @@ class PermitOffice:
         if self._q is None:
             return
         readings, self._waiting = self._waiting, []
-        near = self.grant is not None and self._near(now)
-        self._force.take(readings, self._q, near, self._pull)
+        self._force.take(readings, self._q, self._near(now), self._pull)
         retreat, permit = self.retreat, self.permit
         if retreat is not None and retreat.stands is not None:
             reason = self._force.excess(retreat.stands)
