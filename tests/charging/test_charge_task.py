@@ -164,6 +164,18 @@ def test_the_packaged_cells_charge(name, tmp_path):
     assert task.station.state.value == "stand by"
 
 
+def test_what_is_out_of_reach_is_by_the_arm_and_not_by_a_ur10(tmp_path):
+    """A longer arm was told that a port before it was out of reach."""
+    cell = opened(charging_cell(), ("post", "base"), ("flange", "flange"))
+    cell.robot = replace(cell.robot, reach=1.9)
+    station_ = ChargeOptions(state=tmp_path / "j.json").make(cell).station
+    far = np.eye(4)
+    far[0, 3] = 1.8
+    assert "out of reach" not in station_._impossible(far)
+    far[0, 3] = 2.0
+    assert "2.00 m from the base: out of reach" in station_._impossible(far)
+
+
 def test_a_visit_that_a_killed_station_left_is_the_one_that_was_asked_for(tmp_path):
     """Nobody asked for another one, which began all the same."""
     cell, file = charging_cell(), tmp_path / "j.json"

@@ -55,6 +55,8 @@ ASIDE, ASIDE_FINGER = 0.08, 0.10
 guard counts with it as if it were always out [m]."""
 SENSOR, TICK = 0.006, 0.008
 """From a force to its reading, and between two commands [s]."""
+BEYOND = 0.05
+"""A port this much farther from the base than the arm's maker says it reaches is tried [m]."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ class ChargeOptions:
             carried[0].name if carried else "",
             cable=section.cable_n,
             aside=ASIDE if T_finger is None else ASIDE_FINGER,
+            reach=cell.robot.reach + BEYOND,
         )
         station = Station(
             cell.robot,
