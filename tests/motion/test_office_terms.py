@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from armsight.devices.data import JointState
-from armsight.mapping.tracked import SURE
+from armsight.geometry.pose import make_pose
+from armsight.mapping.tracked import SHELL, SURE
 from armsight.motion.executed import Executed
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import MovingBody
@@ -22,7 +23,7 @@ from armsight.motion.permit_office import (
     PermitOffice,
 )
 from armsight.motion.permits import PermitState
-from armsight.motion.permitted import permitted
+from armsight.motion.permitted import grown_by, permitted
 from armsight.motion.retreat import CLEAR, Retreat, gap
 from armsight.robots.kinematics import flange_pose, tcp_pose
 
@@ -341,3 +342,25 @@ def test_refused_is_who_cannot_be_felt_or_has_no_soft_tip_and_who_asks_without_a
     blind = PermitOffice(ROBOT, BODY, GuardConfig(), Executed())
     blind.consider(1.0, replace(now, kind="thing"), None, still)
     assert "no map" in blind.permit.reason
+
+
+@pytest.mark.parametrize("what", ["map", "region"])
+def test_who_is_beside_is_looked_for_where_either_the_map_or_the_region_is_newer(what):
+    """A thing that nobody sees anew, and somebody comes; one that moves to where somebody is."""
+    made = Office()
+    still = JointState(made.now, ROBOT.home, np.zeros(ROBOT.n))
+    region = replace(asked().region, exposure=made.now)
+    border = RADIUS + grown_by(NOBODY, region) + SHELL * NOBODY.grid.voxel
+    off = 0.01 if what == "region" else -0.01
+    way = np.array([[1.0, 0.0, 0.0], [1.0, 0.01, 0.0], [1.0, 0.0, 0.01]])
+    points = (region.center(made.now) + (border + off) * way).astype(np.float32)
+    seen = replace(made.map, hazards=points, hazard_unknown=np.zeros(3, bool))
+    nearer = replace(region, exposure=made.now + 1e-3)
+    aside = region.center(0.0) + np.array([0.02, 0.0, 0.0])
+    nearer = replace(nearer, T_base_region=make_pose(None, aside))
+    before, after = (seen, seen) if what == "region" else (made.map, seen)
+    made.office.consider(made.now, replace(asked(), region=region), before, still)
+    assert made.office.permit.holds, made.office.permit.reason
+    newer = nearer if what == "region" else region
+    made.office.consider(made.now, replace(asked(), region=newer), after, still)
+    assert "beside it" in made.office.permit.reason

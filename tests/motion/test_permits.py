@@ -106,6 +106,7 @@ def test_a_lattice_stands_for_all_of_a_region_and_nothing_else(shape):
         ("velocity", (0.0, 0.0, 0.0), "its velocity is a tuple; expected an array"),
         ("covariance", None, "its covariance is a NoneType; expected an array"),
         ("T_base_region", np.eye(3), "no finite"),
+        ("T_base_region", make_pose(None, [np.nan, 0.0, 0.3]), "no finite"),
         ("velocity", np.array([np.inf, 0, 0]), "velocity"),
         ("velocity", np.zeros(2), "velocity"),
         ("covariance", np.diag([-1.0, 1, 1]), "positive"),
