@@ -54,6 +54,7 @@ class Recognise:
     def run(self) -> int:
         """Recognise; 1 if any picture could not be read."""
         from armsight.errors import RecognitionError, UsageError
+        from armsight.recognition.inference.intrinsics import read_camera
         from armsight.recognition.inference.model import network_file
         from armsight.recognition.inference.pictures import VIDEOS, pictures_in
         from armsight.recognition.opening import open_recogniser
@@ -63,17 +64,21 @@ class Recognise:
             raise UsageError("recognise: give one of --camera and --intrinsics")
         if self.every < 1:
             raise UsageError(f"--every is {self.every}, expected at least 1")
+        if self.threads < 0:
+            raise UsageError(f"--threads is {self.threads}, expected 0 (all) or more")
         paths = pictures_in(self.what)
+        lens = None if self.camera is None else read_camera(self.camera)
         robots = [str(Path(r).resolve()) if is_path(r) else r for r in self.robot]
         network = network_file(self.network)
         looks = open_recogniser(network, self.threads, self.extension, robots)
-        if self.what.suffix.lower() in VIDEOS:
-            return self._video(looks)
+        if self.what.suffix.lower() in VIDEOS and self.what.is_file():
+            return self._video(looks, lens)
         lines: list[str] = []
         failed = 0
+        names = _names(paths)
         for path in paths:
             try:
-                lines.append(self._picture(looks, path))
+                lines.append(self._picture(looks, path, lens, names[path]))
             except RecognitionError as error:
                 if len(paths) == 1:
                     raise
@@ -82,18 +87,18 @@ class Recognise:
         self._finish(lines)
         return 1 if failed else 0
 
-    def _picture(self, looks: Looks, path: Path) -> str:
+    def _picture(self, looks: Looks, path: Path, lens: PinholeCamera | None, name: str) -> str:
         from armsight.recognition.inference.pictures import read_picture
 
         picture = read_picture(path)
-        shown = looks(picture, self._camera_of(picture))
+        shown = looks(picture, self._camera_of(picture, lens))
         print(shown.line, flush=True)
         if self.out is not None:
-            self._write(f"{path.stem}.recognised.png", shown.drawing)
-            self._write(f"{path.stem}.mask.png", shown.mask)
+            self._write(f"{name}.recognised.png", shown.drawing)
+            self._write(f"{name}.mask.png", shown.mask)
         return shown.line
 
-    def _video(self, looks: Looks) -> int:
+    def _video(self, looks: Looks, lens: PinholeCamera | None) -> int:
         from armsight.recognition.inference.pictures import video_frames
         from armsight.recognition.inference.video import write_video
 
@@ -101,7 +106,7 @@ class Recognise:
 
         def drawn() -> Iterator[ColorImage]:
             for picture in video_frames(self.what, self.every):
-                shown = looks(picture, self._camera_of(picture))
+                shown = looks(picture, self._camera_of(picture, lens))
                 print(shown.line, flush=True)
                 lines.append(shown.line)
                 yield shown.drawing
@@ -114,18 +119,14 @@ class Recognise:
         self._finish(lines)
         return 0
 
-    def _camera_of(self, picture: Picture) -> PinholeCamera | None:
-        from armsight.recognition.inference.intrinsics import (
-            camera_for,
-            parse_intrinsics,
-            read_camera,
-        )
+    def _camera_of(self, picture: Picture, lens: PinholeCamera | None) -> PinholeCamera | None:
+        from armsight.recognition.inference.intrinsics import camera_for, parse_intrinsics
 
         height, width = picture.image.shape[:2]
         if self.intrinsics is not None:
             return parse_intrinsics(self.intrinsics, width, height)
-        if self.camera is not None:
-            return camera_for(read_camera(self.camera), width, height, str(self.camera))
+        if lens is not None:
+            return camera_for(lens, width, height, str(self.camera), picture.orientation)
         return picture.camera
 
     def _write(self, name: str, image: ColorImage) -> None:
@@ -146,3 +147,11 @@ class Recognise:
         if self.out is not None:
             write_text(self.out / "recognised.jsonl", "".join(f"{line}\n" for line in lines))
             print(f"written to {self.out}", file=sys.stderr)
+
+
+def _names(paths: list[Path]) -> dict[Path, str]:
+    """What each picture's drawings are called: a.jpg and a.png must not overwrite each other's."""
+    from collections import Counter
+
+    often = Counter(path.stem.casefold() for path in paths)
+    return {p: p.stem if often[p.stem.casefold()] == 1 else p.name for p in paths}

@@ -1,6 +1,9 @@
 """``armsight recognise`` with our network, on what users and strangers hand to it."""
 
+import io
 import json
+import math
+import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -174,3 +177,95 @@ def test_a_robot_that_the_network_does_not_know_is_named(asked: Asked, tmp_path:
     assert code != 0
     assert not lines
     assert "does not know iiwa, only ur5" in said
+
+
+def test_a_name_of_no_encoding_has_an_answer(asked: Asked, tmp_path: Path) -> None:
+    file = tmp_path / os.fsdecode(b"arm\xff.png")
+    buffer = io.BytesIO()
+    Image.fromarray(lamp()).save(buffer, "PNG")
+    try:
+        file.write_bytes(buffer.getvalue())
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    code, [found], _ = asked(file, "--out", str(tmp_path / "out"))
+    assert code == 0
+    assert found["picture"] == file.name
+    kept = json.loads((tmp_path / "out" / "recognised.jsonl").read_text())
+    assert kept["picture"] == file.name
+
+
+def test_pictures_that_differ_by_their_ending_have_drawings_of_their_own(
+    asked: Asked, tmp_path: Path
+) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for name in ("a.jpg", "a.png", "b.png"):
+        Image.fromarray(lamp()).save(folder / name)
+    for _ in range(2):  # the second time its own drawings are there, too
+        code, found, _ = asked(folder, "--out", str(folder))
+        assert code == 0
+        assert [f["picture"] for f in found] == ["a.jpg", "a.png", "b.png"]
+    drawn = {p.name for p in folder.glob("*.recognised.png")}
+    assert drawn == {"a.jpg.recognised.png", "a.png.recognised.png", "b.recognised.png"}
+
+
+def test_a_folder_named_like_a_video_is_a_folder(asked: Asked, tmp_path: Path) -> None:
+    folder = tmp_path / "film.mp4"
+    folder.mkdir()
+    Image.fromarray(lamp()).save(folder / "a.png")
+    code, found, _ = asked(folder)
+    assert (code, len(found)) == (0, 1)
+
+
+def test_a_bad_camera_file_is_told_once(asked: Asked, tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for name in ("a.png", "b.png"):
+        Image.fromarray(lamp()).save(folder / name)
+    (tmp_path / "camera.yaml").write_text("image_width: 160\n")
+    code, found, error = asked(folder, "--camera", str(tmp_path / "camera.yaml"))
+    assert (code, found) == (1, [])
+    assert error.count("\n") == 1
+
+
+def test_a_turned_picture_has_its_camera_turned(asked: Asked, tmp_path: Path) -> None:
+    image = Image.fromarray(np.ascontiguousarray(np.rot90(lamp())))  # 120 x 160, lies
+    exif = image.getexif()
+    exif[0x0112] = 6
+    image.save(tmp_path / "a.png", exif=exif)
+    numbers = [130.0, 0, 60, 0, 140, 75, 0, 0, 1]
+    words = f"image_width: 120\nimage_height: 160\ncamera_matrix: {{data: {numbers}}}\n"
+    (tmp_path / "camera.yaml").write_text(words)
+    code, [found], _ = asked(tmp_path / "a.png", "--camera", str(tmp_path / "camera.yaml"))
+    assert code == 0
+    assert found["intrinsics"] == "given"
+    assert found["K"] == [[140.0, 0.0, 84.0], [0.0, 130.0, 60.0], [0.0, 0.0, 1.0]]
+
+
+def test_a_phone_that_is_held_upright_has_the_same_lens(asked: Asked, tmp_path: Path) -> None:
+    Image.fromarray(lamp(120, 160)).save(tmp_path / "lying.png")
+    Image.fromarray(lamp(160, 120)).save(tmp_path / "upright.png")
+    (_, [a], _), (_, [b], _) = asked(tmp_path / "lying.png"), asked(tmp_path / "upright.png")
+    assert (
+        a["K"][0][0] == b["K"][0][0] == pytest.approx(80 / math.tan(math.radians(32.5)), abs=0.01)
+    )
+
+
+def test_a_graph_that_cannot_be_worked_out_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a.onnx").write_bytes(bright_network(bright_card()))
+    model = CropModel(tmp_path / "a.onnx", 1)
+
+    class Broken:
+        def run(self, *_: object) -> None:
+            raise RuntimeError("Non-zero status code returned\nwhile running Conv")
+
+    model._session = Broken()
+    with pytest.raises(RecognitionError, match="does not run"):
+        model.look(np.zeros((64, 96, 3), np.uint8))
+
+
+def test_fewer_than_no_threads_are_not_the_networks_fault(asked: Asked, tmp_path: Path) -> None:
+    Image.fromarray(lamp()).save(tmp_path / "a.png")
+    code, found, error = asked(tmp_path / "a.png", "--threads", "-2")
+    assert (code, found) == (2, [])
+    assert "--threads" in error

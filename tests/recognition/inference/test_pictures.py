@@ -1,11 +1,12 @@
 """Pictures from outside: what can be read is upright 8-bit RGB, all else is one clear line."""
 
+import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 
 from armsight.errors import RecognitionError
 from armsight.recognition.inference.pictures import pictures_in, read_picture, video_frames
@@ -123,3 +124,40 @@ def test_videos(tmp_path: Path) -> None:
     (tmp_path / "b.mp4").write_bytes(b"no video")
     with pytest.raises(RecognitionError, match="video"):
         list(video_frames(tmp_path / "b.mp4"))
+
+
+def with_tag(file: Path, tag: int, kind: int, value: bytes) -> None:
+    """A JPEG on its side with one more tag, whatever is in it."""
+    entries = [(0x0112, 3, b"\x06\0\0\0"), (tag, kind, value)]
+    body = struct.pack("<H", 2) + b"".join(struct.pack("<HHI4s", t, k, 1, v) for t, k, v in entries)
+    exif = b"Exif\0\0II*\0\x08\0\0\0" + body + b"\0\0\0\0"
+    Image.fromarray(colourful()).save(file)
+    data = file.read_bytes()
+    file.write_bytes(data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:])
+
+
+@pytest.mark.parametrize(
+    ("tag", "kind"), [(0x0100, 2), (0x0128, 7), (0x011A, 1), (0x010F, 11), (0x8769, 2)]
+)
+def test_a_tag_of_the_wrong_kind_spoils_no_picture(tmp_path: Path, tag: int, kind: int) -> None:
+    with_tag(tmp_path / "a.jpg", tag, kind, b"ab\0\0")
+    picture = read_picture(tmp_path / "a.jpg")
+    assert picture.image.shape == (80, 60, 3)
+    assert (picture.orientation, picture.camera) == (6, None)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_each_orientation_is_turned_as_pillow_does(tmp_path: Path, orientation: int) -> None:
+    image = Image.fromarray(colourful())
+    exif = image.getexif()
+    exif[0x0112] = orientation
+    image.save(tmp_path / "a.png", exif=exif)
+    with Image.open(tmp_path / "a.png") as opened:
+        expected = np.asarray(ImageOps.exif_transpose(opened))
+    assert np.array_equal(read_picture(tmp_path / "a.png").image, expected)
+
+
+def test_what_was_drawn_into_the_folder_is_no_picture_of_it(tmp_path: Path) -> None:
+    for name in ("a.jpg", "._a.jpg", "a.recognised.png", "a.mask.png", "mask.png"):
+        (tmp_path / name).write_bytes(b"")
+    assert [p.name for p in pictures_in(tmp_path)] == ["a.jpg", "mask.png"]

@@ -133,3 +133,27 @@ def test_project_is_opencvs() -> None:
     bent = np.array([-0.1, 0.01, 0.0, 0.0, 0.0])
     expected, _ = cv2.projectPoints(point, np.zeros(3), np.zeros(3), K_NETWORK, bent)
     np.testing.assert_allclose(project(point, K_NETWORK, bent), expected[0])
+
+
+@pytest.mark.parametrize("orientation", [6, 8])
+def test_a_camera_of_lying_pictures_serves_those_that_were_turned(orientation: int) -> None:
+    lying = PinholeCamera(640, 480, 500.0, 510.0, 330.0, 225.0, (-0.1, 0.02, 0.003, -0.002, 0.01))
+    upright = camera_for(lying, 480, 640, "it", orientation)
+    points = np.array([[0.3, -0.2, 1.1], [-0.25, 0.1, 0.9], [0.0, 0.05, 2.0]])
+    u, v = lying.project(points).T
+    if orientation == 6:  # clockwise: what was the left edge is the upper one
+        turned, expected = np.stack([-points[:, 1], points[:, 0]], 1), np.stack([479 - v, u], 1)
+    else:
+        turned, expected = np.stack([points[:, 1], -points[:, 0]], 1), np.stack([v, 639 - u], 1)
+    found = upright.project(np.hstack([turned, points[:, 2:]]))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    half = camera_for(lying, 240, 320, "it", orientation)
+    assert (half.width, half.height, half.fx) == (240, 320, 255.0)
+
+
+def test_a_picture_on_its_side_is_not_said_to_be_cut() -> None:
+    camera = PinholeCamera(640, 480, 500.0, 500.0, 319.5, 239.5)
+    with pytest.raises(RecognitionError, match="lies on its side"):
+        camera_for(camera, 480, 640, "it")
+    upright = PinholeCamera(480, 640, 500.0, 500.0, 239.5, 319.5)
+    assert camera_for(upright, 480, 640, "it", 6) == upright

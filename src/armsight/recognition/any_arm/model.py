@@ -23,7 +23,7 @@ from armsight.recognition.any_arm.evidence import (
 from armsight.recognition.any_arm.extension import Extension, apply, mark_of
 from armsight.recognition.any_arm.heat import Places, read_heat
 from armsight.recognition.any_arm.landmarks import SLOTS, Landmarks, read_landmarks
-from armsight.recognition.inference.model import open_session, read_network
+from armsight.recognition.inference.model import open_session, read_network, run_session
 
 FORMAT = "armsight-crop-1"
 GRAIN = 32
@@ -138,6 +138,14 @@ class CropModel:
         inputs = [(i.name, i.type) for i in self._session.get_inputs()]
         if set(self._names) != wanted or inputs != [("image", "tensor(uint8)")]:
             raise RecognitionError(f"{file}: does not fit its own card; take the original")
+        beneath = [o.shape[1] for o in self._session.get_outputs() if o.name in BENEATH]
+        for extension in extensions:
+            columns = [extension.rows.heat.shape[1] - 1, extension.rows.outside.shape[1] - 1]
+            if sorted(columns) != sorted(beneath):
+                raise RecognitionError(
+                    f"the extension for {extension.robot} does not fit {file}; make it anew with "
+                    "'armsight extend'"
+                )
 
     def arm(self, image: ColorImage) -> Floats32:
         """(h / 4, w / 4) probability of any arm in an (h, w, 3) picture, sides multiples of 32.
@@ -203,7 +211,7 @@ class CropModel:
 
     def _run(self, image: ColorImage, wanted: list[str]) -> dict[str, Floats32]:
         """What the network answers, checked."""
-        answers = self._session.run(wanted, {"image": image[None]})
+        answers = run_session(self.name, self._session, wanted, image)
         found = dict(zip(wanted, answers, strict=True))
         h, w = image.shape[0] // STRIDE, image.shape[1] // STRIDE
         shapes: dict[str, tuple[int, ...]] = {
@@ -224,7 +232,7 @@ class CropModel:
     def beneath(self, image: ColorImage) -> Beneath:
         """What all that is said of an (h, w, 3) picture is read off."""
         names = [*BENEATH, "type"]
-        features, hidden, kind = self._session.run(names, {"image": image[None]})
+        features, hidden, kind = run_session(self.name, self._session, names, image)
         return Beneath(features[0], hidden[0], _log_sum(kind[0].astype(np.float64)))
 
     def read(self, evidence: Evidence) -> Look:

@@ -51,7 +51,8 @@ training's renderer."""
 KIND = 16.0
 """Cost of a type for each unit by which the log of its probability is less; chosen likewise."""
 ASSUMED_FOV = np.deg2rad(65.0)
-"""Horizontal field of view of a picture that says nothing of its lens: phones' 60 to 70 deg."""
+"""Field of view along the longer side of a picture that says nothing of its lens: phones' 60 to 70
+deg, however they are held."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class ArmRecogniser:
             RecognitionError: the network answers with something that is no number.
         """
         h, w = picture.image.shape[:2]
-        lens = camera or PinholeCamera.from_fov(w, h, float(ASSUMED_FOV), _vertical(w, h))
+        lens = camera or assumed_lens(w, h)
         arms = self._arms(picture.image, lens, find_lumps(self.model, picture.image)[0])
         if not arms and max(h, w) > WHOLE:
             # A small arm is overlooked in the whole; larger, other things look like one, too.
@@ -129,7 +130,8 @@ class ArmRecogniser:
             )
         if camera is None and arms:
             notes.append(
-                "intrinsics assumed (65 deg across): distances scale with the focal length"
+                "intrinsics assumed (65 deg along the longer side): distances scale with the focal "
+                "length"
             )
         notes += [
             f"this {arm.robot} may as well be of the type {other}: they look alike"
@@ -343,5 +345,7 @@ def _same(a: Arm, b: Arm) -> bool:
     return bool((x & y).sum() > 0.5 * min(x.sum(), y.sum()))
 
 
-def _vertical(w: int, h: int) -> float:
-    return float(2 * np.arctan(np.tan(0.5 * ASSUMED_FOV) * h / w))
+def assumed_lens(w: int, h: int) -> PinholeCamera:
+    """Of a w x h picture that says nothing of its lens."""
+    f = 0.5 * max(w, h) / float(np.tan(0.5 * ASSUMED_FOV))
+    return PinholeCamera(w, h, f, f, 0.5 * (w - 1), 0.5 * (h - 1))

@@ -110,7 +110,8 @@ class Sighting:
 
     def as_line(self) -> str:
         """The JSON in one line."""
-        return json.dumps(self.to_json(), ensure_ascii=False, allow_nan=False)
+        # ASCII: a file's name may hold bytes that no terminal and no UTF-8 file takes.
+        return json.dumps(self.to_json(), allow_nan=False)
 
 
 def _sigma(C: Floats) -> float:

@@ -7,6 +7,7 @@ makers round it to whole millimetres, and say nothing of the lens's distortion.
 from __future__ import annotations
 
 import math
+import struct
 
 from PIL import Image
 
@@ -23,19 +24,19 @@ _FIELD = (0.2, 20.0)
 """Focal length over image width that a lens can have."""
 
 
-def exif_camera(exif: Image.Exif, width: int, height: int) -> PinholeCamera | None:
+def exif_camera(picture: Image.Image, width: int, height: int) -> PinholeCamera | None:
     """The camera of a picture by its file, or None where the file does not say, or is not believed.
 
     Nobody's numbers are trusted: a picture of another shape than the camera says was cut, and a
     focal length that no lens has is left out.
 
     Args:
-        exif: of the file.
-        width: of the picture as it is shown, turned upright [px].
+        picture: as its file was opened.
+        width: of it as it is shown, turned upright [px].
         height: likewise.
     """
     try:
-        tags = exif.get_ifd(_IFD)
+        tags = picture.getexif().get_ifd(_IFD)
         said = _number(tags.get(_WIDTH)), _number(tags.get(_HEIGHT))
         if not _same_shape(said, width, height):
             return None
@@ -47,7 +48,10 @@ def exif_camera(exif: Image.Exif, width: int, height: int) -> PinholeCamera | No
             width,
             height,
         )
-    except (ValueError, TypeError, KeyError, OverflowError, ZeroDivisionError, SyntaxError):
+    except (
+        ValueError, TypeError, LookupError, AttributeError, ArithmeticError, SyntaxError, OSError,
+        struct.error,
+    ):  # fmt: skip
         return None  # damaged, or hostile
     if not _FIELD[0] <= f / width <= _FIELD[1]:  # NaN, too
         return None

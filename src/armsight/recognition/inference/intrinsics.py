@@ -183,16 +183,34 @@ def check_camera(camera: PinholeCamera, where: str) -> None:
         )
 
 
-def camera_for(camera: PinholeCamera, width: int, height: int, where: str) -> PinholeCamera:
+def camera_for(
+    camera: PinholeCamera, width: int, height: int, where: str, orientation: int = 1
+) -> PinholeCamera:
     """The camera for a picture that may be a scaled one of the size it was calibrated at.
 
+    Args:
+        camera: as it was calibrated.
+        width: of the upright picture [px].
+        height: likewise.
+        where: the camera is from, for words.
+        orientation: of the picture as it lay in its file (EXIF). Where it was turned on its side, a
+            camera of lying pictures is turned as well.
+
     Raises:
-        RecognitionError: the picture has another shape: it is of another camera, or cut.
+        RecognitionError: the picture has another shape: it is of another camera, turned, or cut.
     """
+    shape = camera.width / camera.height
+    if not _alike(width / height, shape) and _alike(height / width, shape):
+        if orientation not in (6, 8):
+            raise RecognitionError(
+                f"{where}: is for pictures of {camera.width} x {camera.height} px, this one has "
+                f"{width} x {height}: it lies on its side; turn it, or calibrate the camera so"
+            )
+        camera = _on_its_side(camera, orientation == 6)
     if (camera.width, camera.height) == (width, height):
         return camera
     sx, sy = width / camera.width, height / camera.height
-    if abs(sx / sy - 1.0) > 0.01:
+    if not _alike(sx, sy):
         raise RecognitionError(
             f"{where}: is for pictures of {camera.width} x {camera.height} px, this one has "
             f"{width} x {height}: it was cut, or another camera took it"
@@ -206,6 +224,20 @@ def camera_for(camera: PinholeCamera, width: int, height: int, where: str) -> Pi
         sy * (camera.cy + 0.5) - 0.5,
         camera.distortion,
     )
+
+
+def _alike(a: float, b: float) -> bool:
+    return abs(a / b - 1.0) <= 0.01
+
+
+def _on_its_side(camera: PinholeCamera, clockwise: bool) -> PinholeCamera:
+    """The camera of its pictures after a quarter of a turn."""
+    c, (k1, k2, p1, p2, k3) = camera, camera.distortion
+    if clockwise:  # x, y become -y, x
+        cx, cy, bent = c.height - 1 - c.cy, c.cx, (k1, k2, p2, -p1, k3)
+    else:
+        cx, cy, bent = c.cy, c.width - 1 - c.cx, (k1, k2, -p2, p1, k3)
+    return PinholeCamera(c.height, c.width, c.fy, c.fx, cx, cy, bent)
 
 
 def _numbers(values: Any, count: int) -> Floats:

@@ -82,7 +82,8 @@ class Model:
         Raises:
             RecognitionError: the network answers with something that is no number.
         """
-        found = dict(zip(self._names, self._session.run(None, {"image": image[None]}), strict=True))
+        answers = run_session(self.name, self._session, self._names, image)
+        found = dict(zip(self._names, answers, strict=True))
         if not all(np.isfinite(v).all() for v in found.values()):
             raise RecognitionError(f"{self.name}: answers with something that is no number")
         kind = found["type"][0] if "type" in found else np.ones(1, np.float32)
@@ -230,6 +231,19 @@ def open_session(file: Path, data: bytes, threads: int) -> Any:
     except Exception as error:  # onnxruntime's errors share no other base
         words = str(error).splitlines()[0][:160]
         raise RecognitionError(f"{file}: is damaged ({words}); take the original") from None
+
+
+def run_session(name: str, session: Any, wanted: list[str], image: ColorImage) -> list[Any]:
+    """The wanted outputs for an (h, w, 3) image.
+
+    Raises:
+        RecognitionError: the graph cannot be worked out for it.
+    """
+    try:
+        return list(session.run(wanted, {"image": image[None]}))
+    except Exception as error:  # onnxruntime's errors share no other base
+        words = str(error).splitlines()[0][:160]
+        raise RecognitionError(f"{name}: does not run ({words}); take the original") from None
 
 
 def _check_shapes(file: Path, session: Any, a: Architecture) -> None:

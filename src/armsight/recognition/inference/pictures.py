@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image, UnidentifiedImageError
 
 from armsight.arrays import ColorImage
 from armsight.errors import RecognitionError
@@ -22,6 +23,25 @@ _FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF")
 _MOST_PIXELS = 64_000_000
 _SMALLEST_SIDE = 32
 _LONGEST_SHAPE = 8.0
+_WRITTEN = (".recognised.png", ".mask.png")
+"""What ``armsight recognise --out`` leaves: no pictures to look at."""
+_ORIENTATION = 0x0112
+_TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+"""What makes a picture of each orientation of EXIF upright."""
+_PILLOW = (
+    OSError, ValueError, SyntaxError, EOFError, TypeError, LookupError, AttributeError,
+    ArithmeticError, struct.error,
+)  # fmt: skip
+"""What Pillow says of damaged files: OSError of truncated data, SyntaxError of a broken PNG, the
+others of tags that are not what their numbers promise."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +53,15 @@ class Picture:
         image: (h, w, 3) RGB, upright.
         notes: what had to be done to it.
         camera: by what its file says of its lens, or None.
+        orientation: as EXIF has it, of the picture as it lay in its file: 1 was upright, 6 had to
+            be turned clockwise, 8 the other way.
     """
 
     name: str
     image: ColorImage
     notes: tuple[str, ...] = ()
     camera: PinholeCamera | None = None
+    orientation: int = 1
 
 
 def read_picture(file: Path) -> Picture:
@@ -54,9 +77,10 @@ def read_picture(file: Path) -> Picture:
                 _check_size(str(file), *opened.size)
                 opened.load()
                 notes = _notes(opened)
-                turned = ImageOps.exif_transpose(opened)
-                image = _as_rgb(turned)
-                camera = exif_camera(opened.getexif(), image.shape[1], image.shape[0])
+                orientation = _orientation(opened)
+                turn = _TURNS.get(orientation)
+                image = _as_rgb(opened if turn is None else opened.transpose(turn))
+                camera = exif_camera(opened, image.shape[1], image.shape[0])
     except FileNotFoundError:
         raise RecognitionError(f"{file}: there is no such file") from None
     except UnidentifiedImageError:
@@ -65,21 +89,22 @@ def read_picture(file: Path) -> Picture:
         ) from None
     except Image.DecompressionBombError:
         raise RecognitionError(f"{file}: is far too large; shrink it to 4000 px or so") from None
-    except (OSError, ValueError, SyntaxError, EOFError) as error:
-        # Pillow says OSError of truncated data, SyntaxError of a broken PNG.
+    except _PILLOW as error:
         words = getattr(error, "strerror", None) or error
         raise RecognitionError(f"{file}: is truncated or damaged ({words})") from None
-    return Picture(file.name, image, notes, camera)
+    return Picture(file.name, image, notes, camera, orientation)
 
 
 def pictures_in(path: Path) -> list[Path]:
     """The pictures of a folder, by name; a file itself.
 
+    Hidden files, and what an earlier run has drawn into the folder, are none of them.
+
     Raises:
         RecognitionError: there is nothing, or no picture in the folder.
     """
     if path.is_dir():
-        found = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURES and p.is_file())
+        found = sorted(p for p in path.iterdir() if _is_picture(p.name) and p.is_file())
         if not found:
             raise RecognitionError(f"{path}: has no picture ({', '.join(PICTURES)})")
         return found
@@ -112,6 +137,23 @@ def video_frames(file: Path, every: int = 1) -> Iterator[Picture]:
         capture.release()
     if number == 0:
         raise RecognitionError(f"{file}: is a video without a frame, or damaged")
+
+
+def _is_picture(name: str) -> bool:
+    low = name.lower()
+    return low.endswith(PICTURES) and not low.startswith(".") and not low.endswith(_WRITTEN)
+
+
+def _orientation(image: Image.Image) -> int:
+    """1 where the file does not say, or not so that it can be read: its tags are no picture.
+
+    Pillow's own ``exif_transpose`` writes all tags anew, and fails over those that it cannot write.
+    """
+    try:
+        said = image.getexif().get(_ORIENTATION, 1)
+    except _PILLOW:
+        return 1
+    return said if isinstance(said, int) and said in _TURNS else 1
 
 
 def _check_size(name: str, width: int, height: int) -> None:

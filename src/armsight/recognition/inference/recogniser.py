@@ -201,4 +201,5 @@ def _number(value: float) -> float | None:
 
 def as_line(recognition: Recognition) -> str:
     """The JSON of a recognition in one line."""
-    return json.dumps(recognition.to_json(), ensure_ascii=False, allow_nan=False)
+    # ASCII: a file's name may hold bytes that no terminal and no UTF-8 file takes.
+    return json.dumps(recognition.to_json(), allow_nan=False)
