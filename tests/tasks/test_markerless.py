@@ -1,6 +1,7 @@
 """Calibration by the arm itself: which views are kept, what is written, and the whole of it."""
 
 import shutil
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +12,11 @@ from tests.recognition.own_arm.synthetic import LENS, T_BASE_CAMERA, corners, ro
 from armsight.commands.calibrate_markerless import calibrate_markerless
 from armsight.devices.camera_models import camera_info
 from armsight.devices.data import JointState, RgbdFrame
-from armsight.errors import UsageError
+from armsight.errors import TaskError, UsageError
 from armsight.geometry.pose import inverse
 from armsight.motion.perception import PosedFrame
 from armsight.recognition.own_arm import DepthView, OwnArmPose
+from armsight.robots.robot import Robot
 from armsight.tasks.markerless import ArmViews, between, entry_of, find_camera
 from armsight.workcell import open_cell
 from armsight.workcell.beliefs import robot_in
@@ -106,3 +108,44 @@ def test_a_cell_is_calibrated_by_its_arm(gl: str, tmp_path: Path) -> None:
         off = cell.cameras[0].info.T_mount_camera @ inverse(T)
     points = np.array([[0.3, 0.2, 0.3, 1], [0.3, -0.2, 0.5, 1], [-0.2, 0.0, 0.6, 1]])
     assert np.linalg.norm((points @ off.T - points)[:, :3], axis=1).max() < 0.01
+
+
+class _Ended:
+    """A session that is over."""
+
+    def __init__(self, ended_by: str, task_failure: str = "") -> None:
+        self.ended_by, self.task_failure = ended_by, task_failure
+
+
+def opened(monkeypatch: pytest.MonkeyPatch, session: _Ended, arm: Robot) -> None:
+    """A cell without a simulation, whose session ends at once; nothing may be solved."""
+
+    class Cell:
+        simulated, cameras, robot = True, (), arm
+
+    def solved(*_: object) -> None:
+        raise AssertionError("the views were solved")
+
+    monkeypatch.setattr("armsight.workcell.open_cell", lambda *_: nullcontext(Cell()))
+    monkeypatch.setattr("armsight.commands.running.run_session", lambda *_: session)
+    monkeypatch.setattr("armsight.tasks.markerless.find_camera", solved)
+
+
+def test_what_was_interrupted_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened(monkeypatch, _Ended("interrupted"), robot())
+    assert calibrate_markerless("ur5_four_cameras", "front_left", 0, True) == 130
+    assert capsys.readouterr().out == "stopped; nothing was changed\n"
+
+
+def test_a_patrol_that_failed_is_told_by_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened(monkeypatch, _Ended("task failed", "the goals cannot be reached"), robot())
+    with pytest.raises(TaskError, match="the goals cannot be reached"):
+        calibrate_markerless("ur5_four_cameras", "front_left", 0, True)
+
+
+def test_an_arm_without_a_shape_is_refused_before_it_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened(monkeypatch, _Ended("time"), replace(robot(), meshes=()))
+    with pytest.raises(UsageError, match="no meshes"):
+        calibrate_markerless("ur5_four_cameras", "front_left", 0, True)

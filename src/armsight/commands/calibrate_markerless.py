@@ -9,6 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from armsight.recognition.own_arm import OwnArmPose
 
+ENOUGH = "enough views"
 SECONDS = 60.0
 """After this, the views that there are must do [s]."""
 
@@ -26,12 +27,13 @@ def calibrate_markerless(
         seconds: how long is watched at most.
 
     Raises:
-        UsageError: the cell has no such camera, or none that is fixed.
+        UsageError: the cell has no such camera, or none that is fixed, or its arm has no shape.
+        TaskError: the patrol failed.
         CalibrationError: no camera could be placed.
     """
     from armsight.commands.ending import EndsWhen
-    from armsight.commands.running import RunOptions, run_session
-    from armsight.errors import CalibrationError, UsageError
+    from armsight.commands.running import INTERRUPTED, RunOptions, run_session
+    from armsight.errors import CalibrationError, TaskError, UsageError
     from armsight.geometry.pose import angle_between
     from armsight.tasks.markerless import MarkerlessTask, entry_of, find_camera
     from armsight.workcell import open_cell
@@ -48,11 +50,21 @@ def calibrate_markerless(
     if not names:
         raise UsageError(f"{workcell_name}: has no fixed camera to place by its view of the arm")
     with open_cell(workcell, seed) as cell:
+        if not cell.robot.meshes:
+            raise UsageError(
+                f"{workcell_name}: its arm has no meshes to compare with what the cameras see; "
+                "give its links visual meshes in the URDF, or calibrate with a board"
+            )
         task = MarkerlessTask(workcell.goals, names)
-        ends = EndsWhen(lambda: task.arm_views.complete, "enough views")
+        ends = EndsWhen(lambda: task.arm_views.complete, ENOUGH)
         speed = float("inf") if cell.simulated else 1.0
         wanted = RunOptions(seconds, page=None, seed=seed, speed=speed, observers=(ends,))
-        run_session(cell, task, wanted)
+        session = run_session(cell, task, wanted)
+        if session.task_failure:
+            raise TaskError(session.task_failure)
+        if session.ended_by not in ("time", ENOUGH):
+            print("stopped; nothing was changed")
+            return INTERRUPTED
         found: dict[str, OwnArmPose] = {}
         infos = {c.info.name: c.info for c in cell.cameras}
         for name in names:
