@@ -189,6 +189,6 @@ def parse_size(text: str) -> tuple[int, int]:
     from armsight.errors import UsageError
 
     width, _, height = text.lower().partition("x")
-    if not (width.isdigit() and height.isdigit()):
+    if not (width.isdecimal() and height.isdecimal()):
         raise UsageError(f'--size "{text}": expected WIDTHxHEIGHT, such as 512x424')
     return int(width), int(height)

@@ -55,6 +55,10 @@ class Train:
         from armsight.recognition.training import entry
         from armsight.recognition.training.config import config_file
 
+        if self.minutes is not None and not self.minutes >= 0:  # NaN, too
+            raise UsageError(f"--minutes is {self.minutes:g}, expected 0 or more")
+        if self.threads < 0:
+            raise UsageError(f"--threads is {self.threads}, expected 0 (torch's choice) or more")
         if is_plan(config_file(self.config)):
             return self._crops(config_file(self.config))
         if self.from_ is not None:
@@ -89,7 +93,7 @@ class Train:
                 raise UsageError(f"--{name} is for the papers' networks, not for {self.config}")
         plan = read_plan(file)
         if self.seed is not None:
-            plan = replace(plan, seed=self.seed)
+            plan = replace(plan, seed=entry.checked_seed(self.seed))
         entry.need_torch()
         from armsight.recognition.any_arm.learning.run import train_crops
         from armsight.recognition.training.run import Wanted

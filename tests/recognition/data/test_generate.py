@@ -15,8 +15,10 @@ from armsight.errors import DatasetError, UsageError
 from armsight.recognition.data.crews import Alone, Batch, Processes, RayCluster, draw_batch
 from armsight.recognition.data.generate import generate
 from armsight.recognition.data.labelled_set import LabelledSet
+from armsight.recognition.data.manifest import read_manifest
 from armsight.recognition.data.order import Order, counts_of, make_order
 from armsight.recognition.data.rows import Drawn, to_json
+from armsight.recognition.data.shards import _claim
 
 COUNTS = {"ur5": 3, "iiwa": 2, "none": 1, "unknown": 1}
 
@@ -138,6 +140,13 @@ def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(DatasetError, match="is not empty and holds no set"):
         generate(small(), tmp_path)
+
+
+def test_what_a_kill_left_hidden_is_no_other_thing(tmp_path: Path) -> None:
+    (tmp_path / ".dataset.0a1b2c3d.toml").write_text("")
+    (tmp_path / ".DS_Store").write_bytes(b"")
+    _claim(tmp_path, small().manifest)
+    assert read_manifest(tmp_path) == small().manifest
 
 
 def test_two_writers_of_one_folder_are_refused(tmp_path: Path) -> None:

@@ -138,3 +138,15 @@ def test_packed_data_is_found(place: Path) -> None:
     config = entry.read(str(place / "config.toml"), None, None)
     found = entry.packed(place / "data", config)
     assert np.array_equal(found.images, synthetic_set(40, 32, 26).images)
+
+
+@pytest.mark.parametrize(
+    "words", [("--seed", "-1"), ("--minutes", "nan"), ("--minutes", "-5"), ("--threads", "-2")]
+)
+def test_numbers_that_no_training_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, str]
+) -> None:
+    place = ("--data", str(tmp_path / "crops"), "--out", str(tmp_path / "out"))
+    assert run(["train", "--config", "ours", *place, *words]) == 2
+    assert capsys.readouterr().err.startswith(words[0])
+    assert not (tmp_path / "out").exists()

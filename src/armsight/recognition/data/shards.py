@@ -126,7 +126,8 @@ def _batches(manifest: Manifest, shards: list[int], size: int) -> Iterator[range
 def _claim(folder: Path, manifest: Manifest) -> None:
     """Begin a set, or make sure that the one that is there is the same."""
     if not (folder / FILE).exists():
-        others = [p for p in folder.iterdir() if p.name != _LOCK]
+        # Hidden files are our lock, what a kill left of writing, and a file manager's own.
+        others = [p for p in folder.iterdir() if not p.name.startswith(".")]
         if others:
             raise DatasetError(f"{folder}: is not empty and holds no set; name a new folder")
         write_manifest(folder, manifest)

@@ -21,14 +21,23 @@ def read(name: str, seed: int | None, limit: int | None) -> TrainingConfig:
     """A configuration by its name or file, with what the command line says otherwise."""
     config = read_config(config_file(name))
     if seed is not None:
-        if not 0 <= seed <= 2**31:
-            raise UsageError(f"--seed is {seed}, expected 0 to 2147483648")
-        config = replace(config, seed=seed)
+        config = replace(config, seed=checked_seed(seed))
     if limit is not None:
         if limit < 1:
             raise UsageError(f"--samples is {limit}, expected at least 1")
         config = replace(config, limit=limit)
     return config
+
+
+def checked_seed(seed: int) -> int:
+    """The seed.
+
+    Raises:
+        UsageError: it is none that a training can begin from.
+    """
+    if not 0 <= seed <= 2**31:
+        raise UsageError(f"--seed is {seed}, expected 0 to 2147483648")
+    return seed
 
 
 def packed(folder: Path, config: TrainingConfig) -> PackedSet:
