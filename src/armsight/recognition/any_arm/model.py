@@ -138,14 +138,6 @@ class CropModel:
         inputs = [(i.name, i.type) for i in self._session.get_inputs()]
         if set(self._names) != wanted or inputs != [("image", "tensor(uint8)")]:
             raise RecognitionError(f"{file}: does not fit its own card; take the original")
-        beneath = [o.shape[1] for o in self._session.get_outputs() if o.name in BENEATH]
-        for extension in extensions:
-            columns = [extension.rows.heat.shape[1] - 1, extension.rows.outside.shape[1] - 1]
-            if sorted(columns) != sorted(beneath):
-                raise RecognitionError(
-                    f"the extension for {extension.robot} does not fit {file}; make it anew with "
-                    "'armsight extend'"
-                )
 
     def arm(self, image: ColorImage) -> Floats32:
         """(h / 4, w / 4) probability of any arm in an (h, w, 3) picture, sides multiples of 32.
