@@ -364,3 +364,119 @@ def test_who_is_beside_is_looked_for_where_either_the_map_or_the_region_is_newer
     newer = nearer if what == "region" else region
     made.office.consider(made.now, replace(asked(), region=newer), after, still)
     assert "beside it" in made.office.permit.reason
+
+
+def renewed(out=None):
+    """The same under another name, as who needs it for longer asks before the time is over."""
+    return asked(out, name="the next")
+
+
+@pytest.mark.parametrize("out", [OUT, None])
+def test_a_permit_that_is_renewed_while_somebody_comes_ends_as_any_other(out):
+    """Under its old name it would be withdrawn; the arm is in contact all the same."""
+    made = Office()
+    office = made.ticks(0.1, asked(out))
+    before = office.permit
+    made.beside(True)
+    made.tick(renewed(out))
+    assert office.permit.state is PermitState.WITHDRAWN
+    assert office.permit.name == "the next"
+    assert "beside it" in office.permit.reason
+    assert office.retreat is not None
+    assert office.grant is not None
+    assert office.retreat.stands == (None if out is None else replace(before, name="the next"))
+    made.tick()
+    made.tick(renewed(out))
+    assert office.retreat is not None, "somebody is still there"
+    made.beside(False)
+    made.tick(renewed(out))
+    assert office.permit.holds == (out is not None)
+
+
+@pytest.mark.parametrize("out", [OUT, None])
+def test_a_renewal_that_cannot_be_ends_as_any_other_where_the_arm_touches(out):
+    for wrong in ({"speed": -1.0}, {"parts": ("no such part",)}):
+        made = Office()
+        office = made.ticks(0.1, asked(out))
+        made.tick(replace(renewed(out), **wrong))
+        assert not office.permit.holds
+        assert office.retreat is not None
+        assert office.retreat.stands is None
+
+
+def test_a_renewal_that_is_refused_before_anything_is_touched_may_be_granted_next():
+    made = Office()
+    office = made.ticks(0.1, asked())
+    made.q = made.q - np.array([0.0, 0.6, 0.0, 0.0, 0.0, 0.0])
+    made.tick(asked())
+    assert office.permit.holds
+    assert not office.in_contact(made.now)
+    made.beside(True)
+    made.tick(renewed())
+    assert office.permit.state is PermitState.REFUSED
+    assert office.retreat is None
+    assert office.grant is None
+    made.beside(False)
+    made.tick(renewed())
+    assert office.permit.holds
+
+
+def blind(made, ask=None):
+    """A tick in which the joints say nothing that could be used."""
+    made.now += TICK
+    made.map = replace(made.map, stamp=made.now)
+    return made.office.consider(made.now, ask, made.map, None)
+
+
+@pytest.mark.parametrize("out", [OUT, None])
+def test_a_reading_of_the_joints_that_is_lost_ends_no_retreat(out):
+    made = Office()
+    office = made.ticks(0.1, asked(out))
+    office.withdraw("a test", made.now, beside=True)
+    retreat = office.retreat
+    blind(made)
+    assert office.retreat is retreat
+    assert office.grant is retreat.grant
+    made.tick()
+    assert office.retreat is retreat
+
+
+def test_what_is_withdrawn_while_no_joints_are_known_is_left_all_the_same():
+    made = Office()
+    office = made.ticks(0.1, asked())
+    made.beside(True)
+    blind(made, asked())
+    assert office.permit.state is PermitState.WITHDRAWN
+    assert office.retreat is not None
+
+
+def test_a_reading_from_the_future_silences_none_that_follow():
+    made = Office()
+    office = made.ticks(0.1, asked())
+    office.feel([load(made.q, stamp=made.now + 100.0)])
+    made.tick(asked())
+    assert office.permit.holds
+    made.tick(asked(), push=30.0 * OUT)
+    assert not office.permit.holds
+    assert "pressed with 30" in office.permit.reason
+
+
+def test_who_asks_for_something_else_in_the_same_region_is_granted_that():
+    made = Office()
+    ask = replace(asked(), region=replace(asked().region, exposure=made.now))
+    still = JointState(made.now, made.q, np.zeros(ROBOT.n))
+
+    def consider(request):
+        made.office.feel([load(made.q, stamp=made.now)])
+        made.now += TICK
+        return made.office.consider(made.now, request, replace(NOBODY, stamp=made.now), still)
+
+    consider(ask)
+    grant = made.office.grant
+    assert not consider(replace(ask, name="the next"))
+    assert made.office.grant is grant, "it is the same in all but name"
+    assert consider(replace(ask, name="held", out=OUT))
+    assert made.office.one_way_out
+    assert consider(replace(ask, name="palm", kind="hand", force=30.0, torque=1.0, seconds=10.0))
+    assert made.office.grant.person
+    assert made.office.grant.ceiling is not None

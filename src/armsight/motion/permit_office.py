@@ -70,6 +70,7 @@ class PermitOffice:
         self._robot, self._body, self._config = robot, body, config
         self._executed = executed
         self._request: PermitRequest | None = None
+        self._anew = False
         self._looked: WorkspaceSnapshot | None = None
         up = np.asarray(config.up, float)
         self._force = ForceWatch(robot, tuple(-9.81 * up))
@@ -106,22 +107,21 @@ class PermitOffice:
             snapshot: the map in use, or None.
             joints: where the arm is; None where nobody knows.
         """
-        q = None if joints is None else np.asarray(joints.position, float)
-        before, self._q, self._now = self.grant, q, now
-        if joints is not None:
-            self._pull = self._tool.take(joints)
-        self._feel_contact(now)
+        before, self._now = self.grant, now
+        if joints is not None:  # while nobody knows better, the arm is where it was: it brakes
+            self._q, self._pull = np.asarray(joints.position, float), self._tool.take(joints)
+            self._feel_contact(now)
         self._answer(now, request, snapshot)
         self._looked = snapshot
         permit = self.permit
         if permit is not None and permit.holds and permit.region is not None:
             self.retreat = None
-            if before is None or before.region is not permit.region:
-                self.grant = self._grant(permit, permit.region)
+            if before is None or before.region is not permit.region or self._anew:
+                self.grant, self._anew = self._grant(permit, permit.region), False
         elif self.retreat is None:
             self.grant = None
             self._give_way(now)
-        elif q is None or not (self._touches(now) or self._pressed_on(now, self.retreat)):
+        elif not (self._touches(now) or self._pressed_on(now, self.retreat)):
             swings = self.retreat.grant.out is None  # what holds parts is bolted: it does not
             self._left, self._quiet = (self.retreat.grant, now) if swings else None, False
             self.retreat = self.grant = None
@@ -248,7 +248,9 @@ class PermitOffice:
         """Judge every reading of the force sensor since the last tick."""
         if self._q is None:
             return
-        readings, self._waiting = self._waiting, []
+        latest = now + self._config.future  # one that lies about time would outdate all that follow
+        readings = [reading for reading in self._waiting if reading.stamp <= latest]
+        self._waiting = []
         self._force.take(readings, self._q, self._near(now), self._pull)
         retreat, permit = self.retreat, self.permit
         if retreat is not None and retreat.stands is not None:
@@ -271,8 +273,9 @@ class PermitOffice:
             self._request, self.permit = None, None
             return
         name, kind = str(getattr(request, "name", "?")), str(getattr(request, "kind", "?"))
-        permit = self.permit
+        permit, held = self.permit, None
         if permit is None or (permit.name, permit.kind) != (name, kind):
+            held = permit if permit is not None and permit.holds else None
             permit = self.permit = Permit(name, kind, PermitState.REFUSED)
         reason, beside = request_fault(request, self._robot, now), False
         if not permit.holds:  # the map follows what is asked for, granted or not
@@ -285,8 +288,9 @@ class PermitOffice:
         if not reason and permit.holds:
             reason, beside = self._against(now, permit, request, snapshot)
         elif not reason:
-            reason = self._refusal(now, request, snapshot)
+            reason, beside = self._refusal(now, request, snapshot)
         if not reason:
+            self._anew = self._anew or not _same_terms(self._request, request)
             self._request = request
             if not permit.holds:
                 hardest = {"thing": self._config.thing_force, "hand": self._config.hand_force}
@@ -294,33 +298,39 @@ class PermitOffice:
                 self.permit = granted(request, now, self._force.fault(now), most)
         elif permit.holds:
             self.withdraw(reason, now, beside)
+        elif held is not None and self._touches(now):
+            # It touches by the permit before this one: that ends as any does, by the way out.
+            self.permit = replace(held, name=name, kind=kind)
+            self.withdraw(reason, now, beside)
         else:
             self.permit = replace(permit, reason=reason)
 
     def _refusal(
         self, now: float, request: PermitRequest, snapshot: WorkspaceSnapshot | None
-    ) -> str:
-        """Why a request is not granted now; empty when it is."""
+    ) -> tuple[str, bool]:
+        """Why a request is not granted now, and whether somebody may be beside its region."""
         if snapshot is None:
-            return "there is no map yet"
+            return "there is no map yet", False
         stands = self.retreat is not None and self.retreat.stands is not None
         if self.retreat is not None and not stands:
-            return f"the arm still backs out: {self.retreat.reason}"
+            return f"the arm still backs out: {self.retreat.reason}", False
         if not touching(self._robot, request).any():
-            return (
-                f"no sphere of {', '.join(request.parts)} is within {request.reach:g} m of the TCP"
-            )
+            parts = ", ".join(request.parts)
+            return f"no sphere of {parts} is within {request.reach:g} m of the TCP", False
         if request.kind != "thing":
             reason = self._force.fault(now)
             if reason:
-                return f"nobody would feel how hard it presses: {reason}"
-        if self._force.pressed > FREE * request.force and not stands:
-            return f"the force sensor feels {self._force.pressed:.1f} N before anything is touched"
+                return f"nobody would feel how hard it presses: {reason}", False
+        pressed = self._force.pressed
+        if pressed > FREE * request.force and not stands:
+            return f"the force sensor feels {pressed:.1f} N before anything is touched", False
         if request.kind == "face" and not self._config.soft > 0.0:
-            return "the tool's tip is not declared soft (guard.soft_tip_n_per_mm)"
-        return region_refusal(request.region, request.kind, now) or seen_against(
-            snapshot, request.region, request.kind
-        )
+            return "the tool's tip is not declared soft (guard.soft_tip_n_per_mm)", False
+        reason = region_refusal(request.region, request.kind, now)
+        if reason:
+            return reason, False
+        reason = seen_against(snapshot, request.region, request.kind)
+        return reason, bool(reason)
 
     def _against(
         self, now: float, permit: Permit, request: PermitRequest, snapshot: WorkspaceSnapshot | None
@@ -403,3 +413,12 @@ class PermitOffice:
         if not grant.person or self._looked is None:
             return False
         return gap_to_seen(self._body, grant, q, self._looked) < CLEAR
+
+
+def _same_terms(a: PermitRequest | None, b: PermitRequest) -> bool:
+    """Whether two requests ask for the same of what is in their region."""
+    if a is None or (a.kind, a.parts, a.reach, a.force) != (b.kind, b.parts, b.reach, b.force):
+        return False
+    if a.out is None or b.out is None:
+        return a.out is b.out
+    return bool(np.array_equal(a.out, b.out))
