@@ -147,7 +147,16 @@ def test_bad_velocities_are_refused_in_words_and_the_arm_comes_to_rest(change, m
 
 
 @pytest.mark.parametrize(
-    "thing", [42, "go", np.zeros(6), JointIntent("x", None), PoseIntent("p", np.eye(3))]
+    "thing",
+    [
+        42,
+        "go",
+        np.zeros(6),
+        JointIntent("x", None),
+        JointIntent("x", ["0.1"] * 6),
+        PoseIntent("p", np.eye(3)),
+        PoseIntent("p", np.eye(4).astype(str)),
+    ],
 )
 def test_what_is_no_intent_is_refused_in_words(thing):
     world = ready()

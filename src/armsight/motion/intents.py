@@ -153,7 +153,7 @@ def refusal(intent: Any, robot: Robot, now: float = math.nan) -> str:
 
 
 def _of_joints(intent: JointIntent, robot: Robot) -> str:
-    q = np.asarray(intent.position, float)
+    q = _numbers(intent.position)
     limits, n = robot.limits, robot.n
     if q.shape != (n,):
         return f"goal {intent.name} has {q.size} joints; {robot.name} has {n}"
@@ -173,7 +173,7 @@ def _of_joints(intent: JointIntent, robot: Robot) -> str:
 
 
 def _of_pose(intent: PoseIntent) -> str:
-    T = np.asarray(intent.T_base_tcp, float)
+    T = _numbers(intent.T_base_tcp)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         return f"goal {intent.name} is no pose: give a finite 4 x 4 matrix T_base_tcp"
     R = T[:3, :3]
@@ -191,7 +191,7 @@ def _of_velocity(intent: VelocityIntent, robot: Robot, now: float) -> str:
     name = intent.name
     if intent.frame not in ("joint", "base", "tcp"):
         return f'velocity {name}: frame is "{intent.frame}"; expected joint, base or tcp'
-    v = np.asarray(intent.velocity, float)
+    v = _numbers(intent.velocity)
     wanted = robot.n if intent.frame == "joint" else 6
     if v.shape != (wanted,):
         what = f"{wanted} joints" if intent.frame == "joint" else "a twist of 6"
@@ -208,6 +208,19 @@ def _of_velocity(intent: VelocityIntent, robot: Robot, now: float) -> str:
     if lasts > HORIZON:
         return f"velocity {name} is for {lasts:.1f} s after its evidence; at most {HORIZON:g} s"
     return ""
+
+
+def _numbers(values: Any) -> Floats:
+    """What a task gave as numbers; text that reads like one would fail where it is used.
+
+    Raises:
+        TypeError, ValueError: it is something else.
+    """
+    numbers = np.asarray(values, float)
+    given = np.asarray(values).dtype
+    if given.kind not in "biuf":
+        raise TypeError(f"expected numbers, found {given.name}")
+    return numbers
 
 
 def _pace(intent: JointIntent | PoseIntent) -> str:
