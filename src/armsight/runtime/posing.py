@@ -67,10 +67,15 @@ def color_lens(frame: RgbdFrame, info: RgbdCameraInfo) -> PinholeCamera | None:
 
 
 class NewestFrames:
-    """The newest frame of each camera that a subscriber wants; written and read by any thread."""
+    """The newest frame of each camera that a subscriber wants; written and read by any thread.
+
+    Of a camera whose colour is wanted, a picture that nobody has looked at yet is not replaced by
+    a frame without one: colour comes seldom, and who is behind would hardly ever see any.
+    """
 
     def __init__(self, uses: Sequence[CameraUse], pairs: Sequence[str] = ()) -> None:
         self._names = {use.camera for use in uses}
+        self._pictured = {use.camera for use in uses if use.color_rate > 0.0}
         self._pairs = frozenset(pairs)
         self._lock = threading.Lock()
         self._newest: dict[str, Any] = {}
@@ -80,6 +85,7 @@ class NewestFrames:
         """The subscriber wants other cameras from now on; what came before is forgotten."""
         with self._lock:
             self._names = {use.camera for use in uses}
+            self._pictured = {use.camera for use in uses if use.color_rate > 0.0}
             self._newest.clear()
             self._fresh.clear()
 
@@ -91,10 +97,19 @@ class NewestFrames:
 
     def put(self, frame: RgbdFrame | StereoFrame) -> None:
         """A frame came in."""
-        if self.wants(frame):
-            with self._lock:
-                self._newest[frame.camera] = frame
-                self._fresh.add(frame.camera)
+        if not self.wants(frame):
+            return
+        name = frame.camera
+        with self._lock:
+            if name in self._fresh and self._keeps(self._newest[name], frame):
+                return
+            self._newest[name] = frame
+            self._fresh.add(name)
+
+    def _keeps(self, waiting: Any, frame: Any) -> bool:
+        """Whether a picture that waits is worth more than a newer frame."""
+        wanted = not self._pictured.isdisjoint(("", frame.camera))
+        return wanted and _has_picture(waiting) and not _has_picture(frame)
 
     @property
     def waiting(self) -> bool:
@@ -112,4 +127,11 @@ class NewestFrames:
     def newest(self) -> list[Any]:
         """The newest frame of every camera that ever sent one, by name."""
         with self._lock:
+            self._fresh.clear()
             return [self._newest[name] for name in sorted(self._newest)]
+
+
+def _has_picture(frame: RgbdFrame | StereoFrame) -> bool:
+    if isinstance(frame, StereoFrame):
+        return True
+    return frame.color is not None or frame.infrared is not None
