@@ -131,7 +131,7 @@ class Entry:
         self.name, self.value = name, value
 
     def load(self):
-        return catalogue._import(self.value, self.name)
+        return catalogue.imported(self.value, self.name)
 
 
 def test_entry_points_are_found_and_two_of_one_name_refused(folder, monkeypatch):
