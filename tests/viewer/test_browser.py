@@ -121,6 +121,32 @@ def test_the_page_draws_tells_and_obeys(
     tab.close()
 
 
+def test_a_browser_that_hears_nothing_more_says_so_by_itself(
+    browser: Any, session: FakeSession
+) -> None:
+    """A connection that hangs is not closed: viser's own page shows what it heard last."""
+    page = LivePage(session, port=0)
+    tab = browser.new_page(viewport=SIZE)
+    try:
+        tab.goto(page.url, timeout=60_000)
+        tab.get_by_text("slowed").wait_for(timeout=60_000)
+        silent = tab.locator(".armsight-silent")
+
+        def seen() -> bool:
+            box = silent.bounding_box()
+            return box is not None and box["height"] > 10
+
+        wait_for(lambda: not seen(), 20.0)
+        page._closed.set()  # nobody updates it any more; the connection stays
+        wait_for(seen, 20.0)
+        banner = tab.locator(".armsight-live").first
+        assert "grayscale(1)" in banner.evaluate("e => getComputedStyle(e).filter")
+    finally:
+        tab.close()
+        page._closed.clear()
+        page.close()
+
+
 def test_a_browser_needs_the_token_once(browser: Any, session: FakeSession) -> None:
     page = LivePage(session, "0.0.0.0", 0, TOKEN)
     context = browser.new_context(viewport={"width": 320, "height": 240})

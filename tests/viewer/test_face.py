@@ -133,6 +133,20 @@ def test_buttons_press(session: FakeSession, page: LivePage) -> None:
         wait_for(lambda: ("press", "go") in session.asked)
 
 
+def test_a_press_that_meets_a_button_switched_off_is_none(
+    session: FakeSession, page: LivePage
+) -> None:
+    """A browser may have shown it as it was a moment ago."""
+    with watching(page):
+        session.step(1.0, face=make_face(1.0))
+        page.update(1.0)
+        button = panel(page)._buttons["go"]
+        button.disabled = True
+        for callback in button._impl.update_cb:
+            callback(None)
+    assert ("press", "go") not in session.asked
+
+
 def test_of_names_on_each_other_the_first_is_shown(session: FakeSession, page: LivePage) -> None:
     def labels(now: float, apart: float) -> dict[str, bool]:
         marks = tuple(

@@ -18,7 +18,7 @@ from armsight.geometry.shapes import Surface
 from armsight.motion.data import GuardMode
 from armsight.recording.no_robot import no_robot
 from armsight.runtime.view import SessionView
-from armsight.viewer import LivePage
+from armsight.viewer import LivePage, colors
 from armsight.viewer.page import draggable
 
 
@@ -197,11 +197,26 @@ def test_a_reset_starts_the_plots_anew(page: LivePage, session: FakeSession) -> 
 
 
 def test_buttons_reach_the_session(page: LivePage, session: FakeSession) -> None:
-    page._panels._toggle()
-    page._panels._toggle()
+    page._panels._controls.pause()
+    page._panels._controls.go_on()
     page._reset()
     page._panels._controls.declare_empty()
     assert session.asked == ["pause", "resume", "reset", "resume", ("empty",)]
+
+
+def test_who_presses_pause_twice_does_not_go_on(page: LivePage, session: FakeSession) -> None:
+    """It was one button that went on when pressed again: by the same hand, or by two people."""
+    gui = page._server.gui
+    buttons = {h.label: h for h in gui._gui_input_handle_from_uuid.values() if hasattr(h, "label")}
+    with watching(page):
+        for running in (True, False, False):
+            session.shown = replace(session.shown, running=running)
+            page.update(1.0)
+            assert buttons["Go on"].disabled is running
+            assert not buttons["Pause"].disabled
+            for press in buttons["Pause"]._impl.update_cb:
+                press(SimpleNamespace())
+    assert session.asked == ["pause"] * 3
 
 
 def test_dragging_reaches_the_session(page: LivePage, session: FakeSession) -> None:
@@ -243,6 +258,50 @@ def test_a_silent_loop_is_told(page: LivePage, session: FakeSession) -> None:
         wait_for(lambda: "the loop stands still" in words(page, "banner"))
         session.shown = replace(session.shown, running=False)
         wait_for(lambda: "paused" in words(page, "banner"))
+
+
+def test_what_the_guard_said_long_ago_is_not_shown_as_of_now(
+    page: LivePage, session: FakeSession
+) -> None:
+    """A loop that goes on without its guard, or without its joints, showed a moving arm's green."""
+    green = colors.MODES[GuardMode.PREDICTIVE][1]
+    with watching(page):
+        session.step(1.0, guard=make_guard(1.0, mode=GuardMode.PREDICTIVE))
+        page.update(1.0)
+        assert green in words(page, "banner")
+        assert "m/s" in words(page, "figures")
+        session.shown = replace(session.shown, now=1.8)
+        page.update(1.8)
+        assert green not in words(page, "banner")
+        assert "the guard has said nothing for 0.8 s" in words(page, "banner")
+        assert "m/s" not in words(page, "figures")
+        page.update(1.8)
+        wait_for(lambda: "the loop stands still" in words(page, "banner"))
+        assert green not in words(page, "banner")
+        assert "m/s" not in words(page, "figures")
+
+
+def test_a_browser_is_told_again_and_again_that_somebody_is_there(
+    page: LivePage, session: FakeSession
+) -> None:
+    with watching(page):
+        page.update(1.0)
+        first = words(page, "pulse")
+        wait_for(lambda: words(page, "pulse") != first)  # also of a loop that is silent
+
+
+def test_values_that_are_not_known_leave_the_plots_whole(
+    page: LivePage, session: FakeSession
+) -> None:
+    for i in range(30):
+        session.step(0.1 * i)
+        if i == 10:
+            guard = make_guard(1.0, distance=np.nan)
+            session.shown = replace(session.shown, guard=guard, joints=None)
+        page.update(0.1 * i)
+    for plotted in (page._panels._distances, page._panels._speeds):
+        assert len(plotted.columns()[0]) == 29
+        assert np.isfinite(plotted.columns()).all()
 
 
 def test_a_cell_without_an_arm_has_a_page() -> None:

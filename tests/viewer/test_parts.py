@@ -112,6 +112,14 @@ def test_the_truth_is_asked_for_again_only_when_the_map_corrects_otherwise() -> 
     assert TrueErrors(None, infos).now(snapshot) == {}
 
 
+def test_a_camera_is_not_alive_for_longer_than_any_map_waits() -> None:
+    status = CameraStatus("c", 1.0, True, 5, 0)
+    assert html.GOOD in html.cameras([status], 1.1)
+    old = html.cameras([status], 4.0)
+    assert html.GOOD not in old
+    assert "nothing of it since" in old
+
+
 def test_too_close_is_red() -> None:
     assert html.BAD in html.figures(make_guard(1.0, distance=0.2, protective_distance=0.3), 0, 0)
     assert html.BAD not in html.figures(

@@ -44,7 +44,7 @@ class TrueErrors:
 
     def _error(self, name: str, T: Pose, gain: float) -> float | None:
         assert self._world is not None
-        key = T.tobytes()
+        key = T.tobytes() + np.float64(gain).tobytes()
         if name not in self._told or self._told[name][0] != key:
             self._told[name] = (key, self._world.camera_error(name, T, gain))
         return self._told[name][1]

@@ -69,7 +69,7 @@ class FacePanel:
             if handle is None:
                 with self._folder:
                     handle = self._gui.add_button(button.label or name, order=1.0)
-                handle.on_click(_presses(self._press, name))
+                handle.on_click(_presses(self._press, name, handle))
                 self._buttons[name] = handle
             _set(handle, "label", button.label or name)
             _set(handle, "disabled", not button.enabled)
@@ -175,5 +175,6 @@ def _set(handle: Any, name: str, now: Any) -> None:
         setattr(handle, name, now)
 
 
-def _presses(press: Callable[[str], None], name: str) -> Callable[[Any], None]:
-    return lambda _: press(name)
+def _presses(press: Callable[[str], None], name: str, handle: Any) -> Callable[[Any], None]:
+    """A press that was on its way while the task switched its button off is none."""
+    return lambda _: None if handle.disabled else press(name)

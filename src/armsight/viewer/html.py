@@ -15,6 +15,12 @@ from armsight.viewer.colors import MODES
 FONT = "font-family:ui-sans-serif,system-ui,sans-serif"
 DIM = "opacity:.65"
 GOOD, BAD, OFF = "#2dd4bf", "#ef4444", "#94a3b8"
+STILL = "#334155"
+
+OLD_CAMERA = 2.5
+"""No map may wait longer for a camera: one that is said to be alive is then not [s]."""
+NO_NEWS = 3
+"""A browser that has heard nothing for so long says so by itself [s]."""
 
 REASONS = {
     "idle": "no goal: the arm holds still",
@@ -25,8 +31,30 @@ REASONS = {
 """What a mode means where the guard gives no reason of its own."""
 
 
-def banner(guard: GuardStatus | None, note: str, armless: bool = False) -> str:
-    """The guard's mode in its colour, and why; without an arm, that depth is being mapped."""
+def pulse(beat: int) -> str:
+    """What a browser shows by itself when no further beat comes: connection or program is gone.
+
+    A style that starts anew with every beat: without one the page's colours go, and words come.
+    """
+    return (
+        f"<style>@keyframes armsight-old-{beat}{{to{{filter:grayscale(1) brightness(.6)}}}}"
+        f"@keyframes armsight-say-{beat}{{to{{max-height:9em;padding:.65em .8em}}}}"
+        f".armsight-live{{animation:armsight-old-{beat} .1s {NO_NEWS}s both}}"
+        f".armsight-silent{{max-height:0;padding:0 .8em;overflow:hidden;"
+        f"animation:armsight-say-{beat} .1s {NO_NEWS}s both}}</style>"
+        f"<div class='armsight-silent' style='{FONT};margin:0 .7em .3em .2em;border-radius:.5em;"
+        f"background:#000;color:#fff;font-weight:700'>No news for {NO_NEWS} s: armsight or the "
+        f"connection to it is gone, and all below is old.</div>"
+    )
+
+
+def banner(
+    guard: GuardStatus | None, note: str, armless: bool = False, *, old: bool = False
+) -> str:
+    """The guard's mode in its colour, and why; without an arm, that depth is being mapped.
+
+    Where that is ``old``, it is grey: no colour says that all is well.
+    """
     if armless:
         guard, title, color, words = None, "mapping", "#0e7490", "depth images without an arm"
     elif guard is None:
@@ -34,6 +62,8 @@ def banner(guard: GuardStatus | None, note: str, armless: bool = False) -> str:
     else:
         title, color = MODES[guard.mode]
         words = guard.reason or REASONS.get(guard.mode.value, "")
+    if old:
+        color = STILL
     if note:
         words = f"{note} — {words}" if words else note
     goal = ""
@@ -43,8 +73,8 @@ def banner(guard: GuardStatus | None, note: str, armless: bool = False) -> str:
         style = f"float:right;text-transform:none;{DIM}"
         goal = f"<span style='{style}'>{to}{escape(guard.goal)}</span>"
     return (
-        f"<div style='{FONT};margin:0 .7em .5em .2em;padding:.65em .8em;border-radius:.5em;"
-        f"background:{color};color:#fff'>"
+        f"<div class='armsight-live' style='{FONT};margin:0 .7em .5em .2em;padding:.65em .8em;"
+        f"border-radius:.5em;background:{color};color:#fff'>"
         f"<div style='font-size:1.25em;font-weight:700;letter-spacing:.04em;"
         f"text-transform:uppercase'>{title}{goal}</div>"
         f"<div style='font-size:.85em;line-height:1.3;min-height:2.6em'>{escape(words)}</div></div>"
@@ -54,6 +84,7 @@ def banner(guard: GuardStatus | None, note: str, armless: bool = False) -> str:
 def figures(guard: GuardStatus | None, tip_speed: float, now: float) -> str:
     """The four numbers that one looks for first."""
     distance = protective = scale = "–"
+    speed = f"{tip_speed:.2f} m/s" if np.isfinite(tip_speed) else "–"
     color = "inherit"
     if guard is not None:
         distance = metres(guard.distance)
@@ -64,7 +95,7 @@ def figures(guard: GuardStatus | None, tip_speed: float, now: float) -> str:
     cells = (
         ("distance", distance, color, "nearest hazard to the robot's body"),
         ("protective", protective, "inherit", "distance that separation demands now"),
-        ("tip speed", f"{tip_speed:.2f} m/s", "inherit", "of the flange, measured"),
+        ("tip speed", speed, "inherit", "of the flange, measured"),
         ("speed scale", scale, "inherit", "share of the planned speed"),
     )
     counts = ""
@@ -86,8 +117,9 @@ def permit(guard: GuardStatus | None) -> str:
         words = f"at most {least}{pressed}{' · ' + words if words else ''}"
     color = GOOD if asked.holds else BAD
     return (
-        f"<div style='{FONT};margin:0 .7em .5em .2em;padding:.4em .7em;border-radius:.4em;"
-        f"border-left:.3em solid {color};background:rgba(127,127,127,.12);font-size:.85em'>"
+        f"<div class='armsight-live' style='{FONT};margin:0 .7em .5em .2em;padding:.4em .7em;"
+        f"border-radius:.4em;border-left:.3em solid {color};background:rgba(127,127,127,.12);"
+        f"font-size:.85em'>"
         f"<b>{title}</b><br>{words}</div>"
     )
 
@@ -102,7 +134,7 @@ def boxes(cells: Sequence[tuple[str, str, str, str]], below: str) -> str:
         for name, value, tint, hint in cells
     )
     return (
-        f"<div style='{FONT};margin:0 .7em .4em .2em'>"
+        f"<div class='armsight-live' style='{FONT};margin:0 .7em .4em .2em'>"
         f"<div style='display:grid;grid-template-columns:1fr 1fr;gap:.35em'>{boxes}</div>"
         f"<div style='font-size:.75em;{DIM};margin-top:.4em;text-align:right;"
         f"font-variant-numeric:tabular-nums'>{below}</div></div>"
@@ -128,12 +160,13 @@ def cameras(statuses: Sequence[CameraStatus], now: float) -> str:
     for status in statuses:
         age = now - status.stamp
         told = f"{1e3 * age:.0f} ms" if np.isfinite(age) else "never"
+        old = status.alive and not age <= OLD_CAMERA  # said by a map that stands still
         rows.append(
             table_row(
-                GOOD if status.alive else BAD,
+                GOOD if status.alive and not old else BAD,
                 status.name,
                 (told, f"{status.frames}", f"{status.dropped}"),
-                status.reason,
+                "the map has taken nothing of it since" if old else status.reason,
             )
         )
     return table(("camera", "age", "frames", "lost"), rows) if rows else _faint("no cameras")

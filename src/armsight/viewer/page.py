@@ -26,6 +26,8 @@ HEALTH_PERIOD = 0.5
 """Between updates of tables and plots, on the computer's clock [s]."""
 SILENT = 1.0
 """A loop that gave no sign for so long is said to stand still [s]."""
+OLD_WORD = 0.5
+"""What guard or joints said longer ago, on the cell's clock, is not shown as of now [s]."""
 
 
 class ShownSession(Protocol):
@@ -115,7 +117,8 @@ class LivePage:
                 self._server,
                 cell.workcell.name,
                 Controls(
-                    self._pause,
+                    session.pause,
+                    session.resume,
                     self._reset if cell.world is not None else None,
                     session.set_speed if cell.world is not None else None,
                     session.declare_empty,
@@ -156,7 +159,7 @@ class LivePage:
             self._now = view.now
             self._panels.sample(view, speed)
             if self._server.get_clients():
-                self._show(view, speed, "")
+                self._show(view, speed, *_old_guard(view))
 
     def close(self) -> None:
         """End the page; may be repeated."""
@@ -169,12 +172,13 @@ class LivePage:
 
     # -- showing --------------------------------------------------------------------------------
 
-    def _show(self, view: SessionView, tip_speed: float, note: str) -> None:
+    def _show(self, view: SessionView, tip_speed: float, note: str, old: bool) -> None:
         with self._server.atomic():
             self._scene.update(view)
-            self._panels.update(view, tip_speed, note)
+            self._panels.update(view, tip_speed, note, old=old)
             fresh = self._show_next_picture(view)
             now = time.monotonic()
+            self._panels.beat(int(now))
             if now >= self._health_shown + HEALTH_PERIOD:
                 self._health_shown = now
                 self._panels.update_health(view, self._accuracy(view))
@@ -203,11 +207,11 @@ class LivePage:
             if self._closed.is_set():
                 return
             silent = time.monotonic() - self._updated > SILENT
-            note = "" if view.running or not silent else "paused"
+            note, old = ("paused", False) if silent and not view.running else _old_guard(view)
             if view.running and silent and np.isfinite(self._updated):
-                note = "the loop stands still: it has ended, or is busy"
+                note, old = "the loop stands still: it has ended, or is busy", True
             self._health_shown = -np.inf
-            self._show(view, 0.0 if silent else self._tip_speed(view), note)
+            self._show(view, np.nan if old else self._tip_speed(view), note, old)
 
     def _watch(self) -> None:
         while not self._closed.wait(HEALTH_PERIOD):
@@ -218,17 +222,14 @@ class LivePage:
                     self.problem = f"page: {type(error).__name__}: {error}"
 
     def _tip_speed(self, view: SessionView) -> float:
-        """Speed of the flange at the last joint reading [m/s]."""
+        """Speed of the flange at the last joint reading [m/s]; NaN without one of now."""
         joints, robot = view.joints, self._cell.robot
-        if joints is None or not robot.n:
-            return 0.0
+        if joints is None or not robot.n or view.now - joints.stamp > OLD_WORD:
+            return float("nan")
         jacobian = flange_jacobian(robot, joints.position)
         return float(np.linalg.norm((jacobian @ joints.velocity)[:3]))
 
     # -- wishes ---------------------------------------------------------------------------------
-
-    def _pause(self, paused: bool) -> None:
-        self._session.pause() if paused else self._session.resume()
 
     def _reset(self) -> None:
         self._session.reset()
@@ -279,6 +280,13 @@ def draggable(cell: Cell) -> tuple[str, ...]:
     led = [target.name for target in settings.target if target.path in ("free", "wander")]
     car = () if settings.car is None else ("car",)
     return (*hands, *free, *led, *car)
+
+
+def _old_guard(view: SessionView) -> tuple[str, bool]:
+    """What to say where the guard itself has said nothing for a while, and whether it has."""
+    if view.guard is None or view.now - view.guard.stamp <= OLD_WORD:
+        return "", False
+    return f"the guard has said nothing for {view.now - view.guard.stamp:.1f} s", True
 
 
 def _belongs(mover: str, name: str) -> bool:

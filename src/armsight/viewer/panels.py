@@ -30,12 +30,14 @@ class Controls:
 
     def __init__(
         self,
-        pause: Callable[[bool], None],
+        pause: Callable[[], None],
+        go_on: Callable[[], None],
         reset: Callable[[], None] | None,
         speed: Callable[[float], None] | None,
         declare_empty: Callable[[], None],
     ) -> None:
         self.pause = pause
+        self.go_on = go_on
         self.declare_empty = declare_empty
         self.reset = reset
         self.speed = speed
@@ -65,6 +67,7 @@ class Panels:
         self._distances = History(2)
         self._speeds = History(1)
         self._texts: dict[str, Any] = {}
+        self._put("pulse", html.pulse(0))
         self._put("banner", html.banner(None, "", armless))
         self._put("permit", html.permit(None))
         self._put("figures", html.figures(None, 0.0, 0.0))
@@ -77,10 +80,14 @@ class Panels:
         gui.main_panel.set_width(WIDTH)
         self._add_left()
 
-    def update(self, view: SessionView, tip_speed: float, note: str) -> None:
-        """Words and figures."""
+    def beat(self, beat: int) -> None:
+        """Tell the browsers that somebody is still there; a number other than the last one."""
+        self._set("pulse", html.pulse(beat))
+
+    def update(self, view: SessionView, tip_speed: float, note: str, *, old: bool = False) -> None:
+        """Words and figures; ``old`` are those of a loop that stands still."""
         guard = view.guard
-        self._set("banner", html.banner(guard, note, self._armless))
+        self._set("banner", html.banner(guard, note, self._armless, old=old))
         if not self._armless:
             self._set("permit", html.permit(guard))
             self._set("figures", html.figures(guard, tip_speed, view.now))
@@ -116,11 +123,10 @@ class Panels:
         guard = view.guard
         if guard is None:
             return
-        if self._distances.add(
-            view.now,
-            min(guard.distance, NO_PLOT_ABOVE),
-            min(guard.protective_distance, NO_PLOT_ABOVE),
-        ):
+        shown = (guard.distance, guard.protective_distance)
+        if not np.isnan(shown).any():  # a plot with a single NaN in it draws nothing
+            self._distances.add(view.now, *np.minimum(shown, NO_PLOT_ABOVE))
+        if np.isfinite(tip_speed):
             self._speeds.add(view.now, tip_speed)
 
     def show_pictures(self, mosaic: ColorImage) -> None:
@@ -143,8 +149,11 @@ class Panels:
     def _add_controls(self, draggable: Sequence[str], drag: Callable[[str], None]) -> None:
         gui, controls = self._gui, self._controls
         with gui.add_folder("Session"):
-            self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
-            self._pause.on_click(lambda _: self._toggle())
+            # Two buttons: who presses Pause twice, or as somebody else does, wants it to stand.
+            pause, go_on = self._controls.pause, self._controls.go_on
+            gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE).on_click(lambda _: pause())
+            self._go_on = gui.add_button("Go on", icon=viser.Icon.PLAYER_PLAY, disabled=True)
+            self._go_on.on_click(lambda _: go_on())
             if controls.speed is not None:
                 speed = gui.add_button_group(
                     "Speed", tuple(SPEEDS), hint="simulated seconds a second"
@@ -173,18 +182,10 @@ class Panels:
                 choice.on_update(
                     lambda _: drag("" if choice.value == nothing else str(choice.value))
                 )
-        self._running = True
-
-    def _toggle(self) -> None:
-        self._controls.pause(self._running)
-        self._show_running(not self._running)
 
     def _show_running(self, running: bool) -> None:
-        if running is self._running:
-            return
-        self._running = running
-        self._pause.label = "Pause" if running else "Go on"
-        self._pause.icon = viser.Icon.PLAYER_PAUSE if running else viser.Icon.PLAYER_PLAY
+        if self._go_on.disabled is not running:
+            self._go_on.disabled = running
 
     def _add_layers(self, layers: Sequence[Layer]) -> None:
         with self._gui.add_folder("Layers", expand_by_default=False):
