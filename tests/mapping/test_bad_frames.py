@@ -139,7 +139,74 @@ def test_a_lost_frame_is_counted(world):
     assert status(snapshot).dropped == 2
 
 
-@pytest.mark.parametrize("joints", ["none", "old", "nan"])
+def poses_that_cannot_be():
+    """A tracked camera's, by its own word: halved, mirrored, in another frame's rows, no number."""
+    T = INFO.T_mount_camera
+    halved, sheared, broken = T.copy(), T.copy(), T.copy()
+    halved[:3, :3] *= 0.5
+    sheared[3, 0] = 0.2
+    broken[1, 3] = np.nan
+    return {
+        "halved": halved,
+        "mirrored": T @ np.diag([-1.0, 1.0, 1.0, 1.0]),
+        "sheared": sheared,
+        "nan": broken,
+        "rows": T[:3],
+        "words": np.full((4, 4), "x"),
+        "nothing": np.zeros((4, 4)),
+    }
+
+
+@pytest.mark.parametrize("which", poses_that_cannot_be())
+@pytest.mark.parametrize("by_frame", [True, False])
+def test_a_picture_from_a_place_that_cannot_be_frees_nothing(world, which, by_frame):
+    before = world.update([], JOINTS, 0.12)
+    frame = scenes.frame(INFO, 0.13, picture(), 1)
+    T = poses_that_cannot_be()[which]
+    if by_frame:
+        frame = replace(frame, T_base_camera=T)
+    else:
+        world._infos = (replace(INFO, T_mount_camera=T),)
+    snapshot = world.update([frame], JOINTS, 0.131)
+    np.testing.assert_array_equal(snapshot.state, before.state)
+    assert status(snapshot).reason == "its camera's pose is no rotation and translation"
+    assert status(snapshot).dropped == 1
+    world._infos = (INFO,)
+    good = replace(scenes.frame(INFO, 0.16, picture(BALL), 2))
+    if by_frame:  # rounded, and narrow, as a recording may have it
+        T = INFO.T_mount_camera.round(4).astype(np.float32)
+        good = replace(good, T_base_camera=T)
+    assert status(world.update([good], JOINTS, 0.161)).reason == ""
+
+
+@pytest.mark.parametrize("now", [np.nan, np.inf, -np.inf])
+def test_a_clock_that_says_no_number_leaves_no_camera_alive_and_all_else_as_it_was(world, now):
+    before = world.update([], JOINTS, 0.12)
+    odd = world.update([scenes.frame(INFO, 0.13, picture(), 1)], JOINTS, now)
+    np.testing.assert_array_equal(odd.state, before.state)
+    assert not status(odd).alive
+    assert f"the clock says {now}" in status(odd).reason
+    snapshot = world.update([scenes.frame(INFO, 0.16, picture(BALL), 2)], JOINTS, 0.161)
+    assert status(snapshot).alive
+    np.testing.assert_array_equal(snapshot.state == FREE, before.state == FREE)
+    fresh = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
+    with pytest.raises(UsageError, match="clock says"):
+        fresh.update([], JOINTS, now)
+
+
+def test_a_camera_may_come_back_from_its_calibration_with_another_lens(world):
+    """Its old pictures do not fit the new one, and would be read beyond their ends."""
+    small = replace(camera("a", (11.3, 0.4, 0.9), 64))
+    world.place(small)
+    snapshot = world.update([scenes.frame(INFO, 0.13, picture(), 1)], JOINTS, 0.131)
+    assert "expected (53, 64)" in status(snapshot).reason
+    depth = picture(BALL, info=small)
+    snapshot = world.update([scenes.frame(small, 0.16, depth, 2)], JOINTS, 0.161)
+    assert status(snapshot).alive
+    assert (snapshot.state == FREE).any()
+
+
+@pytest.mark.parametrize("joints", ["none", "old", "nan", "nan velocity", "three"])
 def test_without_joints_at_its_exposure_a_frame_is_of_no_use(joints):
     """The arm could be anywhere in it."""
     history = JointHistory()
@@ -147,6 +214,11 @@ def test_without_joints_at_its_exposure_a_frame_is_of_no_use(joints):
         history.add(JointState(0.01, np.zeros(2), np.zeros(2)))
     if joints == "nan":
         history.add(JointState(0.1, np.array([0.0, np.nan]), np.zeros(2)))
+    if joints == "nan velocity":
+        for stamp in (0.09, 0.11):
+            history.add(JointState(stamp, np.zeros(2), np.array([0.0, np.nan])))
+    if joints == "three":
+        history.add(JointState(0.1, np.zeros(3), np.zeros(3)))
     made = WorkspaceMap(scenes.two_link_arm(), [INFO], [TABLE], CONFIG)
     snapshot = made.update([scenes.frame(INFO, 0.1, picture(), 0)], history, 0.101)
     assert "no joint reading at its exposure" in status(snapshot).reason

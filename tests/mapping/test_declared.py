@@ -167,6 +167,30 @@ def test_it_is_not_taken_while_a_camera_is_silent():
     assert cell.look(CAR, times=LOOKS + 1).declared[0].taken
 
 
+def test_it_is_not_taken_while_no_camera_lives():
+    """Whoever stands there would be nobody to the map, without a single look."""
+    cell = Cell()
+    cell.look(CAR, times=2)
+    cell.world.declare("car", [CAR])
+    for now in (0.5, 0.56, 0.62):
+        snapshot = cell.world.update([], JOINTS, now)
+        assert snapshot.declared[0].waiting
+        assert close_to(snapshot, CAR) > 50
+    snapshot = cell.world.update([], JOINTS, 2.6)
+    assert snapshot.declared[0].reason == "refused: not all cameras gave pictures"
+    assert close_to(snapshot, CAR) > 50
+
+
+def test_a_clock_that_is_turned_back_has_nobody_wait_longer_for_silent_cameras():
+    cell = Cell()
+    cell.count = 75
+    cell.look(CAR, times=2)
+    cell.world.declare("car", [CAR])
+    assert cell.world.update([], JOINTS, 2.75).declared[0].waiting
+    assert cell.world.update([], JOINTS, 0.3).declared[0].waiting
+    assert not cell.world.update([], JOINTS, 2.5).declared[0].held
+
+
 BASE = np.eye(4)
 
 

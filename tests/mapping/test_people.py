@@ -127,3 +127,38 @@ def test_where_something_moves_is_said_while_the_cell_is_not_believed_to_be_empt
     assert cell.at(np.array([place.groups()], float), number, block) == 1
     cell.look((number, BOX), (number, block), seconds=1.5)
     assert cell.people.emptiness.said, "it has come to rest"
+
+
+@pytest.mark.parametrize("number", [FINE, FAR])
+@pytest.mark.parametrize("before", [0.0, 2.0])
+def test_what_comes_into_view_with_the_word_that_nobody_is_there_is_looked_at_for_a_second(
+    number, before
+):
+    """Whatever the clock says: a session's does not begin at 0."""
+    cell = Cell()
+    cell.now = 1000.0
+    if before:
+        cell.look(seconds=before)
+    cell.people.declare_empty()
+    cell.look((number, BOX))
+    assert cell.people.emptiness.waiting
+    assert "something moves near" in cell.people.emptiness.reason
+    cell.look((number, BOX), seconds=1.2)
+    assert cell.people.emptiness.said
+
+
+@pytest.mark.parametrize("waiting", [True, False])
+def test_the_word_that_nobody_is_there_does_not_outlive_its_clock(waiting):
+    """One that still waited would be taken when the clock is there again, however late."""
+    cell = Cell()
+    cell.now = 1000.0
+    cell.look((FINE, BOX), seconds=2.0)
+    cell.people.declare_empty()
+    cell.alive = np.array([1, 0], np.uint8) if waiting else ALIVE
+    cell.look((FINE, BOX))
+    assert cell.people.emptiness.waiting == waiting
+    cell.people.turn_back(900.0)
+    cell.now, cell.alive = cell.now - 900.0, ALIVE
+    cell.look((FINE, BOX), seconds=2.0)
+    assert not cell.people.emptiness.said
+    assert cell.people.emptiness.reason == "the clock was turned back; say it again"

@@ -192,6 +192,10 @@ class DeclaredSolids:
             self.told = tuple(told)
         return self._change() if changed else None
 
+    def turn_back(self, seconds: float) -> None:
+        """The clock was turned back by a time [s]: cameras are waited for no longer than before."""
+        self._until -= seconds
+
     def _standing(self, told: Sequence[Declared]) -> list[str]:
         """Names of what was declared once all wishes are taken."""
         names = [d.name for d in told]

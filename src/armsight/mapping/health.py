@@ -69,6 +69,11 @@ class CameraHealth:
         self._sequence = -1
         self._refusal = reason
 
+    def place(self, info: RgbdCameraInfo) -> None:
+        """The camera was calibrated again: the next frame, through this lens, is the first."""
+        self._info = info
+        self.restart("was calibrated again")
+
     def alive(self, now: float) -> bool:
         """Whether the newest frame used is young enough, and not of a time yet to come."""
         return -self._config.future <= now - self.stamp <= self.allowed_age

@@ -81,7 +81,7 @@ class People:
         for layer in (self.fine, self.far):
             layer.occupancy.turn_back(seconds)
             layer.things.end()
-        if self.emptiness.said:
+        if self.emptiness.said or self.emptiness.waiting:  # else it would wait for very long
             self.emptiness = Emptiness(reason="the clock was turned back; say it again")
 
     def state(self, layer: Layer, alive: Bytes) -> Bytes:

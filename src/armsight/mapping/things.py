@@ -89,7 +89,9 @@ class Things:
 
     def moving(self, clusters: Ints32, occupied: Bytes, now: float) -> int:
         """Flat index of a voxel where something came within the last second, or -1."""
-        old = self._onset[clusters] <= now - STILL
+        # What is seen for the first time, or again, has no onset yet: it has just come.
+        known = now - self._seen[clusters] <= GRACE
+        old = known & (self._onset[clusters] <= now - STILL)
         count = self._strangers(clusters, occupied, old)
         return int(self._fresh[count // 2]) if count >= NEWCOMERS else -1
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats32, Pose
 from armsight.devices.data import DeclaredSolids as Word
-from armsight.devices.data import RgbdCameraInfo, RgbdFrame
+from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse
@@ -117,7 +117,13 @@ class WorkspaceMap:
 
         Call it with no frames too, often enough that a dead camera's space becomes unknown.
         Frames that cannot be used are counted and named in ``snapshot.cameras``, never raised.
+        A ``now`` that is no number changes nothing: by it no camera is alive.
+
+        Raises:
+            UsageError: the first ``now`` is no number.
         """
+        if not np.isfinite(now):
+            return self._timeless(frames, now)
         timings: list[tuple[str, float]] = []
         clock = time.perf_counter()
 
@@ -144,7 +150,9 @@ class WorkspaceMap:
         if self._declared.watched:
             looked = [(j, e) for j, e in zip(jobs, evidence) if e.hits]
             seen_by = [(j.camera, j.frame.camera, e.through) for j, e in looked]
-            self._redeclare(self._declared.judge(now, seen_by, np.flatnonzero(alive).tolist()))
+            # Where none lives nobody has looked: all have to.
+            living = np.flatnonzero(alive).tolist() or list(range(len(alive)))
+            self._redeclare(self._declared.judge(now, seen_by, living))
         self._alive = alive
         people = self._people
         state = people.state(people.fine, alive)
@@ -255,6 +263,7 @@ class WorkspaceMap:
             health.restart(f"the clock was turned back by {seconds:.2f} s")
         for stage in self._stages:
             stage.mounting.restart()
+        self._declared.turn_back(seconds)
         self._people.turn_back(seconds)
 
     def _nothing_new(self, alive: Bytes, now: float) -> bool:
@@ -275,6 +284,15 @@ class WorkspaceMap:
         assert self._snapshot is not None
         if not self._health:
             return self._snapshot
+        return replace(self._snapshot, cameras=self._statuses(now))
+
+    def _timeless(self, frames: Sequence[RgbdFrame], now: float) -> WorkspaceSnapshot:
+        """The last snapshot, of which no camera is alive: the clock says no number."""
+        if self._snapshot is None:
+            raise UsageError(f"the map's clock says {now}; expected seconds")
+        for frame in frames:
+            if frame.camera in self._index:
+                self._health[self._index[frame.camera]].refuse(f"the clock says {now}")
         return replace(self._snapshot, cameras=self._statuses(now))
 
     def _statuses(self, now: float) -> tuple[CameraStatus, ...]:
@@ -309,7 +327,7 @@ class WorkspaceMap:
         self._infos = (*self._infos[:k], info, *self._infos[k + 1 :])
         self._stages[k] = CameraStage(info, self._declared.layers, self._filter, self.config)
         # What it saw free from its old place says nothing until its next picture.
-        self._health[k].restart("was calibrated again")
+        self._health[k].place(info)
 
     def _admit(self, frames: Sequence[RgbdFrame], joints: JointHistory, now: float) -> list[_Job]:
         """The newest usable frame of each camera, with arm and camera at its exposure."""
@@ -322,24 +340,32 @@ class WorkspaceMap:
             if not health.admit(frame, now):
                 continue
             state = joints.at(frame.stamp)
-            if state is None or not np.isfinite(state.position).all():
+            if state is None or not self._can_be(state):
                 health.refuse("no joint reading at its exposure")
+                continue
+            pose = self._camera_pose(camera, frame, state.position)
+            if pose is None:
+                health.refuse("its camera's pose is no rotation and translation")
                 continue
             if camera in jobs:
                 health.refuse("a newer frame came with it")
             felt = joints.felt(frame.stamp)
             body = self._filter.pose(state.position, state.velocity, felt, frame.stamp)
-            pose = self._camera_pose(camera, frame, state.position)
             jobs[camera] = _Job(camera, frame, pose, body)
         return list(jobs.values())
 
-    def _camera_pose(self, camera: int, frame: RgbdFrame, position: np.ndarray) -> Pose:
+    def _can_be(self, state: JointState) -> bool:
+        """Whether a reading is finite numbers, one a joint."""
+        said, n = (state.position, state.velocity), (self.robot.n,)
+        return all(np.shape(v) == n and np.isfinite(v).all() for v in said)
+
+    def _camera_pose(self, camera: int, frame: RgbdFrame, position: np.ndarray) -> Pose | None:
+        """Where the camera was; None where that is no pose: it would free what nobody saw."""
         info = self._infos[camera]
-        if frame.T_base_camera is not None:
-            return frame.T_base_camera
-        if info.mounted_on == "flange":
-            return np.asarray(flange_pose(self.robot, position) @ info.T_mount_camera)
-        return info.T_mount_camera
+        T = info.T_mount_camera if frame.T_base_camera is None else frame.T_base_camera
+        if frame.T_base_camera is None and info.mounted_on == "flange":
+            T = flange_pose(self.robot, position) @ info.T_mount_camera
+        return _rigid(T)
 
     def _judge(self, jobs: list[_Job]) -> list[Evidence]:
         """What the frames say, and the arm's newest place."""
@@ -410,3 +436,14 @@ class WorkspaceMap:
         """End the worker threads."""
         if self._pool is not None:
             self._pool.shutdown()
+
+
+def _rigid(T: Pose) -> Pose | None:
+    """A pose as float64, or None where it is no rotation (to 1e-3) and translation."""
+    found = np.asarray(T)
+    if found.shape != (4, 4) or found.dtype.kind not in "fiu" or not np.isfinite(found).all():
+        return None
+    found = found.astype(float, copy=False)
+    R = found[:3, :3]
+    turns = np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0
+    return found if turns and np.array_equal(found[3], [0.0, 0.0, 0.0, 1.0]) else None
