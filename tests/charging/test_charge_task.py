@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,9 +17,10 @@ from armsight.commands.charge import told
 from armsight.devices.data import JointState, Wrench
 from armsight.errors import TaskError, UsageError
 from armsight.experiments.station_bench import charging_cell
+from armsight.tasks import catalogue
 from armsight.tasks.charge import ChargeOptions, ChargeTask
 from armsight.tasks.parked_car import ParkedCarOnMap
-from armsight.tasks.vehicles import open_vehicle
+from armsight.tasks.vehicles import GROUP, open_vehicle
 from armsight.workcell import parse_workcell, robot_in
 from armsight.workcell.packaged import load, packaged
 
@@ -69,6 +71,16 @@ def replace_workcell(text):
 def test_a_car_that_cannot_speak_is_said(my_car, name, words):
     with pytest.raises(TaskError, match=words):
         open_vehicle(name, {"address": "can0"})
+
+
+def test_of_two_packages_neither_speaks_for_the_car(my_car, monkeypatch):
+    entries = [EntryPoint("taxi", "my_car:Car", GROUP)]
+    monkeypatch.setattr(catalogue, "entry_points", lambda group: entries)
+    monkeypatch.syspath_prepend(".")
+    assert open_vehicle("taxi", {"address": "can0"}).at == "can0"
+    entries.append(EntryPoint("taxi", "other:Car", GROUP))
+    with pytest.raises(TaskError, match="2 packages offer it"):
+        open_vehicle("taxi", {"address": "can0"})
 
 
 def test_who_speaks_needs_what_it_is_called_with(my_car):

@@ -143,5 +143,5 @@ def test_entry_points_are_found_and_two_of_one_name_refused(folder, monkeypatch)
     with pytest.raises(TaskError, match=r"2 packages offer it .*other:Wave, waving_task:Wave"):
         load_options("wave")
     entries[:] = [Entry("bad", "broken_task:X")]
-    with pytest.raises(TaskError, match=r'task "bad" \(broken_task:X\) cannot be loaded'):
+    with pytest.raises(TaskError, match=r"task bad \(broken_task:X\) cannot be loaded"):
         load_options("bad")

@@ -94,3 +94,11 @@ def test_interpolation_ends_and_middle():
 def test_a_cross_product_is_numpys_bit_for_bit():
     for a, b in np.random.default_rng(4).normal(size=(100, 2, 3)):
         assert (pose.cross(a, b) == np.cross(a, b)).all()
+
+
+def test_what_turns_neither_stretches_nor_mirrors():
+    R = pose.from_rpy((0.3, -1.1, 2.0))[:3, :3]
+    assert pose.is_rotation(R)
+    assert not pose.is_rotation(R @ np.diag([1.0, 1.0, -1.0]))
+    assert not pose.is_rotation(1.001 * R)
+    assert pose.is_rotation(1.00001 * R, 1e-4)

@@ -7,7 +7,6 @@ is, how the plug hung and what the force sensor said without contact.
 from __future__ import annotations
 
 import json
-import math
 import os
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Pose
 from armsight.errors import ArmsightError
+from armsight.geometry.pose import is_rotation
 from armsight.writing import write_text
 
 VERSION = 3
@@ -171,8 +171,6 @@ def _numbers(value: object, shape: tuple[int, ...], name: str) -> Floats:
 
 def _pose(value: object, name: str) -> Pose:
     T = _numbers(value, (4, 4), name)
-    R = T[:3, :3]
-    turned = np.allclose(R @ R.T, np.eye(3), atol=1e-6)
-    if not turned or not math.isclose(float(np.linalg.det(R)), 1.0, abs_tol=1e-6):
+    if not is_rotation(T[:3, :3]):
         raise ValueError(f"{name} is no pose")
     return T

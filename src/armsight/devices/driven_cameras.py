@@ -25,6 +25,7 @@ from armsight.devices.port import (
 )
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import is_rotation
 
 SILENT_FRAMES = 10
 """A camera that misses so many frames in a row is lost."""
@@ -277,8 +278,8 @@ def check_pair(name: str, T_left_right: Pose) -> None:
     T = np.asarray(T_left_right)
     if T.shape != (4, 4) or T.dtype.kind not in "fiu" or not np.isfinite(T).all():
         raise DeviceError(f"{name}: its driver reports a T_left_right that is no 4 x 4 pose")
-    R, (x, y, z) = T[:3, :3], T[:3, 3]
-    if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0.0:
+    x, y, z = T[:3, 3]
+    if not is_rotation(T[:3, :3], 1e-4):
         raise DeviceError(f"{name}: its driver reports a T_left_right whose turn is no rotation")
     apart = float(np.linalg.norm(T[:3, 3]))
     if not LEAST_APART < apart < MOST_APART:

@@ -5,6 +5,8 @@ Their plain-numpy twins are in the tests.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -14,6 +16,38 @@ from armsight.robots.kernels import carried_motion_into
 
 BISECTIONS = 24
 """Halvings of the share of a motion: to less than a millionth."""
+
+
+class Touch(NamedTuple):
+    """The k parts that may touch at one place of an arm of n joints, and what they may touch.
+
+    Attributes:
+        poses: (n + 1, 4, 4) of the links.
+        axis: (n, 3) of the joints.
+        brake: (n,) deceleration of each joint [rad/s^2].
+        link: (k,) that carries each part.
+        local: (k, 3) its centre there [m].
+        radius: (k,) [m].
+        gap: (k,) to the region's border [m].
+        towards: (k, 3) unit, to the region's nearest point.
+        outward: (k, 3) unit, by which they leave it; zero where leaving is no better than rubbing.
+        region: (3,) its velocity [m/s].
+        speed: v_c [m/s].
+        lag: T_a: for this long the arm goes on as commanded [s].
+    """
+
+    poses: Poses
+    axis: Points
+    brake: JointVector
+    link: Ints
+    local: Points
+    radius: Floats
+    gap: Floats
+    towards: Points
+    outward: Points
+    region: Vector3
+    speed: float
+    lag: float
 
 
 @njit(cache=True, nogil=True)
@@ -58,109 +92,44 @@ def turning_speeds(poses: Poses, axis: Points, q_dot: JointVector, out: Floats) 
 
 
 @njit(cache=True, nogil=True)
-def contact_shares(
-    velocity: Points,
-    spin: Floats,
-    stopping: Floats,
-    gap: Floats,
-    towards: Points,
-    outward: Points,
-    region: Vector3,
-    speed: float,
-    lag: float,
-    out: Floats,
-) -> None:
-    """Write the share of a motion that the law of contact allows to each of k parts; inf for all.
+def motion_shares(motion: JointVector, touch: Touch) -> Floats:
+    """(k,) share of a motion (n,) [rad/s] that the law of contact allows to each part.
 
-    Args:
-        velocity: (k, 3) of the parts' centres [m/s].
-        spin: (k,) what turning adds at most [m/s].
-        stopping: (k,) time until each stands [s].
-        gap: (k,) to the region's border [m].
-        towards: (k, 3) unit, to the region's nearest point.
-        outward: (k, 3) unit, by which they leave it; zero where leaving is no better than rubbing.
-        region: (3,) its velocity [m/s].
-        speed: contact speed [m/s].
-        lag: T_a: for this long the arm goes on as commanded [s].
-        out: (k,).
+    inf where it allows all of it.
     """
+    center, velocity = np.empty((touch.link.shape[0], 3)), np.empty((touch.link.shape[0], 3))
+    carried_motion_into(touch.poses, touch.axis, touch.link, touch.local, motion, center, velocity)
+    turning = np.empty(touch.axis.shape[0] + 1)
+    turning_speeds(touch.poses, touch.axis, motion, turning)
+    stopping, out = np.empty(touch.link.shape[0]), np.empty(touch.link.shape[0])
+    stopping_times(motion, touch.brake, touch.link, stopping)
+    speed, lag, region = touch.speed, touch.lag, touch.region
     for i in range(velocity.shape[0]):
-        v = velocity[i]
-        length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-        if gap[i] > 0.0:
-            a = max((length + spin[i]) / max(stopping[i], 1e-6), 1e-3)
-            root = np.sqrt((a * lag) ** 2 + 2.0 * a * gap[i] + speed * speed)
+        v, gap = velocity[i], touch.gap[i]
+        spin = turning[touch.link[i]] * touch.radius[i]  # what turning adds at most [m/s]
+        if gap > 0.0:
+            length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+            a = max((length + spin) / max(stopping[i], 1e-6), 1e-3)
+            root = np.sqrt((a * lag) ** 2 + 2.0 * a * gap + speed * speed)
             most = max(speed, root - a * lag)
-            n = towards[i]
-            closing = v[0] * n[0] + v[1] * n[1] + v[2] * n[2] + spin[i]
+            n = touch.towards[i]
+            closing = v[0] * n[0] + v[1] * n[1] + v[2] * n[2] + spin
             meets = most + region[0] * n[0] + region[1] * n[1] + region[2] * n[2]
             out[i] = max(meets / closing, 0.0) if closing > 0.0 else np.inf
         else:
-            out[i] = share_within(v, region, outward[i], spin[i], speed)
-
-
-@njit(cache=True, nogil=True)
-def motion_shares(
-    motion: JointVector,
-    poses: Poses,
-    axis: Points,
-    link: Ints,
-    local: Points,
-    radius: Floats,
-    brake: JointVector,
-    gap: Floats,
-    towards: Points,
-    outward: Points,
-    region: Vector3,
-    speed: float,
-    lag: float,
-) -> Floats:
-    """(k,) share of a motion (n,) [rad/s] that :func:`contact_shares` allows to k parts.
-
-    Of the arguments, those from ``gap`` on being as there:
-        poses: (n + 1, 4, 4) of the links; axis: (n, 3) of the joints.
-        link: (k,) that carries each part; local: (k, 3) its centre there; radius: (k,) [m].
-        brake: (n,) deceleration of each joint [rad/s^2].
-    """
-    center, velocity = np.empty((link.shape[0], 3)), np.empty((link.shape[0], 3))
-    carried_motion_into(poses, axis, link, local, motion, center, velocity)
-    turning = np.empty(axis.shape[0] + 1)
-    turning_speeds(poses, axis, motion, turning)
-    stopping, out = np.empty(link.shape[0]), np.empty(link.shape[0])
-    stopping_times(motion, brake, link, stopping)
-    spin = turning[link] * radius
-    contact_shares(velocity, spin, stopping, gap, towards, outward, region, speed, lag, out)
+            out[i] = share_within(v, region, touch.outward[i], spin, speed)
     return out
 
 
 @njit(cache=True, nogil=True)
-def eased_share(
-    along: JointVector,
-    rest: JointVector,
-    halvings: int,
-    poses: Poses,
-    axis: Points,
-    link: Ints,
-    local: Points,
-    radius: Floats,
-    brake: JointVector,
-    gap: Floats,
-    towards: Points,
-    outward: Points,
-    region: Vector3,
-    speed: float,
-    lag: float,
-) -> float:
+def eased_share(along: JointVector, rest: JointVector, halvings: int, touch: Touch) -> float:
     """Greatest s in 0..1 at which ``along + s rest`` is allowed to all parts, bisected.
 
-    -1 where even ``along`` is not. The other arguments are those of :func:`motion_shares`.
+    -1 where even ``along`` is not.
     """
     good, bad, share = -1.0, 1.0, 1.0
     for k in range(halvings + 2):  # all of it, none, and then between
-        allowed = motion_shares(
-            along + share * rest, poses, axis, link, local, radius, brake, gap, towards, outward,
-            region, speed, lag,
-        )  # fmt: skip
+        allowed = motion_shares(along + share * rest, touch)
         if allowed.min() >= 1.0:
             if k == 0:
                 return 1.0

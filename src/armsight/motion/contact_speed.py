@@ -15,12 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Mask, Points, Vector3
-from armsight.motion.contact_kernels import BISECTIONS, eased_share, motion_shares
+from armsight.motion.contact_kernels import BISECTIONS, Touch, eased_share, motion_shares
 from armsight.motion.contact_limits import MOST
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
 from armsight.motion.regions import Region
@@ -173,7 +172,9 @@ class ContactSpeed:
     speed: float
     margin: float
     held: bool = False
-    _placed: dict[bytes, tuple[Any, ...]] = field(default_factory=dict, compare=False, repr=False)
+    _placed: dict[tuple[bytes, float], Touch] = field(
+        default_factory=dict, compare=False, repr=False
+    )
 
     def limit(
         self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
@@ -186,7 +187,7 @@ class ContactSpeed:
             return view
         allowed = np.full(len(self.parts), np.inf)
         rates = np.ascontiguousarray(motion, float)
-        allowed[self.parts] = motion_shares(rates, *self._numbers(body, q, law))
+        allowed[self.parts] = motion_shares(rates, self._touch(body, q, law))
         tighter = allowed < view.share
         return replace(
             view,
@@ -205,54 +206,59 @@ class ContactSpeed:
         own = np.flatnonzero(self.parts)
         if len(own) == 0:
             return wanted
-        numbers = self._numbers(body, q, law)
+        touch = self._touch(body, q, law)
         along = carried_along(body, q, int(own[-1]), self.region.velocity)
-        across, closes = self._across(body, q, wanted - along, numbers)
+        across, closes = self._across(body, q, wanted - along, touch)
         if across.any():
             base = wanted - across if closes else along + across
-            share = eased_share(base, wanted - base, EASINGS, *numbers)
+            share = eased_share(base, wanted - base, EASINGS, touch)
             if share >= 0.0:
                 return wanted if share == 1.0 else base + share * (wanted - base)
-        share = eased_share(along, wanted - along, EASINGS, *numbers)
+        share = eased_share(along, wanted - along, EASINGS, touch)
         return along + share * (wanted - along) if 0.0 <= share < 1.0 else wanted
 
     def _across(
-        self, body: MovingBody, q: JointVector, motion: JointVector, numbers: tuple[Any, ...]
+        self, body: MovingBody, q: JointVector, motion: JointVector, touch: Touch
     ) -> tuple[JointVector, bool]:
         """(n,) what of a motion [rad/s] brings the nearest part to the region, or away from it.
 
         And whether it is the first; zero where the second is not free.
         """
-        poses, _, link, local, _, _, gap = numbers[:7]
-        nearest = int(np.argmin(gap))
+        nearest = int(np.argmin(touch.gap))
         part = int(np.flatnonzero(self.parts)[nearest])
-        center = carried_points(poses, link[nearest : nearest + 1], local[nearest : nearest + 1])
+        one = slice(nearest, nearest + 1)
+        center = carried_points(touch.poses, touch.link[one], touch.local[one])
         outward = self.region.outward(center, self.when)[0]
         speed = float(outward @ (body.jacobian(q, part)[:3] @ motion))
         if speed > 0.0 and self.held:
             return np.zeros(len(q)), False
         return carried_along(body, q, part, speed * outward), speed < 0.0
 
-    def _numbers(self, body: MovingBody, q: JointVector, law: Law) -> tuple[Any, ...]:
-        """What the kernels of contact are told of the parts at (n,) [rad], and of the region.
-
-        A tick asks for this several times at one place.
-        """
-        key = q.tobytes()
+    def _touch(self, body: MovingBody, q: JointVector, law: Law) -> Touch:
+        """What the kernels are told of the parts at (n,) [rad]: a tick asks several times."""
+        key = (q.tobytes(), law.T_arm)
         known = self._placed.get(key)
         if known is None:
             own = np.flatnonzero(self.parts)
             poses, link = body.poses(q), body.link[own]
             local, radius = body.local[own], body.radius[own]
             center = carried_points(poses, link, local)
-            gap = self.region.distance(center, self.when) - radius - self.margin
             outward = self.region.outward(center, self.when) * (0.0 if self.held else 1.0)
-            towards = self.region.towards(center, self.when)
-            known = self._placed[key] = (
-                poses, body.robot.axis, link, local, radius, body.brake, gap, towards, outward,
-                np.asarray(self.region.velocity, float), float(self.speed),
-            )  # fmt: skip
-        return (*known, float(law.T_arm))
+            known = self._placed[key] = Touch(
+                poses=poses,
+                axis=body.robot.axis,
+                brake=body.brake,
+                link=link,
+                local=local,
+                radius=radius,
+                gap=self.region.distance(center, self.when) - radius - self.margin,
+                towards=self.region.towards(center, self.when),
+                outward=outward,
+                region=np.asarray(self.region.velocity, float),
+                speed=float(self.speed),
+                lag=float(law.T_arm),
+            )
+        return known
 
 
 def own_motion(velocity: Vector3, push: Vector3 | None) -> Vector3:

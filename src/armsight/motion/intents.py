@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
+from armsight.geometry.pose import is_rotation
 from armsight.motion.permits import PermitRequest
 from armsight.robots.robot import Robot
 
@@ -176,9 +177,7 @@ def _of_pose(intent: PoseIntent) -> str:
     T = _numbers(intent.T_base_tcp)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         return f"goal {intent.name} is no pose: give a finite 4 x 4 matrix T_base_tcp"
-    R = T[:3, :3]
-    rigid = np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0.0
-    if not rigid or not np.allclose(T[3], (0.0, 0.0, 0.0, 1.0)):
+    if not is_rotation(T[:3, :3]) or not np.allclose(T[3], (0.0, 0.0, 0.0, 1.0)):
         return f"goal {intent.name} is no pose: T_base_tcp is not a rotation and a translation"
     return (
         _pace(intent)

@@ -96,13 +96,17 @@ class Evidence(Protocol):
 class Perceiver(Protocol):
     """Turns frames into observations. A component of its own; knows no thread and no clock.
 
-    It may have a ``latency``: what a round takes on the simulated clock [s], 0.02 if it does not
-    say. It may name stereo pairs in ``stereo``, whose pictures then come as :class:`PosedPair`;
-    with ``on_demand = True`` only while the task subscribes to the pair. It may have a ``reset()``,
-    called when a simulated cell begins anew, and a ``warm_up()``, called once before the arm may
-    move (what it raises ends the run before it begins): what is compiled then is not compiled in a
-    round. One that raises loses that round and
-    says so; one that hangs publishes nothing any more.
+    It may have
+
+    * ``latency``: what a round takes on the simulated clock [s], 0.02 if it does not say;
+    * ``stereo``: names of pairs, whose pictures then come as :class:`PosedPair`; with
+      ``on_demand = True`` only while the task subscribes to the pair;
+    * ``reset()``, called when a simulated cell begins anew;
+    * ``warm_up()``, called once before the arm may move, so that no round compiles; what it raises
+      ends the run before it begins.
+
+    One that raises in a round loses that round and says so; one that hangs publishes nothing any
+    more.
 
     What it publishes may have ``excluded``, pairs of a camera's name and a reason: from then on
     nothing counts that this camera says, in the map and for the guard; and ``placed``, cameras

@@ -18,7 +18,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import is_dataclass
 from difflib import get_close_matches
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,29 +100,35 @@ def one_task(names: Sequence[str]) -> str:
 def _by_name(name: str) -> Any:
     if name in OURS:
         return imported(OURS[name], f"task {name}")
-    entries = [entry for entry in entry_points(group=GROUP) if entry.name == name]
-    targets = sorted({entry.value for entry in entries})
-    if len(targets) > 1:
-        raise TaskError(
-            f"task {name}: {len(targets)} packages offer it ({', '.join(targets)}); "
-            "uninstall one, or name it as module:Class"
-        )
-    if not entries:
+    found = plugged_in(GROUP, name, f"task {name}")
+    if found is None:
         near = get_close_matches(name, task_names(), 1)
         hint = f"did you mean {near[0]}? " if near else ""
         raise TaskError(
             f'unknown task "{name}"; {hint}there are: {", ".join(task_names())} '
             f"(others plug in by the entry points {GROUP}, or as module:Class)"
         )
-    return _load(entries[0], name)
+    return found
 
 
-def _load(entry: EntryPoint, name: str) -> Any:
-    try:
-        return entry.load()
-    except Exception as error:
+def plugged_in(group: str, name: str, what: str) -> Any:
+    """What an entry point of a group has by a name, loaded; None where there is none.
+
+    Raises:
+        TaskError: two packages offer it, or it cannot be loaded.
+    """
+    entries = [entry for entry in entry_points(group=group) if entry.name == name]
+    targets = sorted({entry.value for entry in entries})
+    if len(targets) > 1:
         raise TaskError(
-            f'task "{name}" ({entry.value}) cannot be loaded: {type(error).__name__}: {error}'
+            f"{what}: {len(targets)} packages offer it ({', '.join(targets)}); "
+            "uninstall one, or name it as module:Class"
+        )
+    try:
+        return entries[0].load() if entries else None
+    except Exception as error:  # somebody else's package may fail in any way
+        raise TaskError(
+            f"{what} ({targets[0]}) cannot be loaded: {type(error).__name__}: {error}"
         ) from error
 
 

@@ -18,7 +18,7 @@ from typing import Any
 from armsight.charging.vehicle import Vehicle
 from armsight.devices.port import Connection
 from armsight.errors import TaskError
-from armsight.tasks.catalogue import imported
+from armsight.tasks.catalogue import imported, plugged_in
 
 GROUP = "armsight.vehicles"
 
@@ -34,17 +34,13 @@ def open_vehicle(name: str, connection: Connection) -> Vehicle:
         TaskError: there is none, or it cannot be loaded or opened.
     """
     what = f'vehicle "{name}"'
-    if ":" in name:
-        found = imported(name, what)
-    else:
-        entries = {entry.name: entry.value for entry in entry_points(group=GROUP)}
-        if name not in entries:
-            known = ", ".join(sorted(entries)) or "none"
-            raise TaskError(
-                f"there is no {what}; installed are {known} (they plug in by the entry points "
-                f"{GROUP}, or as module:Class)"
-            )
-        found = imported(entries[name], what)
+    found = imported(name, what) if ":" in name else plugged_in(GROUP, name, what)
+    if found is None:
+        known = ", ".join(sorted({entry.name for entry in entry_points(group=GROUP)})) or "none"
+        raise TaskError(
+            f"there is no {what}; installed are {known} (they plug in by the entry points "
+            f"{GROUP}, or as module:Class)"
+        )
     try:
         vehicle: Any = found(connection)
     except Exception as error:  # somebody else's package may fail in any way

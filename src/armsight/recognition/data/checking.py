@@ -11,6 +11,7 @@ from rich.table import Table
 from armsight.arrays import Floats
 from armsight.errors import DatasetError
 from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import is_rotation
 from armsight.recognition.data.keypoints import (
     placed_keypoints,
     robot_keypoints,
@@ -93,8 +94,7 @@ def contradictions(sample: Sample) -> list[str]:
     robot = load_robot(sample.robot)
     if len(sample.q) != robot.n:
         return [f"{len(sample.q)} joints, {sample.robot} has {robot.n}"]
-    R = sample.T_camera_base[:3, :3]
-    if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
+    if not is_rotation(sample.T_camera_base[:3, :3]):
         found.append("T_camera_base is no rigid transform")
     T_camera_link = sample.T_camera_base @ link_poses(robot, sample.q)
     if np.abs(T_camera_link[1:, :3, 3] - sample.joints_camera).max() > JITTER:
