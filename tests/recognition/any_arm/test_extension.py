@@ -1,5 +1,6 @@
 """Robots that a network learns later: fitted rows, their file, and that nothing else changes."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,11 +20,17 @@ from armsight.recognition.any_arm.extension import (
 )
 from armsight.recognition.any_arm.heat import read_heat
 from armsight.recognition.any_arm.landmarks import SLOTS, find_landmarks
+from armsight.recognition.any_arm.learning import extend as extending
 from armsight.recognition.any_arm.learning import rows as fitting
+from armsight.recognition.any_arm.learning.examples import UNSEEN, Examples
 from armsight.recognition.any_arm.learning.extend import Wish, extend
 from armsight.recognition.any_arm.learning.rows import Shots, fit_rows
 from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.recogniser import ArmRecogniser
+from armsight.recognition.data.crews import Batch
+from armsight.recognition.data.generate import generate
+from armsight.recognition.data.order import Order, make_order
+from armsight.recognition.data.rows import Drawn, Row
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
 
@@ -240,6 +247,78 @@ def test_an_extension_that_does_not_fit_is_refused(
     with pytest.raises(RecognitionError) as caught:
         CropModel(network, 1, [read_extension(file)])
     assert "\n" not in str(caught.value)
+
+
+class _Stub:
+    """Draws nothing, for so many samples; remembers of which it was asked."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self.drawn: list[int] = []
+
+    def draw(self, order: Order, batches: Iterable[Batch]) -> Iterator[list[Drawn]]:
+        for batch in batches:
+            if len(self.drawn) >= self.most:
+                raise KeyboardInterrupt
+            self.drawn += batch
+            yield [Drawn(_row(order, i), b"jpeg", b"png") for i in batch]
+
+    def close(self) -> None:
+        pass
+
+
+def _row(order: Order, i: int) -> Row:
+    some = np.zeros((2, 3))
+    names = f"images/{i:06d}.jpg", f"links/{i:06d}.png"
+    return Row(
+        i, order.manifest.seed, i // 5, order.robot(i), *names, 160, 160, np.eye(3), np.zeros(5),
+        np.eye(4), np.zeros(2), some, some, some[:, :2], np.zeros(2, bool),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("begun", [None, 1000])
+def test_a_stopped_rendering_loses_one_shard_at_most(
+    network: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: int | None
+) -> None:
+    """Also one that was begun when a shard held a thousand crops is gone on with, as it is."""
+
+    def packed(*_: object) -> int:
+        raise RecognitionError("rendered")
+
+    monkeypatch.setattr(extending, "pack_shards", packed)
+    wish = Wish("iiwa", network, tmp_path / "out", 300)
+    if begun is not None:
+        counts = {"iiwa": 300, "ur5": 100, "none": 100, "unknown": 100}
+        order = make_order("crops", counts, 0, (160, 160), begun)
+        with pytest.raises(KeyboardInterrupt):
+            generate(order, tmp_path / "out/crops", _Stub(0))
+    first, second = _Stub(240), _Stub(1000)
+    with pytest.raises(KeyboardInterrupt):
+        extend(wish, first, lambda words: None)
+    assert len(first.drawn) == 240
+    with pytest.raises(RecognitionError, match="rendered"):
+        extend(wish, second, lambda words: None)
+    assert second.drawn == list(range(200 if begun is None else 0, 600))
+
+
+def test_figures_of_rooms_that_are_not_there_are_written_as_unknown(
+    tmp_path: Path, network: Path
+) -> None:
+    """With --samples 60 no room of the robot's own is held back: numbers of rooms decide it."""
+    n = 20
+    rng = np.random.default_rng(0)
+    data = Examples(
+        ("iiwa", "ur5"), rng.integers(0, 256, (n, 160, 160, 3), dtype=np.uint8),
+        np.zeros((n, 160, 160), np.uint8), np.full((n, 80, 80, 3), UNSEEN, np.int8),
+        np.full((n, SLOTS, 2), np.nan, np.float32), np.arange(n) % 2, np.arange(n) // 5,
+    )  # fmt: skip
+    extension, file = _extension(network, 0.1), tmp_path / "e.safetensors"
+    for held in (np.array([1, 3]), np.array([0, 2]), np.empty(0, np.int64)):
+        card = extending._measured(CropModel(network, 1), data, held, extension)
+        assert (card["recognised"] is None) == (not (held % 2 == 0).any())
+        assert (card["others_claimed"] is None) == (not (held % 2 == 1).any())
+        write_extension(file, replace(extension, card=card))
+        assert read_extension(file).card == card
 
 
 def test_what_cannot_be_added_is_said_before_anything_is_drawn(

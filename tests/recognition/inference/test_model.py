@@ -9,7 +9,13 @@ import pytest
 from armsight.commands.recognise import DEFAULT_NETWORK
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.model import CropModel
-from armsight.recognition.inference.model import Model, network_file, shipped_networks
+from armsight.recognition.inference.model import (
+    Model,
+    network_file,
+    open_session,
+    shipped_networks,
+)
+from armsight.recognition.training import onnx_file
 from armsight.recognition.training.onnx_file import OnnxGraph
 
 from .conftest import BASE, JOINTS, card, network
@@ -109,7 +115,6 @@ def test_numbers_in_other_files_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An ONNX file may name any file of the machine as the place of its numbers."""
-    from armsight.recognition.training import onnx_file
 
     def external(self: OnnxGraph, array: np.ndarray, name: str = "") -> str:
         name = name or self._fresh("constant")
@@ -126,6 +131,68 @@ def test_numbers_in_other_files_are_refused(
     (tmp_path / "a.onnx").write_bytes(network())
     with pytest.raises(RecognitionError, match="other files"):
         Model(tmp_path / "a.onnx")
+
+
+def _within(*path: int, tensor: bytes) -> bytes:
+    """A tensor in fields of fields."""
+    for number in reversed(path):
+        tensor = onnx_file._field(number, tensor)
+    return tensor
+
+
+GRAPH, NODE, ATTRIBUTE = 7, 1, 5
+PLACES = {
+    "Constant": (GRAPH, NODE, ATTRIBUTE, 5),
+    "tensors of an attribute": (GRAPH, NODE, ATTRIBUTE, 10),
+    "subgraph": (GRAPH, NODE, ATTRIBUTE, 6, 5),
+    "Constant of a subgraph": (GRAPH, NODE, ATTRIBUTE, 6, NODE, ATTRIBUTE, 5),
+    "one of several subgraphs": (GRAPH, NODE, ATTRIBUTE, 11, 5),
+    "sparse values": (GRAPH, 15, 1),
+    "sparse indices": (GRAPH, 15, 2),
+    "sparse attribute": (GRAPH, NODE, ATTRIBUTE, 22, 1),
+    "sparse attributes": (GRAPH, NODE, ATTRIBUTE, 23, 2),
+    "training's initialisation": (20, 1, 5),
+    "training's algorithm": (20, 2, NODE, ATTRIBUTE, 5),
+    "function": (25, 7, ATTRIBUTE, 5),
+    "function's default": (25, 11, 5),
+}
+"""Where onnx.proto3 has tensors, by its field numbers."""
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("says", ["place", "kind"])
+def test_numbers_in_other_files_are_refused_wherever_they_hide(
+    tmp_path: Path, place: str, says: str
+) -> None:
+    where = onnx_file._field(1, b"location") + onnx_file._field(2, b"/etc/passwd")
+    tensor = onnx_file._field(13, where) if says == "place" else onnx_file._number(14, 1)
+    (tmp_path / "a.onnx").write_bytes(network() + _within(*PLACES[place], tensor=tensor))
+    with pytest.raises(RecognitionError, match="other files"):
+        Model(tmp_path / "a.onnx")
+
+
+def test_what_is_no_number_of_a_field_and_what_is_too_deep_is_refused(tmp_path: Path) -> None:
+    """A tag beyond 32 bits is cut by other readers: they would see an initialiser."""
+    long = bytes([0x80 | (7 << 3 | 2), 0x80, 0x80, 0x80, 0x10, 0])
+    deep = _within(GRAPH, *(NODE, ATTRIBUTE, 6) * 5000, tensor=b"")
+    for extra in (long, deep, b"\0\0"):
+        (tmp_path / "a.onnx").write_bytes(network() + extra)
+        with pytest.raises(RecognitionError, match="no ONNX file"):
+            Model(tmp_path / "a.onnx")
+
+
+def test_a_file_of_another_format_is_not_run(tmp_path: Path) -> None:
+    """onnxruntime also reads a format of its own, which nobody has looked into."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.optimized_model_filepath = str(tmp_path / "a.ort")
+    options.add_session_config_entry("session.save_model_format", "ORT")
+    onnxruntime.InferenceSession(network(), options, providers=["CPUExecutionProvider"])
+    data = (tmp_path / "a.ort").read_bytes()
+    assert onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"]).get_inputs()
+    with pytest.raises(RecognitionError, match="damaged"):
+        open_session(tmp_path / "a.ort", data, 1)
 
 
 def test_names(tmp_path: Path) -> None:

@@ -42,8 +42,37 @@ def test_sixteen_bits(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), values)
     picture = read_picture(tmp_path / "a.png")
     assert picture.image.dtype == np.uint8
-    np.testing.assert_allclose(picture.image[..., 0], values / 4095 * 255, atol=0.51)
+    white = np.sort(values[values > 0])[int(0.995 * (values > 0).sum())]
+    np.testing.assert_allclose(picture.image[..., 0], np.minimum(values / white, 1) * 255, atol=0.6)
     assert any("8 bits" in n for n in picture.notes)
+
+
+def test_a_hot_pixel_and_what_was_not_measured_decide_nothing(tmp_path: Path) -> None:
+    """Depth in millimetres, half of it 0, with pixels that say 65535; and as floats in metres."""
+    depth = np.random.default_rng(0).integers(800, 2500, (60, 80)).astype(np.uint16)
+    depth[:, :40] = 0
+    clean, hot = tmp_path / "clean.png", tmp_path / "hot.png"
+    cv2.imwrite(str(clean), depth)
+    depth[[3, 20, 50], [60, 70, 45]] = 65535
+    cv2.imwrite(str(hot), depth)
+    a, b = (read_picture(f).image[..., 0].astype(int) for f in (clean, hot))
+    same = depth < 65535
+    assert np.abs(a - b)[same].max() <= 1
+    assert b[~same].tolist() == [255] * 3
+    assert b[:, 40:].min() > 0.3 * 255
+    metres = np.where(same, 1e-3 * depth, np.inf).astype(np.float32)
+    metres[7, 7] = np.nan
+    metres[8, 8] = -np.inf
+    Image.fromarray(metres).save(tmp_path / "metres.tiff")
+    c = read_picture(tmp_path / "metres.tiff").image[..., 0].astype(int)
+    assert np.abs(a - c)[same].max() <= 1
+    assert c[~same].tolist() == [255] * 3
+
+
+@pytest.mark.parametrize("value", [0, 65535])
+def test_a_deep_picture_of_one_value(tmp_path: Path, value: int) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((60, 80), value, np.uint16))
+    assert np.unique(read_picture(tmp_path / "a.png").image).tolist() == [value // 257]
 
 
 def test_turned_by_its_camera(tmp_path: Path) -> None:

@@ -19,9 +19,22 @@ FORMAT = "armsight-network-1"
 WEIGHTS = Path(__file__).resolve().parents[1] / "weights"
 _LARGEST_FILE = 2**31
 
-_METADATA, _GRAPH, _INITIALIZER = 14, 7, 5
+_METADATA = 14
 _EXTERNAL = (13, 14)
-"""Fields of onnx.proto3 that this file looks at."""
+_WITHIN: dict[str, dict[int, str]] = {
+    "model": {7: "graph", 20: "training", 25: "function"},
+    "graph": {1: "node", 5: "tensor", 15: "sparse tensor"},
+    "node": {5: "attribute"},
+    "attribute": {
+        5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse tensor", 23: "sparse tensor"
+    },
+    "sparse tensor": {1: "tensor", 2: "tensor"},
+    "training": {1: "graph", 2: "graph"},
+    "function": {7: "node", 11: "attribute"},
+}  # fmt: skip
+"""Fields of onnx.proto3 that this file looks at: the last are the way to each tensor."""
+_DEEPEST = 100
+"""Messages within each other, as protocol buffers have it."""
 
 
 @dataclass(frozen=True)
@@ -145,17 +158,29 @@ def _words(file: Path, data: bytes) -> dict[str, str]:
             if number == _METADATA:
                 pair = [data[a:b].decode() for _, a, b in _fields(data, start, end)]
                 words[pair[0]] = pair[1]
-            elif number == _GRAPH:
-                for inner, a, b in _fields(data, start, end):
-                    if inner == _INITIALIZER and any(
-                        n in _EXTERNAL for n, _, _ in _fields(data, a, b)
-                    ):
-                        raise RecognitionError(f"{file}: names other files; it is not ours")
-    except (ValueError, IndexError, UnicodeDecodeError):
+        if _names_files(data):
+            raise RecognitionError(f"{file}: names other files; it is not ours")
+    except (ValueError, IndexError):
         raise RecognitionError(
             f"{file}: is no ONNX file, or damaged; take the original, or export it anew"
         ) from None
     return words
+
+
+def _names_files(data: bytes) -> bool:
+    """Whether any tensor of a model, wherever it hides, says that its numbers are elsewhere."""
+    ahead = [("model", 0, len(data), 0)]
+    while ahead:
+        kind, start, end, depth = ahead.pop()
+        if depth > _DEEPEST:
+            raise ValueError
+        for number, a, b in _fields(data, start, end):
+            if kind == "tensor":
+                if number in _EXTERNAL:
+                    return True
+            elif number in _WITHIN[kind]:
+                ahead.append((_WITHIN[kind][number], a, b, depth + 1))
+    return False
 
 
 def _fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int]]:
@@ -166,6 +191,8 @@ def _fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int]]:
     """
     while at < end:
         tag, at = _varint(data, at, end)
+        if not 8 <= tag < 2**32:  # other readers would cut it, and see another field
+            raise ValueError
         kind = tag & 7
         if kind == 0:
             start = at
@@ -226,6 +253,8 @@ def open_session(file: Path, data: bytes, threads: int) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 4
+    # Its own format is recognised by four bytes, and nobody here has looked into such a file.
+    options.add_session_config_entry("session.load_model_format", "ONNX")
     try:
         return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors share no other base

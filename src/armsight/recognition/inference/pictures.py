@@ -25,6 +25,9 @@ _SMALLEST_SIDE = 32
 _LONGEST_SHAPE = 8.0
 _WRITTEN = (".recognised.png", ".mask.png")
 """What ``armsight recognise --out`` leaves: no pictures to look at."""
+_WHITE = 99.5
+"""Percentile of a deep picture's values above 0 that becomes white: single hot pixels, and the 0 or
+infinity of depth that was not measured, decide nothing."""
 _ORIENTATION = 0x0112
 _TURNS = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -178,14 +181,15 @@ def _notes(image: Image.Image) -> tuple[str, ...]:
     if image.mode in ("1", "L", "LA", "I", "F", "La") or image.mode.startswith("I;16"):
         notes.append("grey: the networks learned from colour")
     if image.mode in ("I", "F") or image.mode.startswith("I;16"):
-        notes.append("more than 8 bits: scaled to its brightest value")
+        notes.append("more than 8 bits: scaled so that its brightest 0.5 % are white")
     return tuple(notes)
 
 
 def _as_rgb(image: Image.Image) -> ColorImage:
     if image.mode in ("I", "F") or image.mode.startswith("I;16"):
-        values = np.nan_to_num(np.asarray(image, np.float64))
-        brightest = max(float(values.max(initial=0.0)), 1.0)
-        grey = np.clip(np.round(255.0 * values / brightest), 0, 255).astype(np.uint8)
+        values = np.nan_to_num(np.asarray(image, np.float64), nan=0.0, posinf=np.inf, neginf=0.0)
+        said = values[(values > 0) & np.isfinite(values)]
+        white = max(float(np.percentile(said, _WHITE)) if len(said) else 0.0, 1.0)
+        grey = np.round(255.0 * np.clip(values / white, 0.0, 1.0)).astype(np.uint8)
         return np.repeat(grey[..., None], 3, axis=2)
     return np.array(image.convert("RGB"), np.uint8)

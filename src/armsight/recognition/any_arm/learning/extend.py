@@ -25,6 +25,7 @@ from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.views import SIDE
 from armsight.recognition.data.crews import Crew
 from armsight.recognition.data.generate import generate
+from armsight.recognition.data.manifest import FILE, read_manifest
 from armsight.recognition.data.order import make_order
 from armsight.recognition.data.recipe import CROPS
 from armsight.recognition.data.sample import NO_ROBOT, UNKNOWN_ROBOT
@@ -37,6 +38,8 @@ UPDATES = 600
 FEWEST = 50
 _CROP = 160
 """Side of the crops that are rendered [px]."""
+_SHARD = 100
+"""Crops that are kept or lost together when the rendering is stopped."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,10 @@ def extend(wish: Wish, crew: Crew | None, say: Say) -> Path:
     each = -(-wish.samples // len(kinds) // views) * views
     counts = {wish.robot: -(-wish.samples // views) * views} | dict.fromkeys(kinds, each)
     folder = wish.out / "crops"
-    order = make_order("crops", counts, wish.seed, (_CROP, _CROP))
+    # A crop follows from the seed and its number alone: those of a set begun in other shards stay.
+    begun = (folder / FILE).is_file()
+    shard = read_manifest(folder).shard_size if begun else _SHARD
+    order = make_order("crops", counts, wish.seed, (_CROP, _CROP), shard)
     say(f"rendering {order.manifest.count} crops")
     generate(order, folder, crew)
     pack_shards(folder, folder / "packed-arms")
@@ -130,32 +136,32 @@ def _measured(
     model: CropModel, data: Examples, held: Ints, extension: Extension
 ) -> dict[str, object]:
     """Figures on rooms that were held back: of landmarks, and of who is taken for whom."""
-    batch = make_batch(data, held, None, 0, Changes(size=SIDE))
     errors: list[float] = []
     claimed = np.zeros(len(held), bool)
-    for k, image in enumerate(batch.images):
-        look = model.beneath(image)
+    mine = data.robot[held] == 0
+    for k in range(len(held)):
+        batch = make_batch(data, held[k : k + 1], None, 0, Changes(size=SIDE))
+        look = model.beneath(batch.images[0])
         seen = apply(extension.rows, look.features, look.hidden)
         claimed[k] = seen.type > look.margin
-        if batch.type[k] == 0:
-            errors += _landmark_errors(seen, batch, k)
-    mine = batch.type == 0
+        if mine[k]:
+            errors += _landmark_errors(seen, batch)
     return {
         "held_back": int(mine.sum()),
-        "recognised": float(claimed[mine].mean()) if mine.any() else float("nan"),
+        "recognised": float(claimed[mine].mean()) if mine.any() else None,
         "others_held_back": int((~mine).sum()),
-        "others_claimed": float(claimed[~mine].mean()) if (~mine).any() else float("nan"),
+        "others_claimed": float(claimed[~mine].mean()) if (~mine).any() else None,
         "keypoint_px": round(float(np.median(errors)), 2) if errors else None,
         "crop_px": SIDE,
     }
 
 
-def _landmark_errors(seen: Seen, batch: Batch, k: int) -> list[float]:
-    """Of landmarks that lie on the arm [px]."""
+def _landmark_errors(seen: Seen, batch: Batch) -> list[float]:
+    """Of landmarks that lie on the arm of a batch's one crop [px]."""
     places = read_heat(seen.heat, seen.outside)
-    arm = batch.links[k, 0] < 0.5
-    cell = np.round(np.nan_to_num(batch.points[k], nan=-9.0)).astype(int)
+    arm = batch.links[0, 0] < 0.5
+    cell = np.round(np.nan_to_num(batch.points[0], nan=-9.0)).astype(int)
     on = (cell >= 0).all(1) & (cell[:, 0] < arm.shape[1]) & (cell[:, 1] < arm.shape[0])
     on[on] = arm[cell[on, 1], cell[on, 0]]
-    away = np.linalg.norm(places.mean[on] - batch.points[k][on], axis=1)
+    away = np.linalg.norm(places.mean[on] - batch.points[0][on], axis=1)
     return [float(v) for v in STRIDE * away]
