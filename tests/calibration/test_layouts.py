@@ -1,5 +1,7 @@
 """Every layout of poses is read as what it is, by nothing but the board; the rest is named."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from arms import ur5
@@ -7,7 +9,8 @@ from arms import ur5
 from armsight.calibration.boards import Checkerboard
 from armsight.calibration.layouts.folder import list_folder, pose_tables
 from armsight.calibration.layouts.header import Columns
-from armsight.calibration.layouts.lens_files import read_lenses
+from armsight.calibration.layouts.lens_choice import given_lens
+from armsight.calibration.layouts.lens_files import UnusableLens, read_lenses
 from armsight.calibration.layouts.table import ordinals
 from armsight.calibration.recorded_set import load
 from armsight.calibration.synthetic_set import ArmErrors, make_set
@@ -149,3 +152,73 @@ def test_files_of_other_programs_are_named(recorded, name, tmp_path):
     (tmp_path / name).write_bytes(b"PK\x03\x04" + bytes(50))
     _, unread = pose_tables(list_folder(tmp_path), 14)
     assert [u.file.name for u in unread if "save" in u.reason] == [name]
+
+
+def _ros(file: Path, f: float, size: tuple[int, int] = (640, 480), more: str = "") -> Path:
+    file.write_text(
+        f"image_width: {size[0]}\nimage_height: {size[1]}\n"
+        f"camera_matrix: {{rows: 3, cols: 3, data: [{f},0,320,0,{f},240,0,0,1]}}\n{more}"
+    )
+    return file
+
+
+def test_each_camera_gets_its_own_lens_or_none(tmp_path: Path) -> None:
+    """The first of two lenses was taken for both cameras, without a word."""
+    two = [_ros(tmp_path / "cam0.yaml", 500), _ros(tmp_path / "cam1.yaml", 600)]
+    for name, wanted in (("cam0", 500), ("cam1", 600), ("1", 600)):
+        found = given_lens(two, None, name, (640, 480), 2)
+        assert found.lens is not None
+        assert found.lens.camera.fx == wanted
+        assert not found.findings
+    found = given_lens(two, None, "left", (640, 480), 2)
+    assert found.lens is None
+    assert "no lens is called so (cam0.yaml, cam1.yaml)" in found.findings[0].message
+    # A word that is in every lens's file tells none apart.
+    both = tmp_path / "left_right.yaml"
+    lens = "{intrinsics: [%d,500,320,240], distortion_coeffs: [0,0,0,0], resolution: [640,480]}"
+    both.write_text(f"cam0: {lens % 500}\ncam1: {lens % 600}\n")
+    assert given_lens([both], both, "right", (640, 480), 2).lens is None
+    one = given_lens(two[:1], two[0], "right", (640, 480), 2)
+    assert "one lens for 2 cameras" in one.findings[0].message
+    alone = given_lens(two, None, "camera", (640, 480), 1)
+    assert "2 lenses may be the camera's" in alone.findings[0].message
+
+
+def test_the_lens_of_the_pictures_size_is_theirs(tmp_path: Path) -> None:
+    files = [
+        _ros(tmp_path / "depth.yaml", 365, (512, 424)),
+        _ros(tmp_path / "rgb.yaml", 1000, (1920, 1080)),
+    ]
+    found = given_lens(files, None, "camera", (1920, 1080), 1)
+    assert found.lens is not None
+    assert found.lens.camera.fx == 1000
+    assert not found.findings
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["camera_model: fisheye\n", "fisheye_model: 1\n", "model: distortion.kannala_brandt4\n",
+     "distortion_coefficients: [.nan, 0, 0, 0]\n"],
+)  # fmt: skip
+def test_a_lens_of_another_model_is_no_pinhole(more: str, tmp_path: Path) -> None:
+    file = _ros(tmp_path / "lens.yaml", 500, more=more)
+    with pytest.raises(UnusableLens, match=r"lens\.yaml: "):
+        read_lenses(file, 640, 480)
+    omni = tmp_path / "omni.yaml"
+    omni.write_text("camera_model: omni\nintrinsics: [1.5,500,500,320,240]\n")
+    with pytest.raises(UnusableLens, match="'omni'"):
+        read_lenses(omni, 640, 480)
+
+
+@pytest.mark.parametrize("width", ["640px", "[640]", ".nan", "-640"])
+def test_a_size_that_is_none_ends_nothing(width: str, tmp_path: Path) -> None:
+    file = _ros(tmp_path / "lens.yaml", 500)
+    file.write_text(file.read_text().replace("image_width: 640", f"image_width: {width}"))
+    (lens,) = read_lenses(file, 1280, 960)
+    assert (lens.camera.width, lens.sized) == (1280, False)
+
+
+def test_a_rotation_is_no_lens(tmp_path: Path) -> None:
+    file = tmp_path / "tool.yaml"
+    file.write_text("matrix: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n")
+    assert read_lenses(file, 640, 480) == []

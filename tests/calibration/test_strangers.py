@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from armsight.arrays import Bytes
+from armsight.arrays import Bytes, Pose
 from armsight.calibration.boards import CharucoBoard, parse_board
 from armsight.calibration.boards.settle import settle_board
+from armsight.calibration.diagnosis.joints import with_agreeing_joints
 from armsight.calibration.layouts.folder import list_folder, pose_tables
 from armsight.calibration.layouts.lens_choice import given_lens
 from armsight.calibration.layouts.series import series_of
@@ -22,7 +23,7 @@ from armsight.calibration.synthetic_set import LENS, ArmErrors, SyntheticSet, ma
 from armsight.errors import CalibrationError
 from armsight.experiments.calibration_layouts import PlainSet, write_corners
 from armsight.experiments.calibration_mistakes import BOARD
-from armsight.geometry.pose import look_at
+from armsight.geometry.pose import look_at, make_pose, to_quaternion
 from armsight.robots import load_robot
 
 
@@ -201,3 +202,50 @@ def test_no_board_at_all_says_what_was_looked_for(tmp_path: Path) -> None:
     (tmp_path / "poses.txt").write_text("\n".join("1 2 3 0 0 0" for _ in range(3)))
     with pytest.raises(CalibrationError, match="in any of 3 pictures"):
         solve_set(load(tmp_path, BOARD))
+
+
+@pytest.mark.parametrize(
+    ("base", "tool", "robot", "unit", "code", "with_joints"),
+    [
+        (np.eye(4), np.eye(4), "ur5", 1.0, "", True),
+        (np.eye(4), np.eye(4), "ur5", 180 / np.pi, "", True),  # degrees that nobody names
+        (np.eye(4), make_pose(None, [0.02, 0, 0.15]), "ur5", 1.0, "tool_poses", True),
+        (np.eye(4), np.eye(4), "ur10", 1.0, "joints_disagree", False),
+        (np.diag([-1.0, -1, 1, 1]), np.eye(4), "ur5", 1.0, "joints_disagree", False),
+    ],
+)
+def test_joint_angles_that_contradict_the_poses_are_not_used(
+    one: SyntheticSet,
+    tmp_path: Path,
+    base: Pose,
+    tool: Pose,
+    robot: str,
+    unit: float,
+    code: str,
+    with_joints: bool,
+) -> None:
+    """The wrong arm's model, or a base that a UR's controller turns, put the camera a metre off."""
+    write_corners(tmp_path, _plain(one))
+    told = base @ one.told @ tool
+    q = [to_quaternion(T) for T in told]
+    lines = ["x,y,z,qx,qy,qz,qw,q1,q2,q3,q4,q5,q6"]
+    lines += [
+        ",".join(f"{v:.8f}" for v in (*T[:3, 3], *k, *(j * unit)))
+        for T, k, j in zip(told, q, one.joints)
+    ]
+    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
+    model = load_robot(robot)
+    found, odd = with_agreeing_joints(load(tmp_path, BOARD, robot=model), model)
+    assert [f.code for f in odd] == [code][: len(code)]
+    assert (found.joints is not None) == with_joints
+    if found.joints is not None:
+        np.testing.assert_allclose(found.joints, one.joints, atol=1e-6)
+
+
+def test_an_arm_without_joint_angles_is_said(one: SyntheticSet, tmp_path: Path) -> None:
+    write_corners(tmp_path, _plain(one))
+    rows = [" ".join(f"{v:.8f}" for v in T.ravel()) for T in one.told]
+    (tmp_path / "poses.txt").write_text("\n".join(rows) + "\n")
+    model = load_robot("ur5")
+    _, odd = with_agreeing_joints(load(tmp_path, BOARD, robot=model), model)
+    assert [f.code for f in odd] == ["no_joints"]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -69,31 +70,18 @@ def opencv_yaml(lens: PinholeCamera) -> str:
 def tf_list(calibration: Calibration) -> list[dict[str, Any]]:
     """Every solved transform: parent, child, translation [m], rotation x y z w."""
     problem = calibration.problem
+    frame = [f"{name}_optical_frame" for name in file_names([k.name for k in problem.lenses])]
     out = []
     for index, rig in enumerate(problem.rigs):
         main = calibration.main_lens(index)
-        out.append(
-            transform_entry(
-                rig.mount, _frame(problem.lenses[main].name), calibration.camera_pose(index)
-            )
-        )
+        out.append(transform_entry(rig.mount, frame[main], calibration.camera_pose(index)))
     for index, lens in enumerate(problem.lenses):
         if lens.offset_free:
             main = calibration.main_lens(lens.rig)
-            out.append(
-                transform_entry(
-                    _frame(problem.lenses[main].name),
-                    _frame(lens.name),
-                    calibration.lens_pose(index),
-                )
-            )
+            out.append(transform_entry(frame[main], frame[index], calibration.lens_pose(index)))
     for index, board in enumerate(problem.boards):
         out.append(transform_entry(board.mount, board.name, calibration.board_pose(index)))
     return out
-
-
-def _frame(name: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") + "_optical_frame"
 
 
 def transform_entry(parent: str, child: str, T: Pose) -> dict[str, Any]:
@@ -200,19 +188,22 @@ def write_results(
     """
     old = _old_target(folder / SUMMARY)
     new = worst_target(calibration)
-    if old is not None and not force and new > 1.25 * old:
-        raise CalibrationError(
-            f"{folder}: the calibration there is better (points to {1e3 * old:.1f} mm, now "
-            f"{1e3 * new:.1f} mm); nothing was overwritten: write elsewhere, or use --force"
-        )
+    wrong = next((f for f in findings if f.severity == "error"), None)
+    if old is not None and not force:
+        now = f"now {1e3 * new:.1f} mm" if wrong is None else f"now: {wrong.message}"
+        if wrong is not None or not new <= 1.25 * old:
+            raise CalibrationError(
+                f"{folder}: the calibration there is better (points to {1e3 * old:.1f} mm, {now}); "
+                "nothing was overwritten: write elsewhere, or use --force"
+            )
     files: list[Path] = []
 
     def put(name: str, text: str) -> None:
         write_text(folder / name, text, CalibrationError)
         files.append(folder / name)
 
-    for index, lens in enumerate(calibration.problem.lenses):
-        name = re.sub(r"[^a-z0-9]+", "_", lens.name.lower()).strip("_")
+    names = file_names([lens.name for lens in calibration.problem.lenses])
+    for index, name in enumerate(names):
         put(f"{name}.camera_info.yaml", camera_info_yaml(name, calibration.lens(index)))
         put(f"{name}.opencv.yaml", opencv_yaml(calibration.lens(index)))
     put("tf.yaml", yaml.safe_dump({"transforms": tf_list(calibration)}, sort_keys=False))
@@ -221,11 +212,24 @@ def write_results(
     return files
 
 
+def file_names(names: Sequence[str]) -> list[str]:
+    """Names of files for cameras or lenses, each its own, whatever alphabet they are written in."""
+    out: list[str] = []
+    for name in names:
+        word = re.sub(r"[\W_]+", "_", name.lower()).strip("_") or "camera"
+        more = (f"{word}_{k}" for k in range(2, len(names) + 2))
+        out.append(word if word not in out else next(w for w in more if w not in out))
+    return out
+
+
 def _old_target(file: Path) -> float | None:
+    """What the calibration there is sure to [m]; None where there is none, or a wrong one."""
     try:
-        value = json.loads(file.read_text(encoding="utf-8"))["target_sigma_m"]
-        return float(value)
-    except (OSError, ValueError, KeyError, TypeError):
+        old = json.loads(file.read_text(encoding="utf-8"))
+        if any(f["severity"] == "error" for f in old.get("findings", ())):
+            return None
+        return float(old["target_sigma_m"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 

@@ -20,7 +20,7 @@ from armsight.calibration.layouts.bags import bag_in, unpack
 from armsight.calibration.layouts.board_files import board_of
 from armsight.calibration.layouts.choice import Choice
 from armsight.calibration.layouts.folder import Folder, list_folder, pose_tables
-from armsight.calibration.layouts.joint_angles import joint_tables
+from armsight.calibration.layouts.joint_angles import in_radians, joint_tables
 from armsight.calibration.layouts.kinds import Unread
 from armsight.calibration.layouts.lens_choice import GivenLens, given_lens
 from armsight.calibration.layouts.lens_files import LensFile
@@ -140,7 +140,7 @@ def load(
     skip = shown.files | {f for found in lenses for f in found.files}
     tables, unread = pose_tables(listed, len(series[0].files), lambda f: f in skip)
     if robot is not None:
-        tables = [*tables, *joint_tables(tables, robot)]
+        tables = [*map(in_radians, tables), *joint_tables(tables, robot)]
     if not tables:
         return _lens_frames(folder, board, series, seen, lenses, mount, unread, rows, findings)
     return _with_poses(
@@ -171,8 +171,9 @@ def _lens_frames(
         raise CalibrationError(like[0].reason if str(like[0].file) in like[0].reason else
                                f"{like[0].file}: {like[0].reason}")  # fmt: skip
     if mount is not None:
+        said = "--hand" if mount == "flange" else "--beside"
         raise CalibrationError(
-            f"{folder}: --hand needs the arm's poses, and none were found ({tried}); give "
+            f"{folder}: {said} needs the arm's poses, and none were found ({tried}); give "
             "poses.csv with a header such as image,x,y,z,qx,qy,qz,qw (the flange in the base)"
         )
     rows.append(ReadAs("poses", f"none found ({tried}): the lens alone is calibrated"))

@@ -10,6 +10,8 @@ import numpy as np
 from armsight.calibration.board_turns import settle_turns
 from armsight.calibration.boards import Turn
 from armsight.calibration.calibrate import Calibration, CalibrationOptions, calibrate
+from armsight.calibration.diagnosis.joints import with_agreeing_joints
+from armsight.calibration.diagnosis.lens_alone import lens_findings
 from armsight.calibration.diagnosis.pictures import names_of, picture_findings
 from armsight.calibration.diagnosis.poses import pose_findings
 from armsight.calibration.diagnosis.solved import diagnose_solution
@@ -200,9 +202,17 @@ def solve_set(
     Raises:
         CalibrationError: it cannot be solved at all.
     """
-    findings = [*recorded.findings, *picture_findings(recorded), *pose_findings(recorded)]
+    recorded, contradicted = with_agreeing_joints(recorded, robot)
+    findings = [
+        *recorded.findings,
+        *contradicted,
+        *picture_findings(recorded),
+        *pose_findings(recorded),
+    ]
     if recorded.poses is None:
-        return RecordedAnswer(None, _lenses(recorded), by_severity(findings))
+        lenses = _lenses(recorded)
+        findings += lens_findings([c.name for c in recorded.cameras], lenses)
+        return RecordedAnswer(None, lenses, by_severity(findings))
     problem, turned = unturned(problem_of(recorded, robot, keep_lens=keep_lens), recorded)
     findings += turned
     start = [f for rig in range(len(problem.rigs)) for f in diagnose_start(problem, rig)]

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from armsight.commands.serving import Page
+
 if TYPE_CHECKING:
     from armsight.recognition.own_arm import OwnArmPose
 
@@ -15,7 +17,15 @@ SECONDS = 60.0
 
 
 def calibrate_markerless(
-    workcell_name: str, camera: str | None, seed: int, write: bool, seconds: float = SECONDS
+    workcell_name: str,
+    camera: str | None,
+    seed: int,
+    write: bool,
+    seconds: float = SECONDS,
+    *,
+    page: Page | None = None,
+    cell_is_empty: bool = False,
+    force: bool = False,
 ) -> int:
     """Watch the guarded arm, place the cameras, write the calibration file; the exit code.
 
@@ -25,12 +35,16 @@ def calibrate_markerless(
         seed: of everything random.
         write: whether the calibration file is changed.
         seconds: how long is watched at most.
+        page: where the live page is served, or None.
+        cell_is_empty: nobody was in the cell when it started.
+        force: overwrite better entries of the calibration file.
 
     Raises:
         UsageError: the cell has no such camera, or none that is fixed, or its arm has no shape.
         TaskError: the patrol failed.
         CalibrationError: no camera could be placed.
     """
+    from armsight.commands.calibrating import refuse_worse
     from armsight.commands.ending import EndsWhen
     from armsight.commands.running import INTERRUPTED, RunOptions, run_session
     from armsight.errors import CalibrationError, TaskError, UsageError
@@ -58,7 +72,14 @@ def calibrate_markerless(
         task = MarkerlessTask(workcell.goals, names)
         ends = EndsWhen(lambda: task.arm_views.complete, ENOUGH)
         speed = float("inf") if cell.simulated else 1.0
-        wanted = RunOptions(seconds, page=None, seed=seed, speed=speed, observers=(ends,))
+        wanted = RunOptions(
+            seconds,
+            page=page,
+            seed=seed,
+            speed=speed,
+            observers=(ends,),
+            cell_is_empty=cell_is_empty,
+        )
         session = run_session(cell, task, wanted)
         if session.task_failure:
             raise TaskError(session.task_failure)
@@ -91,5 +112,6 @@ def calibrate_markerless(
             )
         if write:
             entries = [entry_of(workcell, infos[n], cell.robot, a) for n, a in found.items()]
+            refuse_worse(workcell, entries, force)
             print(f"{store(workcell, entries)}: {', '.join(found)} calibrated")
     return 0 if len(found) == len(names) else 1

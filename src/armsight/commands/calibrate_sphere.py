@@ -12,7 +12,12 @@ if TYPE_CHECKING:
 
 
 def calibrate_sphere(
-    workcell_name: str, seed: int, write: bool, cell_is_empty: bool, page: Page | None
+    workcell_name: str,
+    seed: int,
+    write: bool,
+    cell_is_empty: bool,
+    page: Page | None,
+    force: bool = False,
 ) -> int:
     """Carry the sphere about, register the cameras, write the calibration file; the exit code.
 
@@ -22,13 +27,14 @@ def calibrate_sphere(
         write: whether the calibration file is changed.
         cell_is_empty: somebody has made sure that nobody is in the cell.
         page: where the live page is served, or None.
+        force: overwrite better entries of the calibration file.
 
     Raises:
         CalibrationError: somebody may be in the cell, or no camera could be registered.
     """
     import numpy as np
 
-    from armsight.commands.calibrating import nobody_inside, result_of
+    from armsight.commands.calibrating import nobody_inside, refuse_worse, result_of
     from armsight.commands.ending import EndsWhen
     from armsight.commands.running import INTERRUPTED, RunOptions, run_session
     from armsight.runtime.config import SessionConfig
@@ -71,6 +77,7 @@ def calibrate_sphere(
     _say(setup, result)
     entries = sphere_entries(original, setup, result)
     if write:
+        refuse_worse(original, entries, force)
         print(f"{store(original, entries)}: {', '.join(e.name for e in entries)} calibrated")
     return 0 if len(entries) == len(setup.cameras) else 1
 

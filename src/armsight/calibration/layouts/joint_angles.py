@@ -24,7 +24,7 @@ def joint_tables(tables: Sequence[PoseTable], robot: Robot) -> list[PoseTable]:
         robot: the arm.
     """
     out = []
-    for table in tables:
+    for table in map(in_radians, tables):
         for joints, unit in _angles(table, robot.n):
             T = arm.flange_poses(robot, joints)
             source = f"{table.source} (joint angles of {robot.name}, {unit})"
@@ -42,6 +42,13 @@ def joint_tables(tables: Sequence[PoseTable], robot: Robot) -> list[PoseTable]:
                 )
             )
     return out
+
+
+def in_radians(table: PoseTable) -> PoseTable:
+    """The same with joint angles that can only be degrees as radians: few files name the unit."""
+    if table.joints is None or np.abs(table.joints).max(initial=0.0) <= LARGEST:
+        return table
+    return replace(table, joints=np.deg2rad(table.joints))
 
 
 def _angles(table: PoseTable, dof: int) -> list[tuple[Floats, str]]:

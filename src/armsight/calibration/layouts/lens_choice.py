@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -75,12 +76,65 @@ def given_lens(
     if not found:
         words = "none that can be used" if notes else "none given"
         return GivenLens(None, f"{words}: solved from the pictures", (), tuple(notes))
-    word = camera.lower()
-    own = [f for f in found if word in f"{f.source.stem} {f.name} {f.source.parent.name}".lower()]
-    if not own and cameras > 1 and len(found) < cameras and named is None:
-        return GivenLens(None, "none given for it: solved from the pictures", files)
-    lens = (own or found)[0]
-    return _of_size(lens, size, files)
+    lens, doubt = _own(found, camera, size, cameras, named is not None)
+    if lens is None:
+        words = "none given for it: solved from the pictures"
+        return GivenLens(None, words, files, (*notes, *doubt))
+    given = _of_size(lens, size, files)
+    return replace(given, findings=(*doubt, *given.findings))
+
+
+def _own(
+    found: Sequence[LensFile], camera: str, size: tuple[int, int], cameras: int, named: bool
+) -> tuple[LensFile | None, tuple[Finding, ...]]:
+    """The lens that is a camera's: by its name, else by its pictures' size; doubts are said."""
+    for texts in (
+        [f.name for f in found],
+        [f.source.stem for f in found],
+        [f.source.parent.name for f in found],
+    ):
+        own = [f for f, text in zip(found, texts) if _called(camera, text)]
+        if own and (len(own) < len(found) or len(found) == 1):  # a word of all tells nothing
+            return next((f for f in own if _is_of(f, size)), own[0]), ()
+    fit = [f for f in found if _is_of(f, size)] or list(found)
+    one = all(_alike(f, fit[0]) for f in fit)
+    files = ", ".join(dict.fromkeys(f.source.name for f in fit))
+    if cameras == 1:
+        doubt = f"{len(fit)} lenses may be the camera's ({files}): the first is taken"
+        return fit[0], () if one else (_doubt(doubt),)
+    if one and len(fit) < len(found):
+        return fit[0], ()  # the others are of another size
+    if one and named:
+        return fit[0], (_doubt(f"{files}: one lens for {cameras} cameras, {camera} too"),)
+    if len(found) < cameras:
+        return None, ()
+    return None, (_doubt(f"{camera}: no lens is called so ({files}): solved from the pictures"),)
+
+
+def _called(camera: str, text: str) -> bool:
+    """Whether a name is in a text; a number as a whole one (``1`` is not in ``cam10``)."""
+    word, text = camera.lower(), text.lower()
+    if word.isdigit():
+        return int(word) in {int(n) for n in re.findall(r"\d+", text)}
+    return re.search(rf"{re.escape(word)}(?!\d)", text) is not None
+
+
+def _is_of(lens: LensFile, size: tuple[int, int]) -> bool:
+    return lens.sized and (lens.camera.width, lens.camera.height) == size
+
+
+def _alike(a: LensFile, b: LensFile) -> bool:
+    """The same lens twice, or as well as."""
+    return abs(a.camera.fx - b.camera.fx) < 0.003 * b.camera.fx
+
+
+def _doubt(message: str) -> Finding:
+    return Finding(
+        "which_lens",
+        "warning",
+        message,
+        "give it by --lens FILE, or call lenses as the cameras' folders or pictures are called",
+    )
 
 
 def _unusable(reason: str) -> Finding:

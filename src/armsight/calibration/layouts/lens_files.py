@@ -26,6 +26,9 @@ DISTORTIONS = ("distortion_coefficients", "distortioncoefficients", "dist_coeffs
                "d", "dist", "distortion_coeffs", "distortion", "distcoeff", "dist_coef",
                "dist_coefs", "distortion_coefficient", "kc")  # fmt: skip
 
+LEAST_FOCAL = 5.0
+"""No camera has a shorter lens [px]."""
+
 
 class UnusableLens(CalibrationError):
     """A file holds a lens of a model that armsight does not use."""
@@ -87,13 +90,18 @@ def _lenses(
 def _lens(low: dict[str, Any], file: Path, width: int, height: int, name: str) -> LensFile | None:
     found = _pinhole(low, file)
     if found is None:
+        if len(listed(low.get("intrinsics")) or []) in (5, 6):  # Kalibr's other models
+            _refuse_other_model(low, file)
         return None
     fx, fy, cx, cy = found
+    if 0 < fx < LEAST_FOCAL and 0 < fy < LEAST_FOCAL:
+        return None  # a rotation, or a lens in other units
     if not (fx > 0 and fy > 0 and np.isfinite([fx, fy, cx, cy]).all()):
         raise CalibrationError(f"{file}: the lens has no positive focal length ({fx:g}, {fy:g})")
     size = listed(low.get("resolution")) or listed(low.get("image_size")) or []
-    w = int(low.get("image_width") or low.get("width") or (size[0] if len(size) == 2 else 0))
-    h = int(low.get("image_height") or low.get("height") or (size[1] if len(size) == 2 else 0))
+    w = _pixels(low, "width", size, 0)
+    h = _pixels(low, "height", size, 1)
+    _refuse_other_model(low, file)
     model = str(low.get("distortion_model", "") or "").lower()
     if model not in ("plumb_bob", "radtan", "brown", "rational_polynomial", "none", ""):
         raise UnusableLens(
@@ -105,6 +113,8 @@ def _lens(low: dict[str, Any], file: Path, width: int, height: int, name: str) -
     d = np.array(given if given is not None else [], float)
     if len(d) > 5 and np.any(d[5:] != 0):
         raise UnusableLens(f"{file}: {len(d)} distortion numbers; armsight uses k1 k2 p1 p2 k3")
+    if not np.isfinite(d).all():
+        raise UnusableLens(f"{file}: not every distortion number is finite ({d.tolist()})")
     d = np.concatenate([d, np.zeros(5)])[:5]
     sigma = listed(low.get("sigma"))
     camera = PinholeCamera(
@@ -125,6 +135,27 @@ def _lens(low: dict[str, Any], file: Path, width: int, height: int, name: str) -
         str(label) if isinstance(label, str) else name,
         np.array(sigma) if sigma is not None and len(sigma) == 9 else None,
     )
+
+
+OTHER_MODELS = re.compile(
+    r"fish.?eye|equidist|kannala|omni|mei\b|unified|double.?sphere|\be?ucm\b|f.?theta|\bfov\b|\bds\b"
+)
+"""Words for lenses that are no pinhole with radial and tangential distortion."""
+
+
+def _refuse_other_model(low: dict[str, Any], file: Path) -> None:
+    for key in ("camera_model", "model", "lens_model", "projection_model", "camera_type"):
+        word = low.get(key)
+        if isinstance(word, str) and OTHER_MODELS.search(word.lower()):
+            raise UnusableLens(f"{file}: lens model '{word}' is not supported; it is no pinhole's")
+    if low.get("fisheye_model") or low.get("fisheye"):  # OpenCV's sample writes 1
+        raise UnusableLens(f"{file}: the lens is a fisheye's, which is not supported")
+
+
+def _pixels(low: dict[str, Any], side: str, size: list[float], at: int) -> int:
+    """A side of the pictures [px]; 0 where the file does not say."""
+    value = low.get(f"image_{side}") or low.get(side) or (size[at] if len(size) == 2 else 0)
+    return int(value) if _is_scalar(value) and 0 < value < 1e6 else 0
 
 
 def _pinhole(low: dict[str, Any], file: Path) -> tuple[float, float, float, float] | None:
