@@ -10,17 +10,24 @@ import signal
 import subprocess
 import sys
 import textwrap
+import tracemalloc
 from pathlib import Path
 
+import lz4.frame  # type: ignore[import-untyped]
 import pytest
+import zstandard
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Header, Message, Schema
+from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from armsight.errors import RecordingError
 from armsight.recording import mcap_file, messages
-from armsight.recording.mcap_file import McapReader, McapWriter, scan, seal
+from armsight.recording.chunks import read_chunk
+from armsight.recording.mcap_file import MAGIC, McapReader, McapWriter, scan, seal
 
 
 def write(path: Path, count: int = 60, size: int = 300, close: bool = True) -> Path:
@@ -142,6 +149,93 @@ def test_damage_is_an_error_or_harmless_never_a_crash(
             list(reader.messages())
     except RecordingError:
         pass
+
+
+def packed(path: Path, how: str, data: bytes, claims: int) -> Path:
+    """A file of one chunk, packed by hand."""
+    builder = RecordBuilder()
+    Header("ros2", "somebody").write(builder)
+    Chunk(how, data, 0, 0, 0, claims).write(builder)
+    path.write_bytes(MAGIC + bytes(builder.end()))
+    return path
+
+
+@pytest.mark.parametrize("how", ["zstd", "lz4"])
+@pytest.mark.parametrize("claims", [1000, 1 << 40])
+def test_a_few_bytes_that_unpack_into_all_memory_are_refused(
+    how: str, claims: int, tmp_path: Path
+) -> None:
+    bomb = bytes(256 * 1024 * 1024)
+    data = zstandard.compress(bomb) if how == "zstd" else lz4.frame.compress(bomb)
+    del bomb
+    path = packed(tmp_path / "a.mcap", how, data, claims)
+    place = scan(io.BytesIO(path.read_bytes())).chunks[0]
+    tracemalloc.start()
+    with path.open("rb") as file, pytest.raises(RecordingError, match="claims"):
+        read_chunk(file, place)
+    assert tracemalloc.get_traced_memory()[1] < 50_000_000
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("how", ["zstd", "lz4", ""])
+def test_every_packing_of_the_standard_is_read(how: str, tmp_path: Path) -> None:
+    builder = RecordBuilder()
+    Schema(1, messages.definition(messages.STRING).encode(), "ros2msg", messages.STRING).write(
+        builder
+    )
+    Channel(1, "/a", "cdr", {}, 1).write(builder)
+    Message(
+        channel_id=1,
+        data=messages.encode_string("7 hello"),
+        log_time=5,
+        publish_time=5,
+        sequence=0,
+    ).write(builder)
+    raw = bytes(builder.end())
+    data = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}[how](raw)
+    with McapReader(packed(tmp_path / "a.mcap", how, data, len(raw))) as reader:
+        assert numbers(reader) == [7]
+
+
+def test_messages_outside_of_chunks_are_read_one_at_a_time(tmp_path: Path) -> None:
+    """As ``ros2 bag record`` writes them where chunks are switched off."""
+    path, size = tmp_path / "a.mcap", 2_000_000
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False, compression=CompressionType.NONE)
+        writer.start("ros2", "somebody")
+        schema = writer.register_schema(messages.STRING, "ros2msg", b"string data")
+        channel = writer.register_channel("/n", "cdr", schema)
+        for i in (2, 0, 1, *range(3, 40)):
+            data = messages.encode_string(f"{i} " + "x" * size)
+            writer.add_message(channel, 1000 * i, data, 1000 * i, i)
+        writer.add_attachment(0, 0, "film.mp4", "video/mp4", bytes(70 * 1024 * 1024))
+        writer.finish()
+    tracemalloc.start()
+    with McapReader(path) as reader:
+        assert not reader.contents.cut
+        assert reader.span == (0, 39_000)
+        assert numbers(reader) == list(range(40))
+        assert list(reader.messages(["/other"])) == []
+        assert not reader.contents.attachments
+    assert tracemalloc.get_traced_memory()[1] < 10 * size
+    tracemalloc.stop()
+
+
+def test_a_disk_that_is_full_before_the_first_byte_is_said(tmp_path: Path) -> None:
+    class Full:
+        def write(self, data: bytes) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    opened = mcap_file.DurableStream.__init__
+
+    def full(self: mcap_file.DurableStream, file: object) -> None:
+        opened(self, Full())
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mcap_file.DurableStream, "__init__", full)
+        with pytest.raises(RecordingError, match=r"No space left on device.*free some space"):
+            McapWriter(tmp_path / "a.mcap")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_killed_writer_leaves_what_it_flushed(tmp_path: Path) -> None:

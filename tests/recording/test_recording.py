@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -317,8 +318,37 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
         assert again.world is not None
         assert again.world.note == ""
         assert 0.0 < again.world.duration < 9.0
+        told = float(re.search(r"complete up to ([0-9.]+) s", str(e.value))[1])
+        assert told == pytest.approx(again.world.source.span[1], abs=0.051)
         again.world.advance(10.0)
         assert again.cameras[0].read() is not None
+
+
+def test_what_a_failed_recording_is_said_to_hold_is_in_it(tmp_path: Path) -> None:
+    """It told of all that had been handed to the writer; half of that never reached the disk."""
+    cell, rng = make_cell(), np.random.default_rng(0)
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    raw = recorder._writer._file
+    failing = threading.Event()
+
+    class Disk:
+        def write(self, data: memoryview) -> int:
+            if failing.is_set():
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return raw.write(data)
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(raw, name)
+
+    recorder._writer._stream._file = Disk()
+    for i in range(40):
+        now = 0.05 * i
+        recorder.on_reading(make_frame(cell.cameras[0].info, i, now, rng), now)
+        if i == 19:
+            recorder._put(0, recorder._writer.flush, now)
+            recorder._put(0, failing.set, now)
+    with pytest.raises(RecordingError, match=r"complete up to (0\.9|1\.0) s"):
+        recorder.close()
 
 
 def test_a_slow_disk_drops_and_counts_in_real_time(tmp_path: Path) -> None:
@@ -412,6 +442,22 @@ def test_people_come_back_as_they_looked(tmp_path: Path) -> None:
 def _tetrahedron(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     return rng.normal(size=(4, 3)).astype(np.float32), faces
+
+
+def test_a_reset_in_the_first_second_ends_it_as_well(tmp_path: Path) -> None:
+    """It went on, with two pasts on top of each other."""
+    cell, rng = make_cell(), np.random.default_rng(0)
+    recorder = Recorder(tmp_path / "a.mcap", cell)
+    recorder.attach(FakeSession(cell))
+    recorder.attach(FakeSession(cell))  # the session is built anew with every observer
+    for now in (0.0, 0.5):
+        recorder.on_reading(make_frame(cell.cameras[0].info, 1, now, rng), now)
+    recorder.attach(FakeSession(cell))
+    assert "the session was reset" in recorder.problem
+    recorder.on_reading(make_frame(cell.cameras[0].info, 9, 0.1, rng), 0.1)
+    with open_recording(recorder.close()) as again:
+        again.world.advance(2.0)
+        assert again.cameras[0].read().sequence == 1
 
 
 def test_a_reset_ends_the_recording_in_order(tmp_path: Path) -> None:

@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded_cells import FakeSession, camera_info, empty_view, make_cell, make_frame, make_joints
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from recorded_cells import (
+    FakeSession,
+    camera_info,
+    empty_view,
+    make_cell,
+    make_frame,
+    make_joints,
+    make_movers,
+    make_status,
+)
 
-from armsight.devices.data import DeclaredSolids, EmptyCell, RgbdFrame
+from armsight.devices.data import (
+    ArmStatus,
+    DeclaredSolids,
+    EmptyCell,
+    GripperState,
+    RgbdFrame,
+    Wrench,
+)
 from armsight.errors import RecordingError, UsageError
+from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, look_at, make_pose
 from armsight.geometry.shapes import Solid
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.snapshot import OCCUPIED
 from armsight.motion.data import GuardMode
 from armsight.recording import messages
-from armsight.recording.description import CellDescription
-from armsight.recording.mcap_file import McapWriter
+from armsight.recording.description import CellDescription, to_metadata
+from armsight.recording.mcap_file import McapReader, McapWriter
 from armsight.recording.recorder import Recorder
 from armsight.recording.replay import _as_recorded, open_recording
 from armsight.recording.replay_parts import HoldAtEnd, replay_parts
@@ -377,3 +397,152 @@ def test_a_recorded_cell_whose_tip_floats_is_built_without_the_sensor_that_feels
     again = parse_workcell(_as_recorded(text, description))
     assert again.wrench is None
     assert robot_in(again).tool is not None
+
+
+def foreign(path: Path, *extra: tuple[str, str, bytes]) -> Path:
+    """Depth that starts after many messages of others, as drivers warm up."""
+    lens = camera_info("c").depth
+    writer = McapWriter(path)
+
+    def write(topic: str, kind: str, data: bytes, at: int) -> None:
+        writer.write(topic, kind, data, at * 1_000_000, at * 1_000_000)
+
+    for topic, kind, data in extra:
+        write(topic, kind, data, 0)
+    for i in range(500):
+        data = messages.encode_transforms([("map", "elsewhere", np.eye(4))], 1e-3 * i)
+        write("/tf", messages.TRANSFORMS, data, i)
+    for name in ("image_raw", "image_rect_raw"):
+        depth = messages.encode_depth(np.ones((48, 64), np.float32), 0.6, "lens")
+        write(f"/c/depth/{name}", messages.IMAGE, depth, 600)
+    write("/c/depth/camera_info", messages.CAMERA_INFO, _info(lens), 600)
+    writer.close()
+    return path
+
+
+def _info(lens: PinholeCamera, **fields: object) -> bytes:
+    message = messages.decode(messages.encode_camera_info(lens, 0.0, "lens"), messages.CAMERA_INFO)
+    return messages.encode(replace(message, **fields))
+
+
+def test_what_starts_late_and_what_is_none_of_ours_does_not_matter(tmp_path: Path) -> None:
+    """It looked at 400 messages, at every lens, and at every transform."""
+    lens = camera_info("c").depth
+    fisheye = _info(lens, distortion_model="equidistant", d=np.full(4, 0.1))
+    upset = messages.decode(
+        messages.encode_transforms([("a", "b", np.eye(4))], 0.0), messages.TRANSFORMS
+    )
+    upset.transforms[0].transform.rotation.w = 0.0
+    path = foreign(
+        tmp_path / "a.mcap",
+        ("/fisheye/camera_info", messages.CAMERA_INFO, fisheye),
+        ("/tf_static", messages.TRANSFORMS, messages.encode(upset)),
+    )
+    with open_recording(path) as cell:
+        assert {camera.info.name for camera in cell.cameras} == {
+            "c_depth_image_raw",
+            "c_depth_image_rect_raw",
+        }
+        cell.world.advance(1.0)
+        assert all(camera.read() is not None for camera in cell.cameras)
+
+
+def test_a_camera_that_was_never_calibrated_is_refused(tmp_path: Path) -> None:
+    lens = _info(camera_info("c").depth, k=np.zeros(9))
+    path = foreign(tmp_path / "a.mcap", ("/c/depth/camera_info", messages.CAMERA_INFO, lens))
+    with pytest.raises(RecordingError, match=r"lens.*no lens; was the camera not calibrated"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("cameras", "[" * 100_000),
+        ("static", "[[1]]"),
+        ("static", '[{"size": [1, 1, 1], "color": [1, 1, 1], "pose": 1e999}]'),
+        ("joint_names", "7"),
+        ("T_world_base", "{}"),
+    ],
+)
+def test_a_description_of_any_shape_is_refused_in_words(
+    tmp_path: Path, key: str, value: str
+) -> None:
+    described = to_metadata(CellDescription("ur5", "none", np.eye(4), (), (), ()))
+    described["armsight.cell"][key] = value
+    writer = McapWriter(tmp_path / "a.mcap")
+    writer.describe(described, {})
+    writer.close()
+    with pytest.raises(RecordingError, match="description of its cell is damaged"):
+        open_recording(tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("workcell.toml", b"\xff\xfe"),
+        ("workcell.toml", b"[cell\nname = 3"),
+        ("workcell.toml", b"robot = 3\n[cell]\nname = 'a'"),
+        ("workcell.toml", b"simulation = 3\n[cell]\nname = 'a'"),
+        ("workcell.toml", b"[cell]\nname = 'a'"),
+        ("calibration.toml", b"\xff\xfe"),
+        ("calibration.toml", b"[calibration\n"),
+    ],
+)
+def test_a_cell_file_of_any_shape_is_refused_in_words(
+    tmp_path: Path, name: str, text: bytes
+) -> None:
+    described = to_metadata(CellDescription("ur5", "./own.toml", np.eye(4), (), (), ()))
+    writer = McapWriter(tmp_path / "a.mcap")
+    whole = {"workcell.toml": b"[cell]\nname = 'a'\n[robot]\nmodel = 'ur5'\n"}
+    writer.describe(described, {**whole, name: text})
+    writer.close()
+    with pytest.raises(RecordingError, match=r"a\.mcap"):
+        open_recording(tmp_path / "a.mcap")
+
+
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_damaged_messages_are_an_error_in_words_never_a_crash(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Bytes inside of messages, in a file that is whole otherwise."""
+    path = tmp_path_factory.getbasetemp() / "all_streams.mcap"
+    if not path.exists():
+        _all_streams(path)
+    with McapReader(path) as reader:
+        kept = [(t, k, r.data, r.log_time) for t, k, r in reader.messages()]
+        metadata = reader.contents.metadata
+    hit = data.draw(st.integers(0, len(kept) - 1))
+    spoilt = bytearray(kept[hit][2])
+    for _ in range(data.draw(st.integers(1, 8))):
+        spoilt[data.draw(st.integers(4, min(len(spoilt), 400) - 1))] = data.draw(
+            st.integers(0, 255)
+        )
+    other = tmp_path_factory.mktemp("spoilt") / "a.mcap"
+    writer = McapWriter(other)
+    writer.describe(metadata, {})
+    for i, (topic, kind, raw, at) in enumerate(kept):
+        writer.write(topic, kind, bytes(spoilt) if i == hit else raw, at, at)
+    writer.close()
+    try:
+        with open_recording(other) as cell:
+            cell.world.advance(100.0)
+    except RecordingError:
+        pass
+
+
+def _all_streams(path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cell = make_cell()
+    recorder = Recorder(path, cell, pictures="small")
+    session = FakeSession(cell)
+    recorder.attach(session)
+    recorder.on_reading(make_joints(0.1, 6, rng), 0.1)
+    recorder.on_reading(make_frame(cell.cameras[0].info, 0, 0.1, rng), 0.1)
+    recorder.on_reading(ArmStatus(0.1, "running", 0.5, "fine"), 0.1)
+    recorder.on_reading(Wrench(0.1, np.ones(3), np.ones(3)), 0.1)
+    recorder.on_reading(GripperState(0.1, 0.05, False), 0.1)
+    recorder.on_reading(DeclaredSolids(0.1, "car", cell.static), 0.1)
+    session.shown = empty_view(0.2, guard=make_status(0.2, 6, rng), movers=make_movers(rng))
+    recorder.update(0.2)
+    recorder.close()

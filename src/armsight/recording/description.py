@@ -19,6 +19,7 @@ from armsight.devices.depth_model import DepthModel
 from armsight.errors import RecordingError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.shapes import Solid
+from armsight.recording.messages import possible
 
 VERSION = "1"
 CELL = "armsight.cell"
@@ -137,9 +138,9 @@ def from_metadata(records: Mapping[str, Mapping[str, str]]) -> CellDescription |
             bool(json.loads(cell.get("wrench", "false"))),
             json.loads(cell.get("gripper", "null")),
         )
-    except (KeyError, ValueError, TypeError) as error:
+    except Exception as error:  # JSON of any shape and depth
         raise RecordingError(
-            f"the recording's description of its cell is damaged: {error}"
+            f"the recording's description of its cell is damaged ({type(error).__name__}: {error})"
         ) from error
 
 
@@ -232,7 +233,10 @@ def _lens_to_json(lens: PinholeCamera) -> str:
 
 def _lens_from_json(text: str) -> PinholeCamera:
     width, height, fx, fy, cx, cy, k1, k2, p1, p2, k3 = json.loads(text)
-    return PinholeCamera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+    lens = PinholeCamera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+    if not possible(lens):
+        raise ValueError(f"a lens of {width}x{height} pixels, {fx} and {fy} focal lengths, is none")
+    return lens
 
 
 def _solid_to_dict(solid: Solid) -> dict[str, Any]:

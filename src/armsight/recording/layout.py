@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,7 +28,7 @@ from armsight.recording.topics import (
 
 V = TypeVar("V")
 LOOK = 400
-"""Messages of a foreign recording that are looked at to learn what is in it."""
+"""Transforms of a foreign recording that are looked at to learn where its cameras are."""
 
 
 class FrameTree:
@@ -123,18 +124,28 @@ def _either(topics: Mapping[str, V]) -> dict[str, V]:
 
 
 def _foreign(reader: McapReader) -> Layout:
-    images, lenses, tree, moving = _look(reader)
-    depth = {t: m for t, m in images.items() if m.encoding in ("32FC1", "16UC1", "mono16")}
+    kinds = reader.topics
+    first = {topic: _first(reader, topic) for topic in kinds if kinds[topic] == messages.IMAGE}
+    depth = {
+        topic: message.header.frame_id.lstrip("/")
+        for topic, message in first.items()
+        if message is not None and message.encoding in ("32FC1", "16UC1", "mono16")
+    }
     if not depth:
         raise RecordingError(
             f"{reader.path}: no depth images (sensor_msgs/Image, 32FC1 or 16UC1) among its topics "
-            f"({', '.join(sorted(reader.topics)) or 'none'})"
+            f"({', '.join(sorted(kinds)) or 'none'})"
         )
-    frames = {topic: message.header.frame_id.lstrip("/") for topic, message in depth.items()}
-    base = _base(tree, next(iter(frames.values())))
-    cameras, names = [], {}
-    for topic, frame in frames.items():
-        lens = lenses.get(topic.rsplit("/", 1)[0] + "/camera_info")
+    tree, moving = _tree(reader)
+    base = _base(tree, next(iter(depth.values())))
+    names = {topic: _name(topic) for topic in depth}
+    if len(depth) == 1:
+        names = {topic: topic.strip("/").split("/")[0] for topic in depth}
+    elif len(set(names.values())) < len(names):  # a camera's raw and its rectified depth
+        names = {topic: topic.strip("/").replace("/", "_") for topic in depth}
+    cameras = []
+    for topic, frame in depth.items():
+        lens = _first(reader, topic.rsplit("/", 1)[0] + "/camera_info")
         if lens is None:
             raise RecordingError(
                 f"{reader.path}: {topic} has no camera_info beside it, so its lens is not known"
@@ -144,38 +155,31 @@ def _foreign(reader: McapReader) -> Layout:
             raise RecordingError(
                 f"{reader.path}: /tf and /tf_static do not say where {frame} ({topic}) is in {base}"
             )
-        names[topic] = topic.strip("/").split("/")[0] if len(frames) == 1 else _name(topic)
-        cameras.append(_camera(names[topic], lens, pose))
+        cameras.append(_camera(names[topic], messages.decode_camera_info(lens), pose))
     description = CellDescription(NO_ROBOT, "none", np.eye(4), (), tuple(cameras), ())
-    posed = {names[t]: f for t, f in frames.items() if moving}
+    posed = {names[t]: f for t, f in depth.items() if moving}
     return Layout(description, names, {}, "", posed, base, moving, tree)
 
 
-def _look(
-    reader: McapReader,
-) -> tuple[dict[str, Any], dict[str, PinholeCamera], FrameTree, bool]:
-    """First image, lens and transform of each, and whether any transform moves."""
-    kinds = (messages.IMAGE, messages.CAMERA_INFO, messages.TRANSFORMS)
-    wanted = [topic for topic, kind in reader.topics.items() if kind in kinds]
-    images: dict[str, Any] = {}
-    lenses: dict[str, PinholeCamera] = {}
-    tree = FrameTree()
-    moving = False
-    for i, (topic, kind, record) in enumerate(reader.messages(wanted)):
-        if i >= LOOK:
-            break
-        if kind == messages.TRANSFORMS:
+def _first(reader: McapReader, topic: str) -> Any:
+    """The first message of a topic, or None; chunks that do not hold it are passed over."""
+    for _, kind, record in reader.messages([topic]):
+        return messages.decode(record.data, kind)
+    return None
+
+
+def _tree(reader: McapReader) -> tuple[FrameTree, bool]:
+    """First transform of each frame, and whether any transform moves."""
+    tree, moving = FrameTree(), False
+    kinds = reader.topics
+    for topic in (topic for topic in kinds if kinds[topic] == messages.TRANSFORMS):
+        for _, kind, record in islice(reader.messages([topic]), LOOK):
             moving = moving or not topic.endswith("tf_static")
-            for _, parent, child, T in messages.decode_transforms(
-                messages.decode(record.data, kind)
-            ):
+            said = messages.decode_transforms(messages.decode(record.data, kind))
+            for _, parent, child, T in said:
                 if not tree.knows(child):
                     tree.set(parent, child, T)
-        elif kind == messages.IMAGE and topic not in images:
-            images[topic] = messages.decode(record.data, kind)
-        elif kind == messages.CAMERA_INFO and topic not in lenses:
-            lenses[topic] = messages.decode_camera_info(messages.decode(record.data, kind))
-    return images, lenses, tree, moving
+    return tree, moving
 
 
 def _base(tree: FrameTree, frame: str) -> str:

@@ -8,13 +8,12 @@ index that it lacks. Where the disk fills, the writer cuts the torn end off, sea
 from __future__ import annotations
 
 import heapq
-import io
 import os
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, NamedTuple, cast
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
@@ -22,7 +21,6 @@ from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
-    Chunk,
     ChunkIndex,
     DataEnd,
     Footer,
@@ -32,15 +30,17 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import Writer
 
 from armsight import __version__
 from armsight.errors import RecordingError
+from armsight.recording.chunks import ChunkPlace, bounded, read_chunk
 from armsight.recording.messages import definition
 
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_BYTES = 4 * 1024 * 1024
+MOST_WHOLE = 64 * 1024 * 1024
+"""Of a record that is taken into memory as it is [bytes]: what a cell is fits many times."""
 LATCHED = """\
 - history: 1
   depth: 1
@@ -111,7 +111,15 @@ class McapWriter:
         self._writer: Any = Writer(cast(Any, self._stream), chunk_size=CHUNK_BYTES)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self._writer.start("ros2", f"armsight {__version__}")
+        try:
+            self._writer.start("ros2", f"armsight {__version__}")
+        except OSError as error:
+            self._file.close()
+            self.partial.unlink()  # it is ours and holds nothing
+            raise RecordingError(
+                f"{self.partial}: cannot be written ({error.strerror}); free some space, or record "
+                "to another disk"
+            ) from error
 
     def describe(
         self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
@@ -167,7 +175,8 @@ class McapWriter:
         """After a failed write: cut the torn end off, index what is whole, rename, return the path.
 
         Raises:
-            OSError: not even that is possible; the partial file stays and is readable to its cut.
+            RecordingError, OSError: not even that is possible; the partial file stays and is
+                readable to its cut.
         """
         self._file.truncate(self._stream.good_end)
         self._file.flush()
@@ -184,20 +193,13 @@ class McapWriter:
         return self.path
 
 
-@dataclass
-class ChunkPlace:
-    """Where a chunk lies: its first byte, its length with the record's head, its times [ns]."""
+class LoosePlace(NamedTuple):
+    """Where a message lies that is in no chunk, and of which channel, at what time [ns]."""
 
+    log_time: int
+    channel_id: int
     offset: int
     length: int
-    start: int
-    end: int
-    compression: str
-    compressed_size: int
-    uncompressed_size: int
-    index_offsets: dict[int, int] = field(default_factory=dict)
-    counts: dict[int, int] = field(default_factory=dict)
-    index_end: int = 0
 
 
 @dataclass
@@ -214,7 +216,7 @@ class Contents:
     chunks: list[ChunkPlace] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
-    loose: list[Any] = field(default_factory=list)
+    loose: list[LoosePlace] = field(default_factory=list)
     cut: str = ""
     good_end: int = 0
 
@@ -272,16 +274,16 @@ def _take(file: BinaryIO, opcode: int, length: int, offset: int, contents: Conte
         place.index_end = offset + 9 + length
         if channel not in contents.channels:
             learn_channels(file, place, contents)
-    else:
-        _take_whole(_bounded(file, length), opcode, length, contents)
+    elif opcode == Opcode.MESSAGE:
+        channel, _sequence, log_time = struct.unpack("<HIQ", file.read(14))
+        contents.loose.append(LoosePlace(log_time, channel, offset + 9, length))
+    elif length <= MOST_WHOLE:
+        _take_whole(bounded(file, length), opcode, contents)
+    elif opcode != Opcode.ATTACHMENT:  # somebody's film may be large, and is none of ours
+        raise ValueError(f"it claims {length} bytes; {MOST_WHOLE} are read at most")
 
 
-def _bounded(file: BinaryIO, length: int) -> ReadDataStream:
-    """The next bytes alone: a damaged length inside them cannot ask for more memory than those."""
-    return ReadDataStream(io.BytesIO(file.read(length)))
-
-
-def _take_whole(stream: ReadDataStream, opcode: int, length: int, contents: Contents) -> None:
+def _take_whole(stream: ReadDataStream, opcode: int, contents: Contents) -> None:
     if opcode == Opcode.HEADER:
         contents.profile = Header.read(stream).profile
     elif opcode == Opcode.SCHEMA:
@@ -290,27 +292,12 @@ def _take_whole(stream: ReadDataStream, opcode: int, length: int, contents: Cont
     elif opcode == Opcode.CHANNEL:
         channel_record = Channel.read(stream)
         contents.channels[channel_record.id] = channel_record
-    elif opcode == Opcode.MESSAGE:
-        contents.loose.append(Message.read(stream, length))
     elif opcode == Opcode.METADATA:
         metadata = Metadata.read(stream)
         contents.metadata[metadata.name] = dict(metadata.metadata)
     elif opcode == Opcode.ATTACHMENT:
         attachment = Attachment.read(stream)
         contents.attachments[attachment.name] = attachment.data
-
-
-def read_chunk(file: BinaryIO, place: ChunkPlace, check: bool = True) -> list[Any]:
-    """The records in a chunk, its checksum verified.
-
-    Raises:
-        RecordingError: the chunk is damaged.
-    """
-    file.seek(place.offset + 9)
-    try:
-        return breakup_chunk(Chunk.read(_bounded(file, place.length - 9)), validate_crc=check)
-    except Exception as error:  # zstandard, struct, mcap: all mean the same here
-        raise RecordingError(f"the chunk at byte {place.offset} is damaged ({error})") from error
 
 
 def learn_channels(file: BinaryIO, place: ChunkPlace, contents: Contents) -> None:
@@ -474,13 +461,34 @@ class McapReader:
                 place = waiting.pop()
                 if place.counts and not wanted.keys() & place.counts.keys():
                     continue
-                for i, record in enumerate(read_chunk(self._file, place)):
+                for i, record in enumerate(self._records(place)):
                     if isinstance(record, Message):
                         heapq.heappush(heap, (record.log_time, place.offset, i, record))
             if heap:
                 record = heapq.heappop(heap)[3]
                 if record.channel_id in wanted:
-                    yield (*wanted[record.channel_id], record)
+                    yield (*wanted[record.channel_id], self._whole(record))
+
+    def _records(self, place: ChunkPlace) -> list[Any]:
+        try:
+            return read_chunk(self._file, place)
+        except RecordingError as error:
+            good = (place.start - self.span[0]) / 1e9
+            raise RecordingError(
+                f"{self.path}: {error}; whole up to {good:.1f} s (--seconds replays so much)"
+            ) from error
+
+    def _whole(self, record: Any) -> Any:
+        """A message; one that lies in no chunk is read only now."""
+        if not isinstance(record, LoosePlace):
+            return record
+        self._file.seek(record.offset)
+        try:
+            return Message.read(bounded(self._file, record.length), record.length)
+        except Exception as error:  # struct, mcap
+            raise RecordingError(
+                f"{self.path}: the message at byte {record.offset} is damaged ({error})"
+            ) from error
 
     def close(self) -> None:
         """Close the file."""

@@ -36,6 +36,8 @@ MARKERS = "visualization_msgs/msg/MarkerArray"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
 NANOSECONDS = 1_000_000_000
+MOST_PIXELS = 16384
+"""Of a lens, across or down: what says more asks for memory that nobody has."""
 
 
 def to_ns(seconds: float) -> int:
@@ -217,7 +219,7 @@ def decode_camera_info(message: Any) -> PinholeCamera:
     """The lens that a CameraInfo describes.
 
     Raises:
-        RecordingError: a distortion that is not plumb_bob.
+        RecordingError: a distortion that is not plumb_bob, or no lens at all.
     """
     d = np.asarray(message.d, float)
     if np.any(d) and (message.distortion_model != "plumb_bob" or d.size != 5):
@@ -228,7 +230,24 @@ def decode_camera_info(message: Any) -> PinholeCamera:
     d = d if d.size == 5 else np.zeros(5)
     fx, fy, cx, cy = (float(message.k[i]) for i in (0, 4, 2, 5))
     distortion = (float(d[0]), float(d[1]), float(d[2]), float(d[3]), float(d[4]))
-    return PinholeCamera(int(message.width), int(message.height), fx, fy, cx, cy, distortion)
+    lens = PinholeCamera(int(message.width), int(message.height), fx, fy, cx, cy, distortion)
+    if not possible(lens):
+        raise RecordingError(
+            f"camera info of {message.header.frame_id} says {lens.width}x{lens.height} pixels and "
+            f"focal lengths {fx:g}, {fy:g}: no lens; was the camera not calibrated?"
+        )
+    return lens
+
+
+def possible(lens: PinholeCamera) -> bool:
+    """Whether a lens can be: finite, with focal lengths, and no larger than any picture."""
+    numbers = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
+    sizes = (lens.width, lens.height)
+    return (
+        all(math.isfinite(value) for value in numbers)
+        and min(lens.fx, lens.fy) > 0.0
+        and all(0 < size <= MOST_PIXELS for size in sizes)
+    )
 
 
 # --- arm -------------------------------------------------------------------------------------
@@ -349,7 +368,10 @@ def encode_transforms(transforms: Iterable[tuple[str, str, Pose]], stamp: float)
 
 
 def decode_transforms(message: Any) -> list[tuple[float, str, str, Pose]]:
-    """(stamp [s], parent, child, ``T_parent_child``) of each transform."""
+    """(stamp [s], parent, child, ``T_parent_child``) of each transform that is one.
+
+    Frames that nobody has placed yet are found in bags with a rotation of zeros.
+    """
     return [
         (
             stamp_of(t),
@@ -358,7 +380,14 @@ def decode_transforms(message: Any) -> list[tuple[float, str, str, Pose]]:
             pose_of(t.transform),
         )
         for t in message.transforms
+        if _is_pose(t.transform)
     ]
+
+
+def _is_pose(message: Any) -> bool:
+    place, turn = message.translation, message.rotation
+    length = math.hypot(turn.x, turn.y, turn.z, turn.w)
+    return math.isfinite(length + place.x + place.y + place.z) and length > 1e-6
 
 
 def encode_cloud(points: Floats32, stamp: float, frame: str) -> bytes:

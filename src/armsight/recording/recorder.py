@@ -20,7 +20,8 @@ from armsight.devices.data import JointState
 from armsight.errors import RecordingError
 from armsight.recording.byte_queue import ByteQueue
 from armsight.recording.changes import Changes
-from armsight.recording.mcap_file import McapWriter
+from armsight.recording.mcap_file import McapReader, McapWriter
+from armsight.recording.messages import to_seconds
 from armsight.recording.session_writer import Scribe
 from armsight.recording.small_pictures import Thinning
 from armsight.recording.streams import BY_READING
@@ -95,6 +96,7 @@ class Recorder:
         self._newest = -math.inf
         self._joints = -math.inf
         self._failure = ""
+        self._kept: Path | None = None
         self._changes = Changes()
         self._writer = McapWriter(Path(path))
         self._scribe = Scribe(cell, self._writer, pictures == "small")
@@ -110,10 +112,12 @@ class Recorder:
     @property
     def path(self) -> Path:
         """The file's name once it is closed."""
-        return self._writer.path
+        return self._kept or self._writer.path
 
     def attach(self, session: RecordedSession) -> None:
-        """Watch a session; its sensing calls :meth:`on_reading`."""
+        """Watch a session; its sensing calls :meth:`on_reading`. Again, it was reset."""
+        if self._start is not None:
+            self._end_at_reset()
         self._view = session.view
 
     # -- called by sensing ----------------------------------------------------------------------
@@ -177,9 +181,7 @@ class Recorder:
                     self._writer.flush()
                     flushed = time.monotonic()
             if not self._failure:
-                self._writer.close()
-        except OSError as error:
-            self._fail(error)
+                self._kept = self._writer.close()
         except Exception as error:  # a bug must not leave a torn file behind
             self._fail(error)
 
@@ -188,26 +190,39 @@ class Recorder:
         self._queue.close(drop=True)
         full = getattr(error, "errno", 0) in _FULL
         what = "the disk is full" if full else f"{type(error).__name__}: {error}"
-        seconds = max(0.0, self._scribe.newest - (self._start or 0.0))
         try:
-            kept = self._writer.abandon()
+            self._kept = self._writer.abandon()
             self._failure = (
-                f"recording stopped: {what}; {kept} is complete up to {seconds:.1f} s"
+                f"recording stopped: {what}; {self._kept} is complete up to {self._seconds():.1f} s"
                 + ". Free some space, or record to another disk" * full
             )
-        except OSError as second:
+        except (OSError, RecordingError) as second:
+            self._kept = self._writer.partial
             self._failure = (
-                f"recording stopped: {what}, and {self._writer.partial} could not be closed "
-                f"({second.strerror}); it is readable up to its cut, {seconds:.1f} s"
+                f"recording stopped: {what}, and {self._kept} could not be closed "
+                f"({getattr(second, 'strerror', None) or second}); it is readable up to its cut, "
+                f"{self._seconds():.1f} s"
             )
         self.problem = self._failure
+
+    def _seconds(self) -> float:
+        """How far the file goes, by the file: what was on its way to the disk is not in it."""
+        try:
+            with McapReader(self.path) as reader:
+                end = to_seconds(reader.span[1])
+        except RecordingError:
+            return 0.0
+        return 0.0 if self._start is None else max(0.0, end - self._start)
 
     def _put(self, size: int, job: Callable[[], None], now: float) -> bool:
         if self._start is None:
             self._start = now
         if now < self._newest - TURNED_BACK:
-            self._queue.close()
-            self.problem = f"recording ended at {self._newest:.1f} s: the session was reset"
+            self._end_at_reset()
             return True
         self._newest = max(self._newest, now)
         return self._queue.put(size, job, wait=self._wait)
+
+    def _end_at_reset(self) -> None:
+        self._queue.close()
+        self.problem = f"recording ended at {self._newest:.1f} s: the session was reset"

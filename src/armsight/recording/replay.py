@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from armsight.arrays import JointPath
 from armsight.devices.data import GripperState, StereoFrame, Wrench
@@ -122,7 +123,7 @@ def _robot(description: CellDescription, reader: McapReader) -> tuple[Workcell, 
             robot = robot.with_tool(load_tool(description.tool))
     except RecordingError:
         raise
-    except ArmsightError as error:
+    except (ArmsightError, TOMLKitError, UnicodeDecodeError, KeyError, TypeError) as error:
         raise RecordingError(f"{reader.path}: its cell cannot be built again: {error}") from error
     return bare_workcell(reader.path.stem, description.robot), robot
 
@@ -178,7 +179,13 @@ def _deliveries(
     decoder = _Decoder(layout, joint_names, shift)
     topics = [topic for topic in reader.topics if decoder.wants(topic)]
     for topic, kind, record in reader.messages(topics):
-        item = decoder.take(topic, messages.decode(record.data, kind), record)
+        try:
+            item = decoder.take(topic, messages.decode(record.data, kind), record)
+        except Exception as error:  # whatever somebody else may have written
+            at = to_seconds(record.log_time - shift)
+            raise RecordingError(
+                f"{reader.path}: what {topic} says at {at:.3f} s cannot be: {error}"
+            ) from error
         if item is not None:
             yield Delivery(record.log_time - shift, item)
 

@@ -63,13 +63,9 @@ class Scribe:
     Args:
         cell: what is recorded; writer: into what.
         small: pictures are compressed, and there are fewer (:mod:`.small_pictures`).
-
-    Attributes:
-        newest: log time of the newest message written [s].
     """
 
     def __init__(self, cell: Cell, writer: McapWriter, small: bool = False) -> None:
-        self.newest = 0.0
         self._cell = cell
         self._robot = cell.robot
         self._writer = writer
@@ -90,7 +86,6 @@ class Scribe:
         sequence: int = 0,
         latched: bool = False,
     ) -> None:
-        self.newest = max(self.newest, now)
         self._writer.write(
             topic,
             kind,
