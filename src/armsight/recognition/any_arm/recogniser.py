@@ -14,6 +14,7 @@ from armsight.geometry.pose import make_pose
 from armsight.recognition.any_arm.edges import at_edges
 from armsight.recognition.any_arm.evidence import STRIDE, Evidence
 from armsight.recognition.any_arm.frames import FINER, Lump, find_lumps
+from armsight.recognition.any_arm.lens_doubt import doubted
 from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.observing import observe
 from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
@@ -21,6 +22,7 @@ from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
 from armsight.recognition.any_arm.trust import LEAD, features, read_trust
 from armsight.recognition.any_arm.views import SIDE, WHOLE, Crop, mask_in_picture, take_crop
+from armsight.recognition.inference.intrinsics import check_size
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
 from armsight.robots.robot import Robot
@@ -106,13 +108,16 @@ class ArmRecogniser:
 
         Args:
             picture: of any size.
-            camera: of that picture; None to assume a phone's field of view.
+            camera: of that picture; None to assume a phone's field of view, of which no distance
+                is believed.
 
         Raises:
-            RecognitionError: the network answers with something that is no number.
+            RecognitionError: the network answers with something that is no number, or the camera is
+                of pictures of another size.
         """
         h, w = picture.image.shape[:2]
         lens = camera or assumed_lens(w, h)
+        check_size(lens, w, h)
         arms = self._arms(picture.image, lens, find_lumps(self.model, picture.image)[0])
         if not arms and max(h, w) > WHOLE:
             # A small arm is overlooked in the whole; larger, other things look like one, too.
@@ -122,9 +127,8 @@ class ArmRecogniser:
         notes = list(picture.notes)
         if not arms:
             notes.append("no robot arm found")
-        source: Intrinsics = "assumed" if camera is None else "given"
-        if camera is not None and camera is picture.camera:
-            source = "exif"
+        source = _source(picture, camera)
+        if source == "exif":
             notes.append(
                 "focal length from the picture's own file: distances may be off by some 5 %"
             )
@@ -138,6 +142,7 @@ class ArmRecogniser:
             for arm in arms
             for other in arm.alike
         ]
+        arms = [doubted(arm, source, self.trust.threshold) for arm in arms]
         arms.sort(key=lambda arm: (arm.believed, float(arm.mask.sum())), reverse=True)
         return Sighting(
             picture.name, tuple(arms), lens.K, np.array(lens.distortion), source, tuple(notes)
@@ -343,6 +348,13 @@ def _same(a: Arm, b: Arm) -> bool:
     """Whether two lumps led to one arm."""
     x, y = a.mask > ARM, b.mask > ARM
     return bool((x & y).sum() > 0.5 * min(x.sum(), y.sum()))
+
+
+def _source(picture: Picture, camera: PinholeCamera | None) -> Intrinsics:
+    """Where the camera of a picture is from."""
+    if camera is None:
+        return "assumed"
+    return "exif" if camera is picture.camera else "given"
 
 
 def assumed_lens(w: int, h: int) -> PinholeCamera:

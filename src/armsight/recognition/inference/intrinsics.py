@@ -183,6 +183,19 @@ def check_camera(camera: PinholeCamera, where: str) -> None:
         )
 
 
+def check_size(camera: PinholeCamera, width: int, height: int) -> None:
+    """See that a camera is of a picture's very size: of another one, it places all wrongly.
+
+    Raises:
+        RecognitionError: it is not.
+    """
+    if (camera.width, camera.height) != (width, height):
+        raise RecognitionError(
+            f"the camera is of pictures of {camera.width} x {camera.height} px, this one has "
+            f"{width} x {height}; scale it (PinholeCamera.scaled, or camera_for)"
+        )
+
+
 def camera_for(
     camera: PinholeCamera, width: int, height: int, where: str, orientation: int = 1
 ) -> PinholeCamera:

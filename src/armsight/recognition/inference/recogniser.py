@@ -12,7 +12,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Floats32, Points, Vector3
 from armsight.geometry.camera import PinholeCamera
-from armsight.recognition.inference.intrinsics import View, project, view_through
+from armsight.recognition.inference.intrinsics import View, check_size, project, view_through
 from armsight.recognition.inference.model import Model, validation_figure
 from armsight.recognition.inference.no_robot import robot_share
 from armsight.recognition.inference.pictures import Picture
@@ -103,9 +103,12 @@ class Recogniser:
             camera: of that picture; None to assume the network's own.
 
         Raises:
-            RecognitionError: the network answers with something that is no number.
+            RecognitionError: the network answers with something that is no number, or the camera is
+                of pictures of another size.
         """
         a = self.model.architecture
+        if camera is not None:
+            check_size(camera, picture.image.shape[1], picture.image.shape[0])
         view = view_through(picture.image, camera, self.model.K, a.width, a.height)
         answer = self.model.run(view.image)
         best = int(np.argmax(answer.type))
