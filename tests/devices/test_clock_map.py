@@ -84,6 +84,32 @@ def test_lies_about_time_are_told(lie, words):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.parametrize("held_up", [0.3, 0.8, 1.5])
+def test_a_reading_that_was_held_up_is_as_old_as_it_is(held_up):
+    """A bus or a process stood still: dated by its arrival an old picture would be a new one."""
+    times = ClockMap("camera 'c'", LATENCY)
+    for i in range(60):
+        times.map(0.05 * i, 0.05 * i + LATENCY)
+    first = 3.0 + held_up + LATENCY
+    for i in range(int(held_up / 0.05)):  # then all that waited comes at once
+        assert times.map(3.0 + 0.05 * i, first + 1e-3 * i) == pytest.approx(3.0 + 0.05 * i)
+    now = 3.0 + held_up
+    assert times.map(now, now + LATENCY) == pytest.approx(now)
+
+
+def test_who_is_late_for_long_is_told_so():
+    """A driver that reads slower than its device sends: every reading waits longer."""
+    times = ClockMap("camera 'c'")
+
+    def listen():
+        for i in range(1000):
+            assert times.map(0.05 * i, 0.1 * i) < 0.05 * i + 0.3
+
+    with pytest.raises(DeviceError, match="later than they used to") as told:
+        listen()
+    assert "does its driver read the newest one" in str(told.value)
+
+
 def test_the_line_is_below_all_points_and_nearest():
     rng = np.random.default_rng(0)
     device = np.sort(rng.uniform(0.0, 60.0, 40))

@@ -25,6 +25,8 @@ GREATEST_DRIFT = 1e-3
 """No device's clock runs faster or slower than this: a bad quartz does 1e-4."""
 STEP = 0.25
 """A reading that is so far from where the map expects it [s]: the device's clock was set."""
+LATE = 2.0
+"""Readings that come late by :data:`STEP` for so long [s] are no hiccup."""
 STEPS = 3
 """A device's clock may be set so often within the kept time."""
 UNKNOWN_DRIFT = 1e-4
@@ -45,6 +47,7 @@ class ClockMap:
         self._latency = latency
         self._steps: deque[float] = deque()
         self._last = self._bin = -math.inf
+        self._late_since = math.inf
         self._restart()
 
     @property
@@ -72,10 +75,17 @@ class ClockMap:
         stamp = float(stamp)
         if not math.isfinite(stamp):
             raise DeviceError(f"{self._name} lies about time: it dates a reading {stamp}")
-        if self._points and (
-            stamp < self._last or abs(arrival - self._line(stamp)) > STEP + self._error
-        ):
-            self._stepped(stamp, arrival)
+        if self._points:
+            late = arrival - self._line(stamp)
+            if stamp < self._last or -late > STEP + self._error:
+                self._stepped(stamp, arrival)
+            elif late > STEP + self._error:
+                # It was held up on its way, so it is as old as it says: to date it by its arrival
+                # would make an old picture a new one.
+                self._held_up(late, arrival)
+                self._last = stamp
+                return self._line(stamp) - self._latency
+        self._late_since = math.inf
         self._last = stamp
         if self._add(stamp, arrival):
             self._fit()
@@ -103,6 +113,14 @@ class ClockMap:
                 f"{arrival - self._steps[0]:.1f} s, last by {off:+.3g} s; are its stamps seconds?"
             )
         self._restart()
+
+    def _held_up(self, late: float, arrival: float) -> None:
+        self._late_since = min(self._late_since, arrival)
+        if arrival - self._late_since > LATE:
+            raise DeviceError(
+                f"{self._name}: its readings come {late:.2f} s later than they used to, for "
+                f"{LATE:g} s now; does its driver read the newest one, or is its clock slow?"
+            )
 
     def _add(self, stamp: float, arrival: float) -> bool:
         """Whether the points are others now."""
