@@ -48,6 +48,7 @@ class ArmDouble:
         self.epoch = epoch
         self.q, self.v, self.at = np.zeros(n), np.zeros(n), time.perf_counter()
         self.mode, self.speed, self.message = "running", 1.0, ""
+        self.effort = None
         self.shape, self.lie, self.raises = (n,), lambda t: t, None
         self.settings = settings
         log.calls.append(("open", settings))
@@ -65,7 +66,13 @@ class ArmDouble:
         q = np.resize(self.q, self.shape)
         stamp = self.lie(self.epoch + now)
         return ArmReading(
-            stamp, q, np.resize(self.v, self.shape), None, self.mode, self.speed, self.message
+            stamp,
+            q,
+            np.resize(self.v, self.shape),
+            self.effort,
+            self.mode,
+            self.speed,
+            self.message,
         )
 
     def command_velocity(self, velocity):

@@ -18,7 +18,7 @@ from port_doubles import (
 
 from armsight.devices.clock import WallClock
 from armsight.devices.conformance import conformance
-from armsight.devices.data import RgbdCameraInfo, StereoInfo
+from armsight.devices.data import DepthNoise, RgbdCameraInfo, StereoInfo
 from armsight.devices.driven_arm import DrivenArm
 from armsight.devices.driven_cameras import DrivenCamera, DrivenStereo
 from armsight.devices.driven_hand import DrivenGripper, DrivenWrench
@@ -150,6 +150,74 @@ def test_a_command_that_is_not_renewed_is_stopped():
     arm.close()
 
 
+class Gated(ArmDouble):
+    """Its read, or its command, waits for somebody; ``here`` tells when it does."""
+
+    def __init__(self, settings, log, gate):
+        super().__init__(settings, log)
+        self.gate, self.here, self.let = gate, threading.Event(), threading.Event()
+        self.armed = False
+
+    def wait(self, what):
+        if self.armed and self.gate == what:
+            self.here.set()
+            self.let.wait(5.0)
+
+    def read(self):
+        self.wait("read")
+        return super().read()
+
+    def command_velocity(self, velocity):
+        self.wait("command")
+        super().command_velocity(velocity)
+
+
+@pytest.mark.parametrize("gate", ["read", "command"])
+def test_a_command_that_was_on_its_way_when_the_arm_was_stopped_does_not_move_it(gate):
+    log, made = Log(), []
+    opener = lambda s: made.append(Gated(s, log, gate)) or made[-1]  # noqa: E731
+    arm = DrivenArm(SETTINGS, LIMITS, opener, WallClock())
+    until(arm.read)
+    driver, errors = made[0], []
+    driver.armed = True
+
+    def command():
+        try:
+            arm.command_velocity(0.1 * ONES)
+        except DeviceError as error:
+            errors.append(str(error))
+
+    if gate == "read":
+        assert driver.here.wait(5.0)
+    thread = threading.Thread(target=command)
+    thread.start()
+    assert driver.here.wait(5.0)
+    assert gate == "command" or until(lambda: arm._line._calls)
+    arm.stop()
+    driver.armed = False
+    driver.let.set()
+    thread.join(5.0)
+    time.sleep(0.02)
+    assert np.array_equal(driver.v, np.zeros(6))
+    if gate == "read":
+        assert "told to stop before" in errors[0]
+        assert log.count("command") == 0
+    else:
+        assert [call[0] for call in log.calls[-2:]] == ["command", "stop"]
+    assert arm.command_velocity(0.1 * ONES) == pytest.approx(0.1 * ONES)  # a new one is sent
+    arm.close()
+
+
+@pytest.mark.parametrize("said", ["fast", [1.0], np.full(6, np.nan), {"v": 1}, True])
+def test_what_a_driver_cannot_have_sent_is_a_refusal(said):
+    arm, made, _ = make_arm()
+    made[0].command_velocity = lambda velocity: said
+    with pytest.raises(DeviceError, match=r"says it sent .*expected 6 finite numbers or None"):
+        arm.command_velocity(0.1 * ONES)
+    assert until(arm.read) is not None
+    arm.close()
+
+
 @pytest.mark.parametrize("what", ["read", "command", "stop"])
 def test_an_arm_that_hangs_is_lost_for_good_and_told_to_stop(what):
     arm, made, log = make_arm()
@@ -194,6 +262,11 @@ def test_an_arm_that_does_not_open():
         ({"q": np.full(6, 57.3)}, "are its joints radians"),
         ({"q": np.full(6, 1.0)}, "jumped by 1 rad"),
         ({"lie": lambda t: 1e3 * t}, "lies about time"),
+        ({"mode": None}, "its mode is None, expected one of running, ready"),
+        ({"mode": ["running"]}, "its mode is .'running'., expected one of"),
+        ({"mode": "RUNNING"}, "its mode is 'RUNNING', expected one of"),
+        ({"speed": np.nan}, "its speed is nan, expected a share"),
+        ({"effort": np.zeros(5)}, r"effort has shape \(5,\), expected \(6,\)"),
         ({"raises": DeviceError("arm double: cable out")}, "cable out"),
         ({"raises": ZeroDivisionError("oops")}, r"read\(\) failed .ZeroDivisionError: oops"),
     ],
@@ -342,6 +415,11 @@ def test_another_camera_than_before_is_refused():
         replace(CameraDouble.report, range=(4.0, 0.2)),
         replace(CameraDouble.report, rate=0.0),
         replace(CameraDouble.report, infrared_scale=9),
+        replace(CameraDouble.report, noise=DepthNoise(np.nan, 0.0, 0.0)),
+        replace(CameraDouble.report, noise=DepthNoise(0.001, -0.01, 0.0)),
+        replace(CameraDouble.report, T_depth_color=np.full((4, 4), np.nan)),
+        replace(CameraDouble.report, T_depth_color=(0.1, 0.0, 0.0)),
+        replace(CameraDouble.report, depth=replace(LENS, distortion=np.zeros((1, 5)))),
     ],
 )
 def test_a_report_that_cannot_be_is_refused_at_the_start(report, monkeypatch):

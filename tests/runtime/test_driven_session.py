@@ -157,6 +157,31 @@ def test_a_silent_guard_is_noticed_without_the_supervisor_waiting_for_the_arm():
     assert log.count("stop") == 1
 
 
+def test_what_a_guard_decided_before_it_hung_is_not_sent():
+    cell, _, log = driven_cell()
+    fake = make_fake_parts(None, None)
+    told = []
+
+    class Sleeper:
+        ticks = 0
+
+        def step(self, *inputs):
+            self.ticks += 1
+            decision = fake.guard.step(*inputs)
+            slow = self.ticks == 10
+            if slow:
+                time.sleep(0.5)
+                told.append(len(log.calls))
+            decision.command = np.array([0.3, 0.3]) if slow else np.zeros(2)
+            return decision
+
+    parts = Parts(FakeMap(), fake.planner, Sleeper())
+    with cell:
+        Session(cell, None, make=lambda c, s: parts).run(1.2)
+    assert log.calls[told[0]][0] == "stop"
+    assert not any(np.any(v) for what, v in log.calls if what == "command")
+
+
 @pytest.mark.parametrize("guard", [True, False])
 def test_a_camera_without_guard_is_shown_and_is_no_evidence(guard):
     cell, _, _ = driven_cell(guard=guard)

@@ -182,9 +182,48 @@ def test_wall_loop_counts_missed_deadlines_and_wakes():
 def test_wall_loop_stops_the_arm_at_once_when_a_component_fails():
     stopped = threading.Event()
     parts = [Ticker("bad", 0.002, fail_at=0.0), Ticker("good", 0.002)]
-    loop = WallLoop(WallClock(), parts, on_failure=stopped.set)
+    loop = WallLoop(WallClock(), parts, halt=stopped.set)
     with pytest.raises(LoopError, match="bad"):
         loop.run(5.0)
+    assert stopped.is_set()
+
+
+def test_the_arm_is_stopped_before_a_thread_that_hangs_is_waited_for():
+    """A task that does not come back held up the stop for as long as the threads were joined."""
+    began, told = threading.Event(), []
+    hung = Ticker("hung", 0.002)
+    hung.update = lambda now: (began.set(), time.sleep(0.6))
+    loop = WallLoop(WallClock(), [hung], halt=lambda: told.append(time.monotonic()))
+    threading.Thread(target=lambda: began.wait(5.0) and loop.stop()).start()
+    loop.run(None)
+    assert time.monotonic() - told[0] > 0.3
+
+
+def test_a_component_that_hung_in_a_run_does_not_wake_up_in_the_next(monkeypatch):
+    monkeypatch.setattr("armsight.runtime.wall_loop.JOIN_SECONDS", 0.05)
+    hangs, threads = [True], set()
+    part = Ticker("part", 0.002)
+
+    def update(now):
+        threads.add(threading.get_ident())
+        if hangs and hangs.pop():
+            time.sleep(0.3)
+
+    part.update = update
+    loop = WallLoop(WallClock(), [part])
+    loop.run(0.05)
+    first = set(threads)
+    threads.clear()
+    loop.run(0.6)  # 0.6 s on the clock: the first thread comes back in it
+    assert len(threads) == 1
+    assert not threads & first
+
+
+def test_a_component_that_leaves_its_thread_ends_the_loop():
+    stopped = threading.Event()
+    parts = [Ticker("good", 0.002), Ticker("quitter", 0.002, fail_at=0.0, error=SystemExit(0))]
+    with pytest.raises(LoopError, match=r"quitter ended itself \(SystemExit\)"):
+        WallLoop(WallClock(), parts, halt=stopped.set).run(5.0)
     assert stopped.is_set()
 
 

@@ -24,6 +24,8 @@ from armsight.devices.clock_map import ClockMap
 from armsight.devices.driven_cameras import (
     check_lens,
     check_pair,
+    check_pose,
+    check_range,
     check_rate,
     checked_color,
     clean_depth,
@@ -231,9 +233,9 @@ def _check_report(kind: Kind, report: Any) -> DriverCheck:
         check_lens("camera", "depth", report.depth)
         if report.color is not None:
             check_lens("camera", "color", report.color)
+        check_pose("camera", "T_depth_color", report.T_depth_color)
+        check_range("camera", report.range, report.noise)
         near, far = report.range
-        if not 0.0 <= near < far:
-            raise DeviceError(f"range {near:g} to {far:g} m, expected two growing distances")
         sigma = 1e3 * float(report.noise.sigma(np.float64(0.5 * (near + far))))
         lens = report.depth
         found = (

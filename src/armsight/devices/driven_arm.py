@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
 from armsight.arrays import JointVector
 from armsight.devices.clock import WallClock
 from armsight.devices.clock_map import ClockMap
-from armsight.devices.data import ArmStatus, JointState
+from armsight.devices.data import ArmMode, ArmStatus, JointState
 from armsight.devices.line import DeviceHealth, Line
 from armsight.devices.port import ArmDriver, ArmReading, ArmSettings
 from armsight.errors import DeviceError
@@ -79,6 +80,7 @@ class DrivenArm:
         self._last: tuple[float | None, JointVector, float] | None = None
         self._status: ArmStatus | None = None
         self._commanded = -np.inf
+        self._stops = 0
         self.touched = False
         self._line: Line[ArmDriver, JointState] = Line(
             self.name,
@@ -122,8 +124,11 @@ class DrivenArm:
     def command_velocity(self, velocity: JointVector) -> JointVector:
         """Ask for (n,) velocities [rad/s]; returns them as sent, slowed as one to keep direction.
 
+        A command that is still on its way when somebody stops the arm is not sent, or stopped.
+
         Raises:
-            DeviceError: the arm is lost or refuses, or the command is not n finite numbers.
+            DeviceError: the arm is lost or refuses, or the command is not n finite numbers, or the
+                arm was told to stop meanwhile.
         """
         wanted = np.array(velocity, float)
         n = len(self.joint_names)
@@ -134,17 +139,31 @@ class DrivenArm:
         excess = float(np.max(np.abs(wanted) / self._settings.velocity, initial=0.0))
         asked = wanted / excess if excess > 1.0 else wanted
         self.touched = True
-        self._commanded = self._clock.source() if np.any(asked) else -np.inf
-        sent = self._line.call(
-            "command_velocity()", lambda d: d.command_velocity(asked.copy()), COMMAND_SECONDS
-        )
-        if sent is None:
-            return asked
-        sent = np.array(sent, float)
+        stops = self._stops
+
+        def send(driver: ArmDriver) -> object:
+            if stops != self._stops:
+                raise DeviceError(f"{self.name}: it was told to stop before a command was sent")
+            self._commanded = self._clock.source() if np.any(asked) else -np.inf
+            said = driver.command_velocity(asked.copy())
+            if stops != self._stops:  # nobody knows which of the two the arm heard last
+                driver.stop()
+            return said
+
+        said = self._line.call("command_velocity()", send, COMMAND_SECONDS)
+        return asked if said is None else self._sent(said)
+
+    def _sent(self, said: object) -> JointVector:
+        """What a driver says that it has sent, where that can be."""
+        n = len(self.joint_names)
+        try:
+            sent = np.array(said, float)
+        except (TypeError, ValueError):
+            sent = np.empty(0)
         if sent.shape != (n,) or not np.all(np.isfinite(sent)):
             raise DeviceError(
-                f"{self.name}: command_velocity() says it sent {sent.tolist()}, expected {n} "
-                "finite numbers or None"
+                f"{self.name}: command_velocity() says it sent {said!r}, expected {n} finite "
+                "numbers or None"
             )
         return sent
 
@@ -155,6 +174,7 @@ class DrivenArm:
             DeviceError: the driver's stop() raised or did not return in time.
         """
         self.touched = True
+        self._stops += 1
         self._commanded = -np.inf
         self._line.beside("stop()", lambda driver: driver.stop())
 
@@ -187,27 +207,42 @@ class DrivenArm:
         ):
             return None
         position, velocity = self._vectors(reading)
+        effort = None if reading.effort is None else self._vector("effort", reading.effort)
         stamp = self._map.map(reading.stamp, now)
         self._believe(position, stamp)
+        status = self._told(reading, stamp)
         self._last = (reading.stamp, position, stamp)
-        self._status = ArmStatus(stamp, reading.mode, float(reading.speed), str(reading.message))
-        effort = None if reading.effort is None else np.array(reading.effort, float)
+        self._status = status
         return JointState(stamp, position, velocity, effort)
 
+    def _told(self, reading: ArmReading, stamp: float) -> ArmStatus:
+        """The controller's word."""
+        mode, speed = reading.mode, float(reading.speed)
+        if mode not in get_args(ArmMode):
+            raise DeviceError(
+                f"{self.name}: its mode is {mode!r}, expected one of {', '.join(get_args(ArmMode))}"
+            )
+        if not 0.0 <= speed < np.inf:
+            raise DeviceError(f"{self.name}: its speed is {speed:g}, expected a share, 0 to 1")
+        return ArmStatus(stamp, mode, speed, str(reading.message))
+
     def _vectors(self, reading: ArmReading) -> tuple[JointVector, JointVector]:
-        n = len(self.joint_names)
         vectors = []
         for what in ("position", "velocity"):
-            values = np.array(getattr(reading, what), float)
-            if values.shape != (n,):
-                raise DeviceError(
-                    f"{self.name}: {what} has shape {values.shape}, expected ({n},): one a joint "
-                    f"of {', '.join(self.joint_names)}"
-                )
+            values = self._vector(what, getattr(reading, what))
             if not np.all(np.isfinite(values)):
                 raise DeviceError(f"{self.name}: {what} {values.tolist()} is not finite")
             vectors.append(values)
         return vectors[0], vectors[1]
+
+    def _vector(self, what: str, given: JointVector) -> JointVector:
+        values, n = np.array(given, float), len(self.joint_names)
+        if values.shape != (n,):
+            raise DeviceError(
+                f"{self.name}: {what} has shape {values.shape}, expected ({n},): one a joint "
+                f"of {', '.join(self.joint_names)}"
+            )
+        return values
 
     def _believe(self, position: JointVector, stamp: float) -> None:
         """Refuse joints that cannot be."""

@@ -11,7 +11,13 @@ import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, DepthImage, Pose
 from armsight.devices.clock import WallClock
-from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
+from armsight.devices.data import (
+    DepthNoise,
+    RgbdCameraInfo,
+    RgbdFrame,
+    StereoFrame,
+    StereoInfo,
+)
 from armsight.devices.driven_sensor import DrivenSensor
 from armsight.devices.line import DeviceHealth
 from armsight.devices.port import (
@@ -120,12 +126,8 @@ class DrivenCamera:
         check_lens(self.name, "depth", report.depth)
         if report.color is not None:
             check_lens(self.name, "color", report.color)
-        near, far = report.range
-        if not 0.0 <= near < far < math.inf:
-            raise DeviceError(
-                f"{self.name}: its driver reports a range of {near:g} to {far:g} m, expected two "
-                "growing distances"
-            )
+        check_pose(self.name, "T_depth_color", report.T_depth_color)
+        check_range(self.name, report.range, report.noise)
         check_rate(self.name, report.rate, report.latency)
         if report.infrared_scale not in range(MOST_INFRARED + 1):
             raise DeviceError(
@@ -255,6 +257,11 @@ def check_lens(name: str, which: str, lens: PinholeCamera) -> None:
     Raises:
         DeviceError: they cannot be.
     """
+    if not (isinstance(lens.distortion, tuple) and len(lens.distortion) == 5):
+        raise DeviceError(
+            f"{name}: its driver reports a {which} lens with the distortion {lens.distortion!r}, "
+            "expected a tuple of 5 numbers: k1, k2, p1, p2, k3"
+        )
     numbers = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
     inside = -lens.width < lens.cx < 2 * lens.width and -lens.height < lens.cy < 2 * lens.height
     if not (
@@ -269,18 +276,48 @@ def check_lens(name: str, which: str, lens: PinholeCamera) -> None:
         )
 
 
+def check_range(name: str, reach: tuple[float, float], noise: DepthNoise) -> None:
+    """Depths that a camera can measure [m], and how well.
+
+    Raises:
+        DeviceError: they cannot be.
+    """
+    near, far = reach
+    if not 0.0 <= near < far < math.inf:
+        raise DeviceError(
+            f"{name}: its driver reports a range of {near:g} to {far:g} m, expected two growing "
+            "distances"
+        )
+    sigma = noise.sigma(np.array([near, 0.5 * (near + far), far]))
+    if not ((sigma >= 0.0) & (sigma < math.inf)).all():
+        raise DeviceError(
+            f"{name}: its driver reports a noise of {sigma[0]:g}, {sigma[1]:g}, {sigma[2]:g} m at "
+            f"{near:g} m, halfway and {far:g} m, expected none below 0"
+        )
+
+
+def check_pose(name: str, what: str, pose: Pose) -> None:
+    """A pose that a driver reports.
+
+    Raises:
+        DeviceError: it is none.
+    """
+    T = np.asarray(pose)
+    if T.shape != (4, 4) or T.dtype.kind not in "fiu" or not np.isfinite(T).all():
+        raise DeviceError(f"{name}: its driver reports a {what} that is no 4 x 4 pose")
+    if not is_rotation(T[:3, :3], 1e-4):
+        raise DeviceError(f"{name}: its driver reports a {what} whose turn is no rotation")
+
+
 def check_pair(name: str, T_left_right: Pose) -> None:
     """Where the right lens of a pair can be, in the left one's frame.
 
     Raises:
         DeviceError: it cannot be there.
     """
+    check_pose(name, "T_left_right", T_left_right)
     T = np.asarray(T_left_right)
-    if T.shape != (4, 4) or T.dtype.kind not in "fiu" or not np.isfinite(T).all():
-        raise DeviceError(f"{name}: its driver reports a T_left_right that is no 4 x 4 pose")
     x, y, z = T[:3, 3]
-    if not is_rotation(T[:3, :3], 1e-4):
-        raise DeviceError(f"{name}: its driver reports a T_left_right whose turn is no rotation")
     apart = float(np.linalg.norm(T[:3, 3]))
     if not LEAST_APART < apart < MOST_APART:
         raise DeviceError(

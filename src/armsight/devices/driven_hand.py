@@ -132,7 +132,8 @@ class DrivenGripper:
                 f"{self.name}: reads a width of {width:g}, expected metres from 0 to "
                 f"{self.opening:g}"
             )
-        return GripperState(stamp, width, bool(reading.moving), reading.holding)
+        holding = None if reading.holding is None else bool(reading.holding)
+        return GripperState(stamp, width, bool(reading.moving), holding)
 
 
 def checked_width(width: float, opening: float) -> float:

@@ -134,7 +134,8 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
     loop: SimulatedLoop | WallLoop
     if devices.wall:
         urgent = (sensing.name, mapping.name, guard.name) if devices.real else ()
-        loop = WallLoop(devices.clock, components, wanted.supervise, devices.arm.stop, urgent)
+        halt = guard.halt if isinstance(guard, GuardComponent) else devices.arm.stop
+        loop = WallLoop(devices.clock, components, wanted.supervise, halt, urgent)
     else:
         assert devices.advance is not None
         loop = SimulatedLoop(cell.clock.now, devices.advance, components, wanted.speed)

@@ -44,6 +44,7 @@ from armsight.runtime.components import GuardComponent
 from armsight.runtime.latency import Latency
 from armsight.runtime.priority import lower_priority, raise_priority
 from armsight.runtime.sensing import SensingComponent
+from armsight.runtime.signals import heeded
 from armsight.runtime.snapshot_memory import SnapshotReader
 from armsight.runtime.wall_loop import WallLoop, watch_heart
 from armsight.runtime.wire import Wire
@@ -165,13 +166,14 @@ class CommandPath:
             Latency(0.0, "real"),
             order.guard_period,
         )
-        loop = WallLoop(self._clock, (sensing, guard, self), self._supervise, self._arm.stop)
+        loop = WallLoop(self._clock, (sensing, guard, self), self._supervise, guard.halt)
         self._running = _Running(channels, guard, loop)
         self._told = (None, None)
 
     def _run(self) -> None:
         assert self._running is not None
         self._priority = raise_priority()
+        self._running.guard.ended = self._leaving
         with contextlib.ExitStack() as stack:
             stack.callback(lower_priority)
             stack.push(lambda kind, error, trace: _stop_after(self._arm, error))
@@ -186,7 +188,9 @@ class CommandPath:
         watch_heart(running.loop, self._clock.now(), arm.stop)
 
     def _halt(self) -> str:
-        """Tell the arm to stop; why it cannot be told."""
+        """Have nothing commanded any more in this run, and the arm stop; why it cannot be told."""
+        if self._running is not None:
+            return _problem(self._running.guard.halt)
         return "" if self._arm is None else _problem(self._arm.stop)
 
     def _take(self, news: News) -> None:
@@ -279,5 +283,7 @@ def main() -> None:
     faulthandler.enable()
     path = CommandPath(Wire(incoming, outgoing))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the session ends in order, and says so
-    signal.signal(signal.SIGTERM, lambda number, frame: path.leave())
+    for number in heeded():
+        if number != signal.SIGINT:
+            signal.signal(number, lambda number, frame: path.leave())
     path.serve()

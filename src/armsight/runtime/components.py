@@ -23,6 +23,7 @@ from armsight.motion.intents import Intent
 from armsight.runtime.channels import Channels
 from armsight.runtime.latency import Latency
 from armsight.runtime.slot import Slot
+from armsight.runtime.wall_loop import HEARTBEAT
 
 if TYPE_CHECKING:
     from armsight.motion.perception import Evidence
@@ -285,6 +286,7 @@ class GuardComponent:
 
     Attributes:
         held: nothing is pursued while this is true; the arm comes to rest and holds.
+        ended: nothing is commanded any more, see :meth:`halt`.
     """
 
     name = "guard"
@@ -301,7 +303,7 @@ class GuardComponent:
         self.period = period
         self.charge = 0.0
         self.problem = ""
-        self.held = False
+        self.held = self.ended = False
         self.on_request: Callable[[float], None] = _nothing
         self.call_at: Callable[[float, Callable[[], None]], None] = _at_once
         self._channels = channels
@@ -310,8 +312,19 @@ class GuardComponent:
         self._intent = intent
         self._latency = latency
 
+    def halt(self) -> None:
+        """End commanding, and tell the arm to stop: nothing that is decided later reaches it.
+
+        Raises:
+            DeviceError: the arm cannot be told.
+        """
+        self.ended = True
+        self._arm.stop()
+
     def update(self, now: float) -> None:
         """Read what is wanted, step the guard, command the arm, publish the status."""
+        if self.ended:
+            return
         began = time.perf_counter()
         channels = self._channels
         felt = channels.readings.take_wrenches()
@@ -325,16 +338,25 @@ class GuardComponent:
             channels.plan.read(now),
         )
         seconds = time.perf_counter() - began
+        late = ""
+        if self._latency.charge == "real" and seconds > HEARTBEAT:  # the arm was stopped meanwhile
+            late = f"the guard took {seconds:.2f} s; what it decided is too old to be sent"
         delay = self._latency.of(seconds)
         timings = (*decision.status.timings, ("guard", seconds))
-        self.call_at(now + delay, lambda: self._send(decision, timings, now + delay))
+        self.call_at(now + delay, lambda: self._send(decision, late, timings, now + delay))
 
     def _send(
-        self, decision: GuardDecision, timings: tuple[tuple[str, float], ...], at: float
+        self,
+        decision: GuardDecision,
+        late: str,
+        timings: tuple[tuple[str, float], ...],
+        at: float,
     ) -> None:
-        status = decision.status
+        if self.ended:
+            return
+        status = replace(decision.status, reason=late) if late else decision.status
         try:
-            if decision.brake:
+            if decision.brake or late:
                 self._arm.stop()
                 sent = np.zeros_like(decision.command)
             else:
@@ -350,7 +372,13 @@ class GuardComponent:
                 raise
             sent = np.zeros_like(decision.command)
             status = replace(status, reason=self.problem)
+        if self._over():  # meanwhile: nobody knows which of the two the arm heard last
+            self._arm.stop()
         self._channels.status.publish(replace(status, command=sent, timings=timings), at)
         if decision.request is not None:
             self._channels.request.publish(decision.request, at)
             self.on_request(at)
+
+    def _over(self) -> bool:
+        """Another thread may have ended it since we looked."""
+        return self.ended

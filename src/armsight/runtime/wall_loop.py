@@ -35,7 +35,8 @@ class WallLoop:
         components: each gets a thread.
         supervise: called every few milliseconds in the thread that called :meth:`run`; a simulated
             world is advanced here, and the guard's heartbeat is watched.
-        on_failure: called at once, in the thread of a component that failed; stops the arm.
+        halt: stops the arm for good; called at once, in the thread of a component that failed, and
+            when the run ends, before its threads are waited for.
         urgent: names of components whose threads go before other programs, where that is granted.
     """
 
@@ -44,18 +45,18 @@ class WallLoop:
         clock: Clock,
         components: Sequence[Component],
         supervise: Callable[[], None] = lambda: None,
-        on_failure: Callable[[], None] = lambda: None,
+        halt: Callable[[], None] = lambda: None,
         urgent: Collection[str] = (),
     ) -> None:
         self.clock = clock
         self.meters = make_meters(components)
         self._components = tuple(components)
         self._supervise = supervise
-        self._on_failure = on_failure
+        self._halt = halt
         self._urgent = urgent
         self._bells = {c.name: threading.Event() for c in components}
         self._stop = threading.Event()
-        self._threads_stop = threading.Event()
+        self._over = threading.Event()
         self._threads: list[threading.Thread] = []
         self._inbox = Inbox()
         self._calls: list[tuple[float, int, Callable[[], None]]] = []
@@ -122,31 +123,38 @@ class WallLoop:
             action()
 
     def _start_threads(self) -> None:
-        self._threads_stop.clear()
+        self._over = over = threading.Event()  # a thread that hung in an earlier run stays ended
         self._threads = [
-            threading.Thread(target=self._work, args=(c,), name=f"armsight-{c.name}", daemon=True)
+            threading.Thread(
+                target=self._work, args=(c, over), name=f"armsight-{c.name}", daemon=True
+            )
             for c in self._components
         ]
         for thread in self._threads:
             thread.start()
 
     def _end_threads(self) -> None:
-        self._threads_stop.set()
+        self._over.set()
         for bell in self._bells.values():
             bell.set()
+        self._try_to_halt()
         end = time.monotonic() + JOIN_SECONDS
         for thread in self._threads:
             thread.join(max(0.0, end - time.monotonic()))
         self._threads = []
 
-    def _work(self, component: Component) -> None:
+    def _try_to_halt(self) -> None:
+        with contextlib.suppress(DeviceError):  # told again, and heard, when the run has ended
+            self._halt()
+
+    def _work(self, component: Component, over: threading.Event) -> None:
         meter = self.meters[component.name]
         bell = self._bells[component.name]
         due = self.clock.now()
         last = -math.inf
         if component.name in self._urgent:
             go_first()
-        while not self._threads_stop.is_set():
+        while not over.is_set():
             now = self.clock.now()
             rung = bell.is_set()
             if now < due and not rung:
@@ -154,7 +162,7 @@ class WallLoop:
                 continue
             bell.clear()
             if now <= last:  # a paused clock: no time, no round
-                self._threads_stop.wait(NAP)
+                over.wait(NAP)
                 continue
             last = now
             if now >= due:
@@ -164,13 +172,18 @@ class WallLoop:
                 due += (late + 1) * component.period
             try:
                 do_round(component, meter, now)
-            except LoopError as error:
+            except BaseException as error:  # a SystemExit would end the thread in silence
                 if self._failure is None:
-                    self._failure = error
+                    self._failure = _failure(component, error)
                 self.stop()
-                with contextlib.suppress(DeviceError):  # told again, and heard, when the run ends
-                    self._on_failure()
+                self._try_to_halt()
                 return
+
+
+def _failure(component: Component, error: BaseException) -> LoopError:
+    if isinstance(error, LoopError):
+        return error
+    return LoopError(f"{component.name} ended itself ({type(error).__name__}); the arm was stopped")
 
 
 def watch_heart(loop: Loop, now: float, stop: Callable[[], None]) -> None:
