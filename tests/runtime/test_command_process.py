@@ -189,6 +189,22 @@ def test_a_guard_that_fails_ends_its_run_with_the_reason_and_the_arm_stopped(tal
     assert calls(log)[-1][1] == "stop"
 
 
+def test_after_a_halt_nothing_is_commanded_until_another_run_begins(talk, tmp_path):
+    """The session fails and says stop; that the run is over it says later."""
+    log = tmp_path / "log"
+    talk.ask(Open(recipe(log), times()), Opened)
+    talk.ask(begin(), Ready)
+    talk.wire.send(Run(times()))
+    until(lambda: "command" in [what for _, what in calls(log)])
+    assert talk.ask(Halt(1), Halted).problem == ""
+    time.sleep(0.1)
+    assert calls(log)[-1][1] == "stop"
+    assert talk.ask(End(), Ended).problem == ""
+    before = len(calls(log))
+    talk.wire.send(Run(times()))
+    until(lambda: "command" in [what for _, what in calls(log)[before:]])
+
+
 def test_an_arm_that_cannot_be_stopped_is_said_so(talk, tmp_path):
     talk.ask(Open(recipe(tmp_path / "log", StubbornArm), times()), Opened)
     assert "no brakes" in talk.ask(Halt(7), Halted).problem
@@ -293,6 +309,30 @@ def test_the_arm_is_stopped_when_the_session_is_killed(tmp_path):
     until(lambda: calls(log)[-1][1] == "close")
     words = [what for _, what in calls(log)]
     assert "stop" in words[words.index("command") :]
+
+
+class Busy(NotedArm):
+    """Refuses its first connections: the one of the process that died has not been noticed yet."""
+
+    refusals = 0
+
+    def __init__(self, settings):
+        type(self).refusals += 1
+        if 2 <= type(self).refusals <= 3:
+            raise ConnectionRefusedError("busy")
+        super().__init__(settings)
+
+
+def test_an_arm_that_takes_no_second_connection_at_first_is_asked_again(tmp_path, monkeypatch):
+    log = tmp_path / "log"
+    link = CommandLink(recipe(log), WallClock())
+    monkeypatch.setattr(Busy, "refusals", 1)
+    link.arm = recipe(log, Busy)
+    link.give_up("it hangs")
+    link.halt()
+    assert Busy.refusals == 4
+    assert [what for p, what in calls(log) if p == os.getpid()] == ["open", "stop", "close"]
+    link.close()
 
 
 def test_looking_and_own_process_false_leave_the_arm_where_it_is(tmp_path):

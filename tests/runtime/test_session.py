@@ -214,7 +214,7 @@ def test_wall_clock_runs_the_same_components_in_threads():
 
 
 @pytest.mark.parametrize("wall", [False, True])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_end_in_order(number, wall):
     cell = make_cell()
     session = session_of(cell, GoTo(), mode=SessionMode(wall=wall))
@@ -228,6 +228,30 @@ def test_signals_end_in_order(number, wall):
     assert session.ended_by == number.name
     assert cell.arm.stops >= 1
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_who_told_us_to_ignore_a_hangup_is_obeyed():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # nohup
+    try:
+        session = session_of(task=GoTo())
+        session.post(lambda: os.kill(os.getpid(), signal.SIGHUP))
+        session.run(0.1)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert session.ended_by == "time"
+
+
+@pytest.mark.parametrize("wall", [False, True])
+def test_a_stop_during_the_preparation_is_heard(wall):
+    cell, task = make_cell(), GoTo()
+    session = session_of(cell, task, mode=SessionMode(wall=wall))
+    stops = lambda *args: session.stop("page")  # noqa: E731
+    task.warm_up = stops
+    if not wall:
+        session._say_empty = stops
+    session.run(30.0)
+    assert session.ended_by == "page"
+    assert cell.arm.log == []
 
 
 def test_one_cell_one_process():

@@ -63,6 +63,10 @@ END_SECONDS = 3.0
 CLOSE_SECONDS = 3 * STOP_SECONDS
 """It has to have let go of its arm in this time after it was told to [s]."""
 
+RESCUES = (0.0, 0.05, 0.2)
+"""Pauses before each attempt to stop the arm of a process that is gone [s]: it may first have to
+notice that its connection is."""
+
 
 def movable(arm: ArmRecipe) -> bool:
     """Whether another process could open this arm: its driver's class has to be importable."""
@@ -308,12 +312,22 @@ class CommandLink:
         log.error("%s; the arm is told to stop through another connection", reason)
 
     def _stop_anew(self) -> None:
-        try:
-            driver = self.arm.opener(self.arm.settings)
-            driver.stop()
-            driver.close()
-        except BaseException as error:
-            self._unsaved = f"{type(error).__name__}: {error}"
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(STOP_SECONDS)  # an arm may take one connection at a time
+        for pause in RESCUES:
+            time.sleep(pause)
+            try:
+                driver = self.arm.opener(self.arm.settings)
+                try:
+                    driver.stop()
+                finally:
+                    with contextlib.suppress(BaseException):
+                        driver.close()
+            except BaseException as error:
+                self._unsaved = f"{type(error).__name__}: {error}"
+            else:
+                self._unsaved = ""
+                return
 
     def _ask_rescue(self, lost: str) -> None:
         """Whether the arm was told to stop after the process had gone.

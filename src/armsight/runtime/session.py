@@ -319,7 +319,10 @@ class Session:
             if isinstance(self._guard, CommandRelay):
                 stack.enter_context(self._guard.running())
             self._say_empty()
-            self._loop.run(None if seconds is None else self.now() + seconds)
+            if isinstance(self._guard, GuardComponent):
+                self._guard.ended = False
+            if not self.ended_by:  # while it was warmed up
+                self._loop.run(None if seconds is None else self.now() + seconds)
             while self._reset_wanted and not self.ended_by:
                 self._devices.arm.stop()
                 self._reset()
@@ -418,6 +421,8 @@ class Session:
         """Under the wall clock: move a simulated world along, and watch the guard's heart."""
         now = self.now()
         devices = self._devices
+        if self.ended_by:  # said before the loop began to listen
+            self._loop.stop()
         if devices.advance is not None:
             joints = self._channels.joints.read(now)
             with devices.lock:

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as an orderly end."""
+"""Ctrl-C, SIGTERM and a terminal that goes away as an orderly end."""
 
 from __future__ import annotations
 
@@ -8,11 +8,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+ENDS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""Signals that end a run in order."""
+
+
+def heeded() -> list[signal.Signals]:
+    """Those of :data:`ENDS` that this process has not been told to ignore."""
+    return [n for n in ENDS if n == signal.SIGINT or signal.getsignal(n) is not signal.SIG_IGN]
+
 
 @contextmanager
 def orderly_signals(stop: Callable[[str], None]) -> Iterator[None]:
-    """Call ``stop`` with the signal's name at the first SIGINT or SIGTERM; a second one insists.
+    """Call ``stop`` with the signal's name at the first of :data:`ENDS`; a second one insists.
 
+    SIGHUP comes when the connection breaks over which somebody works; under ``nohup`` it does not.
     Signals can only be caught in the main thread; elsewhere this does nothing. The handlers that
     stood before come back afterwards.
     """
@@ -28,7 +39,7 @@ def orderly_signals(stop: Callable[[str], None]) -> Iterator[None]:
         seen = True
         stop(signal.Signals(number).name)
 
-    before = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)}
+    before = {n: signal.signal(n, handle) for n in heeded()}
     try:
         yield
     finally:
