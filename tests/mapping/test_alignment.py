@@ -180,3 +180,26 @@ def test_a_bumped_camera_is_noticed_whichever_way(cell):
     assert missed == []
     assert astray == []
     assert found >= 30
+
+
+@pytest.mark.parametrize("align", [False, True])
+def test_a_clock_that_is_turned_back_aligns_nobody_who_was_not_aligned(cell, align):
+    """Whoever says that cameras are not to be aligned has them where they are declared."""
+    robot, depth = cell
+    filter_ = SelfFilter(robot)
+    body = filter_.pose(Q, np.zeros(2))
+    known = rasterise(THINGS, fine_grid(CONFIG), 0.1)
+    lens = DepthLens(INFO.depth, 1.1 * INFO.range[1])
+    mounting = Mounting(INFO, lens, filter_, known, replace(CONFIG, align=align))
+    if align:
+        mounting.look(depth, INFO.T_mount_camera, body, 50.0)
+        mounting._told, mounting._told_until = "was moved", 53.0
+    before = mounting.T_old_new.copy()
+    mounting.restart()
+    assert mounting.due(0.1) == align
+    assert mounting.warning(0.1) == ""
+    bumped = INFO.T_mount_camera @ make_pose(translation=[0.03, 0.0, 0.0])
+    for k in range(CHECKS + 1):
+        if mounting.due(0.1 * k):
+            mounting.look(depth, bumped, body, 0.1 * k)
+    assert np.array_equal(mounting.T_old_new, before) != align

@@ -1,6 +1,7 @@
 """Which pixels beside the arm's outline are trusted: against the rule in plain words."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -88,3 +89,29 @@ def test_beside_an_outline_without_returns_nothing_is_trusted():
     depth, label = column([0.9, 0.9, np.nan, 1.2, 1.5, 1.5, 1.5])
     label[:, 2] = NOTHING
     assert not trusted(depth, label, 4, 3, LIKE, EXACT, NEED)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.inf, -np.inf, np.nan])
+def test_a_finger_with_a_ragged_outline_is_trusted_however_it_is_said(value):
+    """Three pixels wide before a wall; beside it every second pixel has no return."""
+    depth = np.full((9, 9), 2.0, np.float32)
+    depth[:, 3:6] = 1.0
+    label = np.full(depth.shape, VALID, np.uint8)
+    for column in (2, 6):
+        depth[1::2, column], label[1::2, column] = value, NOTHING
+    assert all(trusted(depth, label, 4, u, LIKE, EXACT, NEED) for u in (3, 4, 5))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.inf, -np.inf])
+def test_whatever_says_that_there_is_no_return_says_the_same(value):
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        depth = (1.0 + 0.5 * rng.integers(0, 2, (9, 9))).astype(np.float32)
+        label = rng.choice([VALID, ROBOT, NOTHING], depth.shape, p=[0.7, 0.1, 0.2]).astype(np.uint8)
+        told = []
+        for hole in (np.nan, value):
+            depth[label == NOTHING] = hole
+            pixels = np.argwhere(label == VALID)
+            told.append([trusted(depth, label, v, u, LIKE, EXACT, NEED) for v, u in pixels])
+        assert told[0] == told[1]
+        assert 0 < sum(told[0]) < len(told[0])

@@ -193,3 +193,18 @@ def test_a_weak_sighting_needs_a_second_one_in_time():
         second = world.update([scenes.frame(INFO, 0.1 + gap, image, 1)], JOINTS, 0.101 + gap)
         found = (second.state == OCCUPIED)[weak]
         assert found.sum() >= 5 if gap <= config.weak_window else not found.any()
+
+
+def test_an_older_picture_that_comes_later_does_not_shorten_the_hold():
+    """Cameras differ in latency: what was hit last is what was exposed last."""
+    grid = VoxelGrid(np.zeros(3), 0.02, (3, 3, 3))
+    seen = Occupancy(grid, 3, np.zeros(grid.shape, np.uint8), 0.06, 0.15)
+    hit, strong, nothing = np.array([13], np.int32), np.ones(1, np.uint8), np.zeros(27, np.uint8)
+    seen.take(0, 1.00, hit, strong, nothing)
+    seen.take(1, 0.95, hit, strong, nothing)
+    seen.free[2, 13] = 1
+    none = np.zeros(0, np.int32), np.zeros(0, np.uint8)
+    seen.take(2, 1.03, *none, nothing)
+    assert seen.dynamic.tolist() == [13], "another camera waits 60 ms"
+    seen.take(2, 1.06, *none, nothing)
+    assert seen.dynamic.tolist() == []

@@ -7,6 +7,7 @@ import pytest
 
 from armsight.devices.data import DepthNoise, JointState
 from armsight.devices.history import JointHistory
+from armsight.geometry.pose import inverse, transform
 from armsight.mapping import plausibility
 from armsight.mapping.plausibility import ARM_DEEP, ARM_POINTS, _deep_points
 from armsight.mapping.self_filter import body_fields
@@ -224,3 +225,22 @@ def test_of_the_first_pictures_nobody_knows_how_many_returns_are_usual():
     half[:, :128] = np.nan
     assert cell.tell(cell.true()).reason == ""
     assert cell.tell(half).reason == ""
+
+
+def test_an_arm_far_beside_the_picture_is_not_sought_in_its_middle():
+    """A lens's polynomial folds back beyond what it was fitted to: 66 deg aside seems ahead."""
+    bent = (-0.2, 0.0, 0.0, 0.0, 0.0)
+    info = scenes.camera_info(
+        "a", (0.4, 1.2, 0.35), (-1.4, 1.2, 0.35), (256, 212), (1.05, 0.87), distortion=bent
+    )
+    stretched = np.array([np.pi, 0.0])
+    cell = Cell((), info, 0.0)
+    centers = [s.T_frame_solid[:3, 3] for s in scenes.arm_solids(cell.robot, stretched)]
+    pixels = info.depth.project(transform(inverse(info.T_mount_camera), np.array(centers)))
+    lens = info.depth
+    folded = ((pixels > 0) & (pixels < [lens.width, lens.height])).all(axis=1)
+    assert folded.any(), "else this tests nothing"
+    for _ in range(3):
+        said = cell.tell(cell.true(arm=stretched, without=("table", "wall")), stretched)
+    assert said.reason == ""
+    assert said.alive

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from armsight.mapping.hazards import UnseenPeople
+from armsight.mapping.kernels.pieces import MOST_PIECES, label_pieces
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from armsight.mapping.things import MOST_THINGS, SETTLE, STILL, Things
 
@@ -323,3 +324,17 @@ def test_rounds_are_counted_for_months() -> None:
     assert not scene.is_person(BOX)
     assert scene.is_person(PERSON)
     assert scene.things._round < 2**30
+
+
+def test_numbers_of_pieces_end_before_they_begin_again() -> None:
+    """A number that came out as 0 would be given for ever, beyond the end of the queue."""
+    shape = np.array([9, 9, 9])
+    apart = (np.indices(shape) % 2 == 0).all(axis=0)
+    listed = np.flatnonzero(apart).astype(np.int32)
+    occupied, core = np.zeros(729, np.uint8), np.zeros(729, np.uint16)
+    occupied[listed] = 1
+    queue = np.zeros(729, np.int32)
+    first = MOST_PIECES - 5
+    ended = label_pieces(listed, len(listed), occupied, shape, core, first, queue)
+    assert ended == MOST_PIECES
+    assert sorted(core[core != 0].tolist()) == list(range(first, MOST_PIECES))

@@ -112,8 +112,10 @@ class Mounting:
         return self._told if stamp <= self._told_until else ""
 
     def restart(self) -> None:
-        """The clock was turned back: the next picture is due for a check."""
-        self._next_check = self._doubted = -np.inf
+        """The clock was turned back: if its place is checked at all, the next picture is due."""
+        if self._next_check < np.inf:
+            self._next_check = -np.inf
+        self._doubted = self._told_until = -np.inf
 
     def look(self, depth: DepthImage, T_base_camera: Pose, body: BodyPose, stamp: float) -> None:
         """Align or check.

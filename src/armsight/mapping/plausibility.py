@@ -86,6 +86,8 @@ class Plausibility:
         h, w = info.depth.height, info.depth.width
         self._rows, self._columns = slice(STEP // 2, h, STEP), slice(STEP // 2, w, STEP)
         rays = np.asarray(info.depth.rays, np.float32)
+        flat = rays.reshape(-1, 2)
+        self._view = flat.min(axis=0), flat.max(axis=0)
         self._rays = np.ascontiguousarray(rays[self._rows, self._columns])
         self._last: Floats32 = np.zeros(self._rays.shape[:2], np.float32)
         self._traced_from = b""
@@ -227,7 +229,10 @@ class Plausibility:
         room = np.minimum(np.ceil(self._lens.fx * aside), 12).astype(np.int64)
         near, far = self._range
         limit = at[:, 2] + ARM_BEHIND + slip
-        pixel[(at[:, 2] <= near) | (limit >= far)] = np.nan
+        # Far beside the picture a lens's distortion folds back: what is there seems in the middle.
+        way = at[:, :2] / np.maximum(at[:, 2:], 1e-9)
+        beside = ((way < self._view[0]) | (way > self._view[1])).any(axis=1)
+        pixel[beside | (at[:, 2] <= near) | (limit >= far)] = np.nan
         seen, through = count_through(depth, label, pixel, limit, room)
         if through < LEAST_POINTS or through <= ARM_SHARE * seen:
             return ""

@@ -56,7 +56,7 @@ def add_hits(
             listed[count] = v
             count += 1
         seen_by[v] |= bit
-        last[v] = stamp
+        last[v] = max(last[v], stamp)  # cameras differ in latency: an older picture may come later
         looks[v] = 0
     return count
 

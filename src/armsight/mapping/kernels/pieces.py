@@ -12,6 +12,8 @@ from numba import njit
 from armsight.arrays import Bytes, Floats, Ints, Ints32, Shorts, Words
 
 FREE = 1
+MOST_PIECES = 65535
+"""A number of a thing goes no higher."""
 LONG_AGO = -1e9
 """When something was held that came to light afterwards [s]."""
 ONE = np.uint64(1)
@@ -259,13 +261,15 @@ def label_pieces(
     """Numbers the connected pieces (26 neighbours) of occupied voxels that have no number yet.
 
     Returns:
-        The next number to give.
+        The next number to give; pieces beyond :data:`MOST_PIECES` get none.
     """
     nx, ny, nz = shape[0], shape[1], shape[2]
     number = first
     for a in range(count):
         if core[listed[a]] != 0:
             continue
+        if number >= MOST_PIECES:
+            break
         queue[0] = listed[a]
         core[listed[a]] = number
         n, done = 1, 0

@@ -35,7 +35,8 @@ def trusted(
     in between where nothing is ("flying" pixels). A pixel is not trusted if
 
     * fewer than ``need`` of its 8 neighbours lie within ``like`` [m] of its depth, or
-    * one neighbour is nearer and another farther than that, or
+    * one neighbour is nearer and another farther than that (0, a negative or an infinite depth is
+      no return, as NaN is: it is neither), or
     * the arm is seen beside it, nearer than it, unless the two pixels on the other side continue to
       its depth within ``exact`` [m]: then it is the same surface, or a mixture that is wrong by no
       more than that, or
@@ -48,8 +49,11 @@ def trusted(
     farther = False
     for y in range(max(v - 1, 0), min(v + 2, h)):
         for x in range(max(u - 1, 0), min(u + 2, w)):
-            d = depth[y, x] - z
-            if abs(d) <= like:  # false for NaN
+            there = depth[y, x]
+            if not (there > 0.0 and there < np.inf):  # true for NaN
+                continue
+            d = there - z
+            if abs(d) <= like:
                 found += 1
             elif d > like:
                 farther = True
