@@ -40,6 +40,11 @@ def test_ply_text_and_no_color(tmp_path):
         (b"ply\nformat ascii 1.0\nelement face 2\nend_header\n1", "vertices first"),
         (b"ply\nformat odd 1.0\nelement vertex 0\nend_header\n", "understood"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1", "without x"),
+        (b"ply\nformat\nelement vertex 1\nend_header\n1", "broken"),
+        (b"ply\nformat ascii 1.0\nelement vertex one\nend_header\n1", "broken PLY file.*one"),
+        (b"ply\nformat ascii 1.0\nelement vertex\nend_header\n1", "broken"),
+        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float\nend_header\n1", "broken"),
+        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\na", "broken"),
     ],
 )
 def test_bad_ply(tmp_path, data, words):

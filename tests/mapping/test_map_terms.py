@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from armsight.errors import UsageError
 from armsight.geometry.pose import from_rpy
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.health import CameraHealth
@@ -154,3 +155,23 @@ def test_lost_frames_are_counted_from_the_second_on():
     health.restart("was calibrated again")
     health.accept(frame(LEFT, 9.0, 40))
     assert health.status(9.0).dropped == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lower", (np.nan, 0.0, 0.0)),
+        ("far_upper", (np.nan, 0.0, 0.0)),
+        ("stale_after", np.inf),
+        ("person_speed", np.nan),
+        ("person_speed", -2.0),
+        ("hold", -0.1),
+        ("self_margin", np.nan),
+        ("support", -1),
+        ("up", (0.0, 0.0, 0.0)),
+    ],
+)
+def test_settings_that_no_map_can_keep_are_named(name, value):
+    """A comparison with NaN is false: such a map would free, or hold for ever, without a word."""
+    with pytest.raises(UsageError, match=f"mapping.{name} is "):
+        replace(CONFIG, **{name: value})

@@ -52,9 +52,15 @@ def read_ply(path: Path) -> tuple[Points, ColorImage | None]:
     """(n, 3) points [m] and (n, 3) uint8 RGB or None of a PLY file, text or binary.
 
     Raises:
-        ArmsightError: the file is missing, no PLY, or cut short.
+        ArmsightError: the file is missing, no PLY, broken, or cut short.
     """
-    target = Path(path)
+    try:
+        return _read_ply(Path(path))
+    except (ValueError, IndexError) as error:
+        raise ArmsightError(f"{path} is a broken PLY file: {error}") from None
+
+
+def _read_ply(target: Path) -> tuple[Points, ColorImage | None]:
     try:
         data = target.read_bytes()
     except OSError as error:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from armsight.errors import UsageError
 
 
@@ -102,6 +104,13 @@ class MappingConfig:
         Raises:
             UsageError: a value is out of its range; the message names it.
         """
+        for name, value in vars(self).items():
+            if not np.isfinite(value).all():
+                raise UsageError(f"mapping.{name} is {value}; expected a finite number")
+            if isinstance(value, int | float) and value < 0.0:
+                raise UsageError(f"mapping.{name} is {value}; expected no less than 0")
+        if not any(self.up):
+            raise UsageError("mapping.up is 0; expected the direction away from the floor")
         if not 0.005 <= self.voxel <= 0.2:
             raise UsageError(f"mapping.voxel is {self.voxel} m; expected 0.005 to 0.2 m")
         if any(high - low < 4 * self.voxel for low, high in zip(self.lower, self.upper)):
