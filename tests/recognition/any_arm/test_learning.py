@@ -187,6 +187,23 @@ def test_stopping_changes_nothing(tmp_path: Path) -> None:
         assert torch.equal(a, b)
 
 
+def test_a_loss_that_is_no_number_is_told_and_leaves_no_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "armsight.recognition.any_arm.learning.trainer.total",
+        lambda terms: sum(terms.values()) * float("nan"),
+    )
+    with pytest.raises(RecognitionError, match="the loss is nan at update 1"):
+        _trainer(tmp_path).run()
+    assert not list(tmp_path.iterdir())
+
+
+def test_too_few_crops_are_told(tmp_path: Path) -> None:
+    with pytest.raises(RecognitionError, match="1 crops are too few"):
+        CropTrainer(_plan(), _crops(1), tmp_path, torch.device("cpu"), _started)
+
+
 def test_another_plan_is_not_gone_on_with(tmp_path: Path) -> None:
     _trainer(tmp_path, _plan(updates=1)).run()
     with pytest.raises(RecognitionError, match="another"):

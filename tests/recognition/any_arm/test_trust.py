@@ -1,5 +1,7 @@
 """How far answers are believed: the promise holds on each set that it was chosen on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,29 @@ def test_a_card_from_before_the_last_feature_gives_it_no_weight() -> None:
     assert trust.weights == (*weights, 0.0)
     with pytest.raises(ValueError):
         read_trust({"trust": {"weights": weights[:-1], "threshold": 0.5, "widen": 1.5}})
+
+
+def test_where_no_threshold_keeps_the_promise_nothing_is_believed() -> None:
+    """All answers are wrong, or there are none; or the one that would do lies very high."""
+    wrong = replace(_judged(100, 0.0, 3), error=np.full(100, 0.5))
+    nothing = Judged(np.empty((0, len(FEATURES))), np.empty(0), np.empty(0))
+    for judged in (wrong, nothing):
+        trust, figures = choose_trust(judged)
+        assert trust.threshold == 1.0
+        assert figures["believed"] == 0.0
+        assert trust.of(np.full(len(FEATURES), 1e6)) < trust.threshold
+        assert all(np.isfinite(v) for v in figures.values())
+        assert read_trust({"trust": vars(trust)}) == trust
+    x = np.zeros((60, len(FEATURES)))
+    x[:, 0], x[:, 2] = 1.0, np.linspace(0.0, 60.0, 60)
+    high = Judged(x, np.where(np.arange(60) > 50, 0.02, 0.5), np.ones((60, 4)))
+    trust, _ = choose_trust(high)
+    sure = np.array([trust.of(f) for f in high.features]) >= trust.threshold
+    assert sure.any()
+    assert (high.error[sure] > 0.1).mean() <= WRONG
+
+
+def test_a_network_whose_trust_was_never_chosen_is_not_believed() -> None:
+    trust = read_trust({})
+    best = features(0.0, 30, 1.0, 1.0, 1.0, 0.001, LEAD)
+    assert 0.99 < trust.of(best) < trust.threshold

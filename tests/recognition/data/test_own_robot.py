@@ -80,6 +80,21 @@ def test_crops_of_an_own_arm_are_drawn_and_packed(gl: str, tmp_path: Path) -> No
     assert seen.mean() == pytest.approx((arrays["links"][mine] > 0).mean(), rel=0.15)
 
 
+def test_a_set_of_another_geometry_is_not_gone_on_with(tmp_path: Path) -> None:
+    """A joint of one's own arm that was mended: its meshes stay, every label changes."""
+    file = own_arm(tmp_path)
+    before = make_order("crops", {str(file): 5}, 3, (96, 96)).manifest
+    assert make_order("crops", {str(file): 5}, 3, (96, 96)).manifest == before
+    written = file.read_text()
+    for old, new in (('xyz="0 0 0.3"', 'xyz="0 0 0.31"'), ('upper="2"', 'upper="1"')):
+        assert old in written
+        file.write_text(written.replace(old, new))
+        assert make_order("crops", {str(file): 5}, 3, (96, 96)).manifest != before
+    # What was made of arms of the catalogue goes on: their hash is what it was.
+    meshes = make_order("crops", {"ur5": 5}, 3, (96, 96)).manifest.meshes
+    assert meshes["ur5"].startswith("9fcf9cbbb4a42e05")
+
+
 def test_names_of_robots() -> None:
     assert is_robot_type("./x.urdf")
     assert is_robot_type("fr3")

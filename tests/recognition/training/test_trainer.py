@@ -110,6 +110,28 @@ def test_saturation_ends_a_stage(tmp_path: Path, data: PackedSet) -> None:
     assert stage["updates"] == 15
 
 
+def test_a_stage_that_was_over_when_it_was_killed_is_over(
+    tmp_path: Path, data: PackedSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed after the checkpoint of its last update, and before that of the next stage."""
+    plan = config(1000, learning_rate=(1e-9, 1e-9), saturation=SaturationRule(5, 2, 0.5))
+    save = Trainer._save
+
+    def killed(self: Trainer, optimiser: "torch.optim.Optimizer | None") -> None:
+        if optimiser is None:
+            raise KeyboardInterrupt
+        save(self, optimiser)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("armsight.recognition.training.trainer.CHECKPOINT_SECONDS", -1.0)
+        patch.setattr(Trainer, "_save", killed)
+        with pytest.raises(KeyboardInterrupt):
+            train(plan, data, Wanted(tmp_path, device="cpu"), quiet)
+    train(plan, data, Wanted(tmp_path, device="cpu"), quiet)
+    [stage] = load_weights(tmp_path / "weights.safetensors")[1]["training"]["stages"]
+    assert (stage["why"], stage["updates"]) == ("saturated", 15)
+
+
 def test_t4_trains_one_network_after_the_other(tmp_path: Path, data: PackedSet) -> None:
     a = Architecture("cascaded", ("ur5",), 32, 26, 0.2, 0.05)
     first = Stage("mask", {"mask": 1.0}, ("mask",), batch=8, updates=10)

@@ -247,15 +247,19 @@ class ArmRecogniser:
         joints = found.fit.joints() @ crop.R.T
         covariance = crop.R @ found.fit.joint_covariances() @ crop.R.T * self.trust.widen**2
         believed = trust >= self.trust.threshold
-        problem = "" if believed else (
-            f"I do not know: {100 * trust:.0f} % sure that joints are right to 10 cm"
-        )  # fmt: skip
+        problem = "" if believed else self._doubt(trust)
         T = np.asarray(turned @ found.fit.T_camera_base)
         arm = Arm(
             name, types, mask, T, found.fit.q, joints, covariance, found.overlap, trust,
             believed, problem, alike,
         )  # fmt: skip
         return arm, f
+
+    def _doubt(self, trust: float) -> str:
+        """Why an answer is not believed."""
+        if self.trust.threshold >= 1.0:
+            return f"I do not know: how far to trust {self.model.name} was never measured"
+        return f"I do not know: {100 * trust:.0f} % sure that joints are right to 10 cm"
 
     def _found(self, look: Look) -> float:
         """How surely the landmarks are seen of the likeliest robot, 0..1."""

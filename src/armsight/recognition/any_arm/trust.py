@@ -15,7 +15,6 @@ import numpy as np
 from armsight.arrays import Floats
 
 FEATURES = ("offset", "residual", "overlap", "type", "mass", "sigma", "lead")
-THRESHOLD = 0.7
 LEAD = 20.0
 """Score by which the best type leads the second one where there is no doubt."""
 
@@ -26,12 +25,12 @@ class Trust:
 
     Attributes:
         weights: one for each of :data:`FEATURES`.
-        threshold: of the probability, from which an answer is believed.
+        threshold: of the probability, from which an answer is believed; 1: none is.
         widen: factor of the standard deviations.
     """
 
     weights: tuple[float, ...] = (0.0, -0.6, 6.0, 1.0, 3.0, -1.0, 1.0)
-    threshold: float = THRESHOLD
+    threshold: float = 1.0
     widen: float = 2.0
 
     def of(self, features: Floats) -> float:
@@ -61,7 +60,7 @@ def features(
 
 
 def read_trust(card: dict[str, Any]) -> Trust:
-    """The trust of a network's card, or the default where it has none.
+    """The trust of a network's card, or the default where it has none: then nothing is believed.
 
     Raises:
         ValueError: it is damaged.

@@ -11,9 +11,10 @@ import numpy as np
 from armsight.arrays import Floats, Ints, JointVector, Points, Pose, Poses
 from armsight.geometry.pose import make_pose
 from armsight.recognition.data.things import Color, Kind, z_to
-from armsight.robots.catalogue import load_robot
+from armsight.robots.catalogue import is_path, load_robot
 from armsight.robots.kernels import chain_poses
 from armsight.robots.meshes import read_mesh
+from armsight.robots.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -99,18 +100,28 @@ def catalogue_arm(name: str) -> Arm:
     )
 
 
-@cache
 def mesh_hash(name: str) -> str:
-    """SHA-256 of the surface that is drawn of a robot and of the spheres that keep it free."""
+    """SHA-256 of the surface that is drawn of a robot and of the spheres that keep it free.
+
+    Of a user's own also of its joints, which may be mended while a set is made.
+    """
+    return _hash(load_robot(name), is_path(name))
+
+
+def _hash(robot: Robot, joints: bool) -> str:
     digest = hashlib.sha256()
-    spheres = load_robot(name).spheres
+    spheres = robot.spheres
     for values in (spheres.link, spheres.center, spheres.radius):
         digest.update(np.ascontiguousarray(values, "<f8").tobytes())
-    for mesh in load_robot(name).meshes:
+    for mesh in robot.meshes:
         vertices, faces = read_mesh(mesh)
         digest.update(np.ascontiguousarray(vertices, "<f8").tobytes())
         digest.update(np.ascontiguousarray(faces, "<i8").tobytes())
         digest.update(np.array([mesh.link, *mesh.color], "<f8").tobytes())
+    if joints:
+        limits = robot.limits.lower, robot.limits.upper
+        for values in (robot.T_link_joint, robot.axis, robot.T_last_flange, *limits):
+            digest.update(np.ascontiguousarray(values, "<f8").tobytes())
     return digest.hexdigest()
 
 

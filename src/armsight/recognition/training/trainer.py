@@ -209,7 +209,8 @@ class Trainer:
                 begun = now
                 self._note(stage, batches, bool(why))
                 told(at)
-                if now - saved > CHECKPOINT_SECONDS:
+                # Not at the end: gone on from there, the stage would not know that it is over.
+                if not why and now - saved > CHECKPOINT_SECONDS:
                     at.saturation = saturation.state()
                     self._save(optimiser)
                     saved = now

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.learning.adopting import Origin
 from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples
@@ -58,6 +59,9 @@ class CropTrainer:
         start: gives the new network its first weights.
         workers: threads that make batches ahead; 0 makes them in between.
         origin: the network that these weights are of, where it is a finished one.
+
+    Raises:
+        RecognitionError: too few crops, or the checkpoint is damaged or of another plan.
     """
 
     def __init__(
@@ -73,6 +77,11 @@ class CropTrainer:
         self.plan, self.data, self.device, self._workers = plan, data, device, workers
         self.origin = origin
         self.learned, self.held = data.part(validation=False), data.part(validation=True)
+        if not len(self.learned) or not len(self.held):
+            raise RecognitionError(
+                f"{len(data)} crops are too few: {len(self.learned)} of them are learned from and "
+                f"{len(self.held)} of other rooms held back; generate more"
+            )
         network = build(Shape(plan.robots), plan.seed, plan.frozen)
         self._file = folder / "checkpoint.safetensors"
         self.progress = Progress()
@@ -117,6 +126,9 @@ class CropTrainer:
 
         Returns:
             whether it is finished; a checkpoint is left either way.
+
+        Raises:
+            RecognitionError: the loss is no number any more, or a checkpoint cannot be written.
         """
         begun = saved = time.monotonic()
         spent = self.progress.seconds
@@ -176,6 +188,11 @@ class CropTrainer:
             seen = self.network(torch.from_numpy(batch.images).to(self.device), robot)
         terms = loss_terms(seen, truth, len(plan.robots))
         loss = total(terms)
+        if not bool(torch.isfinite(loss)):
+            raise RecognitionError(
+                f"the loss is {float(loss.detach())} at update {at.update + 1}: lower rate and "
+                f"trunk_rate; {self._file.name} is of an earlier update"
+            )
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self._moving(), _CLIP)

@@ -105,22 +105,21 @@ def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust
     figures = {
         "frames": len(p),
         "elsewhere": 0 if elsewhere is None else len(elsewhere.error),
-        "good": float(good.mean()),
-        "believed": float(sure.mean()),
+        "good": float(good.mean()) if len(good) else 0.0,
+        "believed": float(sure.mean()) if len(sure) else 0.0,
         "believed_wrong": float((~good[sure]).mean()) if sure.any() else 0.0,
     }
     return Trust(trust.weights, threshold, float(np.clip(widen, 1.0, 20.0))), figures
 
 
 def _lowest(trust: Trust, judged: Judged) -> float:
-    """The lowest threshold that keeps its promise on some answers."""
+    """The lowest threshold that keeps its promise on some answers; 1 where none does."""
     good = judged.error < GOOD
     p = np.array([trust.of(f) for f in judged.features])
     order = np.argsort(-p)
     share = np.cumsum(~good[order]) / np.arange(1, len(p) + 1)
     kept = np.flatnonzero(share <= WRONG)
-    last = int(kept[-1]) if len(kept) else 0
-    return float(np.clip(p[order][last], 0.3, 0.97))
+    return max(float(p[order][kept[-1]]), 0.3) if len(kept) else 1.0
 
 
 def logistic(x: Floats, y: Mask, hold: float = 1.0) -> Floats:
