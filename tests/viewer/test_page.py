@@ -225,6 +225,8 @@ def test_dragging_reaches_the_session(page: LivePage, session: FakeSession) -> N
     assert page._gizmo is not None
     page._gizmo.position = (0.5, 0.25, 1.0)
     page._move_dragged("ball")
+    page._gizmo.position = (0.5, np.nan, 1.0)
+    page._move_dragged("ball")
     assert session.asked == [("drag", "ball", (0.5, 0.25, 1.0))]
     page._choose_dragged("")
     assert page._gizmo is None

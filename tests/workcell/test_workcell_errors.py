@@ -14,6 +14,10 @@ name = "t"
 [robot]
 model = "ur5"
 """
+LIMITS = """
+joint_lower_deg = [40, -180, -180, -180, -180, -180]
+joint_upper_deg = [50, 180, 180, 180, 180, 180]
+"""
 CAMERA = """
 [[camera]]
 name = "c"
@@ -90,6 +94,43 @@ def test_the_smallest_cell_is_good():
         (
             HEAD + CAMERA.replace("[1.5, 0.0, 1.0]", "[40, 0, 1]"),
             ['camera[1] "c".position: found [40, 0, 1], expected metres, at most 10'],
+        ),
+        (
+            HEAD + "[[held]]\nname='h'\nsize=[0.1, 0.1, 0.1]\nposition=[0, 0, 60]",
+            ['held[1] "h".position: found [0, 0, 60], expected metres'],
+        ),
+        (
+            HEAD + "[[held]]\nname='h'\nsize=[0.1, 0.1, 0.1]\nposition=[0, 0, 6]",
+            ['held[1] "h".position: found [0, 0, 6], 6 m from the flange, expected at most 3 m'],
+        ),
+        (
+            HEAD + "[[held]]\nname='h'\nsize=[100, 100, 60]\nposition=[0, 0, 0.1]",
+            ['held[1] "h".size: found [100, 100, 60], expected metres'],
+        ),
+        (
+            HEAD + "[board]\nposition=[0, 0, 60]\nrpy_deg=[3.14159, 0, 0]",
+            ["board.position: found [0, 0, 60], expected metres", "looks like radians"],
+        ),
+        (
+            HEAD + "[[simulation.target]]\nname='t'\nposition=[1000, 0, 100]",
+            ['target[1] "t".position: found [1000, 0, 100], expected metres'],
+        ),
+        (
+            HEAD + "[simulation.car]\nposition=[1000, 0, 800]\nyaw_deg=3.14159",
+            ["simulation.car.position: found [1000, 0, 800]", "looks like radians"],
+        ),
+        # What the cell's own limits of the joints leave.
+        (
+            HEAD + LIMITS + "home_deg=[90, -90, 90, 0, 0, 0]\n[patrol]\ngoals_deg="
+            "{A=[45, -90, 90, 0, 0, 0], B=[-45, -90, 90, 0, 0, 0]}",
+            [
+                "robot.home_deg: joint shoulder_pan_joint: found 90, expected 40 to 50 [deg]",
+                "patrol.goals_deg.B: joint shoulder_pan_joint: found -45, expected 40 to 50",
+            ],
+        ),
+        (
+            HEAD + LIMITS,
+            ["robot.home_deg: missing, and of the arm's own home joint shoulder_pan_joint: found"],
         ),
         (
             HEAD + CAMERA.replace("[1.5, 0.0, 1.0]", "[1500, 0, 1000]"),

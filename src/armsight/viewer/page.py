@@ -262,10 +262,11 @@ class LivePage:
         return np.asarray(np.mean([m.T_world_solid[:3, 3] for m in parts], axis=0))
 
     def _move_dragged(self, name: str) -> None:
-        if self._gizmo is None:
+        target = None if self._gizmo is None else np.array(self._gizmo.position, float)
+        if target is None or not np.isfinite(target).all():  # a browser's word, as all here
             return
         try:
-            self._session.drag(name, np.array(self._gizmo.position, float))
+            self._session.drag(name, target)
         except ArmsightError as error:
             self.problem = str(error)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,10 +32,19 @@ from armsight.workcell.schema_devices import (
     StereoSection,
 )
 from armsight.workcell.schema_simulation import SimulationSection
-from armsight.workcell.schema_things import HeldSection, ObjectSection, PersonSection, SolidSection
+from armsight.workcell.schema_things import (
+    BoardSection,
+    HeldSection,
+    ObjectSection,
+    PersonSection,
+    SolidSection,
+    TargetSection,
+)
 
 FARTHEST = 10.0
 """Nothing in a cell is farther from the robot's base than this [m]."""
+MOST_HELD = 3.0
+"""Nothing that an arm holds has its middle farther from the flange [m]."""
 SMALLEST = 0.001
 """No edge or radius is smaller [m]."""
 ENTERS = 0.01
@@ -84,10 +94,16 @@ def check_robot(section: RobotSection) -> Iterator[Problem]:
     yield from check_degrees("robot.rpy_deg", section.rpy_deg)
     if robot is None:
         return
-    for key in ("home_deg", "joint_lower_deg", "joint_upper_deg"):
+    for key in ("joint_lower_deg", "joint_upper_deg"):
         values = getattr(section, key)
         if values is not None:
             yield from check_joints(f"robot.{key}", values, robot)
+    if section.home_deg is not None:
+        yield from check_joints("robot.home_deg", section.home_deg, robot, section)
+    elif section.driver == SIMULATED:  # a simulated arm begins there
+        home = tuple(float(value) for value in np.rad2deg(robot.home).round(6))
+        for problem in _check_range("robot.home_deg", home, robot, section):
+            yield replace(problem, what=f"missing, and of the arm's own home {problem.what}")
     lower, upper = section.joint_lower_deg, section.joint_upper_deg
     if lower and upper and len(lower) == len(upper) == robot.n:
         for i in range(robot.n):
@@ -99,8 +115,10 @@ def check_robot(section: RobotSection) -> Iterator[Problem]:
                 )
 
 
-def check_joints(where: str, values: Sequence[float], robot: Robot) -> Iterator[Problem]:
-    """Joint positions [deg]: as many as the robot has, in range, and not radians."""
+def check_joints(
+    where: str, values: Sequence[float], robot: Robot, section: RobotSection | None = None
+) -> Iterator[Problem]:
+    """Joint positions [deg]: as many as the robot has, in its own and the section's range."""
     if len(values) != robot.n:
         yield Problem(
             where,
@@ -111,7 +129,18 @@ def check_joints(where: str, values: Sequence[float], robot: Robot) -> Iterator[
     if _like_radians(values) and max(map(abs, values)) <= 2.0 * math.pi + 0.01:
         yield Problem(where, f"found {shown(values)}: looks like radians, expected degrees")
         return
+    yield from _check_range(where, values, robot, section)
+
+
+def _check_range(
+    where: str, values: Sequence[float], robot: Robot, section: RobotSection | None
+) -> Iterator[Problem]:
     lower, upper = np.rad2deg(robot.limits.lower), np.rad2deg(robot.limits.upper)
+    own = (None, None) if section is None else (section.joint_lower_deg, section.joint_upper_deg)
+    if own[0] is not None and len(own[0]) == robot.n:
+        lower = np.maximum(lower, own[0])
+    if own[1] is not None and len(own[1]) == robot.n:
+        upper = np.minimum(upper, own[1])
     for i, value in enumerate(values):
         if not lower[i] - 1e-6 <= value <= upper[i] + 1e-6:
             yield Problem(
@@ -221,6 +250,32 @@ def check_solid(where: str, section: SolidSection) -> Iterator[Problem]:
         yield from check_metres(f"{where}.center", section.center)
 
 
+def check_held(where: str, section: HeldSection) -> Iterator[Problem]:
+    """Units of what the arm holds: the guard takes it for a part of the arm's body."""
+    yield from check_solid(where, section)
+    if MOST_HELD < (distance := math.hypot(*section.position)) <= FARTHEST:
+        yield Problem(
+            f"{where}.position",
+            f"found {shown(section.position)}, {distance:.3g} m from the flange, expected at most "
+            f"{MOST_HELD:g} m (it is in the flange's frame)",
+        )
+
+
+def check_board(section: BoardSection) -> Iterator[Problem]:
+    """Units of a board's place."""
+    yield from check_metres("board.position", section.position)
+    yield from check_degrees("board.rpy_deg", section.rpy_deg)
+
+
+def check_target(where: str, section: TargetSection) -> Iterator[Problem]:
+    """Units of a target."""
+    yield from check_metres(f"{where}.position", section.position)
+    yield from check_degrees(f"{where}.rpy_deg", section.rpy_deg)
+    yield from check_metres(f"{where}.room", section.room)
+    if section.center is not None:
+        yield from check_metres(f"{where}.center", section.center)
+
+
 def check_person(where: str, section: PersonSection, folder: Path | None) -> Iterator[Problem]:
     """Clip, units and place of a person."""
     yield from check_metres(f"{where}.position", section.position)
@@ -241,12 +296,15 @@ def check_person(where: str, section: PersonSection, folder: Path | None) -> Ite
 
 
 def check_simulation(section: SimulationSection) -> Iterator[Problem]:
-    """Nothing beyond its types for now but degrees that look like radians."""
+    """Units of what stands in none of its lists."""
     if 0.0 < section.calibration_error_mm < 0.02:
         yield Problem(
             "simulation.calibration_error_mm",
             f"found {section.calibration_error_mm:g}: looks like metres, expected millimetres",
         )
+    if section.car is not None:
+        yield from check_metres("simulation.car.position", section.car.position)
+        yield from check_degrees("simulation.car.yaw_deg", (section.car.yaw_deg,))
 
 
 def check_mapping(section: MappingSection, robot: RobotSection | None) -> Iterator[Problem]:
@@ -282,7 +340,7 @@ def check_patrol(section: PatrolSection, robot: RobotSection | None) -> Iterator
     if model is None:
         return
     for name, values in section.goals_deg.items():
-        yield from check_joints(f"patrol.goals_deg.{name}", values, model)
+        yield from check_joints(f"patrol.goals_deg.{name}", values, model, robot)
 
 
 def check_clear(

@@ -19,7 +19,14 @@ from armsight.workcell.problems import Problem, WorkcellFileError, from_validati
 from armsight.workcell.schema import MappingSection, PatrolSection, Workcell
 from armsight.workcell.schema_devices import CameraSection, RobotSection, StereoSection
 from armsight.workcell.schema_simulation import SimulationSection
-from armsight.workcell.schema_things import ObjectSection, PersonSection, SolidSection
+from armsight.workcell.schema_things import (
+    BoardSection,
+    HeldSection,
+    ObjectSection,
+    PersonSection,
+    SolidSection,
+    TargetSection,
+)
 
 LARGEST = 1_000_000
 """A workcell file is never larger [bytes]."""
@@ -131,6 +138,13 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
     objects = list(_each(ObjectSection, simulation, "object", "simulation."))
     for where, solid in (*solids, *undeclared, *objects):
         yield from checks.check_solid(where, solid)
+    for where, held in _each(HeldSection, raw, "held"):
+        yield from checks.check_held(where, held)
+    for where, target in _each(TargetSection, simulation, "target", "simulation."):
+        yield from checks.check_target(where, target)
+    board = _one(BoardSection, raw.get("board"))
+    if board is not None:
+        yield from checks.check_board(board)
     for where, person in _each(PersonSection, simulation, "person", "simulation."):
         yield from checks.check_person(where, person, folder)
     settings = _one(SimulationSection, simulation)
