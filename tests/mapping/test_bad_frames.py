@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armsight.devices.data import JointState
+from armsight.devices.data import DepthNoise, JointState
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
@@ -323,3 +323,35 @@ def test_all_is_unknown_without_cameras():
     snapshot = made.update([], JOINTS, 1.0)
     assert set(np.unique(snapshot.state)) == {UNKNOWN, OCCUPIED}
     assert snapshot.cameras == ()
+
+
+def lens(**more):
+    return {"depth": replace(INFO.depth, **more)}
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        ({"noise": DepthNoise(np.nan, 0.0, 0.0)}, "its noise is"),
+        ({"noise": DepthNoise(-0.3, 0.0, 0.0)}, "its noise is"),
+        ({"noise": DepthNoise(0.3, 0.0, -0.1)}, "its noise is"),
+        ({"range": (0.3, np.inf)}, "its range is 0.3 to inf m"),
+        ({"range": (4.5, 0.3)}, "its range is"),
+        ({"range": (np.nan, 4.5)}, "its range is"),
+        ({"latency": np.inf}, "its latency"),
+        ({"rate": np.nan}, "its rate is nan Hz"),
+        (lens(fx=-80.0), "no lens is"),
+        (lens(fy=np.nan), "no lens is|its lens is"),
+        (lens(cx=np.nan), "its lens is"),
+        (lens(width=0), "no lens is"),
+    ],
+)
+def test_cameras_that_cannot_be(world, broken, words):
+    """With a noise of NaN all was free that a picture showed, and what was beside the arm lost."""
+    odd = replace(INFO, **broken)
+    with pytest.raises(UsageError, match=f"camera a: .*({words})"):
+        WorkspaceMap(scenes.two_link_arm(), [odd], [TABLE], CONFIG)
+    with pytest.raises(UsageError, match=words):
+        world.place(odd)
+    snapshot = world.update([scenes.frame(INFO, 0.13, picture(BALL), 1)], JOINTS, 0.131)
+    assert status(snapshot).alive

@@ -5,8 +5,42 @@ from __future__ import annotations
 import numpy as np
 
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame
+from armsight.errors import UsageError
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.snapshot import CameraStatus
+
+
+def check_camera(info: RgbdCameraInfo) -> None:
+    """Refuse what would have a map free what nobody saw: comparisons with NaN are false.
+
+    Raises:
+        UsageError: the camera's lens, range, noise, rate or latency cannot be.
+    """
+    lens, (near, far) = info.depth, info.range
+    numbers = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
+    if not (min(lens.width, lens.height) > 0 and min(lens.fx, lens.fy) > 0.0):
+        raise UsageError(
+            f"camera {info.name}: no lens is {lens.width} x {lens.height} px with "
+            f"focal lengths of {lens.fx:g} and {lens.fy:g} px"
+        )
+    if not np.isfinite(numbers).all():
+        raise UsageError(f"camera {info.name}: its lens is {numbers}; expected finite numbers")
+    if not 0.0 <= near < far < np.inf:
+        raise UsageError(
+            f"camera {info.name}: its range is {near:g} to {far:g} m; expected two "
+            "growing distances"
+        )
+    sigma = info.noise.sigma(np.array([near, 0.5 * (near + far), far]))
+    if not (np.isfinite(sigma).all() and (sigma >= 0.0).all()):
+        raise UsageError(
+            f"camera {info.name}: its noise is {sigma.tolist()} m at {near:g} to "
+            f"{far:g} m; expected finite numbers, none below 0"
+        )
+    if not (0.0 <= info.rate < np.inf and 0.0 <= info.latency < np.inf):
+        raise UsageError(
+            f"camera {info.name}: its rate is {info.rate:g} Hz and its latency "
+            f"{info.latency:g} s; expected finite numbers, none below 0"
+        )
 
 
 class CameraHealth:

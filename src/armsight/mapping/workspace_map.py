@@ -21,7 +21,7 @@ from armsight.mapping.camera_stage import CameraStage, Evidence
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import Change, DeclaredSolids
 from armsight.mapping.distance_field import DistanceField
-from armsight.mapping.health import CameraHealth
+from armsight.mapping.health import CameraHealth, check_camera
 from armsight.mapping.layers import far_grid, fine_grid
 from armsight.mapping.people import People
 from armsight.mapping.self_filter import BodyPose, SelfFilter
@@ -59,7 +59,7 @@ class WorkspaceMap:
         config: settings.
 
     Raises:
-        UsageError: two cameras share a name, or there are too many.
+        UsageError: two cameras share a name, or there are too many, or one cannot be.
         ArmsightError: the arm has no shapes.
     """
 
@@ -77,6 +77,8 @@ class WorkspaceMap:
             raise UsageError(f"cameras need names of their own, found {sorted(names)}")
         if len(names) > MAX_CAMERAS:
             raise UsageError(f"{len(names)} depth cameras; the map can tell {MAX_CAMERAS} apart")
+        for info in cameras:
+            check_camera(info)
         self.grid = fine_grid(config)
         self._declared = DeclaredSolids(static, (self.grid, far_grid(config, self.grid)))
         self._people = People(self._declared.layers, len(names), config)
@@ -318,8 +320,12 @@ class WorkspaceMap:
 
         Args:
             info: the camera with its new pose; one that is not in the map changes nothing.
+
+        Raises:
+            UsageError: its lens, range or noise cannot be.
         """
         if info.name in self._index:
+            check_camera(info)
             self._placed.put(info)
 
     def _place(self, info: RgbdCameraInfo) -> None:
