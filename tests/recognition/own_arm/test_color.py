@@ -6,9 +6,10 @@ import pytest
 from tests.recognition.own_arm.synthetic import LENS, T_BASE_CAMERA, corners, robot
 
 from armsight.geometry.pose import exp, inverse, transform
+from armsight.recognition.own_arm import color
 from armsight.recognition.own_arm.answer import ColorView
 from armsight.recognition.own_arm.color import register_color
-from armsight.recognition.own_arm.color_scene import ColorOptions
+from armsight.recognition.own_arm.color_scene import ColorOptions, ColorScene
 from armsight.recognition.own_arm.color_search import search_color
 from armsight.recognition.own_arm.surface import arm_surface
 
@@ -67,6 +68,23 @@ def test_an_old_pose_is_mended(views: list[ColorView]) -> None:
     assert answer.believed
     assert off(answer.T_base_camera) < 0.012
     assert answer.sigma < 0.015
+
+
+def test_a_half_of_the_views_that_shows_no_arm_does_not_agree(
+    views: list[ColorView], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of every second view the arm is beyond the picture: nobody says anything against the rest."""
+    drawn = color.outline
+
+    def outline(scene: ColorScene, frame: int, T: np.ndarray) -> object:
+        points, normals, links = drawn(scene, frame, T)
+        shown = len(points) if frame % 2 == 0 else 0
+        return points[:shown], normals[:shown], links[:shown]
+
+    monkeypatch.setattr(color, "outline", outline)
+    answer = register_color(arm_surface(robot()), LENS, views, T_BASE_CAMERA, OPTIONS)
+    assert not answer.believed
+    assert "half of the views" in answer.problem
 
 
 def test_joints_of_another_moment_are_not_believed(views: list[ColorView]) -> None:

@@ -69,6 +69,8 @@ def near(
     return follow(scene, [start, *narrowed_starts(scene, poses, NEAR_BEAM, rng)])
 
 
+LEAST_EDGES = 40
+"""Points of the outline on edges, of all views together, that a step takes."""
 NEAR_BEAM = (
     Narrowing(0.05, 0.06, 0.0, 300, 40, 16),
     Narrowing(0.025, 0.03, 1.0, 400, 20, 24),
@@ -107,7 +109,7 @@ def follow(scene: ColorScene, starts: Sequence[Pose]) -> OwnArmPose:
 class _End:
     """Where a start led to: pose, what it explains, share of the outline on edges, equations.
 
-    Those are (v links, 6, 6) and (v links, 6).
+    Those are (v links, 6, 6) and (v links, 6). ``held``: there were edges enough to hold on to.
     """
 
     T: Pose
@@ -115,6 +117,7 @@ class _End:
     seen: float
     H: Floats
     g: Floats
+    held: bool
 
 
 def promising(scene: ColorScene, poses: Sequence[Pose], most: int) -> list[Pose]:
@@ -138,7 +141,7 @@ def _refined(
     links = scene.surface.robot.n + 1
     lens = lens_array(scene.lens)
     H, g = np.zeros((len(scene.images) * links, 6, 6)), np.zeros((len(scene.images) * links, 6))
-    on, of = 0, 1
+    on, of, used = 0, 1, 0
     for reach in reaches or o.reaches:
         H, g, on, of = np.zeros_like(H), np.zeros_like(g), 0, 0
         used = 0
@@ -165,7 +168,7 @@ def _refined(
             with np.errstate(invalid="ignore"):
                 on += int((np.abs(found) < 2.5).sum())
             of += len(points)
-        if used < 40:
+        if used < LEAST_EDGES:
             break
         whole = H.sum(axis=0)
         damped = whole + 1e-3 * np.diag(np.diag(whole)) + 1e-9 * np.eye(6)
@@ -173,7 +176,7 @@ def _refined(
         length = float(np.linalg.norm(step[:3]) + np.linalg.norm(step[3:]))
         T = exp(step * min(1.0, 0.15 / max(length, 1e-9))) @ T
     score = float(scene.agreement(T[None], True, 1000)[0])
-    return _End(T, score, on / max(of, 1), H, g)
+    return _End(T, score, on / max(of, 1), H, g, used >= LEAST_EDGES)
 
 
 def outline(scene: ColorScene, frame: int, T: Pose) -> tuple[Points, Floats, Ints]:
@@ -230,6 +233,8 @@ def _judged(scene: ColorScene, end: _End) -> OwnArmPose:
         problem = f"only {100 * end.score:.0f} % of what moves agrees with the arm"
     elif end.seen < o.least_seen:
         problem = f"only {100 * end.seen:.0f} % of the arm's outline lies on edges"
+    elif not all(half.held for half in halves):
+        problem = "the arm is hardly seen in one half of the views; show it in more of them"
     elif apart > o.most_apart:
         problem = f"two halves of the views say {1e3 * apart:.0f} mm apart"
     elif not sigma < o.most_sigma:
