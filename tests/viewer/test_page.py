@@ -346,3 +346,26 @@ def test_people_in_detail_replace_their_rough_solids(page: LivePage, session: Fa
 def before_meshes(page: LivePage) -> int:
     """Meshes of the robot and of walls."""
     return sum("/people" not in m.name for m in sent(page, wire.MeshMessage))  # type: ignore[attr-defined]
+
+
+def test_a_clock_that_cannot_be_turned_has_no_buttons_for_it() -> None:
+    """Of a simulation beside real devices: they were there, and ended in a traceback."""
+    session = FakeSession()
+    session.cell.mixed = True
+    page = LivePage(session, port=0)
+    try:
+        labels = {getattr(h, "label", "") for h in _inputs(page)}
+        assert "Pause" in labels
+        assert not labels & {"Reset", "Speed"}
+    finally:
+        page.close()
+    session.cell.mixed = False
+    page = LivePage(session, port=0)
+    try:
+        assert {getattr(h, "label", "") for h in _inputs(page)} >= {"Reset", "Speed"}
+    finally:
+        page.close()
+
+
+def _inputs(page: LivePage) -> list[object]:
+    return list(page._server.gui._gui_input_handle_from_uuid.values())

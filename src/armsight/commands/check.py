@@ -37,7 +37,9 @@ class Check:
         out, bad = Console(soft_wrap=True, highlight=False), 0
         for file in self.files:
             try:
-                out.print(f"[green]good[/] {file}: {described(load(file))}")
+                words = described(load(file))
+                out.print("[green]good[/]", end=" ")
+                out.print(f"{file}: {words}", markup=False)
             except ArmsightError as error:
                 bad += 1
                 out.print(str(error), markup=False)

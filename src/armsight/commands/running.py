@@ -94,7 +94,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             page = LivePage(session, wanted.page.host, wanted.page.port, wanted.page.token)
             stack.callback(page.close)
             session.observe(page)
-            say(f"live page: [bold]{page.url}[/]   (Ctrl-C ends)")
+            say(f"live page: {page.url}   (Ctrl-C ends)")
         if cell.simulated and math.isfinite(wanted.speed):
             session.set_speed(wanted.speed)
         ticker = _Ticker(wanted.seconds)
@@ -198,7 +198,8 @@ def progress_bar() -> Iterator[Callable[[str, float], None]]:
     if not console.is_terminal:
         yield _lines()
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    words = TextColumn("{task.description}", markup=False)
+    columns = (words, BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
         yield lambda stage, done: bar.update(task, description=stage, completed=done)
@@ -217,16 +218,25 @@ def _lines() -> Callable[[str, float], None]:
 
 
 def say(text: str) -> None:
-    """One line to the person, on stderr; stdout is for results."""
-    console.print(text, highlight=False, soft_wrap=True)
+    """One line to the person, on stderr; stdout is for results. Brackets are what they are."""
+    console.print(text, highlight=False, soft_wrap=True, markup=False)
 
 
 def write_summary(file: Path, summary: dict[str, Any]) -> None:
-    """Write figures as JSON, whole or not at all; ``-`` is stdout."""
+    """Write figures as JSON, whole or not at all; ``-`` is stdout. What is no number is null."""
     from armsight.writing import write_text
 
-    text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    text = json.dumps(_as_json(summary), indent=2, allow_nan=False) + "\n"
     if str(file) == "-":
         sys.stdout.write(text)
     else:
         write_text(file, text)
+
+
+def _as_json(value: Any) -> Any:
+    """The same without NaN and infinity, which JSON does not know."""
+    if isinstance(value, dict):
+        return {key: _as_json(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_json(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

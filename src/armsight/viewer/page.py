@@ -119,8 +119,8 @@ class LivePage:
                 Controls(
                     session.pause,
                     session.resume,
-                    self._reset if cell.world is not None else None,
-                    session.set_speed if cell.world is not None else None,
+                    self._reset if cell.simulated else None,
+                    session.set_speed if cell.simulated else None,
                     session.declare_empty,
                 ),
                 self._scene.layers(),
