@@ -198,3 +198,42 @@ def test_options_are_a_connection():
         connection_of(["host"])
     with pytest.raises(UsageError, match="say of which --kind"):
         check_driver("plugged_doubles:Camera", None, [], "ur5", 0.3, False)
+
+
+class Breaks(GoodArm):
+    """Its readings break off while it is moved."""
+
+    def read(self):
+        if self.log.count("command") > 3:
+            raise DeviceError("cable out")
+        return super().read()
+
+
+def test_an_arm_whose_readings_break_off_while_it_is_moved_is_stopped():
+    log = Log()
+    checks = conformance("arm", lambda s: Breaks(s, log), ARM, seconds=0.1, commands=True)
+    found = {check.title: check for check in checks}
+    assert not found["obeys"].good
+    assert "cable out" in found["obeys"].found
+    assert log.count("stop") == 1
+
+
+def test_an_arm_that_was_being_moved_is_stopped_after_ctrl_c():
+    log = Log()
+    checks = conformance("arm", lambda s: GoodArm(s, log), ARM, seconds=0.1, commands=True)
+    assert next(check for check in checks if check.title == "obeys").good
+    checks.close()  # what an interrupt leaves of it
+    assert log.calls[-1][0] == "stop"
+
+
+def test_an_arm_whose_joints_are_wrong_is_not_moved():
+    log = Log()
+
+    class Wrong(GoodArm):
+        def read(self):
+            return replace(super().read(), position=np.full(6, 90.0))
+
+    checks = conformance("arm", lambda s: Wrong(s, log), ARM, seconds=0.1, commands=True)
+    found = {check.title: check for check in checks}
+    assert "not moved" in found["obeys"].found
+    assert log.count("command") == 0

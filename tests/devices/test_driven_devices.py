@@ -243,6 +243,20 @@ def test_an_arm_that_hangs_is_lost_for_good_and_told_to_stop(what):
     assert log.count("close") == 1
 
 
+def test_an_arm_is_stopped_where_the_system_has_no_more_threads(monkeypatch):
+    arm, _, log = make_arm()
+    until(arm.read)
+
+    def refuse(thread):
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", refuse)
+        arm.stop()
+    assert log.count("stop") == 1
+    arm.close()
+
+
 def test_an_arm_whose_close_hangs_says_so():
     arm, _, _ = make_arm(hangs=("close",))
     with pytest.raises(DeviceError, match=r"close\(\) has not returned"):

@@ -24,6 +24,7 @@ from armsight.motion.kernels import (
 )
 from armsight.motion.obstacles import CollisionConfig, obstacles_of
 from armsight.motion.timing import time_parameterise
+from armsight.motion.trajectory import hold
 from armsight.robots import ROBOT_NAMES, load_robot
 from armsight.robots.kinematics import sphere_centers
 
@@ -402,3 +403,20 @@ def test_a_path_proven_not_to_touch_itself_is_only_asked_about_the_rest():
             assert min(gaps) < 0.01  # the body is as close to itself as the whole check says
     assert touching_itself > 5
     assert touching_wall > 5
+
+
+@pytest.mark.parametrize("q", [np.zeros(1), np.zeros(5), np.zeros(7), np.full(6, np.nan)])
+def test_what_is_no_position_of_the_arm_is_never_free(q):
+    """One number was taken for all joints, and what its kernels read behind it for the rest."""
+    model, nothing = CollisionModel(arm6()), make_snapshot()
+    assert not model.within_limits(q)
+    assert not model.valid(q, nothing)
+    assert not model.edge_valid(q, q, nothing)
+    assert model.contact(q, nothing) == "joint positions that are not numbers"
+    with pytest.raises(ValueError, match="expected 6 numbers"):
+        model.clearance(q, nothing)
+    if len(q) != 6:
+        with pytest.raises(ValueError, match=r"expected \(k, 6\)"):
+            model.path_valid(np.stack([q] * 6), nothing)
+        with pytest.raises(ValueError, match="joints"):
+            model.trajectory_valid(hold(q), nothing)

@@ -65,3 +65,11 @@ def test_same_seed_same_solutions():
     T = tcp_pose(robot, robot.home)
     a, b = (solve_ik(robot, T, None, np.random.default_rng(5)) for _ in range(2))
     np.testing.assert_array_equal(a, b)
+
+
+def test_a_mirrored_pose_is_no_pose():
+    """It was sought a hundred times, and then called out of reach."""
+    T = np.diag([1.0, 1.0, -1.0, 1.0])
+    T[:3, 3] = 0.4, 0.1, 0.5
+    with pytest.raises(ValueError, match="not a rigid transform"):
+        solve_ik(load_robot("ur5"), T, None, np.random.default_rng(0))

@@ -285,3 +285,15 @@ def test_a_stale_snapshot_of_nothing_known_forbids_everything_but_the_start():
         EMPTY, state=np.zeros_like(EMPTY.state), distance=np.zeros_like(EMPTY.distance)
     )
     assert plan(unseen).failure.startswith("goal: link_")
+
+
+@pytest.mark.parametrize("odd", [9.0, np.nan])
+def test_a_known_path_beyond_the_limits_is_not_followed(odd):
+    """It may be an older arm's, or somebody's own: nothing else looks at its middle."""
+    middle = 0.5 * (A + B)
+    middle[4] = odd
+    planner = RrtConnectPlanner(ARM, config=PlannerConfig(improvement=0.0))
+    answer = plan(EMPTY, ask(warm=np.stack([A, middle, B])), planner=planner)
+    assert answer.good
+    np.testing.assert_array_equal(answer.path, [A, B])
+    assert plan(EMPTY, ask(warm=np.zeros((2, 5))), planner=planner).good

@@ -99,17 +99,20 @@ def conformance(
         except (DeviceError, AttributeError, TypeError) as error:
             yield DriverCheck(False, "reports", str(error))
             report = None
-    yield from _read(bench, kind, driver, report, settings, seconds)
+    sound = True
+    for check in _read(bench, kind, driver, report, settings, seconds):
+        sound = sound and check.good
+        yield check
     if kind == "camera":
         yield _tried(bench, "colour", "want_color()", lambda: driver.want_color(True))
         if hasattr(driver, "want_infrared"):
             yield _tried(bench, "infrared", "want_infrared()", lambda: driver.want_infrared(True))
-    if commands and kind == "arm":
-        yield from _nudge(bench, driver, settings)
+    if commands and kind == "arm" and not sound:
+        yield DriverCheck(False, "obeys", "it was not moved: what it reads is wrong, see above")
+    elif commands and kind == "arm":
+        yield from _moved(bench, driver, settings)
     if commands and kind == "gripper":
         yield _tried(bench, "moves", "move()", lambda: driver.move(0.5 * settings.opening))
-    if commands and kind == "arm":
-        yield _tried(bench, "stops", "stop()", driver.stop)
     yield _tried(bench, "closes", "close()", driver.close)
     yield _tried(bench, "closes twice", "close()", driver.close)
     yield _reopens(bench, opener, settings, report)
@@ -244,6 +247,18 @@ def _check_report(kind: Kind, report: Any) -> DriverCheck:
         )
     check_rate(kind, report.rate, report.latency)
     return DriverCheck(True, "reports", found)
+
+
+def _moved(bench: _Bench, driver: Any, settings: Any) -> Iterator[DriverCheck]:
+    """Move an arm a little; whatever comes in between, Ctrl-C included, it is told to stop."""
+    stopped = None
+    try:
+        yield from _nudge(bench, driver, settings)
+    except Exception as error:  # whatever a stranger's readings are
+        yield DriverCheck(False, "obeys", str(error))
+    finally:
+        stopped = _tried(bench, "stops", "stop()", driver.stop)
+    yield stopped
 
 
 def _nudge(bench: _Bench, driver: Any, settings: Any) -> Iterator[DriverCheck]:

@@ -233,8 +233,12 @@ class Line(Generic[Driver, Reading]):
                 errors.append(error)
 
         thread = threading.Thread(target=run, name=f"armsight-{self.name}-{what}", daemon=True)
-        thread.start()
-        thread.join(STOP_SECONDS)
+        try:
+            thread.start()
+        except RuntimeError:  # the system has no more threads: a stop cannot wait for one
+            run()
+        else:
+            thread.join(STOP_SECONDS)
         if thread.is_alive():
             self._beside[what] = thread
             _left_behind.append(hangs)

@@ -33,6 +33,9 @@ class CollisionModel:
     A motion is judged for a body that stands at the motion's first configuration: unknown voxels
     close to it are excused (see :mod:`armsight.motion.obstacles`). Single configurations are
     judged strictly unless ``at`` says where the body is.
+
+    What is no position of the arm (another number of joints, not finite) is never free; a clearance
+    of it, and a path or a trajectory of another number of joints, raise ValueError.
     """
 
     def __init__(self, robot: Robot, config: CollisionConfig | None = None) -> None:
@@ -58,8 +61,10 @@ class CollisionModel:
         return self._local.scratch
 
     def within_limits(self, q: JointVector) -> bool:
-        """Whether (n,) positions are finite and inside the joint limits."""
+        """Whether (n,) positions, or all of (k, n), are finite and inside the joint limits."""
         q = np.asarray(q, float)
+        if q.shape[-1:] != self.body.lower.shape:
+            return False
         return bool(
             np.isfinite(q).all() and (q >= self.body.lower).all() and (q <= self.body.upper).all()
         )
@@ -84,7 +89,7 @@ class CollisionModel:
         which spheres of the robot these are.
         """
         scratch = self.scratch()
-        body_centers(self.body, _vector(q), scratch.centers)
+        body_centers(self.body, self._position(q), scratch.centers)
         out = np.empty(len(self.body.radius))
         ob = self.obstacles(snapshot, at)
         sphere_clearances(ob, scratch.centers, self.body.radius, out)
@@ -139,7 +144,9 @@ class CollisionModel:
             own: whether the body may touch itself on the way; not to be asked again for a path
                 that was proven before, as that does not depend on the surroundings.
         """
-        path = np.ascontiguousarray(path, np.float64).reshape(-1, self.robot.n)
+        path = np.ascontiguousarray(path, np.float64)
+        if path.ndim != 2 or path.shape[1] != self.robot.n:
+            raise ValueError(f"a path has shape {path.shape}, expected (k, {self.robot.n})")
         inside = (path >= self.body.lower) & (path <= self.body.upper)
         if not inside.all():  # what is not a number is not inside
             return max(int(np.argmin(inside.all(axis=1))) - 1, 0)
@@ -168,6 +175,10 @@ class CollisionModel:
         are checked at the ends of its pieces.
         """
         t = trajectory
+        if t.n != self.robot.n:
+            raise ValueError(
+                f"a trajectory is of {t.n} joints, {self.robot.name} has {self.robot.n}"
+            )
         inside = (t.q >= self.body.lower - 1e-9) & (t.q <= self.body.upper + 1e-9)
         for k in np.flatnonzero(~inside.all(axis=1)):
             if begin <= t.times[k] <= until:
@@ -206,7 +217,7 @@ class CollisionModel:
     ) -> str:
         """What (n,) positions touch, in words; empty when nothing."""
         q = np.asarray(q, float)
-        if not np.isfinite(q).all():
+        if q.shape != self.body.lower.shape or not np.isfinite(q).all():
             return "joint positions that are not numbers"
         for j, name in enumerate(self.robot.joint_names):
             if not self.body.lower[j] <= q[j] <= self.body.upper[j]:
@@ -223,6 +234,12 @@ class CollisionModel:
             link = self.robot.link_names[int(self.body.link[worst])]
             return f"{link} touches something near ({x:.2f}, {y:.2f}, {z:.2f}) m"
         return "the arm touches itself"
+
+    def _position(self, q: JointVector) -> JointVector:
+        q = _vector(q)
+        if q.shape != self.body.lower.shape or not np.isfinite(q).all():
+            raise ValueError(f"joint positions are {q.tolist()}, expected {self.robot.n} numbers")
+        return q
 
 
 def _vector(q: JointVector) -> JointVector:

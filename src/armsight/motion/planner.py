@@ -191,8 +191,9 @@ class RrtConnectPlanner:
         """First path, and looks spent."""
         body, scratch = self._roomy.body, self._roomy.scratch()
         scratch.looks[0] = 0
-        if warm is not None and len(warm):
-            bent = joined_to(np.asarray(warm, float).reshape(-1, self.robot.n), start, goal)
+        known = np.asarray([] if warm is None else warm, float)
+        if known.ndim == 2 and len(known) and self._roomy.within_limits(known):
+            bent = joined_to(known, start, goal)
             if path_free(body, ob, bent, scratch) < 0:
                 return bent, int(scratch.looks[0])
         if edge_free(body, ob, start, goal, scratch):

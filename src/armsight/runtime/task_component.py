@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armsight.devices.data import ArmStatus, GripperState, RgbdCameraInfo, StereoFrame, Wrench
-from armsight.errors import DeviceError, UsageError
+from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid
 from armsight.motion.face import Curve, ShownFace, Trace, face_fault
 from armsight.motion.intents import Intent
@@ -181,7 +181,7 @@ class TaskComponent:
             self._end(f"its subscriptions: {error}", began, at)
             return
         self._channels.word.publish(TaskWord(began, wanted), at)
-        self._grip(getattr(wanted, "width", None), began)
+        self._grip(wanted, began)
         self._declare(standing)
         if face is not None:
             self._show(face, began, at)
@@ -201,17 +201,18 @@ class TaskComponent:
             self._uses, self._pairs = uses, pairs
             self.on_subscriptions()
 
-    def _grip(self, width: Any, now: float) -> None:
+    def _grip(self, wanted: Any, now: float) -> None:
         """Move the gripper to what an intent asks for, once; one that did not take it, again."""
-        if width is None or self.on_width is None:
-            return
         try:
+            width = getattr(wanted, "width", None)
+            if width is None or self.on_width is None:
+                return
             width = float(width)
             if width == self._width or (width == self._tried and now < self._grip_due):
                 return
             self._tried, self._grip_due = width, now + GRIP_AGAIN
             self.on_width(width)
-        except (DeviceError, TypeError, ValueError) as error:
+        except Exception as error:  # whatever a stranger's width is
             self._say("gripper", f"gripper: {error}")
         else:
             self._width = width
@@ -228,7 +229,7 @@ class TaskComponent:
             for name in come:
                 self._standing[name] = standing[name]
                 self.on_standing(name, standing[name])
-        except (UsageError, AttributeError, TypeError, ValueError) as error:
+        except Exception as error:  # whatever a stranger's solids are
             self._say("standing", f"what stands in the cell: {error}")
         else:
             if gone or come:
