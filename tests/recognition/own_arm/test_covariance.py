@@ -1,13 +1,16 @@
 """How sure a pose is: errors that no pixel knows of, and their effect worked out another way."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+from tests.recognition.data.test_own_robot import own_arm
 from tests.recognition.own_arm.synthetic import T_BASE_CAMERA, robot
 
 from armsight.geometry.pose import exp, inverse, transform
 from armsight.recognition.own_arm.arm_errors import ArmErrors, in_camera, link_errors, link_places
 from armsight.recognition.own_arm.covariance import clustered_covariance, considered
+from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import link_poses
 
 NOTHING = ArmErrors(0.0, 0.0, 0.0, 0.0)
@@ -126,3 +129,18 @@ def test_places_of_links_are_those_of_their_frames() -> None:
     found = link_places(arm, [arm.home], exp([0.1, 0.2, 1.5, 0.3, 0.0, 0.1]))
     T = exp([0.1, 0.2, 1.5, 0.3, 0.0, 0.1]) @ link_poses(arm, arm.home)
     assert np.allclose(found[0], T[:, :3, 3])
+
+
+def test_an_arm_of_three_joints_has_errors_too(tmp_path: Path) -> None:
+    """The sag of its second joint bends both links beyond, stretched out and not upright."""
+    arm = load_robot(str(own_arm(tmp_path)))
+    joints = [np.array([0.3, np.pi / 2, 0.0]), np.zeros(3)]
+    out, up = link_errors(arm, joints, replace(NOTHING, sag=0.01))
+    assert np.isfinite(out).all()
+    turned = np.linalg.norm(out[:, 3:], axis=1)
+    share = 0.3 / arm.reach  # of the third joint's distance
+    assert np.allclose(turned.max(axis=1), [0.0, 0.0, 0.01 * share, 0.01 * share])
+    assert np.allclose(up[:, 3:], 0.0, atol=1e-9)
+    every = link_errors(arm, joints, ArmErrors())
+    assert every.shape[:3] == (2, 4, 6)
+    assert np.isfinite(every).all()

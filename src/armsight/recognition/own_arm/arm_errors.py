@@ -65,7 +65,7 @@ def link_errors(robot: Robot, joints: Sequence[JointVector], errors: ArmErrors) 
             shift = np.zeros((v, 6))
             shift[:, :3] = [errors.length * T[i, :3, k] for T in posed]
             columns.append(_distal(shift, i, n))
-    for i in (1, 2) if n == 6 else (1, 3):
+    for i in _sagging(robot):
         lever = np.array([_lever(robot, T, i) for T in posed])
         columns.append(_distal(errors.sag * lever[:, None] * turns[:, i], i, n))
     for picture in range(v):
@@ -74,6 +74,14 @@ def link_errors(robot: Robot, joints: Sequence[JointVector], errors: ArmErrors) 
             alone[picture] = errors.exposure * turns[picture, i]
             columns.append(_distal(alone, i, n))
     return np.stack(columns, axis=-1)
+
+
+def _sagging(robot: Robot) -> list[int]:
+    """The second joint, and the next one that is parallel to it at zero; of few joints none."""
+    T = link_poses(robot, np.zeros(robot.n))
+    axis = np.einsum("nij,nj->ni", T[1:, :3, :3], robot.axis)
+    parallel = [i for i in range(2, robot.n) if abs(float(axis[i] @ axis[1])) > 0.99]
+    return [k for k in (1, *parallel[:1]) if k < robot.n]
 
 
 def _turns(robot: Robot, T: Floats) -> Floats:
