@@ -344,6 +344,10 @@ def lens(**more):
         (lens(fy=np.nan), "no lens is|its lens is"),
         (lens(cx=np.nan), "its lens is"),
         (lens(width=0), "no lens is"),
+        ({"covariance": np.zeros((6, 6))}, "the covariance"),
+        ({"covariance": np.full((6, 6), np.nan)}, "the covariance"),
+        ({"covariance": -np.eye(6)}, "the covariance"),
+        ({"covariance": np.eye(3)}, "the covariance"),
     ],
 )
 def test_cameras_that_cannot_be(world, broken, words):

@@ -251,6 +251,19 @@ def test_what_comes_to_light_beside_somebody_is_none() -> None:
     assert scene.is_person(pocket)
 
 
+@pytest.mark.parametrize("gap", [STEP, 0.1, 1.0])
+def test_what_comes_to_light_after_a_pause_may_have_come_in_the_meantime(gap: float) -> None:
+    """A map that stood still for a second knows nothing of who walked into the arm's shadow."""
+    scene = Scene()
+    pocket: Blob = ((44, 50), (30, 36), (1, 7))
+    scene.look(hidden=(pocket,), seconds=2.0)
+    scene.say_empty()
+    scene.look(hidden=(pocket,), seconds=1.0)
+    scene.now += gap - STEP
+    scene.look(pocket)
+    assert scene.is_person(pocket) == (gap > 0.5)
+
+
 def test_a_cell_in_which_something_moves_is_not_empty() -> None:
     scene = Scene()
     scene.look(BOX, seconds=2.0)

@@ -14,7 +14,7 @@ def check_camera(info: RgbdCameraInfo) -> None:
     """Refuse what would have a map free what nobody saw: comparisons with NaN are false.
 
     Raises:
-        UsageError: the camera's lens, range, noise, rate or latency cannot be.
+        UsageError: the camera's lens, range, noise, rate, latency or covariance cannot be.
     """
     lens, (near, far) = info.depth, info.range
     numbers = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
@@ -40,6 +40,11 @@ def check_camera(info: RgbdCameraInfo) -> None:
         raise UsageError(
             f"camera {info.name}: its rate is {info.rate:g} Hz and its latency "
             f"{info.latency:g} s; expected finite numbers, none below 0"
+        )
+    C = np.eye(6) if info.covariance is None else np.asarray(info.covariance, float)
+    if C.shape != (6, 6) or not np.isfinite(C).all() or np.linalg.eigvalsh(C)[0] <= 0.0:
+        raise UsageError(
+            f"camera {info.name}: the covariance of its pose is no positive definite (6, 6) matrix"
         )
 
 

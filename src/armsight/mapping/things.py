@@ -51,6 +51,8 @@ NEWCOMERS = 5
 """As many new voxels in a cluster are movement, fewer are noise."""
 NEAR = 0.15
 """Nothing newly visible is a thing this close to somebody [m]: as far as a hand goes in a frame."""
+LATE = 0.15
+"""Nor is it one if nobody looked for so long [s]: who came meanwhile may be far into it."""
 TOUCHES = 3
 """As many voxels must do so, in the fine layer: noise beside a surface does not end a thing."""
 
@@ -84,7 +86,7 @@ class Things:
         self._least = touches
         self._trait: Bytes = np.zeros(size, np.uint8)
         self._before: Bytes = np.zeros(size, np.uint8)
-        self._settling = self._now = 0.0
+        self._settling = self._now = self._kept = 0.0
         self.telling = False
 
     def moving(self, clusters: Ints32, occupied: Bytes, now: float) -> int:
@@ -181,7 +183,7 @@ class Things:
 
     def keep(self, state: Bytes) -> None:
         """Remember where nobody could be: ``state`` with its enclosed voxels marked."""
-        self._before = state.reshape(-1)
+        self._before, self._kept = state.reshape(-1), self._now
 
     # -- inside ---------------------------------------------------------------------------------
 
@@ -229,6 +231,8 @@ class Things:
 
     def _reveal(self, fresh: Ints32, people: Ints32) -> bool:
         """What comes to light where nobody could be is a thing. True if there is some."""
+        if self._now - self._kept > LATE:
+            return False
         new = fresh[(self._before[fresh] == ENCLOSED) & (self._core[fresh] == 0)]
         if not len(new):
             return False
