@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -23,6 +24,7 @@ from armsight.calibration.synthetic_set import LENS, ArmErrors, SyntheticSet, ma
 from armsight.errors import CalibrationError
 from armsight.experiments.calibration_layouts import PlainSet, write_corners
 from armsight.experiments.calibration_mistakes import BOARD
+from armsight.experiments.calibration_stranger_runs import plain
 from armsight.geometry.pose import look_at, make_pose, to_quaternion
 from armsight.robots import load_robot
 
@@ -249,3 +251,25 @@ def test_an_arm_without_joint_angles_is_said(one: SyntheticSet, tmp_path: Path) 
     model = load_robot("ur5")
     _, odd = with_agreeing_joints(load(tmp_path, BOARD, robot=model), model)
     assert [f.code for f in odd] == ["no_joints"]
+
+
+@pytest.mark.parametrize(("seed", "mount"), [(3001, "base"), (3004, "flange")])
+def test_three_views_do_not_tell_where_the_camera_is(seed: int, mount: str, tmp_path: Path) -> None:
+    """Readings of their poses that put the camera two metres away fitted, and were written."""
+    errors = ArmErrors(1e-4, 1e-3 if mount == "base" else 3e-4)
+    one = make_set(load_robot("ur5"), np.random.default_rng(seed), 12, mount, errors)  # type: ignore[arg-type]
+    first = plain(replace(one, told=one.told[:3], true=one.true[:3], pixels=one.pixels[:3]))
+    write_corners(tmp_path, first)
+    rows = [" ".join(f"{v:.8f}" for v in T.ravel()) for T in one.told[:3]]
+    (tmp_path / "poses.txt").write_text("\n".join(rows) + "\n")
+    found = load(tmp_path, BOARD)
+    assert [f.code for f in found.findings if f.severity == "error"] == ["undecided"]
+    answer = solve_set(found)
+    assert [f.code for f in answer.findings if f.severity == "error"] == ["few_views"]
+
+
+def test_enough_views_leave_one_reading(one: SyntheticSet, tmp_path: Path) -> None:
+    write_corners(tmp_path, _plain(one))
+    rows = [" ".join(f"{v:.8f}" for v in T.ravel()) for T in one.told]
+    (tmp_path / "poses.txt").write_text("\n".join(rows) + "\n")
+    assert [f.code for f in load(tmp_path, BOARD).findings] == []

@@ -149,10 +149,11 @@ def few_views(views: int) -> float:
     """By how much a 95 % ellipsoid of six numbers grows because the scatter is told by few views.
 
     Hotelling's: F(6, m) times six over chi squared(6), with m = 6 n - 12 degrees of freedom of the
-    pose errors.
+    pose errors. Below eight views that is not enough: of 48 simulated sets of four to seven views
+    15 % lay outside (2 % with twice the variance).
     """
     left = max(6 * views - 12, 4)
-    return float(6 * fdtri(6, left, 0.95) / chdtri(6, 0.05))
+    return float((2 if views < 8 else 1) * 6 * fdtri(6, left, 0.95) / chdtri(6, 0.05))
 
 
 def lens_doubt(solution: Solution, S_inv: Floats) -> Floats:

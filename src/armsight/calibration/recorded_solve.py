@@ -127,7 +127,7 @@ def without_what_follows(findings: list[Finding], start: list[Finding]) -> list[
 READINGS = (
     *("shifted", "order", "quaternion_order", "matrix_order", "rotation_format", "degrees"),
     *("millimetres", "pose_inverted", "board_size", "poses_do_not_match", "mirrored", "slip"),
-    "two_cameras",
+    *("two_cameras", "undecided"),
 )
 """Codes of mistakes in reading poses."""
 HOPELESS = ("poses_do_not_match", "board_poses", "board_size")

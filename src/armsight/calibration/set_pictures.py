@@ -18,7 +18,7 @@ from armsight.calibration.layouts.series import Series, patterns
 from armsight.calibration.pictures import MOST, Seen, look, some_grays
 from armsight.errors import CalibrationError
 
-LEAST = 3
+LEAST = 4
 """Boards in the pictures of a camera that is worth solving."""
 
 

@@ -11,18 +11,26 @@ from armsight.calibration.lens import zhang
 from armsight.calibration.problem import Problem
 from armsight.calibration.start import arm_for
 
+LEAST = 4
+"""Views below which none checks another: with three, readings of the poses that put the camera
+metres away fit to a pixel, too."""
+
+
+FEW = 8
+"""Views below which sigmas are a rough guess (see ``covariance.few_views``)."""
+
 
 def view_findings(problem: Problem, rig: int, items: list[Item]) -> list[Finding]:
     """Too few views, or views too much alike, to tell the unknowns apart."""
     name = problem.rigs[rig].name
     out = []
-    if len(items) < 3:
+    if len(items) < LEAST:
         return [
             Finding(
                 "few_views",
                 "error",
-                f"camera {name} saw the board in {len(items)} views; three are the least, fifteen "
-                "are good",
+                f"camera {name} saw the board in {len(items)} views; {LEAST} are the least, and "
+                "fifteen are good",
                 "take more views, and turn the board about all three axes",
             )
         ]
@@ -52,7 +60,7 @@ def view_findings(problem: Problem, rig: int, items: list[Item]) -> list[Finding
                 "turn the board about a second axis by 30 deg or more in some views",
             )
         )
-    elif largest < 25 or len(items) < 6:
+    elif largest < 25 or len(items) < FEW:
         out.append(
             Finding(
                 "few_views",

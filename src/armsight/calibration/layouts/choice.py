@@ -20,7 +20,7 @@ from armsight.calibration.hand_eye_fit import SeenBoards, angle_gaps, fit
 from armsight.calibration.layouts.candidate import Candidate
 from armsight.calibration.layouts.conventions import Reading, readings
 from armsight.calibration.layouts.pairing import Pairing, mistaken_pairings, proper_pairings
-from armsight.calibration.layouts.reading_findings import nothing_fits, reading_findings
+from armsight.calibration.layouts.reading_findings import nothing_fits, reading_findings, undecided
 from armsight.calibration.layouts.series import Series
 from armsight.calibration.layouts.table import PoseTable
 from armsight.calibration.layouts.two_recordings import two_findings, two_parts
@@ -30,6 +30,10 @@ BETTER = 3.0
 """Another reading must fit this many times better than what was said to be believed."""
 ALIKE = 1.3
 """Readings within this factor are alike: the more usual one is taken."""
+RIVAL = 2.0
+"""A reading that fits less than this many times worse cannot be told from the best one [1]."""
+APART = (0.03, 0.05)
+"""Camera poses that no errors of a good set explain [m], [rad]."""
 SUSPECT = 0.008
 """Misfit over the focal length beyond which two recordings may be mixed [1]: a good arm is off by
 0.001, one that errs by 3 mm by 0.005."""
@@ -106,6 +110,13 @@ def choose(
                 found += more
                 best = rival
     said = _said(found, stated)
+    rivals = [
+        c
+        for c in found
+        if c.pairing.code == ""
+        and _elsewhere(c, best)
+        and (stated is None or best.mount != stated or c.mount == stated)
+    ]
     others = [c for c in found if c.meaning != best.meaning and c.pairing.code == ""]
     second = min(others, key=lambda c: c.fit.median_px, default=None)
     trusted = best.fit.median_px < limit
@@ -121,8 +132,23 @@ def choose(
         if parted is not None:
             best, findings = parted
             trusted = True
+    told = best.reading.declared and best.mount == stated
+    if trusted and not told and not any(f.severity == "error" for f in findings):
+        findings += undecided(best, rivals)
     findings += [_not_the_arms(c, "note") for c in _first_of_each(boards_own)]
     return Choice(best, second, said, tuple(findings), trusted)
+
+
+def _elsewhere(candidate: Candidate, best: Candidate) -> bool:
+    """Another reading of the same table that fits as well and puts the camera elsewhere."""
+    if candidate.reading.table.source != best.reading.table.source:
+        return False
+    if candidate.fit.median_px > RIVAL * best.fit.median_px + 0.3:
+        return False
+    if candidate.mount != best.mount:
+        return True
+    step = se3.logs(se3.inverses(best.fit.X[None]) @ candidate.fit.X[None])[0]
+    return bool(np.linalg.norm(step[:3]) > APART[0] or np.linalg.norm(step[3:]) > APART[1])
 
 
 def _sources(candidates: Sequence[Candidate]) -> set[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from armsight.calibration.findings import Finding
@@ -102,6 +104,29 @@ def _scale(best: Candidate, length: float, square: float) -> list[Finding]:
             f"{words}: the board fits with corners {1e3 * square / ratio:.4g} mm apart, not "
             f"{1e3 * square:.4g} mm",
             "measure the printed board over its whole length and give that size",
+        )
+    ]
+
+
+def undecided(best: Candidate, rivals: Sequence[Candidate]) -> list[Finding]:
+    """Readings that fit as well as the best one, and put the camera elsewhere.
+
+    Args:
+        best: the reading that was taken.
+        rivals: the others, in any order.
+    """
+    if not rivals:
+        return []
+    rival = min(rivals, key=lambda c: c.fit.median_px)
+    return [
+        Finding(
+            "undecided",
+            "error",
+            f"{best.reading.table.source}: the views do not tell {best.words()} "
+            f"({best.fit.median_px:.1f} px) from {rival.words()} ({rival.fit.median_px:.1f} px), "
+            "which puts the camera elsewhere",
+            "take more views, turned about different axes; or say --hand or --beside, and name the "
+            "columns by what they are",
         )
     ]
 
