@@ -84,7 +84,8 @@ class JointHistory:
             gap = stamp - nearest.stamp
             if abs(gap) > tolerance:
                 return None
-            return JointState(stamp, nearest.position + gap * nearest.velocity, nearest.velocity)
+            velocity = nearest.velocity.copy()
+            return JointState(stamp, nearest.position + gap * velocity, velocity)
         after = next(i for i in range(len(states) - 1, -1, -1) if states[i - 1].stamp <= stamp)
         a, b = states[after - 1], states[after]
         w = (stamp - a.stamp) / (b.stamp - a.stamp)

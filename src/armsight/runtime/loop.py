@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import math
 import queue
 import sys
 import threading
@@ -100,8 +101,11 @@ def make_meters(components: Sequence[Component]) -> dict[str, HealthMeter]:
     """One meter a component.
 
     Raises:
-        ValueError: two components have the same name.
+        ValueError: two components have the same name, or one has no period.
     """
+    for c in components:
+        if not 0.0 < c.period < math.inf:
+            raise ValueError(f"{c.name}: its period is {c.period} s, expected above 0")
     meters = {c.name: HealthMeter(c.name, c.period) for c in components}
     if len(meters) != len(components):
         raise ValueError(f"component names must be unique: {[c.name for c in components]}")

@@ -6,11 +6,19 @@ import math
 import queue
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
-from armsight.devices.data import ArmStatus, GripperState, RgbdCameraInfo, StereoFrame, Wrench
+from armsight.devices.data import (
+    ArmStatus,
+    GripperState,
+    JointState,
+    RgbdCameraInfo,
+    StereoFrame,
+    Wrench,
+)
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid
 from armsight.motion.face import Curve, ShownFace, Trace, face_fault
@@ -26,6 +34,8 @@ from armsight.runtime.perceiver_component import (
     checked_period,
 )
 from armsight.runtime.posing import NewestFrames, posed
+
+Reading = TypeVar("Reading", JointState, Wrench)
 
 LATENCY = 0.002
 """What a round is charged if the task does not say [s]."""
@@ -267,10 +277,10 @@ class TaskComponent:
         return Observation(
             now=now,
             robot=self._robot,
-            joints=channels.joints.read(now),
+            joints=_own(channels.joints.read(now)),
             guard=channels.status.read(now),
             snapshot=channels.snapshot.read(now) if wanted.snapshot else None,
-            wrench=channels.readings.newest(Wrench),
+            wrench=_own(channels.readings.newest(Wrench)),
             gripper=channels.readings.newest(GripperState),
             arm=channels.readings.newest(ArmStatus),
             frames=tuple(frames),
@@ -283,6 +293,15 @@ class TaskComponent:
         while not self._pressed.empty():
             names.append(self._pressed.get())
         return names if hasattr(self.task, "press") else []
+
+
+def _own(reading: Reading | None) -> Reading | None:
+    """A reading with arrays of its own: what a task does to them reaches neither map nor guard."""
+    if reading is None:
+        return None
+    found = {f.name: getattr(reading, f.name) for f in fields(reading)}
+    arrays: dict[str, Any] = {k: v.copy() for k, v in found.items() if isinstance(v, np.ndarray)}
+    return replace(reading, **arrays)
 
 
 def _of_name(name: str, task: Task, perceivers: Sequence[PerceiverComponent]) -> PerceiverComponent:

@@ -78,4 +78,5 @@ def _made_up(info: RgbdCameraInfo, sequence: int, stamp: float) -> RgbdFrame:
     h, w = depth.shape
     depth[h // 3 : h // 2, w // 3 : w // 2] = max(near * 1.2, min(1.2, far))
     depth[: h // 20] = np.nan
+    depth.flags.writeable = False  # as that of every camera: kernels are compiled for it
     return RgbdFrame(info.name, sequence, stamp, stamp + info.latency, depth)

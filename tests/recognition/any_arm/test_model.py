@@ -87,13 +87,21 @@ def test_nothing_bright_is_no_arm_and_two_bright_things_are_two(file: Path) -> N
     json.loads(found.as_line())
 
 
-@pytest.mark.parametrize("damage", ["landmarks", "link", "trust", "infinite"])
+@pytest.mark.parametrize(
+    "damage", ["landmarks", "link", "trust", "infinite", "huge", "flat", "heavy"]
+)
 def test_a_damaged_card_is_refused(tmp_path: Path, damage: str) -> None:
     card = bright_card()
     if damage == "landmarks":
         del card["landmarks"]
     elif damage == "link":
         card["landmarks"]["ur5"]["link"][3] = 99
+    elif damage == "huge":  # finite, but nothing that is worked out from it
+        card["landmarks"]["ur5"]["point"][0][0] = 1e300
+    elif damage == "flat":
+        card["landmarks"]["ur5"]["half"][0] = [0.1, -0.1, 0.1]
+    elif damage == "heavy":
+        card["trust"] = {"weights": [1e308] * 7, "threshold": 0.5, "widen": 1.0}
     elif damage == "infinite":
         card["landmarks"]["ur5"]["point"][0][0] = 1e999
     else:
