@@ -500,6 +500,20 @@ def test_a_cell_file_of_any_shape_is_refused_in_words(
         open_recording(tmp_path / "a.mcap")
 
 
+def test_what_a_replay_does_not_need_of_the_cells_file_cannot_be_wrong() -> None:
+    """A recording outlives the checks of its day: goals that an older armsight took."""
+    text = (
+        "[cell]\nname = 'a'\n[robot]\nmodel = 'ur5'\n"
+        "joint_lower_deg = [40, -180, -180, -180, -180, -180]\n"
+        "joint_upper_deg = [50, 180, 180, 180, 180, 180]\n"
+        "[patrol]\ngoals_deg = {A = [0, 0, 0, 0, 0, 0], B = [45, 0, 0, 0, 0, 0]}\n"
+        "[[simulation.target]]\nname = 't'\nposition = [1000, 0, 0]\n"
+    )
+    description = CellDescription("ur5", "none", np.eye(4), (), (), ())
+    robot = robot_in(parse_workcell(_as_recorded(text, description)))
+    assert np.rad2deg(robot.limits.upper[0]) == pytest.approx(50)
+
+
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_damaged_messages_are_an_error_in_words_never_a_crash(

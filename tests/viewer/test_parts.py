@@ -57,6 +57,7 @@ def test_words_from_outside_cannot_become_markup() -> None:
         html.components([ComponentHealth(evil, 0.1, 1, 0, 0.0, (0.0, 0.0), evil)]),
         html.timings([(evil, 0.1)]),
         devices([ArmStatus(0.0, "protective_stop", 0.5, evil)], [DeviceHealth(evil, "lost", evil)]),
+        devices([ArmStatus(0.0, evil, 0.5)], []),  # type: ignore[arg-type]  # of a recording
     ]
     for piece in pieces:
         assert "<img" not in piece

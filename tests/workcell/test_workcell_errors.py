@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from armsight.errors import WorkcellError
 from armsight.workcell import load_workcell, parse_workcell
 from armsight.workcell.problems import WorkcellFileError
+from armsight.workcell.simulated import world_spec
 
 HEAD = """
 [cell]
@@ -119,6 +121,11 @@ def test_the_smallest_cell_is_good():
             HEAD + "[simulation.car]\nposition=[1000, 0, 800]\nyaw_deg=3.14159",
             ["simulation.car.position: found [1000, 0, 800]", "looks like radians"],
         ),
+        (
+            HEAD + "[[simulation.object]]\nname='o'\nkind='sphere'\nradius=0.1\n"
+            "position=[1, 0, 0.1]\npath='loose'",
+            ['object[1] "o".path: found "loose", which needs simulation.contact_pushes = true'],
+        ),
         # What the cell's own limits of the joints leave.
         (
             HEAD + LIMITS + "home_deg=[90, -90, 90, 0, 0, 0]\n[patrol]\ngoals_deg="
@@ -127,10 +134,6 @@ def test_the_smallest_cell_is_good():
                 "robot.home_deg: joint shoulder_pan_joint: found 90, expected 40 to 50 [deg]",
                 "patrol.goals_deg.B: joint shoulder_pan_joint: found -45, expected 40 to 50",
             ],
-        ),
-        (
-            HEAD + LIMITS,
-            ["robot.home_deg: missing, and of the arm's own home joint shoulder_pan_joint: found"],
         ),
         (
             HEAD + CAMERA.replace("[1.5, 0.0, 1.0]", "[1500, 0, 1000]"),
@@ -313,3 +316,11 @@ look_at = [0, 0, 0]
         "driver, mounted_on, position, look_at, rpy_deg, quaternion_xyzw, rate_hz, latency_ms, "
         "connection, phase_ms, guard",
     ]
+
+
+def test_a_simulated_arm_does_not_begin_outside_of_its_cells_limits():
+    """Its home is the arm's own where the file states none; a real arm begins where it stands."""
+    with pytest.raises(WorkcellError, match=r"robot.home_deg: the arm's own home, .* outside"):
+        world_spec(parse_workcell(HEAD + LIMITS))
+    at_home = "home_deg = [45, -90, 90, 0, 0, 0]\n"
+    assert world_spec(parse_workcell(HEAD + LIMITS + at_home)).arm.home[0] == np.deg2rad(45)

@@ -144,9 +144,9 @@ def _as_recorded(text: str, description: CellDescription) -> str:
         document["robot"]["model"] = description.robot
     if tools.is_path(description.tool):
         document["robot"]["tool"] = description.tool
-    for key in ("person", "object", "undeclared"):
+    for key in ("person", "object", "undeclared", "target"):
         document.get("simulation", {}).pop(key, None)
-    for key in ("camera", "stereo", "wrench", "gripper", "tip"):
+    for key in ("camera", "stereo", "wrench", "gripper", "tip", "patrol"):
         document.pop(key, None)
     for key in ("driver", "connection"):
         document.get("robot", {}).pop(key, None)

@@ -251,7 +251,9 @@ def table_row(color: str, name: str, values: Sequence[str], reason: str) -> str:
         f"<span style='display:inline-block;width:.6em;height:.6em;border-radius:50%;"
         f"background:{color};margin-right:.45em'></span>"
     )
-    cells = "".join(f"<td style='text-align:right;padding-left:.6em'>{v}</td>" for v in values)
+    cells = "".join(
+        f"<td style='text-align:right;padding-left:.6em'>{escape(v)}</td>" for v in values
+    )
     line = f"<tr><td>{dot}{escape(name)}</td>{cells}</tr>"
     if reason:
         line += (

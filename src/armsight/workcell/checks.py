@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,10 +99,6 @@ def check_robot(section: RobotSection) -> Iterator[Problem]:
             yield from check_joints(f"robot.{key}", values, robot)
     if section.home_deg is not None:
         yield from check_joints("robot.home_deg", section.home_deg, robot, section)
-    elif section.driver == SIMULATED:  # a simulated arm begins there
-        home = tuple(float(value) for value in np.rad2deg(robot.home).round(6))
-        for problem in _check_range("robot.home_deg", home, robot, section):
-            yield replace(problem, what=f"missing, and of the arm's own home {problem.what}")
     lower, upper = section.joint_lower_deg, section.joint_upper_deg
     if lower and upper and len(lower) == len(upper) == robot.n:
         for i in range(robot.n):
@@ -129,12 +124,6 @@ def check_joints(
     if _like_radians(values) and max(map(abs, values)) <= 2.0 * math.pi + 0.01:
         yield Problem(where, f"found {shown(values)}: looks like radians, expected degrees")
         return
-    yield from _check_range(where, values, robot, section)
-
-
-def _check_range(
-    where: str, values: Sequence[float], robot: Robot, section: RobotSection | None
-) -> Iterator[Problem]:
     lower, upper = np.rad2deg(robot.limits.lower), np.rad2deg(robot.limits.upper)
     own = (None, None) if section is None else (section.joint_lower_deg, section.joint_upper_deg)
     if own[0] is not None and len(own[0]) == robot.n:
@@ -296,7 +285,14 @@ def check_person(where: str, section: PersonSection, folder: Path | None) -> Ite
 
 
 def check_simulation(section: SimulationSection) -> Iterator[Problem]:
-    """Units of what stands in none of its lists."""
+    """Units of what stands in none of its lists, and what needs contact that pushes."""
+    for i, thing in enumerate(section.object, 1):
+        if thing.path == "loose" and not section.contact_pushes:
+            yield Problem(
+                f'simulation.object[{i}] "{thing.name}".path',
+                'found "loose", which needs simulation.contact_pushes = true: else nobody can grip '
+                "or carry it",
+            )
     if 0.0 < section.calibration_error_mm < 0.02:
         yield Problem(
             "simulation.calibration_error_mm",

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from armsight.devices.camera_models import camera_info
+from armsight.errors import WorkcellError
 from armsight.simulation.spec import (
     ArmSpec,
     CameraSpec,
@@ -39,9 +40,20 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
     Args:
         workcell: the cell.
         calibration: what its cameras are believed to be; the truth is drawn without it.
+
+    Raises:
+        WorkcellError: the arm would begin outside of the joint limits that the file states.
     """
     section, settings = workcell.robot, workcell.simulation
     robot = robot_in(workcell)
+    limits, home = robot.limits, robot.home
+    outside = np.maximum(limits.lower - home, home - limits.upper) > 1e-9
+    if section.driver == SIMULATED and outside.any():
+        raise WorkcellError(
+            f"{workcell.file or workcell.name}: robot.home_deg: the arm's own home, "
+            f"{np.rad2deg(home).round(1).tolist()}, lies outside of joint_lower_deg and "
+            "joint_upper_deg, and a simulated arm begins there: state another"
+        )
     arm = ArmSpec(
         robot=robot,
         T_world_base=section.T_world_base,
