@@ -50,6 +50,8 @@ MOST_JOINTS = 8
 """Of an arm that a network has room for."""
 SLOTS = 2 * MOST_JOINTS + 3
 """Base, joint 1 to 8, flange, middle of link 0 to 8."""
+_FARTHEST = 100.0
+"""No arm has a link so long [m]."""
 LEAST_HALF = 0.02
 """A link's box is at least this large [m]."""
 
@@ -100,7 +102,8 @@ def read_landmarks(entry: dict[str, Any]) -> Landmarks:
         and middle.shape == half.shape
         and middle.shape[1] == 3
         and bool(((link >= 0) & (link < len(middle))).all())
-        and all(bool(np.isfinite(v).all()) for v in (point, middle, half))
+        and all(bool((np.abs(v) < _FARTHEST).all()) for v in (point, middle, half))  # no NaN
+        and bool((half > 0).all())
     )
     if not good:
         raise ValueError

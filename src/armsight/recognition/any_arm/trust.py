@@ -74,7 +74,7 @@ def read_trust(card: dict[str, Any]) -> Trust:
     threshold, widen = float(given["threshold"]), float(given["widen"])
     if len(weights) == len(FEATURES) - 1:
         weights = (*weights, 0.0)  # of a card from before the last feature
-    if len(weights) != len(FEATURES) or not np.isfinite([*weights, threshold, widen]).all():
+    if len(weights) != len(FEATURES) or not (np.abs([*weights, threshold, widen]) < 1e6).all():
         raise ValueError
     if not (0 <= threshold <= 1 and 0 < widen < 100):
         raise ValueError
