@@ -115,6 +115,13 @@ def test_a_run_leaves_old_objects_to_no_collection_and_the_interpreter_as_it_was
         seen.clear()
 
 
+@pytest.mark.parametrize("period", [0.0, -0.1, float("nan"), float("inf")])
+def test_a_component_without_a_period_is_refused(period):
+    """Its thread divided by it, and ended in silence."""
+    with pytest.raises(ValueError, match="odd: its period is"):
+        WallLoop(WallClock(), [Ticker("odd", period)])
+
+
 def test_names_must_be_unique():
     with pytest.raises(ValueError, match="unique"):
         simulated(Ticker("a", 1.0), Ticker("a", 1.0))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from doubles import FakeGuard, FakeMap, FakePlanner, GoTo, make_cell, make_fake_parts
 
+from armsight.devices.data import Wrench
 from armsight.errors import CellBusyError, LoopError, UsageError
 from armsight.runtime.config import SessionConfig, SessionMode
 from armsight.runtime.lock import cell_lock
@@ -252,6 +253,29 @@ def test_a_stop_during_the_preparation_is_heard(wall):
     session.run(30.0)
     assert session.ended_by == "page"
     assert cell.arm.log == []
+
+
+def test_what_a_task_does_to_what_it_sees_reaches_nobody_else():
+    """``q = seen.joints.position; q += ...`` moved the arm in map and guard."""
+
+    class Scribbler(GoTo):
+        def update(self, seen):
+            if seen.joints is not None:
+                seen.joints.position += 7.0
+                seen.joints.velocity[:] = 7.0
+            if seen.wrench is not None:
+                seen.wrench.force -= seen.wrench.force
+            return super().update(seen)
+
+    session = session_of(
+        task=Scribbler(), parts=Parts(FakeMap(), FakePlanner(), guard := FakeGuard())
+    )
+    told = Wrench(0.0, np.ones(3), np.ones(3))
+    session._channels.readings.put(told)
+    session.run(0.5)
+    assert max(np.abs(s[1].position).max() for s in guard.seen if s[1] is not None) < 1.1
+    assert max(np.abs(s[1].velocity).max() for s in guard.seen if s[1] is not None) < 1.1
+    assert told.force == pytest.approx(np.ones(3))
 
 
 def test_one_cell_one_process():
