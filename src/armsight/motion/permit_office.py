@@ -32,6 +32,7 @@ from armsight.motion.permits import (
 from armsight.motion.permitted import Grant, PermittedSnapshot, permitted
 from armsight.motion.regions import Region
 from armsight.motion.retreat import AHEAD, CLEAR, Retreat, behind, gap, gap_to_seen
+from armsight.motion.told_velocity import ToldVelocity
 from armsight.motion.tool_motion import ToolMotion
 from armsight.robots.robot import Robot
 
@@ -41,6 +42,8 @@ FREE = 0.5
 """More than this share of what is asked for must not be felt before it is granted."""
 LATTICE = 0.03
 """A face is where its region is, seen or not: points at this distance stand for it [m]."""
+CREEP = 0.02
+"""However unsure a thing's velocity is, it may be touched so fast relative to it [m/s]."""
 AGAIN, QUIET, PUSHED = 10.0, 1.5, 2.5
 """For this long after a retreat [s] the arm gives way to a push that grows from less than QUIET to
 more than PUSHED [N]."""
@@ -81,6 +84,7 @@ class PermitOffice:
         self._now = 0.0
         self._left: tuple[Grant, float] | None = None
         self._quiet = False
+        self._told = ToldVelocity()
 
     def feel(self, readings: Sequence[Wrench]) -> None:
         """Readings of the force sensor, oldest first; judged by the next :meth:`consider`."""
@@ -90,6 +94,7 @@ class PermitOffice:
         """The clock jumped."""
         self._force.forget()
         self._tool.forget()
+        self._told.forget()
         self._waiting.clear()
 
     def consider(
@@ -128,6 +133,10 @@ class PermitOffice:
         else:
             self.retreat.grow_old(now)
             self.grant = self.retreat.grant
+        if self.grant is None:
+            self._told.forget()
+        elif self.retreat is None:
+            self._told.take(self.grant.region)
         if permit is not None and permit.holds:
             self.permit = replace(permit, pressed=self._force.pressed)
         return self.grant is not before
@@ -187,6 +196,8 @@ class PermitOffice:
             stiffness = 0.0 if self._request is None else self._request.stiffness
             tip = floating(self._robot, self._request)
             speed = min(speed, pressing_speed(self._config, permit, stiffness, tip))
+            if self.retreat is None:
+                speed = max(speed - self._told.unsure(when), min(speed, CREEP))
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
             parts, region = grant.touching[self._body.moving], grant.region
             held = grant.out is not None

@@ -135,12 +135,23 @@ class VelocityFilter:
         change their speed by no more, braking included, and that is what every proof plays. But
         what is asked for next goes on from what was commanded, and so from what the arm does. Who
         must be slower sooner has to stop (:meth:`.Tick.stop_hard`).
+
+        Where every joint goes as far as it can, the tool goes elsewhere than either motion: beside
+        what may be touched it can be faster than both. There the joints go on together, for no
+        relative speed between two motions is greater than at the faster of them; unless anybody
+        else is so near that the arm has to slow.
         """
         before = self.arm.told
         if before is None:
             before = tick.ahead.velocity
+        wanted = tick.command - before
         change = self.arm.acceleration * tick.elapsed
-        return np.asarray(np.clip(tick.command, before - change, before + change))
+        soonest = np.asarray(before + np.clip(wanted, -change, change))
+        share = float((change / np.maximum(np.abs(wanted), 1e-9)).min())
+        if share >= 1.0 or self.monitor.contact is None:
+            return soonest
+        straight = np.asarray(before + share * wanted)
+        return straight if self.excess(tick, straight) <= 0.0 else soonest
 
     def stops_in_time(self, tick: Tick) -> bool:
         """Whether the arm would stand before anybody is there if it brakes after this command."""
