@@ -140,7 +140,11 @@ def test_a_browser_that_hears_nothing_more_says_so_by_itself(
         page._closed.set()  # nobody updates it any more; the connection stays
         wait_for(seen, 20.0)
         banner = tab.locator(".armsight-live").first
-        assert "grayscale(1)" in banner.evaluate("e => getComputedStyle(e).filter")
+
+        def grey() -> bool:  # once it has faded
+            return "grayscale(1)" in banner.evaluate("e => getComputedStyle(e).filter")
+
+        wait_for(grey, 20.0)
     finally:
         tab.close()
         page._closed.clear()
