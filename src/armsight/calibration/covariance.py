@@ -145,6 +145,10 @@ def common_errors(solution: Solution) -> Floats:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, np.float64)
 
 
+FEW = 8
+"""Views below which sigmas are a rough guess."""
+
+
 def few_views(views: int) -> float:
     """By how much a 95 % ellipsoid of six numbers grows because the scatter is told by few views.
 
@@ -153,7 +157,7 @@ def few_views(views: int) -> float:
     15 % lay outside (2 % with twice the variance).
     """
     left = max(6 * views - 12, 4)
-    return float((2 if views < 8 else 1) * 6 * fdtri(6, left, 0.95) / chdtri(6, 0.05))
+    return float((2 if views < FEW else 1) * 6 * fdtri(6, left, 0.95) / chdtri(6, 0.05))
 
 
 def lens_doubt(solution: Solution, S_inv: Floats) -> Floats:

@@ -15,7 +15,7 @@ from armsight.devices.data import DeclaredSolids as Word
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
-from armsight.geometry.pose import inverse
+from armsight.geometry.pose import inverse, is_rotation
 from armsight.geometry.shapes import Solid
 from armsight.mapping.camera_stage import CameraStage, Evidence
 from armsight.mapping.config import MappingConfig
@@ -450,6 +450,5 @@ def _rigid(T: Pose) -> Pose | None:
     if found.shape != (4, 4) or found.dtype.kind not in "fiu" or not np.isfinite(found).all():
         return None
     found = found.astype(float, copy=False)
-    R = found[:3, :3]
-    turns = np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0
+    turns = is_rotation(found[:3, :3], 1e-3)
     return found if turns and np.array_equal(found[3], [0.0, 0.0, 0.0, 1.0]) else None

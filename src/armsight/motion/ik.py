@@ -41,7 +41,7 @@ def solve_ik(
         ValueError: the pose is not a rigid transform, or ``wanted`` or ``starts`` is below 1.
     """
     T = np.ascontiguousarray(T_base_tcp, np.float64)
-    if T.shape != (4, 4) or not np.isfinite(T).all() or not is_rotation(T[:3, :3], 1e-6):
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not is_rotation(T[:3, :3]):
         raise ValueError("solve_ik: T_base_tcp is not a rigid transform (4 x 4, rotation, finite)")
     if wanted < 1 or starts < 1:
         raise ValueError("solve_ik: wanted and starts must be at least 1")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armsight.calibration import se3
+from armsight.calibration.covariance import FEW
 from armsight.calibration.diagnosis.reading import Item
 from armsight.calibration.findings import Finding
 from armsight.calibration.lens import zhang
@@ -14,10 +15,6 @@ from armsight.calibration.start import arm_for
 LEAST = 4
 """Views below which none checks another: with three, readings of the poses that put the camera
 metres away fit to a pixel, too."""
-
-
-FEW = 8
-"""Views below which sigmas are a rough guess (see ``covariance.few_views``)."""
 
 
 def view_findings(problem: Problem, rig: int, items: list[Item]) -> list[Finding]:
