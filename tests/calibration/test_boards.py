@@ -2,6 +2,8 @@
 
 import re
 import zlib
+from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,6 +21,8 @@ from armsight.calibration.boards import (
 )
 from armsight.calibration.boards.circles import eccentricity
 from armsight.calibration.printing import board_pdf
+from armsight.calibration.recorded_set import load
+from armsight.calibration.report import read_lines
 from armsight.errors import UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp
@@ -232,3 +236,16 @@ def test_eccentricity_is_that_of_a_drawn_circle():
         m = H @ np.append(middle[k], 1.0)
         np.testing.assert_allclose(found, seen - m[:2] / m[2], atol=2e-3)
         assert np.linalg.norm(found) > 0.2
+
+
+def test_why_the_board_is_another_is_no_second_reading_of_it(tmp_path: Path) -> None:
+    """The reason stood in the table as `second best: the board has 9x6 inner corners ...`."""
+    board = Checkerboard(10, 7, 0.025, hollow=False)
+    for k in range(4):
+        gray = picture(board, centred(board, 0.6, [0.3, 0.1 * k, 0.0]), seed=k)
+        cv2.imwrite(str(tmp_path / f"{k}.png"), gray)
+    read = load(tmp_path, replace(board, columns=9, rows=6))
+    assert [r.what for r in read.read_as[:2]] == ["board", ""]
+    assert all(not r.otherwise for r in read.read_as[:2])
+    lines = [line.strip() for line in read_lines(read)]
+    assert any(line.startswith("the board has 9x6 inner corners") for line in lines)

@@ -1,7 +1,7 @@
 """A recorded set: pictures (or corners) and poses of a folder, in whatever layout, read.
 
 ``docs/calibration.md`` lists the layouts. Poses are brought to ``T_base_flange``; what was read,
-and as what, is kept for a table with the second-best reading of each.
+and as what, is kept for a table with the next reading of the poses beside the one taken.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class RecordedCamera:
 
 @dataclass(frozen=True)
 class ReadAs:
-    """One line of the table of what was read: the thing, as what, and the second-best reading."""
+    """One line of the table of what was read: the thing, as what, and how else it may be read."""
 
     what: str
     read_as: str
@@ -129,7 +129,7 @@ def load(
     shown = shown_in(listed, board, progress)
     board, series, seen = shown.board, shown.series, shown.seen
     findings += shown.findings
-    rows = [_board_row(board, findings)]
+    rows = _board_rows(board, findings)
     lenses = tuple(
         given_lens(listed.others, lens_file, s.name, v.size or (0, 0), len(series))
         for s, v in zip(series, seen)
@@ -148,9 +148,10 @@ def load(
     )
 
 
-def _board_row(board: Board, findings: Sequence[Finding]) -> ReadAs:
-    counted = next((f.message for f in findings if f.code == "board_count"), "")
-    return ReadAs("board", board.describe(), counted)
+def _board_rows(board: Board, findings: Sequence[Finding]) -> list[ReadAs]:
+    """The board as it was read, and below it why not as it was named."""
+    why = [f.message for f in findings if f.code == "board_count"]
+    return [ReadAs("board", board.describe()), *(ReadAs("", message) for message in why)]
 
 
 def _lens_frames(

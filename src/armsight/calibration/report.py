@@ -112,14 +112,14 @@ def lines(
 
 
 def read_lines(recorded: RecordedSet) -> list[str]:
-    """The table of what was read, as what, and the second-best reading."""
+    """The table of what was read, as what, and how else it may be read."""
     rows = recorded.read_as
     wide = max((len(r.what) for r in rows), default=0)
     out = []
     for r in rows:
         out.append(f"{r.what:{wide}s}  {r.read_as}")
         if r.otherwise:
-            out.append(f"{'':{wide}s}  second best: {r.otherwise}")
+            out.append(f"{'':{wide}s}  otherwise: {r.otherwise}")
     return out
 
 
