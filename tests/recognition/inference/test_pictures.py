@@ -1,6 +1,7 @@
 """Pictures from outside: what can be read is upright 8-bit RGB, all else is one clear line."""
 
 import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -45,6 +46,38 @@ def test_sixteen_bits(tmp_path: Path) -> None:
     white = np.sort(values[values > 0])[int(0.995 * (values > 0).sum())]
     np.testing.assert_allclose(picture.image[..., 0], np.minimum(values / white, 1) * 255, atol=0.6)
     assert any("8 bits" in n for n in picture.notes)
+
+
+@pytest.mark.parametrize("ending", ["png", "tiff"])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_dark_colour_of_sixteen_bits(tmp_path: Path, ending: str, channels: int) -> None:
+    """Twelve bits in sixteen, half as dark again: one scale for all colours, so none is another."""
+    rng = np.random.default_rng(0)
+    values = rng.integers(0, 2048, (60, 80, channels)).astype(np.uint16)
+    values[..., 0] //= 4  # little blue: OpenCV writes BGR
+    cv2.imwrite(str(tmp_path / f"a.{ending}"), values)
+    picture = read_picture(tmp_path / f"a.{ending}")
+    said = np.sort(values[..., :3][values[..., :3] > 0])
+    white = said[int(0.995 * len(said))]
+    shown = np.minimum(values[..., 2::-1] / white, 1) * 255
+    np.testing.assert_allclose(picture.image, shown, atol=0.6)
+    assert any("8 bits" in n for n in picture.notes)
+    assert not any("grey" in n for n in picture.notes)
+
+
+def test_deep_colour_is_turned_by_its_camera_and_cut_as_any_other(tmp_path: Path) -> None:
+    values = np.repeat(np.linspace(0, 4095, 60 * 80).reshape(60, 80, 1), 3, 2).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "a.png"), values)
+    upright = read_picture(tmp_path / "a.png").image
+    data = (tmp_path / "a.png").read_bytes()
+    exif = b"eXIf" + b"II*\0\x08\0\0\0" + struct.pack("<HHHII", 1, 0x0112, 3, 1, 6) + bytes(4)
+    after = data.index(b"IHDR") + 4 + 13 + 4
+    chunk = struct.pack(">I", len(exif) - 4) + exif + struct.pack(">I", zlib.crc32(exif))
+    (tmp_path / "b.png").write_bytes(data[:after] + chunk + data[after:])
+    assert np.array_equal(read_picture(tmp_path / "b.png").image, np.rot90(upright, -1))
+    (tmp_path / "c.png").write_bytes(data[: len(data) // 2])
+    with pytest.raises(RecognitionError, match="truncated"):
+        read_picture(tmp_path / "c.png")
 
 
 def test_a_hot_pixel_and_what_was_not_measured_decide_nothing(tmp_path: Path) -> None:
@@ -105,9 +138,6 @@ def test_no_picture(tmp_path: Path) -> None:
 
 
 def png_header(width: int, height: int) -> bytes:
-    import struct
-    import zlib
-
     body = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + body + struct.pack(">I", zlib.crc32(body))

@@ -7,14 +7,17 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from armsight.arrays import ColorImage
 from armsight.errors import RecognitionError
 from armsight.geometry.camera import PinholeCamera
+from armsight.pictures import read_picture as read_bits
 from armsight.recognition.inference.exif import exif_camera
 
 PICTURES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
@@ -78,11 +81,13 @@ def read_picture(file: Path) -> Picture:
             warnings.simplefilter("ignore")  # a large picture is no decompression bomb
             with Image.open(file, formats=_FORMATS) as opened:
                 _check_size(str(file), *opened.size)
+                halved = _is_halved(opened)
                 opened.load()
-                notes = _notes(opened)
+                upright = _deep_colour(file, opened) if halved else opened
+                notes = _notes(opened, upright is not opened)
                 orientation = _orientation(opened)
                 turn = _TURNS.get(orientation)
-                image = _as_rgb(opened if turn is None else opened.transpose(turn))
+                image = _as_rgb(upright if turn is None else upright.transpose(turn))
                 camera = exif_camera(opened, image.shape[1], image.shape[0])
     except FileNotFoundError:
         raise RecognitionError(f"{file}: there is no such file") from None
@@ -176,11 +181,11 @@ def _check_size(name: str, width: int, height: int) -> None:
         )
 
 
-def _notes(image: Image.Image) -> tuple[str, ...]:
+def _notes(image: Image.Image, deep: bool) -> tuple[str, ...]:
     notes = []
     if image.mode in ("1", "L", "LA", "I", "F", "La") or image.mode.startswith("I;16"):
         notes.append("grey: the networks learned from colour")
-    if image.mode in ("I", "F") or image.mode.startswith("I;16"):
+    if deep or image.mode in ("I", "F") or image.mode.startswith("I;16"):
         notes.append("more than 8 bits: scaled so that its brightest 0.5 % are white")
     return tuple(notes)
 
@@ -188,8 +193,33 @@ def _notes(image: Image.Image) -> tuple[str, ...]:
 def _as_rgb(image: Image.Image) -> ColorImage:
     if image.mode in ("I", "F") or image.mode.startswith("I;16"):
         values = np.nan_to_num(np.asarray(image, np.float64), nan=0.0, posinf=np.inf, neginf=0.0)
-        said = values[(values > 0) & np.isfinite(values)]
-        white = max(float(np.percentile(said, _WHITE)) if len(said) else 0.0, 1.0)
+        white = _white(values[(values > 0) & np.isfinite(values)])
         grey = np.round(255.0 * np.clip(values / white, 0.0, 1.0)).astype(np.uint8)
         return np.repeat(grey[..., None], 3, axis=2)
     return np.array(image.convert("RGB"), np.uint8)
+
+
+def _white(said: NDArray[Any]) -> float:
+    """The value that becomes white, of all that say something."""
+    return max(float(np.percentile(said, _WHITE)) if len(said) else 0.0, 1.0)
+
+
+def _is_halved(opened: Image.Image) -> bool:
+    """Whether a picture that is not loaded yet has 16 bits a colour, of which Pillow keeps 8."""
+    kept = opened.format in ("PNG", "TIFF") and opened.mode in ("LA", "RGB", "RGBA", "RGBX")
+    return kept and any(";16" in str(tile.args) for tile in getattr(opened, "tile", ()))
+
+
+def _deep_colour(file: Path, halved: Image.Image) -> Image.Image:
+    """A picture of 16 bits a colour in 8, its colours scaled together; as it is if that fails.
+
+    OpenCV reads all the bits.
+    """
+    values = read_bits(file, cv2.IMREAD_UNCHANGED)
+    size = (halved.height, halved.width)
+    if values is None or values.dtype != np.uint16 or values.shape[:2] != size or values.ndim != 3:
+        return halved
+    values = values[..., 2::-1]
+    scale = 255.0 / _white(values[values > 0])
+    table = np.round(np.minimum(scale * np.arange(2**16), 255.0)).astype(np.uint8)
+    return Image.fromarray(table[values])
