@@ -7,7 +7,7 @@ import pytest
 from arms import ur5
 from PIL import Image
 
-from armsight.calibration import set_pictures
+from armsight.calibration import pictures, set_pictures
 from armsight.calibration.boards import Checkerboard, Detection
 from armsight.calibration.diagnosis.pictures import picture_findings
 from armsight.calibration.layouts.folder import list_folder
@@ -95,3 +95,28 @@ def test_series_of_pictures(tmp_path, names, expected):
     for name in names:
         dot(tmp_path / name)
     assert sorted(s.name for s in list_folder(tmp_path).series) == expected
+
+
+def test_pictures_are_paired_by_order_though_not_all_are_looked_at(tmp_path, monkeypatch):
+    """Of more than 400 pictures some were dropped before they were paired: nothing fitted."""
+    one = make_set(ur5(), np.random.default_rng(12), 14, "base", ArmErrors(1e-4, 2e-4))
+    for k in range(14):
+        Image.new("L", (LENS.width, LENS.height), 10 * k).save(tmp_path / f"{chr(97 + k)}.png")
+    (tmp_path / "poses.txt").write_text(
+        "\n".join(" ".join(f"{v:.9f}" for v in T.ravel()) for T in one.told)
+    )
+
+    def detect(self, gray):
+        return Detection(np.arange(54), one.pixels[int(gray[0, 0]) // 10], 0.1)
+
+    monkeypatch.setattr(Checkerboard, "detect", detect)
+    monkeypatch.setattr(set_pictures, "settle_board", lambda board, files, more: (board, []))
+    monkeypatch.setattr(pictures, "MOST", 10)
+    monkeypatch.setattr(set_pictures, "MOST", 10)
+    recorded = load(tmp_path, BOARD)
+    (camera,) = recorded.cameras
+    found = [k for k, d in enumerate(camera.seen.detections) if d is not None]
+    assert len(found) == 10
+    np.testing.assert_allclose(recorded.poses[camera.view[found]], one.told[found], atol=1e-6)
+    told = [f.code for f in (*recorded.findings, *picture_findings(recorded))]
+    assert told == ["many_pictures"]

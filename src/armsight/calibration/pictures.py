@@ -28,7 +28,8 @@ class Seen:
     """What a camera's pictures show.
 
     Attributes:
-        names: of the pictures; detections: of each, or None; misses: why not.
+        names: of the pictures; detections: of each, or None; misses: why not, empty for pictures
+            that were not looked at because there are more than enough.
         size: (width, height) [px].
         sharpness: (n,) steepest edges on the board over its contrast [1/px]; NaN without a board.
         digest: of each picture's bytes, empty where unread: repeated pictures are told by it.
@@ -75,25 +76,30 @@ def read_gray(file: Path) -> Bytes | str:
 def look(
     board: Board, files: Sequence[Path], progress: Callable[[str], None] | None = None
 ) -> Seen:
-    """Find the board in a camera's pictures.
+    """Find the board in a camera's pictures; of more than :data:`MOST`, in so many evenly spread.
 
     Pictures of another size than most, unreadable ones and those without a board are named.
     """
     say = progress or (lambda _: None)
+    wanted = [int(k) for k in np.linspace(0, len(files) - 1, min(len(files), MOST))]
     sizes = [_size(f) for f in files]
     known = [s for s in sizes if s is not None]
     usual = max(set(known), key=known.count) if known else None
     n = len(files)
     detections: list[Detection | None] = [None] * n
-    misses = [f"not looked at: no board in {FIRST} others"] * n
+    misses = [""] * n
     sharp = np.full(n, np.nan)
     digest = [""] * n
-    spread = dict.fromkeys(int(k) for k in np.linspace(0, n - 1, min(n, FIRST)))
-    for turn, number in enumerate([*spread, *(k for k in range(n) if k not in spread)]):
+    count = len(wanted)
+    spread = dict.fromkeys(wanted[int(k)] for k in np.linspace(0, count - 1, min(count, FIRST)))
+    order = [*spread, *(k for k in wanted if k not in spread)]
+    for turn, number in enumerate(order):
         if turn == FIRST and all(d is None for d in detections):
+            for k in order[FIRST:]:
+                misses[k] = f"not looked at: no board in {FIRST} others"
             break
         file, size = files[number], sizes[number]
-        say(f"{file.name} ({turn + 1} of {n})")
+        say(f"{file.name} ({turn + 1} of {count})")
         found: Detection | None = None
         why, sharpness, mark = "", float("nan"), ""
         gray = read_gray(file) if size is not None else "picture cannot be read"

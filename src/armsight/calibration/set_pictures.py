@@ -53,7 +53,7 @@ def shown_in(listed: Folder, board: Board, progress: Callable[[str], None] | Non
     board, counted = settle_board(board, some_grays(files), lambda: some_grays(files, 9))
     findings += counted
     findings += _too_many(listed.series)
-    series = tuple(_thinned(s) for s in listed.series)
+    series = listed.series
     seen = tuple(look(board, s.files, progress) for s in series)
     if all(s.size is None for s in seen):
         raise CalibrationError(
@@ -149,14 +149,3 @@ def _too_many(series: Sequence[Series]) -> list[Finding]:
         for s in series
         if len(s.files) > MOST
     ]
-
-
-def _thinned(series: Series) -> Series:
-    if len(series.files) <= MOST:
-        return series
-    pick = np.linspace(0, len(series.files) - 1, MOST).astype(int)
-    return Series(
-        series.name,
-        tuple(series.files[int(k)] for k in pick),
-        tuple(series.numbers[int(k)] for k in pick),
-    )

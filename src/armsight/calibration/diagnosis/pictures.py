@@ -36,7 +36,7 @@ def _missed(camera: RecordedCamera) -> list[Finding]:
     for name, why in lost:
         reasons.setdefault(why, []).append(name)
     words = "; ".join(f"{why}: {names_of(names)}" for why, names in list(reasons.items())[:4])
-    total = len(camera.seen.names)
+    total = len(lost) + sum(d is not None for d in camera.seen.detections)
     return [
         Finding(
             "unseen",
