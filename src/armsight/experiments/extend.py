@@ -36,7 +36,7 @@ The Franka FR3, which the shipped network does not know (its forerunner, the Pan
 looks the same but for its paint), is added by `armsight extend` with `--runs` crops, and looked at
 in fresh crops of other rooms (the training's renderer). An extension speaks for what the network
 alone calls unknown; of an arm that it takes for one of its own, the extension may say that the new
-robot looks alike, and changes nothing. `extend_ratio` is the median error of the new robot's
+robot looks alike; then no pose is believed. `extend_ratio` is the median error of the new robot's
 visible landmarks over that of the five robots that the network was trained on, in the same set: the
 same robot trained in full is not there to compare with. `extend_minutes` is processor time of one
 thread, rendering included.

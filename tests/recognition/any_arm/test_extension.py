@@ -1,5 +1,6 @@
 """Robots that a network learns later: fitted rows, their file, and that nothing else changes."""
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,10 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from armsight.errors import RecognitionError, UsageError
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import from_rpy
+from armsight.recognition.any_arm import recogniser
+from armsight.recognition.any_arm.drawing import draw
 from armsight.recognition.any_arm.extension import (
     Extension,
     Rows,
@@ -27,12 +32,15 @@ from armsight.recognition.any_arm.learning.extend import Wish, extend
 from armsight.recognition.any_arm.learning.rows import Shots, fit_rows
 from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.recogniser import ArmRecogniser
+from armsight.recognition.any_arm.solver import Fit
+from armsight.recognition.any_arm.trust import FEATURES
 from armsight.recognition.data.crews import Batch
 from armsight.recognition.data.generate import generate
 from armsight.recognition.data.order import Order, make_order
 from armsight.recognition.data.rows import Drawn, Row
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
+from armsight.robots.robot import Robot
 
 from .test_bad_input import lamp
 from .test_model import bright_card, bright_network
@@ -202,7 +210,7 @@ def test_an_extension_speaks_for_unknown_arms_alone(
 def test_a_new_robot_that_looks_like_an_old_one_is_named_and_changes_nothing(
     network: Path,
 ) -> None:
-    """The whole answer of the network alone, and a tie; whoever knows better may say so."""
+    """The pose of the network alone, and a tie; whoever knows better may say so."""
     extension = _extension(network, 0.1)
     plain, more = CropModel(network, 1), CropModel(network, 1, [extension])
     picture = Picture("lamp", lamp())
@@ -212,7 +220,6 @@ def test_a_new_robot_that_looks_like_an_old_one_is_named_and_changes_nothing(
     assert new.robot == old.robot == "ur5"
     for name in ("mask", "T_camera_base", "q", "joints", "covariance"):
         np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
-    assert (new.trust, new.believed, new.problem) == (old.trust, old.believed, old.problem)
     assert new.alike == ("iiwa",)
     assert any("may as well be of the type iiwa" in note for note in found.notes)
     assert '"may_as_well_be": ["iiwa"]' in found.as_line()
@@ -221,6 +228,53 @@ def test_a_new_robot_that_looks_like_an_old_one_is_named_and_changes_nothing(
     assert told.alike == ()
     with pytest.raises(RecognitionError, match="does not know iiwa, only ur5"):
         ArmRecogniser(plain, ["iiwa"])
+
+
+RED, MAGENTA, GREY = (230, 40, 40), (200, 0, 200), (150, 150, 150)
+
+
+def _drawn(image: np.ndarray) -> set[tuple[int, ...]]:
+    return {tuple(map(int, color)) for color in np.unique(image.reshape(-1, 3), axis=0)}
+
+
+@pytest.mark.parametrize("threshold", [0.85, 0.3])
+def test_a_tied_type_is_not_believed_unless_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threshold: float
+) -> None:
+    """Neither where it is said nor where it is drawn, however well the pose fits."""
+
+    def placed(robot: Robot, *_: object) -> list[Fit]:
+        T = from_rpy((1.5, 0.0, 0.0), (0.0, 0.3, 2.0))
+        return [Fit(robot, T, robot.home, 0.0, 1e6 * np.eye(6 + robot.n))]
+
+    monkeypatch.setattr(recogniser, "solve", placed)
+    monkeypatch.setattr(recogniser, "best_outlined", lambda fits, *_: (fits[0], 0.9))
+    weights = [20.0, *[0.0] * (len(FEATURES) - 1)]  # sure of everything
+    card = bright_card() | {"trust": {"weights": weights, "threshold": threshold, "widen": 1.0}}
+    network = tmp_path / "crops.onnx"
+    network.write_bytes(bright_network(card))
+    more = CropModel(network, 1, [_extension(network, 0.1)])
+    picture = Picture("lamp", lamp())
+    camera = PinholeCamera(160, 120, 125.0, 125.0, 79.5, 59.5)
+    plain = ArmRecogniser(CropModel(network, 1)).recognise(picture, camera)
+    assert plain.arms[0].believed
+    assert plain.arms[0].trust > 0.99
+    assert {RED, MAGENTA} <= _drawn(draw(picture.image, plain))
+
+    tied = ArmRecogniser(more).recognise(picture, camera)
+    [said] = json.loads(tied.as_line())["arms"]
+    assert (said["robot"], said["may_as_well_be"]) == ("ur5", ["iiwa"])
+    assert said["believed"] is False
+    assert said["trust"] <= 0.5
+    assert "iiwa" in said["problem"]
+    colors = _drawn(draw(picture.image, tied))
+    assert GREY in colors
+    assert not {RED, MAGENTA} & colors
+
+    [both] = ArmRecogniser(more, ["ur5", "iiwa"]).recognise(picture, camera).arms
+    assert (both.believed, both.alike) == (False, ("iiwa",))
+    [told] = ArmRecogniser(more, ["ur5"]).recognise(picture, camera).arms
+    assert (told.robot, told.believed, told.alike) == ("ur5", True, ())
 
 
 @pytest.mark.parametrize(

@@ -221,7 +221,6 @@ class ArmRecogniser:
         )  # fmt: skip
         if look.stranger and not self._told:
             return nobody, None
-        alike = () if self._told else look.alike
         known = sorted(self.robots, key=lambda name: -types[name])[:TYPES]
         share = sum(types[name] for name in self.robots)
         candidates: list[tuple[str, _Candidate]] = []
@@ -236,18 +235,20 @@ class ArmRecogniser:
             nothing = Arm(
                 known[0], types, mask, None, np.empty(0), np.empty((0, 3)),
                 np.empty((0, 3, 3)), 0.0, 0.0, False, "too little of the arm is seen for a pose",
-                alike,
+                self._alike(look, known[0]),
             )  # fmt: skip
             return nothing, None
         (name, found), *others = sorted(candidates, key=lambda candidate: candidate[1].score)
         lead = min((other.score - found.score for _, other in others), default=LEAD)
         f = found.features(lead)
-        trust = self.trust.of(f)
+        alike = self._alike(look, name)
+        # Of types that are as likely as each other one is right.
+        trust = min(self.trust.of(f), 1.0 / (1 + len(alike)))
         turned = make_pose(crop.R)
         joints = found.fit.joints() @ crop.R.T
         covariance = crop.R @ found.fit.joint_covariances() @ crop.R.T * self.trust.widen**2
-        believed = trust >= self.trust.threshold
-        problem = "" if believed else self._doubt(trust)
+        believed = trust >= self.trust.threshold and not alike
+        problem = "" if believed else self._doubt(trust, alike)
         T = np.asarray(turned @ found.fit.T_camera_base)
         arm = Arm(
             name, types, mask, T, found.fit.q, joints, covariance, found.overlap, trust,
@@ -255,10 +256,16 @@ class ArmRecogniser:
         )  # fmt: skip
         return arm, f
 
-    def _doubt(self, trust: float) -> str:
+    def _alike(self, look: Look, name: str) -> tuple[str, ...]:
+        """The types that an arm of this one may as well be, of those that are to be had."""
+        return tuple(other for other in look.alike if other in self.robots and other != name)
+
+    def _doubt(self, trust: float, alike: tuple[str, ...]) -> str:
         """Why an answer is not believed."""
         if self.trust.threshold >= 1.0:
             return f"I do not know: how far to trust {self.model.name} was never measured"
+        if alike:
+            return f"I do not know: it may as well be of the type {' or '.join(alike)}; say --robot"
         return f"I do not know: {100 * trust:.0f} % sure that joints are right to 10 cm"
 
     def _found(self, look: Look) -> float:

@@ -25,9 +25,10 @@ class Arm:
         T_camera_base: (4, 4) its pose; None where no pose was found.
         q: (n,) joints [rad]; joints: (n, 3) their origins; covariance: (n, 3, 3) of these [m^2].
         overlap: of the fitted arm's outline with the mask (intersection over union), 0..1.
-        trust: probability that the mean joint error is below 100 mm, if the lens is as it was said.
+        trust: probability that the mean joint error is below 100 mm, if the lens is as it was said;
+            of k types that it may be as well, at most 1 / k.
         believed: whether ``trust`` is above the one threshold, with what is not known of the lens
-            counted in; otherwise: "I do not know".
+            counted in, and the type is no tie; otherwise: "I do not know".
         problem: why it is not believed, else empty.
         alike: robots of extensions that it may as well be: they look like ``robot``, and what was
             known first keeps its answer.
