@@ -125,6 +125,20 @@ def test_a_folder_says_what_a_urdf_cannot(tmp_path):
     assert load_workcell(tmp_path / "cell.toml").robot.model.endswith("arm")
 
 
+def test_a_fast_or_unsaid_speed_can_be_said_in_the_sheet(tmp_path):
+    # A small industrial arm's last joint, 1400 deg/s, is taken as it is.
+    path = tmp_path / "arm.urdf"
+    path.write_text(SPHERES.replace('velocity="1.5"', 'velocity="24.5"'))
+    assert load_arm(path).limits.velocity.tolist() == [24.5] * 3
+    # Exporters write 0, and people 1000, where nobody knows.
+    for said in ("0", "1000"):
+        path.write_text(SPHERES.replace('velocity="1.5"', f'velocity="{said}"'))
+        with pytest.raises(RobotError, match=r"\[limits\] velocity = "):
+            load_arm(path)
+    (tmp_path / "arm.toml").write_text("[limits]\nvelocity = [3.1, 3.1, 45]\n")
+    assert load_arm(path).limits.velocity.tolist() == [3.1, 3.1, 45.0]
+
+
 MESH = '<mesh filename="package://their_arm/meshes/link.stl"/>'
 
 

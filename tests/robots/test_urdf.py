@@ -201,6 +201,10 @@ def broken(old, new):
         (broken('lower="-1"', 'lower="3"'), "lower 3 is not below upper 2"),
         (broken('upper="2"', 'upper="170"'), "limits are in radians"),
         (broken('velocity="1.5"', 'velocity="0"'), 'needs velocity="..." above 0'),
+        (
+            broken('velocity="1.5"', 'velocity="180"'),
+            r'joint "a" <limit>: velocity 180 rad/s is faster than any arm.*would be 3.14 rad/s',
+        ),
         (broken('velocity="2" ', ""), 'joint "b": <limit> needs velocity'),
         (broken('radius="0.05"', 'radius="-1"'), 'link "base" <collision>: radius'),
         (broken('<sphere radius="0.05"/>', ""), "has no <geometry> with a shape"),

@@ -18,7 +18,7 @@ from armsight.robots.chain import Chain, fold_chain
 from armsight.robots.fit_cache import cached_shapes, fingerprint, keep_shapes
 from armsight.robots.fitting import fit_chain
 from armsight.robots.link_body import FitOptions
-from armsight.robots.loading import link_meshes, load_urdf
+from armsight.robots.loading import joint_limits, link_meshes, load_urdf
 from armsight.robots.robot import Capsules, Robot, Spheres
 from armsight.robots.shapes import BodyShapes, FitReport, made_from, read_shapes
 from armsight.robots.sheet import ArmSheet, read_sheet
@@ -154,6 +154,7 @@ def _robot(files: ArmFiles, sheet: ArmSheet, shapes: BodyShapes) -> Robot:
         flange=sheet.flange,
         held=sheet.held,
         packages=sheet.packages,
+        velocity=sheet.velocity,
         acceleration=sheet.acceleration,
         jerk=sheet.jerk,
         home=sheet.home,
@@ -175,7 +176,9 @@ def _robot(files: ArmFiles, sheet: ArmSheet, shapes: BodyShapes) -> Robot:
 def _chain(files: ArmFiles, sheet: ArmSheet) -> Chain:
     urdf = read_urdf(files.urdf, sheet.packages)
     chain = fold_chain(urdf, sheet.base, sheet.flange, sheet.held)
-    link_meshes(chain, files.urdf)  # before a minute of fitting, not after it
+    # Before a minute of fitting, not after it:
+    link_meshes(chain, files.urdf)
+    joint_limits(chain, files.urdf, sheet.velocity, sheet.acceleration, sheet.jerk)
     return chain
 
 

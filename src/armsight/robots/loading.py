@@ -13,12 +13,15 @@ from armsight.errors import RobotError
 from armsight.robots.chain import Chain, fold_chain
 from armsight.robots.robot import JointLimits, LinkMesh, Robot
 from armsight.robots.shapes import BodyShapes
-from armsight.robots.urdf import read_urdf
+from armsight.robots.urdf import UrdfJoint, read_urdf
 
 DEFAULT_ACCELERATION = 5.0
 """[rad/s^2] where nobody says otherwise: MoveIt's conservative value for Universal Robots' arms."""
 DEFAULT_JERK = 100.0
 """[rad/s^3] where nobody says otherwise: full default acceleration after 50 ms."""
+FASTEST = 30.0
+"""[rad/s] No joint of a serial arm is faster: small industrial ones reach 25 at the last joint.
+What a URDF says beyond it is degrees, or was put there because a number had to be."""
 
 
 def load_urdf(
@@ -30,6 +33,7 @@ def load_urdf(
     held: Mapping[str, float] | None = None,
     packages: Mapping[str, Path] | None = None,
     meshes: bool = True,
+    velocity: Floats | float | None = None,
     acceleration: Floats | float = DEFAULT_ACCELERATION,
     jerk: Floats | float = DEFAULT_JERK,
     home: JointVector | None = None,
@@ -50,6 +54,7 @@ def load_urdf(
         held: values of moving joints off the chain, such as fingers [rad or m].
         packages: folders that ``package://NAME/`` stands for.
         meshes: whether the visual meshes are wanted; when False they need not exist.
+        velocity: limits in place of the URDF's own [rad/s].
         acceleration: limits, which URDF does not know [rad/s^2].
         jerk: limits, which URDF does not know [rad/s^3].
         home: (n,) [rad]; the middle of the joints' ranges when None, or 0 where that is inside.
@@ -61,7 +66,7 @@ def load_urdf(
     """
     urdf = read_urdf(Path(path), dict(packages or {}))
     chain = fold_chain(urdf, base, flange, held)
-    limits = _limits(chain, urdf.path, acceleration, jerk)
+    limits = joint_limits(chain, urdf.path, velocity, acceleration, jerk)
     looks = link_meshes(chain, urdf.path) if meshes else ()
     if shapes is None:
         from armsight.robots.fitting import fit_chain
@@ -90,31 +95,56 @@ def load_urdf(
     )
 
 
-def _limits(
-    chain: Chain, path: Path, acceleration: Floats | float, jerk: Floats | float
+def joint_limits(
+    chain: Chain,
+    path: Path,
+    velocity: Floats | float | None,
+    acceleration: Floats | float,
+    jerk: Floats | float,
 ) -> JointLimits:
+    """The limits of a chain's joints; the arguments as of :func:`load_urdf`.
+
+    Raises:
+        RobotError: a limit is missing, is not above 0, or looks like degrees; names the joint.
+    """
     joints = [link.joint for link in chain.links if link.joint is not None]
     n = len(joints)
     for joint in joints:
-        if not joint.velocity > 0.0:
-            raise RobotError(
-                f'{path}: joint "{joint.name}": <limit> needs velocity="..." above 0 rad/s'
-            )
+        if velocity is None:
+            _check_speed(joint, path)
         if joint.kind != "continuous" and max(abs(joint.lower), abs(joint.upper)) > 7.0:
             raise RobotError(
                 f'{path}: joint "{joint.name}" <limit>: {joint.lower:g} to {joint.upper:g} is more '
                 "than a turn each way; limits are in radians"
             )
+    own = np.array([j.velocity for j in joints])
     turn = 2.0 * math.pi  # a joint without end gets a turn each way
     endless = [joint.kind == "continuous" for joint in joints]
     return JointLimits(
         lower=np.array([-turn if e else j.lower for j, e in zip(joints, endless)]),
         upper=np.array([turn if e else j.upper for j, e in zip(joints, endless)]),
-        velocity=np.array([j.velocity for j in joints]),
+        velocity=own if velocity is None else _per_joint(velocity, n, "velocity"),
         acceleration=_per_joint(acceleration, n, "acceleration"),
         jerk=_per_joint(jerk, n, "jerk"),
         effort=np.array([j.effort for j in joints]),
     )
+
+
+def _check_speed(joint: UrdfJoint, path: Path) -> None:
+    if not joint.velocity > 0.0:
+        raise RobotError(
+            f'{path}: joint "{joint.name}": <limit> needs velocity="..." above 0 rad/s; give it '
+            f"there, or {_SPEED_OF_ONES_OWN}"
+        )
+    if joint.velocity > FASTEST:
+        raise RobotError(
+            f'{path}: joint "{joint.name}" <limit>: velocity {joint.velocity:g} rad/s is faster '
+            f"than any arm's ({joint.velocity:g} deg/s would be "
+            f"{math.radians(joint.velocity):.3g} rad/s); mend it, or {_SPEED_OF_ONES_OWN}"
+        )
+
+
+_SPEED_OF_ONES_OWN = "say the arm's own in its .toml: [limits] velocity = ... (rad/s)"
 
 
 def _per_joint(value: Floats | float, n: int, what: str) -> JointVector:

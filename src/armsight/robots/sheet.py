@@ -23,7 +23,8 @@ class ArmSheet:
         flange, base: links, see :func:`~armsight.robots.chain.fold_chain`.
         held: values of moving joints off the chain [rad or m].
         packages: folders that ``package://NAME/`` stands for.
-        acceleration [rad/s^2], jerk [rad/s^3]: a value, or one a joint.
+        velocity [rad/s], in place of the URDF's; acceleration [rad/s^2], jerk [rad/s^3]: a value,
+            or one a joint.
         home: [rad], one a joint; reach: [m].
     """
 
@@ -31,6 +32,7 @@ class ArmSheet:
     base: str | None = None
     held: dict[str, float] = field(default_factory=dict)
     packages: dict[str, Path] = field(default_factory=dict)
+    velocity: Floats | float | None = None
     acceleration: Floats | float = DEFAULT_ACCELERATION
     jerk: Floats | float = DEFAULT_JERK
     home: Floats | None = None
@@ -59,8 +61,9 @@ def read_sheet(path: Path | None) -> ArmSheet:
         base=_text(data, "base", path),
         held={k: _number(v, f"held.{k}", path) for k, v in _table(data, "held", path).items()},
         packages={k: folder / str(v) for k, v in packages.items()},
-        acceleration=_limit(limits, "acceleration", DEFAULT_ACCELERATION, path),
-        jerk=_limit(limits, "jerk", DEFAULT_JERK, path),
+        velocity=_limit(limits, "velocity", path) if "velocity" in limits else None,
+        acceleration=_limit(limits, "acceleration", path, DEFAULT_ACCELERATION),
+        jerk=_limit(limits, "jerk", path, DEFAULT_JERK),
         home=_numbers(data["home"], "home", path) if "home" in data else None,
         reach=_number(data["reach"], "reach", path) if "reach" in data else None,
     )
@@ -98,7 +101,9 @@ def _text(data: dict[str, Any], key: str, path: Path) -> str | None:
     return value
 
 
-def _limit(limits: dict[str, Any], key: str, default: float, path: Path) -> Floats | float:
+def _limit(
+    limits: dict[str, Any], key: str, path: Path, default: float | None = None
+) -> Floats | float:
     value = limits.get(key, default)
     if isinstance(value, list):
         return _numbers(value, f"limits.{key}", path)
