@@ -528,3 +528,63 @@ def test_a_gripper_moves_within_its_opening():
             gripper.move(width)
     assert log.count("move") == 1
     gripper.close()
+
+
+def test_a_slow_gripper_is_not_lost_and_nobody_waits_for_it():
+    """A serial bus at two readings a second: each transfer takes 0.4 s, commands as well."""
+    log = Log()
+
+    class Slow(GripperDouble):
+        def read(self):
+            time.sleep(0.4)
+            return super().read()
+
+        def move(self, width):
+            time.sleep(0.4)
+            super().move(width)
+
+    gripper = DrivenGripper(
+        GripperSettings({}, 0.08, 0.1, 40.0), lambda s: Slow(s, log), WallClock()
+    )
+    until(gripper.read)
+    for width in (0.02, 0.03, 0.04):  # while it reads: only the last is wanted by then
+        began = time.monotonic()
+        gripper.move(width)
+        assert time.monotonic() - began < 0.1
+    assert until(lambda: (s := gripper.read()) is not None and s.width == 0.04)
+    assert log.count("open") == 1
+    assert log.count("move") == 1
+    gripper.close()
+
+
+def test_a_gripper_that_refuses_says_so_and_is_told_again():
+    log = Log()
+
+    class Refusing(GripperDouble):
+        def move(self, width):
+            if log.count("refused") < 2:
+                log.calls.append(("refused", width))
+                raise DeviceError("gripper: activate it first")
+            super().move(width)
+
+        def read(self):
+            time.sleep(0.02)
+            return super().read()
+
+    gripper = DrivenGripper(
+        GripperSettings({}, 0.08, 0.1, 40.0), lambda s: Refusing(s, log), WallClock()
+    )
+    until(gripper.read)
+    gripper.move(0.02)
+    assert "activate it first" in str(raised(gripper.read))
+    assert until(lambda: _width(gripper) == 0.02)
+    assert log.count("open") == 1
+    gripper.close()
+
+
+def _width(gripper):
+    try:
+        state = gripper.read()
+    except DeviceError:
+        return None
+    return state and state.width

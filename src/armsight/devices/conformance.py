@@ -112,7 +112,8 @@ def conformance(
     elif commands and kind == "arm":
         yield from _moved(bench, driver, settings)
     if commands and kind == "gripper":
-        yield _tried(bench, "moves", "move()", lambda: driver.move(0.5 * settings.opening))
+        width = 0.5 * settings.opening
+        yield _tried(bench, "moves", "move()", lambda: driver.move(width), READ_SECONDS)
     yield _tried(bench, "closes", "close()", driver.close)
     yield _tried(bench, "closes twice", "close()", driver.close)
     yield _reopens(bench, opener, settings, report)
@@ -328,9 +329,11 @@ def _reopens(
     return DriverCheck(True, "opens again", f"in {took:.2f} s")
 
 
-def _tried(bench: _Bench, title: str, what: str, job: Callable[[], Any]) -> DriverCheck:
+def _tried(
+    bench: _Bench, title: str, what: str, job: Callable[[], Any], limit: float = STOP_SECONDS
+) -> DriverCheck:
     try:
-        _, took = bench.call(what, job, STOP_SECONDS)
+        _, took = bench.call(what, job, limit)
     except DeviceError as error:
         return DriverCheck(False, title, str(error))
     return DriverCheck(True, title, f"in {1e3 * took:.1f} ms")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,7 +13,7 @@ from armsight.arrays import Floats
 from armsight.devices.clock import WallClock
 from armsight.devices.data import GripperState, Wrench
 from armsight.devices.driven_sensor import DrivenSensor
-from armsight.devices.line import DeviceHealth
+from armsight.devices.line import Asked, DeviceHealth
 from armsight.devices.port import (
     GripperDriver,
     GripperReading,
@@ -23,8 +24,8 @@ from armsight.devices.port import (
 )
 from armsight.errors import DeviceError
 
-MOVE_SECONDS = 0.25
-"""A gripper has to take a command in this time [s]."""
+MOVE_AGAIN = 0.5
+"""A gripper that did not take a width is told it again after this time [s]."""
 
 
 class DrivenWrench:
@@ -89,6 +90,10 @@ class DrivenGripper:
         self._sensor: DrivenSensor[GripperReading, GripperState] = DrivenSensor(
             self.name, lambda: opener(settings), lambda driver: 0.0, self._state, clock
         )
+        self._lock = threading.Lock()
+        self._width = np.nan
+        self._told: Asked | None = None
+        self._told_at = -np.inf
 
     @property
     def opening(self) -> float:
@@ -99,23 +104,47 @@ class DrivenGripper:
         """The newest reading since the last call, or None.
 
         Raises:
-            DeviceError: the gripper is lost; it is being opened again.
+            DeviceError: the gripper is lost, and being opened again; or there is no new reading,
+                and it did not take its width, which it is told again.
         """
         state = self._sensor.take()
-        return state and replace(state, stamp=self._sensor.clock.at(state.stamp))
+        refused = self._tell_again()
+        if state is not None:
+            return replace(state, stamp=self._sensor.clock.at(state.stamp))
+        if refused is not None:
+            raise refused
+        return None
 
     def move(self, width: float) -> None:
-        """Begin to open or close to a width [m].
+        """Begin to open or close to a width [m]; waits for nothing: grippers may be slow.
 
         Raises:
-            DeviceError: no such width, or the gripper is lost or refuses.
+            DeviceError: no such width, or the gripper is lost. What it refuses is told again, and
+                :meth:`read` says so.
         """
         width = checked_width(width, self.opening)
+        self._sensor.line.check()
+        with self._lock:
+            self._width = width
+            self._tell()
+
+    def _tell(self) -> None:
+        width = self._width
 
         def job(driver: Any) -> None:
-            driver.move(width)
+            if width == self._width:  # nothing else was wanted while this one waited
+                driver.move(width)
 
-        self._sensor.line.call("move()", job, MOVE_SECONDS)
+        self._told_at = self._sensor.clock.source()
+        self._told = self._sensor.line.post("move()", job)
+
+    def _tell_again(self) -> DeviceError | None:
+        """Why the gripper did not take its width, or None; told again when it is time to."""
+        with self._lock:
+            refused = None if self._told is None else self._told.error
+            if refused is not None and self._sensor.clock.source() > self._told_at + MOVE_AGAIN:
+                self._tell()
+            return refused
 
     def health(self) -> DeviceHealth:
         """How it is."""

@@ -84,8 +84,8 @@ class DeviceHealth:
 
 
 @dataclass
-class _Call:
-    """Something that the device's thread shall do."""
+class Asked:
+    """Something that the device's thread shall do; ``error`` says why not, once it is ``done``."""
 
     what: str
     job: Callable[[Any], Any]
@@ -131,7 +131,7 @@ class Line(Generic[Driver, Reading]):
         self._reopen = reopen
         self._now = now
         self._lock = threading.Condition()
-        self._calls: deque[_Call] = deque()
+        self._calls: deque[Asked] = deque()
         self._generation = 0
         self._hung: set[int] = set()
         self._beside: dict[str, threading.Thread] = {}
@@ -195,10 +195,7 @@ class Line(Generic[Driver, Reading]):
                 ``seconds`` [s]: then the device is lost.
         """
         self.check()
-        call = _Call(what, job, threading.Event())
-        with self._lock:
-            self._calls.append(call)
-            self._lock.notify_all()
+        call = self.post(what, job)
         waited = 0.0
         while not call.done.wait(0.5 * NOTICED) and waited < seconds:
             waited += 0.5 * NOTICED
@@ -210,6 +207,14 @@ class Line(Generic[Driver, Reading]):
         if call.error is not None:
             raise call.error
         return call.result
+
+    def post(self, what: str, job: Callable[[Driver], Any]) -> Asked:
+        """Let the device's thread call something of the driver, without waiting for it."""
+        call = Asked(what, job, threading.Event())
+        with self._lock:
+            self._calls.append(call)
+            self._lock.notify_all()
+        return call
 
     def beside(self, what: str, job: Callable[[Driver], Any]) -> None:
         """Call something of the driver in a thread for it alone, whatever the device's own does.

@@ -341,7 +341,11 @@ class GripperDriver(Protocol):
         ...
 
     def move(self, width: float) -> None:
-        """Begin to open or close to a width [m]; returns at once."""
+        """Begin to open or close to a width [m]; does not wait for the fingers.
+
+        Raises:
+            DeviceError: it refuses; it is asked again.
+        """
         ...
 
     def close(self) -> None:
