@@ -1,6 +1,7 @@
 """Robots that a network learns later: fitted rows, their file, and that nothing else changes."""
 
 import json
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -8,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
+from tests.recognition.data.test_own_robot import own_arm
 
-from armsight.errors import RecognitionError, UsageError
+from armsight.errors import RecognitionError, RobotError, UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy
 from armsight.recognition.any_arm import recogniser
@@ -18,6 +20,7 @@ from armsight.recognition.any_arm.extension import (
     Extension,
     Rows,
     apply,
+    joints_of,
     mark_of,
     read_extension,
     shuffled,
@@ -277,8 +280,16 @@ def test_a_tied_type_is_not_believed_unless_it_is_told(
     assert (told.robot, told.believed, told.alike) == ("ur5", True, ())
 
 
+class _Long:
+    """Landmarks of a number that no float holds."""
+
+    def to_json(self) -> dict[str, object]:
+        entry = find_landmarks(load_robot("iiwa")).to_json()
+        return entry | {"point": [[10**400] * 3 for _ in entry["point"]]}
+
+
 @pytest.mark.parametrize(
-    "damage", ["other network", "twice", "cut", "foreign", "shape", "infinite"]
+    "damage", ["other network", "twice", "cut", "foreign", "shape", "infinite", "long"]
 )
 def test_an_extension_that_does_not_fit_is_refused(
     network: Path, tmp_path: Path, damage: str
@@ -293,6 +304,8 @@ def test_an_extension_that_does_not_fit_is_refused(
     elif damage == "infinite":
         bad = np.full((SLOTS, 4), np.inf, np.float32)
         extension = replace(extension, rows=replace(extension.rows, outside=bad))
+    elif damage == "long":
+        extension = replace(extension, landmarks=_Long())  # type: ignore[arg-type]
     write_extension(file, extension)
     if damage == "cut":
         file.write_bytes(file.read_bytes()[:-9])
@@ -301,6 +314,59 @@ def test_an_extension_that_does_not_fit_is_refused(
     with pytest.raises(RecognitionError) as caught:
         CropModel(network, 1, [read_extension(file)])
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "says"),
+    [
+        ('name="j1"', 'name="elbow"', "joint 2 is called elbow, not j1"),
+        ('<axis xyz="0 0 1"/><limit lower="-2"', '<axis xyz="0 0 1"/><limit lower="-1.5"',
+         "j0 turns from -1.5 to 2 rad, not -2 to 2"),
+        ('<origin xyz="0 0 0.3"/>', '<origin xyz="0 0 0.31"/>', "j1 has another place"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 -1"/>', "j0 has another place or axis"),
+        ('name="j2" type="revolute"', 'name="j2" type="fixed"', "2 joints, not 3"),
+        ('effort="9"', 'effort="8"', ""),
+    ],
+)  # fmt: skip
+def test_an_extension_whose_robot_has_changed_since_is_refused(
+    network: Path, tmp_path: Path, was: str, now: str, says: str
+) -> None:
+    """By what its URDF says of its joints: rows of one arm would be solved with another."""
+    urdf, file = own_arm(tmp_path), tmp_path / "e.safetensors"
+    robot = load_robot(str(urdf))
+    learned = replace(
+        _extension(network, 0.1), robot=str(urdf), landmarks=find_landmarks(robot),
+        joints=joints_of(robot),
+    )  # fmt: skip
+    write_extension(file, learned)
+    assert str(urdf) in CropModel(network, 1, [read_extension(file)]).robots
+    text = urdf.read_text()
+    assert was in text
+    urdf.write_text(text.replace(was, now))
+    if not says:
+        assert CropModel(network, 1, [read_extension(file)])
+        return
+    with pytest.raises(RecognitionError, match=re.escape(says)) as caught:
+        CropModel(network, 1, [read_extension(file)])
+    assert str(urdf) in str(caught.value)
+    assert "armsight extend" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_extension_of_before_joints_were_kept_is_read(network: Path, tmp_path: Path) -> None:
+    """Only the number of its links can be compared then."""
+    urdf, file = own_arm(tmp_path), tmp_path / "e.safetensors"
+    marks = find_landmarks(load_robot(str(urdf)))
+    old = replace(_extension(network, 0.1), robot=str(urdf), landmarks=marks)
+    write_extension(file, old)
+    assert read_extension(file).joints is None
+    assert CropModel(network, 1, [read_extension(file)])
+    urdf.write_text(urdf.read_text().replace('name="j2" type="revolute"', 'name="j2" type="fixed"'))
+    with pytest.raises(RecognitionError, match="no more the robot"):
+        CropModel(network, 1, [read_extension(file)])
+    urdf.unlink()
+    with pytest.raises(RobotError, match=r"my arm\.urdf"):
+        CropModel(network, 1, [read_extension(file)])
 
 
 class _Stub:

@@ -88,7 +88,8 @@ def test_nothing_bright_is_no_arm_and_two_bright_things_are_two(file: Path) -> N
 
 
 @pytest.mark.parametrize(
-    "damage", ["landmarks", "link", "trust", "infinite", "huge", "flat", "heavy"]
+    "damage",
+    ["landmarks", "link", "trust", "infinite", "huge", "flat", "heavy", "long", "long trust"],
 )
 def test_a_damaged_card_is_refused(tmp_path: Path, damage: str) -> None:
     card = bright_card()
@@ -100,6 +101,10 @@ def test_a_damaged_card_is_refused(tmp_path: Path, damage: str) -> None:
         card["landmarks"]["ur5"]["point"][0][0] = 1e300
     elif damage == "flat":
         card["landmarks"]["ur5"]["half"][0] = [0.1, -0.1, 0.1]
+    elif damage == "long":
+        card["landmarks"]["ur5"]["point"][0][0] = 10**400
+    elif damage == "long trust":
+        card["trust"] = {"weights": [10**400] * 7, "threshold": 0.5, "widen": 1.0}
     elif damage == "heavy":
         card["trust"] = {"weights": [1e308] * 7, "threshold": 0.5, "widen": 1.0}
     elif damage == "infinite":

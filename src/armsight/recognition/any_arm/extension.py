@@ -15,10 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from armsight.arrays import Floats32
+from armsight.arrays import Floats, Floats32, JointVector
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.landmarks import SLOTS, Landmarks, read_landmarks
 from armsight.recognition.training.tensors_file import read_tensors, write_tensors
+from armsight.robots.catalogue import load_robot
+from armsight.robots.robot import Robot
 
 FORMAT = "armsight-extension-1"
 LINKS = 10
@@ -45,6 +47,46 @@ class Rows:
 
 
 @dataclass(frozen=True)
+class Joints:
+    """The joints of the robot that an extension learned.
+
+    Attributes:
+        names: n of them; lower, upper: (n,) limits [rad].
+        places: (n, 15) of each its frame on its link (the upper three rows) and its axis in that.
+    """
+
+    names: tuple[str, ...]
+    lower: JointVector
+    upper: JointVector
+    places: Floats
+
+    def differs(self, other: Joints) -> str:
+        """How other joints differ from these, the first thing; empty where they do not."""
+        if len(self.names) != len(other.names):
+            return f"{len(other.names)} joints, not {len(self.names)}"
+        for k, (mine, name) in enumerate(zip(self.names, other.names, strict=True)):
+            if mine != name:
+                return f"joint {k + 1} is called {name}, not {mine}"
+            now, then = ((j.lower[k], j.upper[k]) for j in (other, self))
+            if not np.allclose(now, then, rtol=0.0, atol=_SAME):
+                told = (f"{low:.4g} to {high:.4g} rad" for low, high in (now, then))
+                return f"{name} turns from {', not '.join(told)}"
+            if not np.allclose(self.places[k], other.places[k], rtol=0.0, atol=_SAME):
+                return f"{name} has another place or axis on its link"
+        return ""
+
+
+_SAME = 1e-4
+"""Difference up to which two joints are the same [rad], [m]."""
+
+
+def joints_of(robot: Robot) -> Joints:
+    """The joints of a robot."""
+    places = np.hstack([robot.T_link_joint[:, :3].reshape(-1, 12), robot.axis])
+    return Joints(robot.joint_names, robot.limits.lower, robot.limits.upper, places)
+
+
+@dataclass(frozen=True)
 class Extension:
     """A robot that a network learned later.
 
@@ -54,6 +96,7 @@ class Extension:
         landmarks: of the robot.
         rows: weights.
         card: what it learned from, and how good it is.
+        joints: of the robot as it was learned; None in files of November 2026 and before.
     """
 
     robot: str
@@ -61,6 +104,21 @@ class Extension:
     landmarks: Landmarks
     rows: Rows
     card: dict[str, object]
+    joints: Joints | None = None
+
+    def check_robot(self) -> None:
+        """See that the robot is still the one that was learned.
+
+        Raises:
+            RecognitionError: its joints are others now. RobotError: it is not where it was.
+        """
+        robot = load_robot(self.robot)
+        differs = "" if self.joints is None else self.joints.differs(joints_of(robot))
+        if differs or len(self.landmarks.middle) != robot.n + 1:
+            raise RecognitionError(
+                f"{self.robot}: is no more the robot that the extension learned "
+                f"({differs or 'other links'}); run 'armsight extend' again, with another --out"
+            )
 
 
 @dataclass(frozen=True)
@@ -121,6 +179,9 @@ def write_extension(file: Path, extension: Extension) -> None:
         "landmarks": json.dumps(extension.landmarks.to_json(), allow_nan=False),
         "card": json.dumps(extension.card, allow_nan=False),
     }
+    if extension.joints is not None:
+        plain = {k: np.asarray(v).tolist() for k, v in vars(extension.joints).items()}
+        words["joints"] = json.dumps(plain, allow_nan=False)
     write_tensors(file, vars(extension.rows), words)
 
 
@@ -137,6 +198,7 @@ def read_extension(file: Path) -> Extension:
         rows = Rows(**arrays)
         marks = read_landmarks(json.loads(words["landmarks"]))
         card = json.loads(words["card"])
+        joints = _read_joints(json.loads(words["joints"])) if "joints" in words else None
         robot, network = words["robot"], words["network"]
         c, d = rows.heat.shape[1], rows.outside.shape[1]
         shapes: dict[str, tuple[int, ...]] = {
@@ -151,6 +213,16 @@ def read_extension(file: Path) -> Extension:
         ) and all(bool(np.isfinite(v).all()) for v in vars(rows).values())
         if not good or not isinstance(card, dict):
             raise ValueError
-    except (KeyError, ValueError, TypeError, AttributeError, IndexError, RecursionError):
+    except (
+        ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError,
+    ):  # fmt: skip
         raise RecognitionError(f"{file}: is damaged; make it anew with 'armsight extend'") from None
-    return Extension(robot, network, marks, rows, card)
+    return Extension(robot, network, marks, rows, card, joints)
+
+
+def _read_joints(entry: dict[str, list[object]]) -> Joints:
+    lower, upper, places = (np.array(entry[k], np.float64) for k in ("lower", "upper", "places"))
+    n = len(entry["names"])
+    if not lower.shape == upper.shape == (n,) or places.shape != (n, 15):
+        raise ValueError
+    return Joints(tuple(map(str, entry["names"])), lower, upper, places)

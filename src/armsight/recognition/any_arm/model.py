@@ -110,7 +110,8 @@ class CropModel:
 
         Raises:
             RecognitionError: it is missing, damaged, or no crop network of armsight's; or an
-                extension belongs to another one.
+                extension belongs to another one, or its robot has other joints now.
+            RobotError: the robot of an extension is not where it was.
         """
         data, words = read_network(file)
         if words.get("format") != FORMAT:
@@ -127,6 +128,7 @@ class CropModel:
                 )
             if extension.robot in self.landmarks:
                 raise RecognitionError(f"{file} knows {extension.robot} already")
+            extension.check_robot()
             self.landmarks[extension.robot] = extension.landmarks
         self.robots = tuple(self.landmarks)
         self._session = open_session(file, data, threads)
@@ -265,5 +267,7 @@ def _card(file: Path, words: dict[str, str]) -> tuple[dict[str, Any], dict[str, 
         if not 0 < len(given) <= _MOST_ROBOTS:
             raise ValueError
         return card, {str(name): read_landmarks(entry) for name, entry in given.items()}
-    except (KeyError, ValueError, TypeError, AttributeError, RecursionError):
+    except (
+        KeyError, ValueError, TypeError, AttributeError, OverflowError, RecursionError,
+    ):  # fmt: skip
         raise RecognitionError(f"{file}: its card is damaged; take the original") from None

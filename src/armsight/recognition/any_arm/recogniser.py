@@ -98,7 +98,7 @@ class ArmRecogniser:
                 )
         try:
             self.trust = read_trust(model.card)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise RecognitionError(
                 f"{model.name}: its card's trust is damaged; take the original"
             ) from None

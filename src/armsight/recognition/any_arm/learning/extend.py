@@ -15,7 +15,14 @@ import numpy as np
 from armsight.arrays import Floats32, Ints
 from armsight.errors import RecognitionError, UsageError
 from armsight.recognition.any_arm.evidence import STRIDE
-from armsight.recognition.any_arm.extension import Extension, Seen, apply, mark_of, write_extension
+from armsight.recognition.any_arm.extension import (
+    Extension,
+    Seen,
+    apply,
+    joints_of,
+    mark_of,
+    write_extension,
+)
 from armsight.recognition.any_arm.heat import read_heat
 from armsight.recognition.any_arm.landmarks import find_landmarks
 from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
@@ -107,7 +114,7 @@ def extend(wish: Wish, crew: Crew | None, say: Say) -> Path:
         "seed": wish.seed,
     }
     mark = mark_of(wish.network.read_bytes())
-    found = Extension(wish.robot, mark, marks, rows, card)
+    found = Extension(wish.robot, mark, marks, rows, card, joints_of(robot))
     card |= _measured(model, data, held, found)
     file = wish.out / "extension.safetensors"
     write_extension(file, found)
