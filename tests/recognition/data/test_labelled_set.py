@@ -128,6 +128,7 @@ def test_no_set_and_sets_of_other_versions(copy: Path, tmp_path: Path) -> None:
         ({"K": [[1, 0], [0, 1]]}, "K has shape"),
         ({"K": [[-100, 0, 1], [0, 100, 1], [0, 0, 1]]}, "focal length"),
         ({"q": [1, 2, "three"]}, "q holds something that is no number"),
+        ({"q": [10**400]}, "q holds something that is no number"),
         ({"q": [1.0]}, "joints_camera has shape"),
         ({"T_camera_base": [[None] * 4] * 4}, "not finite"),
         ({"keypoints_visible": [1, 0]}, "keypoints_visible"),

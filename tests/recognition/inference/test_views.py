@@ -99,10 +99,19 @@ def test_ros_files_come_back(tmp_path: Path) -> None:
     assert read_camera(tmp_path / "a.yaml") == camera
 
 
+def camera_info(width: str, number: str) -> str:
+    return (
+        f"image_width: {width}\nimage_height: 480\n"
+        f"camera_matrix: {{data: [500, 0, 320, 0, 500, 240, 0, 0, {number}]}}"
+    )
+
+
 @pytest.mark.parametrize(
     "text",
     ["", "a: [", "[1, 2]", "image_width: 640", "!!python/object/apply:os.system ['true']", "\xff",
-     "image_width: 640\nimage_height: 480\ncamera_matrix: {data: [1, 2]}"],
+     "image_width: 640\nimage_height: 480\ncamera_matrix: {data: [1, 2]}",
+     camera_info("640", "1" + 400 * "0"), camera_info("1" + 400 * "0", "1"),
+     camera_info(".inf", "1"), camera_info(".nan", "1"), camera_info("1e300", "1")],
 )  # fmt: skip
 def test_broken_camera_files(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.yaml").write_text(text, encoding="latin-1")

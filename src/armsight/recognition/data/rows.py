@@ -131,7 +131,7 @@ def _array(name: str, data: Any, columns: int) -> Floats:
             [[_number(v) for v in row] for row in data] if columns else [_number(v) for v in data],
             np.float64,
         )
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} holds something that is no number") from None
     if len(values) == 0:
         return np.empty((0, columns)) if columns else np.empty(0)

@@ -132,12 +132,12 @@ def read_camera(file: Path) -> PinholeCamera:
     except (UnicodeDecodeError, yaml.YAMLError, RecursionError):
         raise RecognitionError(f"{file}: is no YAML; expected ROS's camera_info layout") from None
     try:
-        width, height = int(data["image_width"]), int(data["image_height"])
+        width, height = map(int, _numbers([data["image_width"], data["image_height"]], 2))
         K = _numbers(data["camera_matrix"]["data"], 9).reshape(3, 3)
         entry = data.get("distortion_coefficients", {"data": [0.0] * 5})
         bent = _numbers(entry["data"], 5)
         model = data.get("distortion_model", "plumb_bob")
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise RecognitionError(
             f"{file}: expected image_width, image_height, camera_matrix with 9 numbers and "
             "distortion_coefficients with 5, as ROS's camera_info has them"

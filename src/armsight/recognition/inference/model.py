@@ -225,7 +225,7 @@ def _camera(file: Path, card: dict[str, Any]) -> Floats:
     try:
         K = np.array(card["camera"]["K"], np.float64)
         good = K.shape == (3, 3) and bool(np.isfinite(K).all()) and min(K[0, 0], K[1, 1]) > 0
-    except (KeyError, ValueError, TypeError):
+    except (KeyError, ValueError, TypeError, OverflowError):
         good = False
     if not good:
         raise RecognitionError(f"{file}: its card names no camera; take the original")
@@ -291,5 +291,5 @@ def validation_figure(card: dict[str, Any], robot: str, name: str) -> float:
     """A figure of the card on validation frames of a robot; NaN where it has none."""
     try:
         return float(card["validation"][robot][name])
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         return math.nan

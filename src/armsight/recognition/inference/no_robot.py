@@ -11,7 +11,6 @@ is seldom sure of a pixel.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,7 @@ def share_of(card: dict[str, Any]) -> float:
     share = named.get("share") if isinstance(named, dict) else None
     if isinstance(share, bool) or not isinstance(share, int | float):
         raise ValueError
-    if not (math.isfinite(share) and 0.0 <= share <= LARGEST_SHARE):
+    if not 0.0 <= share <= LARGEST_SHARE:
         raise ValueError
     return float(share)
 
