@@ -56,7 +56,7 @@ class Recognise:
         from armsight.errors import RecognitionError, UsageError
         from armsight.recognition.inference.intrinsics import read_camera
         from armsight.recognition.inference.model import network_file
-        from armsight.recognition.inference.pictures import VIDEOS, pictures_in
+        from armsight.recognition.inference.pictures import VIDEOS, left_out, pictures_in
         from armsight.recognition.opening import open_recogniser
         from armsight.robots.catalogue import is_path
 
@@ -67,6 +67,8 @@ class Recognise:
         if self.threads < 0:
             raise UsageError(f"--threads is {self.threads}, expected 0 (all) or more")
         paths = pictures_in(self.what)
+        if self.what.is_dir() and (unread := left_out(self.what)):
+            print(f"{self.what}: {unread}", file=sys.stderr)
         lens = None if self.camera is None else read_camera(self.camera)
         robots = [str(Path(r).resolve()) if is_path(r) else r for r in self.robot]
         network = network_file(self.network)

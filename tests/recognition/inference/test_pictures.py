@@ -10,7 +10,12 @@ import pytest
 from PIL import Image, ImageOps
 
 from armsight.errors import RecognitionError
-from armsight.recognition.inference.pictures import pictures_in, read_picture, video_frames
+from armsight.recognition.inference.pictures import (
+    left_out,
+    pictures_in,
+    read_picture,
+    video_frames,
+)
 
 
 def colourful(height: int = 60, width: int = 80) -> np.ndarray:
@@ -116,7 +121,7 @@ def test_turned_by_its_camera(tmp_path: Path) -> None:
     assert np.array_equal(read_picture(tmp_path / "a.png").image, np.rot90(colourful(), -1))
 
 
-@pytest.mark.parametrize("ending", ["jpg", "png", "webp", "bmp", "tiff"])
+@pytest.mark.parametrize("ending", ["jpg", "png", "webp", "gif", "bmp", "tiff"])
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 0.8])
 def test_truncated(tmp_path: Path, ending: str, share: float) -> None:
     file = tmp_path / f"a.{ending}"
@@ -135,6 +140,35 @@ def test_no_picture(tmp_path: Path) -> None:
         read_picture(tmp_path / "a.png")
     with pytest.raises(RecognitionError, match="no such file"):
         read_picture(tmp_path / "b.png")
+
+
+def test_phones_pictures_that_are_not_read_are_called_what_they_are(tmp_path: Path) -> None:
+    """Whatever the file is called: phones hand them on as .jpg, too."""
+    (tmp_path / "a.jpg").write_bytes(b"\0\0\0\x18ftypheic" + bytes(100))
+    with pytest.raises(RecognitionError, match=r"a\.jpg: is a HEIC .* save it as JPEG"):
+        read_picture(tmp_path / "a.jpg")
+    (tmp_path / "b.jpg").write_bytes(b"")
+    with pytest.raises(RecognitionError, match=r"b\.jpg: is empty"):
+        read_picture(tmp_path / "b.jpg")
+
+
+def test_what_the_disk_refuses_is_no_damage(tmp_path: Path) -> None:
+    with pytest.raises(RecognitionError, match="cannot be read") as caught:
+        read_picture(tmp_path)
+    assert "damaged" not in str(caught.value)
+
+
+@pytest.mark.parametrize("ending", ["gif", "webp", "png", "tiff"])
+def test_of_a_film_the_first_picture_is_shown_and_it_is_said(tmp_path: Path, ending: str) -> None:
+    shown = np.full((60, 80, 3), 200, np.uint8)
+    shown[:, 40:] = 20
+    frames = [Image.fromarray(image) for image in (shown, shown[::-1, ::-1], 255 - shown)]
+    file = tmp_path / f"a.{ending}"
+    frames[0].save(file, save_all=True, append_images=frames[1:])
+    picture = read_picture(file)
+    np.testing.assert_allclose(picture.image[:, 5:35], 200.0, atol=3)
+    np.testing.assert_allclose(picture.image[:, 45:75], 20.0, atol=3)
+    assert picture.notes == ("the first of 3 pictures in its file",)
 
 
 def png_header(width: int, height: int) -> bytes:
@@ -167,6 +201,19 @@ def test_folders(tmp_path: Path) -> None:
     assert [p.name for p in pictures_in(tmp_path)] == ["a.png", "b.JPG"]
     with pytest.raises(RecognitionError, match="no such"):
         pictures_in(tmp_path / "missing")
+
+
+def test_pictures_of_a_folder_that_are_not_read_are_said(tmp_path: Path) -> None:
+    for name in ("a.HEIC", "b.heic", "c.mov", "notes.txt", ".d.heic", "f.recognised.mp4"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(RecognitionError, match=r"no picture .*; 2 \.heic, 1 \.mov left out"):
+        pictures_in(tmp_path)
+    (tmp_path / "e.jpg").write_bytes(b"")
+    assert [p.name for p in pictures_in(tmp_path)] == ["e.jpg"]
+    assert left_out(tmp_path).startswith("2 .heic, 1 .mov left out")
+    for name in ("a.HEIC", "b.heic", "c.mov"):
+        (tmp_path / name).unlink()
+    assert left_out(tmp_path) == ""
 
 
 def test_videos(tmp_path: Path) -> None:

@@ -20,13 +20,18 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.pictures import read_picture as read_bits
 from armsight.recognition.inference.exif import exif_camera
 
-PICTURES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
+PICTURES = (".jpg", ".jpeg", ".png", ".webp", ".gif", ".bmp", ".tif", ".tiff")
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
-_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF")
+UNREAD = (".heic", ".heif", ".avif", ".jxl", ".jp2", ".dng", ".cr2", ".cr3", ".nef", ".arw")
+"""Endings of pictures that are not read: they are said, not passed over."""
+_FORMATS = ("JPEG", "PNG", "WEBP", "GIF", "BMP", "TIFF")
+_OF_SEVERAL = ("PNG", "WEBP", "GIF", "TIFF")
+"""Formats whose files hold films or pages. A JPEG's second picture is its camera's own business."""
+_HEIF = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1", b"avif", b"avis")
 _MOST_PIXELS = 64_000_000
 _SMALLEST_SIDE = 32
 _LONGEST_SHAPE = 8.0
-_WRITTEN = (".recognised.png", ".mask.png")
+_WRITTEN = (".recognised.png", ".recognised.mp4", ".mask.png")
 """What ``armsight recognise --out`` leaves: no pictures to look at."""
 _WHITE = 99.5
 """Percentile of a deep picture's values above 0 that becomes white: single hot pixels, and the 0 or
@@ -81,10 +86,10 @@ def read_picture(file: Path) -> Picture:
             warnings.simplefilter("ignore")  # a large picture is no decompression bomb
             with Image.open(file, formats=_FORMATS) as opened:
                 _check_size(str(file), *opened.size)
-                halved = _is_halved(opened)
+                halved, count = _is_halved(opened), _pictures_of(opened)
                 opened.load()
                 upright = _deep_colour(file, opened) if halved else opened
-                notes = _notes(opened, upright is not opened)
+                notes = _notes(opened, upright is not opened, count)
                 orientation = _orientation(opened)
                 turn = _TURNS.get(orientation)
                 image = _as_rgb(upright if turn is None else upright.transpose(turn))
@@ -92,14 +97,14 @@ def read_picture(file: Path) -> Picture:
     except FileNotFoundError:
         raise RecognitionError(f"{file}: there is no such file") from None
     except UnidentifiedImageError:
-        raise RecognitionError(
-            f"{file}: is no picture that can be read; expected one of {', '.join(_FORMATS)}"
-        ) from None
+        raise RecognitionError(f"{file}: {_unidentified(file)}") from None
     except Image.DecompressionBombError:
         raise RecognitionError(f"{file}: is far too large; shrink it to 4000 px or so") from None
     except _PILLOW as error:
-        words = getattr(error, "strerror", None) or error
-        raise RecognitionError(f"{file}: is truncated or damaged ({words})") from None
+        # What Pillow finds wrong has no number; what the file system does has one.
+        if isinstance(error, OSError) and error.errno:
+            raise RecognitionError(f"{file}: cannot be read ({error.strerror})") from None
+        raise RecognitionError(f"{file}: is truncated or damaged ({error})") from None
     return Picture(file.name, image, notes, camera, orientation)
 
 
@@ -114,11 +119,24 @@ def pictures_in(path: Path) -> list[Path]:
     if path.is_dir():
         found = sorted(p for p in path.iterdir() if _is_picture(p.name) and p.is_file())
         if not found:
-            raise RecognitionError(f"{path}: has no picture ({', '.join(PICTURES)})")
+            unread = left_out(path)
+            words = f"; {unread}" if unread else ""
+            raise RecognitionError(f"{path}: has no picture ({', '.join(PICTURES)}){words}")
         return found
     if not path.exists():
         raise RecognitionError(f"{path}: there is no such file or folder")
     return [path]
+
+
+def left_out(folder: Path) -> str:
+    """What of a folder is no picture that is read though it looks like one, in words, or ""."""
+    names = [p.name.lower() for p in folder.iterdir()]
+    ends = [Path(n).suffix for n in names if not n.startswith(".") and not n.endswith(_WRITTEN)]
+    count = {end: ends.count(end) for end in (*UNREAD, *VIDEOS) if end in ends}
+    if not count:
+        return ""
+    every = ", ".join(f"{n} {end}" for end, n in count.items())
+    return f"{every} left out: save pictures as JPEG or PNG, name videos one by one"
 
 
 def video_frames(file: Path, every: int = 1) -> Iterator[Picture]:
@@ -145,6 +163,17 @@ def video_frames(file: Path, every: int = 1) -> Iterator[Picture]:
         capture.release()
     if number == 0:
         raise RecognitionError(f"{file}: is a video without a frame, or damaged")
+
+
+def _unidentified(file: Path) -> str:
+    """What is wrong with a file that is no picture that can be read."""
+    with file.open("rb") as opened:
+        head = opened.read(12)
+    if head[4:8] == b"ftyp" and head[8:] in _HEIF:
+        return "is a HEIC or AVIF picture, which is not read; save it as JPEG or PNG"
+    if not head:
+        return "is empty"
+    return f"is no picture that can be read; expected one of {', '.join(_FORMATS)}"
 
 
 def _is_picture(name: str) -> bool:
@@ -181,8 +210,16 @@ def _check_size(name: str, width: int, height: int) -> None:
         )
 
 
-def _notes(image: Image.Image, deep: bool) -> tuple[str, ...]:
-    notes = []
+def _pictures_of(opened: Image.Image) -> int:
+    """How many frames or pages a file has, as far as it can be told; before it is loaded."""
+    try:
+        return int(getattr(opened, "n_frames", 1)) if opened.format in _OF_SEVERAL else 1
+    except _PILLOW:
+        return 1
+
+
+def _notes(image: Image.Image, deep: bool, count: int) -> tuple[str, ...]:
+    notes = [] if count == 1 else [f"the first of {count} pictures in its file"]
     if image.mode in ("1", "L", "LA", "I", "F", "La") or image.mode.startswith("I;16"):
         notes.append("grey: the networks learned from colour")
     if deep or image.mode in ("I", "F") or image.mode.startswith("I;16"):
