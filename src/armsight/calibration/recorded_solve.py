@@ -69,10 +69,10 @@ def problem_of(
     points = recorded.board.points
     poses = recorded.poses
     if poses is None or not any(d is not None for c in recorded.cameras for d in c.seen.detections):
-        reasons = sorted({m for c in recorded.cameras for m in c.seen.misses if m})
-        total = sum(len(c.seen.names) for c in recorded.cameras)
+        misses = [m for c in recorded.cameras for m in c.seen.misses if m]
+        reasons = sorted(set(misses))
         raise CalibrationError(
-            f"{recorded.folder}: no {recorded.board.describe()} in any of {total} pictures "
+            f"{recorded.folder}: no {recorded.board.describe()} in any of {len(misses)} pictures "
             f"({', '.join(reasons) or 'no poses'}); check the board's kind and size"
         )
     rigs, lenses, sightings = [], [], []
