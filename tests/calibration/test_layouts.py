@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import ur5
+from scipy.spatial.transform import Rotation
 
 from armsight.calibration.boards import Checkerboard
+from armsight.calibration.layouts.cells import loose_cells
 from armsight.calibration.layouts.folder import list_folder, pose_tables
 from armsight.calibration.layouts.header import Columns
 from armsight.calibration.layouts.lens_choice import given_lens
@@ -222,3 +224,76 @@ def test_a_rotation_is_no_lens(tmp_path: Path) -> None:
     file = tmp_path / "tool.yaml"
     file.write_text("matrix: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n")
     assert read_lenses(file, 640, 480) == []
+
+
+def _comma(cells):
+    return [c.replace(".", ",") for c in cells]
+
+
+def _exported(kind, plain, names):
+    """A table as programs of offices and laboratories export it, and its file's bytes."""
+    T, q = plain.poses, Rotation.from_matrix(plain.poses[:, :3, :3]).as_quat()
+    abc = Rotation.from_matrix(T[:, :3, :3]).as_euler("ZYX", degrees=True)
+    mm = [[f"{v:.4f}" for v in 1e3 * t] for t in T[:, :3, 3]]
+    wxyz = [[f"{v:.7f}" for v in row[[3, 0, 1, 2]]] for row in q]
+    lines = []
+    order = sorted(range(len(T)), key=str)  # 1, 10, 11, 2
+    if kind == "a name with spaces, semicolons, w first":
+        lines = ["Image;X [mm];Y [mm];Z [mm];Qw;Qx;Qy;Qz"]
+        lines += [";".join([names[k], *mm[k], *wxyz[k]]) for k in order]
+    elif kind == "decimal commas and a name with points":
+        lines = ["Bild;X (mm);Y (mm);Z (mm);A (°);B (°);C (°)"]
+        angles = [[f"{v:.6f}" for v in row] for row in abc]
+        lines += [";".join([names[k], *_comma(mm[k]), *_comma(angles[k])]) for k in order]
+    elif kind == "tabs, no header, a name with spaces":
+        vector = Rotation.from_matrix(T[:, :3, :3]).as_rotvec(degrees=True)
+        for k in order:
+            lines.append("\t".join([names[k], *mm[k], *(f"{v:.6f}" for v in vector[k])]))
+    elif kind == "blanks, a name with spaces":
+        lines = [" ".join([names[k], *mm[k], *wxyz[k]]) for k in order]
+    elif kind == "columns of words and empty ones":
+        lines = [",image,when,operator,x_mm,y_mm,z_mm,qw,qx,qy,qz,remark"]
+        for k in order:
+            head = [str(k), f'"{names[k]}"', "2024-05-01 12:00:00", "J. Doe" if k % 2 else ""]
+            lines.append(",".join([*head, *mm[k], *wxyz[k], "" if k % 3 else "bright"]))
+    elif kind == "a sheet's text with tabs and decimal commas":
+        lines = ["image\tX [mm]\tY [mm]\tZ [mm]\tqw\tqx\tqy\tqz"]
+        lines += ["\t".join([names[k], *_comma(mm[k]), *_comma(wxyz[k])]) for k in order]
+    return ("\r\n".join(lines) + "\r\n").encode("latin-1")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["a name with spaces, semicolons, w first", "decimal commas and a name with points",
+     "tabs, no header, a name with spaces", "blanks, a name with spaces",
+     "columns of words and empty ones", "a sheet's text with tabs and decimal commas"],
+)  # fmt: skip
+def test_an_exported_table_is_read(recorded, kind, tmp_path):
+    """A name with a space in it, or a column of words, and there were "no poses in it"."""
+    truth, plain = recorded
+    names = [f"view {k} of 1.5 m.png" for k in range(1, 15)]
+    write_corners(tmp_path, plain, names)
+    (tmp_path / "robot poses.csv").write_bytes(_exported(kind, plain, names))
+    found = load(tmp_path, BOARD)
+    assert found.poses is not None
+    rows = found.cameras[0].view
+    np.testing.assert_allclose(found.poses[rows], truth.told, atol=2e-5)
+    assert [f.code for f in found.findings if f.severity != "note"] == []
+    choice = found.cameras[0].choice
+    assert choice is not None
+    assert choice.best.pairing.words == "by the pictures' names"
+
+
+@pytest.mark.parametrize(
+    ("line", "cells"),
+    [
+        ("im_1.png [0.1, 0.2, 0.3], [0, 0, 0, 1]", "im_1.png|0.1|0.2|0.3|0|0|0|1"),
+        ("tcp 100, 200, 300, 0.5, 0.5, 0.5, 0.5", "tcp|100|200|300|0.5|0.5|0.5|0.5"),
+        ("view 1, 0.1, 0.2, 0.3, 0, 0, 0, 1", "view 1|0.1|0.2|0.3|0|0|0|1"),
+        ("1,5; 2,5; 3; 4,25", "1.5|2.5|3|4.25"),
+        ("1 0 0 0.5;", "1|0|0|0.5"),
+        ("1, 0, 0, 0.5; 0, 1, 0, 0.25", "1|0|0|0.5|0|1|0|0.25"),
+    ],
+)  # fmt: skip
+def test_a_line_is_cut_where_its_owner_cut_it(line, cells):
+    assert loose_cells(line.replace("[", " ").replace("]", " ")) == cells.split("|")

@@ -17,6 +17,7 @@ import numpy as np
 from armsight.arrays import Floats, Ints
 from armsight.calibration.boards import Board, Detection
 from armsight.calibration.corners import straightness
+from armsight.calibration.layouts.cells import cells_of
 from armsight.calibration.layouts.structured import read_document
 from armsight.calibration.layouts.table import natural, ordinals, read_text
 from armsight.errors import CalibrationError
@@ -95,13 +96,12 @@ def _table(file: Path, board: Board) -> CornerFile | None:
         for n, line in enumerate(text.splitlines(), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
-    split = re.compile(r"[,;\t ]+")
     marked = re.search(r"^# *(filename\b.*)$", text, re.MULTILINE)  # mrcal's .vnl
     if marked is not None:
         lines = [(0, marked.group(1)), *lines]
     if len(lines) < 5:
         return None
-    header = [c.strip().lower() for c in split.split(lines[0][1].strip())]
+    header = [c.lower() for c in cells_of(lines[0][1])]
     place = {
         what: next((header.index(n) for n in names if n in header), None)
         for what, names in (
@@ -112,7 +112,7 @@ def _table(file: Path, board: Board) -> CornerFile | None:
         return None
     rows: dict[str, list[tuple[int, float, float]]] = {}
     for number, line in lines[1:]:
-        cells = split.split(line.strip())
+        cells = cells_of(line)
         try:
             name = cells[place["image"]]
             if place["camera"] is not None:

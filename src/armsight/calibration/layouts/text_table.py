@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from armsight.arrays import Floats
+from armsight.calibration.layouts.cells import cells_of, is_number, loose_cells, trimmed
 from armsight.calibration.layouts.header import Columns
 from armsight.calibration.layouts.robot_programs import PROGRAMS
 from armsight.calibration.layouts.table import (
@@ -26,8 +28,6 @@ from armsight.calibration.layouts.table import (
 )
 from armsight.errors import CalibrationError
 
-_IS_NUMBER = re.compile(rf"^{NUMBER}$")
-_SPLIT = re.compile(r"[,;\t ]+")
 _COMMENT = re.compile(r"^\s*(#|%|//|!|'|\*)")
 
 
@@ -113,47 +113,68 @@ def _rows(text: str) -> tuple[list[Row], list[str] | None, list[tuple[int, str]]
             if line and not rows:
                 last = line.lstrip("#%/!'* ")
             continue
-        row = _row(number, line)
+        row = _by_header(number, raw, last)
+        if row is not None and header is None:
+            header = _titles(last)
+            odd = [o for o in odd if o[1] != last]
+        row = row or _row(number, line)
         if row is None:
             if not rows:
                 last = line
             odd.append((number, line))
             continue
-        if not rows and last is not None:
-            cells = _cells(last)
-            if len(cells) == len(_cells(line)) and not any(_IS_NUMBER.match(c) for c in cells):
-                header = cells
+        if not rows and header is None:
+            titles = _titles(last)
+            if titles and len(titles) == len(trimmed(cells_of(line))):
+                header = titles
                 odd = [o for o in odd if o[1] != last]
         rows.append(row)
     return rows, header, odd
 
 
-def _cells(line: str) -> list[str]:
-    for delimiter in (";", ",", "\t"):
-        if delimiter in line:
-            return [c.strip().strip("\"'") for c in line.rstrip(delimiter + " ").split(delimiter)]
-    return line.split()
+@lru_cache(maxsize=4)
+def _titles(line: str | None) -> list[str]:
+    """The cells of a line that may be a header: words only; none for another line."""
+    cells = trimmed(cells_of(line)) if line is not None else []
+    return [] if any(map(is_number, cells)) else cells
+
+
+@lru_cache(maxsize=4)
+def _columns(line: str | None) -> Columns:
+    return Columns(_titles(line))
+
+
+def _by_header(number: int, raw: str, header: str | None) -> Row | None:
+    """A line of which a header says what its cells are: others may be words, or empty."""
+    names, columns = _titles(header), _columns(header)
+    wanted = columns.pose + columns.joints
+    if len(wanted) < 5:
+        return None
+    cells = trimmed(cells_of(raw))
+    cells += [""] * (len(names) - len(cells))
+    if len(cells) != len(names) or not all(is_number(cells[k]) for k in wanted):
+        return None
+    label = cells[columns.key] if columns.key is not None else ""
+    return Row(number, label, tuple(cells[k] for k in wanted), tuple(cells))
 
 
 def _row(number: int, line: str) -> Row | None:
-    if ";" in line and re.search(r"\d,\d", line) and not re.search(r"\d\.\d", line):
-        line = re.sub(r"(?<=\d),(?=\d)", ".", line)  # decimal commas
     line = line.replace("...", " ")  # MATLAB goes on in the next line
     line = re.sub(r"[\[\](){}]", " ", line)
     line = re.sub(r"^\s*[A-Za-z_]\w*(\(\s*:?[^=]*\))?\s*=", " ", line)  # name =
     named = re.match(r"^\s*([A-Za-z_][\w .#-]*?)\s*[:=]\s+(?=[-+.\d])", line)
-    cells = [c.strip("\"'") for c in _SPLIT.split(line.strip()) if c.strip("\"'")]
+    cells = loose_cells(line)
     label = ""
     if named:  # "pose 1: 0.1 0.2 ..."
         label = named.group(1)
-        cells = [c for c in _SPLIT.split(line[named.end() :].strip()) if c]
-    elif cells and not _IS_NUMBER.match(cells[0]):
+        cells = loose_cells(line[named.end() :])
+    elif cells and not is_number(cells[0]):
         label, cells = cells[0].rstrip(":"), cells[1:]
     whole = ([label] if label else []) + cells
-    words = [k for k, c in enumerate(cells) if not _IS_NUMBER.match(c)]
+    words = [k for k, c in enumerate(cells) if not is_number(c)]
     if len(words) == 1 and not label and len(cells) > 6:  # "17.5;im_3.png;0.1;0.2 ..."
         label = cells.pop(words[0])
-    if not cells or not all(_IS_NUMBER.match(c) for c in cells):
+    if not cells or not all(is_number(c) for c in cells):
         return None
     return Row(number, label, tuple(cells), tuple(whole))
 
@@ -180,9 +201,9 @@ def _with_header(rows: list[Row], header: list[str], source: str) -> PoseTable |
     turns = [c[k] for c in kept for k in columns.pose[3:]]
     stamps = None
     if columns.stamp is not None:
-        cells_of = [c[columns.stamp] for c in kept]
-        if all(_IS_NUMBER.match(c) for c in cells_of):
-            stamps = seconds(np.array([value_of(c) for c in cells_of]))
+        times = [c[columns.stamp] for c in kept]
+        if all(map(is_number, times)):
+            stamps = seconds(np.array([value_of(c) for c in times]))
     return PoseTable(
         source, keys, pose, columns.names, columns.length, columns.angle, columns.rotation, joints,
         places(turns), stamps,
