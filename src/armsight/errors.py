@@ -52,7 +52,7 @@ class LoopError(ArmsightError):
 
 
 class CellBusyError(ArmsightError):
-    """Another process is working with the same cell."""
+    """Another process is working with the same arm, or the same cell."""
 
 
 class ViewerError(ArmsightError):

@@ -18,7 +18,7 @@ from armsight.devices.data import RgbdCameraInfo
 from armsight.devices.driven_arm import DrivenArm
 from armsight.devices.driven_cameras import DrivenCamera
 from armsight.devices.port import ArmSettings, CameraSettings
-from armsight.errors import DeviceError, LoopError, UsageError
+from armsight.errors import CellBusyError, DeviceError, LoopError, UsageError
 from armsight.robots.robot import JointLimits
 from armsight.runtime.config import SessionMode
 from armsight.runtime.parts import Parts
@@ -29,7 +29,7 @@ TWO = np.ones(2)
 LIMITS = JointLimits(-9.0 * TWO, 9.0 * TWO, 2.0 * TWO, 9.0 * TWO, 99.0 * TWO)
 
 
-def driven_cell(arm_hangs=(), camera_hangs=(), guard=True):
+def driven_cell(arm_hangs=(), camera_hangs=(), guard=True, name="driven", connection=None):
     """A cell of doubles behind drivers, the doubles, and what was asked of them."""
     log, made, clock = Log(), {}, WallClock()
 
@@ -47,12 +47,13 @@ def driven_cell(arm_hangs=(), camera_hangs=(), guard=True):
             r.noise, guard=guard,
         )  # fmt: skip
 
+    settings = ArmSettings("double", connection or {}, ("a", "b"), TWO, TWO, 250.0, 0.3)
     cell = Cell(
-        SimpleNamespace(name="driven"),
+        SimpleNamespace(name=name),
         SimpleNamespace(name="double"),
         np.eye(4),
         clock,
-        DrivenArm(ArmSettings("double", {}, ("a", "b"), TWO, TWO, 250.0, 0.3), LIMITS, arm, clock),
+        DrivenArm(settings, LIMITS, arm, clock),
         (DrivenCamera(CameraSettings("c"), camera, describe, clock),),
         (),
     )
@@ -73,6 +74,43 @@ def test_a_real_cell_runs_its_task_and_its_arm_is_told_to_stop():
         assert session.view().readings[0].mode == "running"
         assert {d.stage for d in session.view().devices} == {"open"}
     assert [c[0] for c in log.calls[-2:]] == ["stop", "close"]
+
+
+HERE = {"host": "198.51.100.7", "port": 7001}
+
+
+@pytest.mark.parametrize(
+    ("name", "connection", "same"),
+    [
+        ("left", HERE, True),
+        ("right", HERE, True),
+        ("right", {**HERE, "host": "198.51.100.7 ", "timeout": 2.0}, True),
+        ("right", {**HERE, "port": 7002}, False),
+        ("left", {**HERE, "host": "198.51.100.8"}, False),
+    ],
+)
+def test_two_cells_cannot_drive_one_arm(name, connection, same):
+    cell, _, _ = driven_cell(name="left", connection=HERE)
+    with cell, driven_cell(name=name, connection=connection)[0] as other:
+        session = Session(cell, GoTo((0.05, -0.05)), make=make_fake_parts)
+        second = Session(other, GoTo((0.05, -0.05)), make=make_fake_parts)
+        after(1.0, lambda: session.stop("enough"))
+        errors = []
+
+        def run_second():
+            try:
+                second.run(0.1)
+            except CellBusyError as error:
+                errors.append(str(error))
+
+        beside = threading.Timer(0.5, run_second)
+        beside.start()
+        session.run(5.0)
+        beside.join()
+    assert bool(errors) == same
+    if same:
+        assert "host=198.51.100.7" in errors[0]
+        assert "(cell 'left') is working with it already" in errors[0]
 
 
 @pytest.mark.parametrize("what", ["read", "command", "stop", "close"])

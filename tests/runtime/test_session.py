@@ -287,7 +287,7 @@ def test_one_cell_one_process():
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout.readline().strip() == "held"
-        with pytest.raises(CellBusyError, match=f"process {other.pid} is working"):
+        with pytest.raises(CellBusyError, match=rf"process {other.pid} \(cell 'fake'\) is working"):
             session_of(mode=SessionMode(exclusive=True)).run(0.1)
         session_of().run(0.1)  # simulated cells share unless asked not to
         other.stdin.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import Any, cast
 
 from rich.console import Console
@@ -18,6 +19,7 @@ from armsight.devices.port import (
     WrenchSettings,
 )
 from armsight.errors import UsageError
+from armsight.runtime.lock import arm_address, arm_lock
 from armsight.workcell.drivers import driver_names, find_driver
 
 
@@ -34,16 +36,21 @@ def check_driver(
     Raises:
         UsageError: the kind of the driver or an option cannot be understood.
         DeviceError: there is no such driver, or it cannot be loaded.
+        CellBusyError: an arm that was to be moved is another process's.
     """
     what = _kind_of(name, kind)
     opener = find_driver(what, name)
     settings = _settings(what, connection_of(options), robot)
     out, bad = Console(soft_wrap=True, highlight=False), 0
     out.print(f"{what} driver {name}", markup=False)
-    for check in conformance(what, opener, settings, seconds=seconds, commands=move):
-        out.print("[green]good[/] " if check.good else "[red]wrong[/]", end=" ")
-        out.print(f"{check.title:12} {check.found}", markup=False)
-        bad += not check.good
+    with ExitStack() as stack:
+        if what == "arm" and move:
+            address = arm_address(opener, settings.connection)
+            stack.enter_context(arm_lock(address, "armsight doctor"))
+        for check in conformance(what, opener, settings, seconds=seconds, commands=move):
+            out.print("[green]good[/] " if check.good else "[red]wrong[/]", end=" ")
+            out.print(f"{check.title:12} {check.found}", markup=False)
+            bad += not check.good
     if what in ("arm", "gripper") and not move:
         out.print("[dim]     [/] commands were not tried; --move tries them", markup=True)
     return 1 if bad else 0

@@ -17,8 +17,8 @@ class SessionMode:
 
     Attributes:
         wall: run a simulated cell under the wall clock, in threads. Real cells always are.
-        exclusive: refuse to run while another process runs this cell. None: only for real arms;
-            simulated ones do not get in each other's way.
+        exclusive: refuse to run while another process runs this cell's arm. None: only for a real
+            one, whatever cell file names it; simulated ones do not get in each other's way.
         cell_is_empty: somebody has looked, and nobody is in the cell when it starts: what stands
             there is no person, see ``docs/guard.md``.
         look_only: send no command to the arm at all, not even to stop.

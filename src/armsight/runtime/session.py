@@ -27,7 +27,6 @@ from armsight.runtime.command_relay import CommandRelay
 from armsight.runtime.component import Component
 from armsight.runtime.components import GuardComponent
 from armsight.runtime.config import SessionConfig, SessionMode
-from armsight.runtime.lock import cell_lock
 from armsight.runtime.parts import MakeParts, make_parts
 from armsight.runtime.priority import favoured
 from armsight.runtime.session_devices import SessionDevices
@@ -299,14 +298,12 @@ class Session:
 
         Raises:
             LoopError: a component failed; the arm was stopped.
-            CellBusyError: another process runs this cell.
+            CellBusyError: another process runs this arm.
         """
         self.ended_by = ""
         self._begun = True
         with contextlib.ExitStack() as stack:
-            exclusive = self._mode.exclusive
-            if self._devices.real if exclusive is None else exclusive:
-                stack.enter_context(cell_lock(self.cell.workcell.name))
+            stack.enter_context(self._devices.alone(self._mode.exclusive))
             if self._devices.wall:
                 self.warm_up()
             stack.callback(setattr, self, "_loop_thread", None)

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from armsight.devices.clock import WallClock
-from armsight.devices.driven_arm import DrivenArm
+from armsight.devices.driven_arm import ArmRecipe, DrivenArm
 from armsight.devices.protocols import Arm, Clock, RgbdCamera
 from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.runtime.command_link import CommandLink, movable
 from armsight.runtime.config import SessionMode
+from armsight.runtime.lock import arm_address, arm_lock, cell_lock
 from armsight.runtime.remote_arm import RemoteArm
 from armsight.runtime.sensing import Sensor
 from armsight.runtime.shared_devices import UntouchedArm, shared_arm, shared_camera, shared_sensors
@@ -85,6 +86,24 @@ class SessionDevices:
         finally:
             clock.pause()
 
+    def alone(self, exclusive: bool | None) -> contextlib.AbstractContextManager[None]:
+        """Keeps other processes from the arm for as long as it lasts.
+
+        Args:
+            exclusive: see :class:`~armsight.runtime.config.SessionMode`.
+
+        Raises:
+            CellBusyError: another process has it.
+        """
+        name, recipe = self._cell.workcell.name, _recipe(self._cell.arm)
+        if exclusive is None:  # an arm that is simulated beside real devices is nobody's
+            exclusive = recipe is not None or (self.real and not self._cell.mixed)
+        if not exclusive:
+            return contextlib.nullcontext()
+        if recipe is None:  # behind no driver: known by its cell alone
+            return cell_lock(name)
+        return arm_lock(arm_address(recipe.opener, recipe.settings.connection), name)
+
     def turn_back(self) -> None:
         """Back to time 0; only for a cell that is not real."""
         world = self._cell.world
@@ -108,3 +127,10 @@ def _advance_of(cell: Cell) -> Callable[[float], None] | None:
         return cell.world.advance
     advance: Callable[[float], None] | None = getattr(cell.clock, "advance", None)
     return advance
+
+
+def _recipe(arm: Arm) -> ArmRecipe | None:
+    """How an arm behind a driver is opened; None for others."""
+    if isinstance(arm, DrivenArm):
+        return arm.recipe
+    return arm.link.arm if isinstance(arm, RemoteArm) else None
