@@ -20,7 +20,12 @@ from armsight.calibration.hand_eye_fit import SeenBoards, angle_gaps, fit
 from armsight.calibration.layouts.candidate import Candidate
 from armsight.calibration.layouts.conventions import Reading, readings
 from armsight.calibration.layouts.pairing import Pairing, mistaken_pairings, proper_pairings
-from armsight.calibration.layouts.reading_findings import nothing_fits, reading_findings, undecided
+from armsight.calibration.layouts.reading_findings import (
+    named_twice,
+    nothing_fits,
+    reading_findings,
+    undecided,
+)
 from armsight.calibration.layouts.series import Series
 from armsight.calibration.layouts.table import PoseTable
 from armsight.calibration.layouts.two_recordings import two_findings, two_parts
@@ -136,6 +141,7 @@ def choose(
     if trusted and not told and not any(f.severity == "error" for f in findings):
         findings += undecided(best, rivals)
     findings += [_not_the_arms(c, "note") for c in _first_of_each(boards_own)]
+    findings += named_twice(best)
     return Choice(best, second, said, tuple(findings), trusted)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from itertools import takewhile
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
@@ -21,6 +23,7 @@ class Pairing:
         words: how they were tied.
         code: of the mistake that it would be, or empty for a proper way.
         firm: the names themselves say so; otherwise the pictures may decide otherwise.
+        twice: what the table has more than once with different poses, and is not used.
     """
 
     picture: Ints
@@ -28,6 +31,7 @@ class Pairing:
     words: str
     code: str = ""
     firm: bool = False
+    twice: tuple[str, ...] = ()
 
 
 def proper_pairings(series: Series, table: PoseTable, seen: Ints) -> list[Pairing]:
@@ -39,14 +43,14 @@ def proper_pairings(series: Series, table: PoseTable, seen: Ints) -> list[Pairin
         seen: (s,) which pictures show the board: some tools keep the poses of those alone.
     """
     out: list[Pairing] = []
-    named = _by_name(series, table.keys)
+    named = _by_name(series, table)
     if len(named.picture) >= max(3, 0.6 * min(len(series.files), len(table.keys))):
         return [named]
     n, m = len(series.files), len(table.values)
     timed = _by_time(series, table)
     if len(timed.picture) >= max(3, 0.6 * min(n, m)):
         out.append(timed)
-    numbered = _by_number(series, table.keys)
+    numbered = _by_number(series, table)
     whole = len(numbered.picture) == min(n, m)
     if len(numbered.picture) >= 3 and whole:
         out.append(numbered)
@@ -69,19 +73,38 @@ def proper_pairings(series: Series, table: PoseTable, seen: Ints) -> list[Pairin
     return out
 
 
-def _by_name(series: Series, keys: tuple[str, ...]) -> Pairing:
-    place: dict[str, int] = {}
-    for row, key in enumerate(keys):
+def _by_name(series: Series, table: PoseTable) -> Pairing:
+    paths = [PureWindowsPath(key) for key in table.keys]  # cut at either slash
+    place: dict[str, list[int]] = {}
+    for row, (key, path) in enumerate(zip(table.keys, paths)):
         if key and not key.isdigit():
-            place.setdefault(Path(key).name.lower(), row)
-            place.setdefault(Path(key).stem.lower(), row)
-    pictures, rows = [], []
+            for word in {path.name.lower(), path.stem.lower()}:
+                place.setdefault(word, []).append(row)
+    pictures, rows, twice = [], [], []
     for k, file in enumerate(series.files):
-        found = place.get(file.name.lower(), place.get(file.stem.lower()))
-        if found is not None:
+        mine = place.get(file.name.lower()) or place.get(file.stem.lower(), [])
+        if len(mine) > 1:  # folders tell cameras apart
+            near = [_alike_folders(file, paths[r]) for r in mine]
+            mine = [r for r, n in zip(mine, near) if n == max(near)]
+        if len(mine) > 1 and _differ(table, mine):
+            twice.append(file.name)
+        elif mine:
             pictures.append(k)
-            rows.append(found)
-    return Pairing(np.array(pictures, int), np.array(rows, int), "by the pictures' names", "", True)
+            rows.append(mine[0])
+    found = np.array(pictures, int), np.array(rows, int)
+    return Pairing(*found, "by the pictures' names", "", True, tuple(twice))
+
+
+def _alike_folders(file: Path, path: PureWindowsPath) -> int:
+    """How many of a file's folders, from the innermost on, a table names likewise."""
+    pairs = zip(file.parts[-2::-1], path.parts[-2::-1])
+    return sum(1 for _ in takewhile(lambda p: p[0].lower() == p[1].lower(), pairs))
+
+
+def _differ(table: PoseTable, rows: Sequence[int]) -> bool:
+    """Whether rows of one name hold different poses."""
+    numbers = table.values[rows] if table.joints is None else table.joints[rows]
+    return bool(np.ptp(numbers, axis=0).max(initial=0.0) > 0.0)
 
 
 LATE = 0.06
@@ -104,19 +127,23 @@ def _by_time(series: Series, table: PoseTable) -> Pairing:
     return replace(none, picture=pictures, row=order[k[near]])
 
 
-def _by_number(series: Series, keys: tuple[str, ...]) -> Pairing:
-    named = [k for k in keys if k]
-    numbers = ordinals(list(keys)) if len(named) == len(keys) else []
-    place: dict[int, int] = {}
+def _by_number(series: Series, table: PoseTable) -> Pairing:
+    named = [k for k in table.keys if k]
+    numbers = ordinals(list(table.keys)) if len(named) == len(table.keys) else []
+    place: dict[int, list[int]] = {}
     for row, number in enumerate(numbers):
         if number is not None:
-            place.setdefault(number, row)
-    pictures, rows = [], []
+            place.setdefault(number, []).append(row)
+    pictures, rows, twice = [], [], []
     for k, own in enumerate(series.numbers):
-        if own is not None and own in place:
+        mine = place.get(own, []) if own is not None else []
+        if len(mine) > 1 and _differ(table, mine):
+            twice.append(str(own))
+        elif mine:
             pictures.append(k)
-            rows.append(place[own])
-    return Pairing(np.array(pictures, int), np.array(rows, int), "by number")
+            rows.append(mine[0])
+    found = np.array(pictures, int), np.array(rows, int)
+    return Pairing(*found, "by number", twice=tuple(twice))
 
 
 def _of_row_numbers(series: Series, rows: int) -> list[Pairing]:

@@ -131,6 +131,23 @@ def undecided(best: Candidate, rivals: Sequence[Candidate]) -> list[Finding]:
     ]
 
 
+def named_twice(best: Candidate) -> list[Finding]:
+    """What a table ties to several poses: none of them is surely the picture's."""
+    twice = best.pairing.twice
+    if not twice:
+        return []
+    some = ", ".join(twice[:4]) + (f" and {len(twice) - 4} more" if len(twice) > 4 else "")
+    return [
+        Finding(
+            "named_twice",
+            "warning",
+            f"{best.reading.table.source}: has {some} more than once, with different poses: "
+            "left out",
+            "keep the line of the picture that is in the folder",
+        )
+    ]
+
+
 def nothing_fits(best: Candidate, pictures: int) -> Finding:
     """No reading of the poses agrees with the pictures; says how the best one fails.
 
