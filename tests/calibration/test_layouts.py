@@ -13,7 +13,9 @@ from armsight.calibration.layouts.folder import list_folder, pose_tables
 from armsight.calibration.layouts.header import Columns
 from armsight.calibration.layouts.lens_choice import given_lens
 from armsight.calibration.layouts.lens_files import UnusableLens, read_lenses
-from armsight.calibration.layouts.table import ordinals
+from armsight.calibration.layouts.pairing import proper_pairings
+from armsight.calibration.layouts.series import Series
+from armsight.calibration.layouts.table import PoseTable, ordinals
 from armsight.calibration.recorded_set import load
 from armsight.calibration.synthetic_set import ArmErrors, make_set
 from armsight.errors import CalibrationError
@@ -89,7 +91,8 @@ def test_names_of_columns():
     assert said.angle == pytest.approx(np.pi / 180)
     said = Columns(["pose.position.x", "pose.position.y", "pose.position.z",
                     *(f"pose.orientation.{a}" for a in "wxyz")])  # fmt: skip
-    assert said.pose == [0, 1, 2, 4, 5, 6, 3]
+    assert said.pose == [0, 1, 2, 3, 4, 5, 6]
+    assert said.names == ("x", "y", "z", "qw", "qx", "qy", "qz")
     said = Columns(["image", "q1", "q2", "q3", "q4", "q5", "q6", "x", "y", "z", "rx", "ry", "rz"])
     assert said.joints == [1, 2, 3, 4, 5, 6]
     assert said.pose == [7, 8, 9, 10, 11, 12]
@@ -297,3 +300,61 @@ def test_an_exported_table_is_read(recorded, kind, tmp_path):
 )  # fmt: skip
 def test_a_line_is_cut_where_its_owner_cut_it(line, cells):
     assert loose_cells(line.replace("[", " ").replace("]", " ")) == cells.split("|")
+
+
+def _by_names(plain, keys):
+    q = Rotation.from_matrix(plain.poses[:, :3, :3]).as_quat()
+    rows = [
+        f"{key}," + ",".join(f"{v:.8f}" for v in (*T[:3, 3], *r))
+        for key, T, r in zip(keys, plain.poses, q)
+    ]
+    return ["image,x,y,z,qx,qy,qz,qw", *rows]
+
+
+def test_a_name_with_two_poses_is_left_out_and_said(recorded, tmp_path):
+    """The first of the two was taken, without a word."""
+    truth, plain = recorded
+    write_corners(tmp_path, plain)
+    lines = _by_names(plain, [f"im_{k}.png" for k in range(1, 15)])
+    again = lines[6].replace("im_6", "im_4")  # the fourth picture was taken anew
+    file = tmp_path / "poses.csv"
+    file.write_text("\n".join([*lines[:4], again, *lines[4:], lines[1]]) + "\n")
+    found = load(tmp_path, BOARD)
+    (said,) = [f for f in found.findings if f.severity != "note"]
+    assert said.code == "named_twice"
+    assert "has im_4.png more than once, with different poses" in said.message
+    view = found.cameras[0].view
+    assert np.flatnonzero(view < 0).tolist() == [3]  # im_1.png's two lines say the same
+    np.testing.assert_allclose(found.poses[view[view >= 0]], np.delete(truth.told, 3, 0), atol=1e-6)
+
+
+@pytest.mark.parametrize("slash", ["/", "\\"])
+def test_a_path_in_a_table_tells_cameras_apart(slash):
+    """Pictures of equal names in two folders all got the first folder's poses."""
+    files = [Path("set") / side / f"{k}.png" for side in ("left", "right") for k in range(3)]
+    keys = tuple(f"D:{slash}set{slash}{f.parent.name}{slash}{f.name}" for f in files)
+    table = PoseTable("poses.csv", keys, np.arange(36.0).reshape(6, 6))
+    for at, side in enumerate(("left", "right")):
+        mine = tuple(f for f in files if f.parent.name == side)
+        (pairing,) = proper_pairings(Series(side, mine, (0, 1, 2)), table, np.arange(3))
+        assert pairing.row.tolist() == [3 * at, 3 * at + 1, 3 * at + 2]
+        assert pairing.twice == ()
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_quaternions_are_called_by_the_order_of_their_columns(recorded, right, tmp_path):
+    """Columns named w x y z were called x y z w, and wrong names of this order fitted nothing."""
+    truth, plain = recorded
+    write_corners(tmp_path, plain)
+    lines = _by_names(plain, [f"im_{k}.png" for k in range(1, 15)])
+    if right:
+        lines = [",".join(np.array(line.split(","))[[0, 1, 2, 3, 7, 4, 5, 6]]) for line in lines]
+    else:
+        lines[0] = "image,x,y,z,qw,qx,qy,qz"
+    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
+    found = load(tmp_path, BOARD)
+    order = "w x y z" if right else "x y z w"
+    assert found.cameras[0].choice.best.words().startswith(f"quaternions {order}, metres")
+    np.testing.assert_allclose(found.poses[found.cameras[0].view], truth.told, atol=1e-6)
+    said = [f.code for f in found.findings if f.severity != "note"]
+    assert said == ([] if right else ["quaternion_order"])

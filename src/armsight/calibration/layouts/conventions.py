@@ -108,7 +108,10 @@ def _named(table: PoseTable) -> Iterator[Reading]:
         return
     position = take("x", "y", "z")
     if {"qx", "qy", "qz", "qw"} <= set(names):
-        yield from _quaternions(table, position, take("qx", "qy", "qz", "qw"), 0, True)
+        first = "x" if names["qx"] < names["qw"] else "w"
+        axes = ("qx", "qy", "qz")
+        q = take(*axes, "qw") if first == "x" else take("qw", *axes)
+        yield from _quaternions(table, position, q, 0, first)
     elif {"rx", "ry", "rz"} <= set(names):
         yield from _three(table, position, take("rx", "ry", "rz"), 0)
     elif {"r00", "r22"} <= set(names):
@@ -169,13 +172,14 @@ def _nearest(R: Floats) -> Floats:
 
 
 def _seven(table: PoseTable, value: Floats, rank: int) -> Iterator[Reading]:
-    yield from _quaternions(table, value[:, :3], value[:, 3:], rank, False)
-    yield from _quaternions(table, value[:, 4:], value[:, :4], rank + 4, False)
+    yield from _quaternions(table, value[:, :3], value[:, 3:], rank)
+    yield from _quaternions(table, value[:, 4:], value[:, :4], rank + 4)
 
 
 def _quaternions(
-    table: PoseTable, position: Floats, q: Floats, rank: int, declared: bool
+    table: PoseTable, position: Floats, q: Floats, rank: int, named: str = ""
 ) -> Iterator[Reading]:
+    """Quaternions of either order; ``named``: the first of the four by the columns' names."""
     norm = np.linalg.norm(q, axis=1)
     if np.any(np.abs(norm - 1.0) > 0.05):
         return
@@ -185,7 +189,7 @@ def _quaternions(
             f"quaternions {order}",
             f"quaternion {order.replace(' ', '')}",
             False,
-            declared and k == 0,
+            named == order[0],
             rank + k,
             position,
             Rotation.from_quat(q[:, columns]).as_matrix(),

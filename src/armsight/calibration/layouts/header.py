@@ -137,8 +137,10 @@ class Columns:
         self.length = next((words[k][2] for k in columns if words[k][1] == "length"), None)
         free = {n: k for n, k in place.items() if k not in self.joints}
         if {"qx", "qy", "qz", "qw"} <= set(free):
-            self.names = ("x", "y", "z", "qx", "qy", "qz", "qw")
-            self.pose = columns + [free[q] for q in ("qx", "qy", "qz", "qw")]
+            axes = ("qx", "qy", "qz")
+            quaternion = (*axes, "qw") if free["qx"] < free["qw"] else ("qw", *axes)
+            self.names = ("x", "y", "z", *quaternion)
+            self.pose = columns + [free[q] for q in quaternion]
             return
         for angles, rotation in _ANGLES:
             if set(angles) <= set(free):

@@ -32,8 +32,8 @@ def rapid(text: str, source: str) -> PoseTable | None:
     found = re.findall(pattern, text)
     if not found:
         return None
-    value = np.array([[value_of(c) for c in row] for row in found])[:, [0, 1, 2, 4, 5, 6, 3]]
-    names = ("x", "y", "z", "qx", "qy", "qz", "qw")
+    value = np.array([[value_of(c) for c in row] for row in found])
+    names = ("x", "y", "z", "qw", "qx", "qy", "qz")
     return PoseTable(source, ("",) * len(value), value, names, 1e-3)
 
 
