@@ -57,6 +57,16 @@ def test_a_guarded_trial_comes_to_the_ball_by_permit_and_does_no_harm():
     assert course.permits & {"granted", "granted less"}
 
 
+@pytest.mark.parametrize("trial", [(61, 18), (12, 14)])
+def test_a_ball_that_turns_as_the_tip_comes_is_not_pushed_through_the_spring(trial):
+    """Both were: cameras said late how it turned, and the tip pressed it 33 and 29 mm deep."""
+    setup = set_up(1.0, 1.0)
+    found = one(setup, "ours", "moving", Errors(), trial)
+    assert found["reached"]
+    assert found["harm"] == 0
+    assert found["press"] < 0.030  # the spring's travel
+
+
 def test_the_box_of_v_has_fourteen_places_that_the_arm_can_stand_before():
     setup = set_up()
     places = waypoints(setup)

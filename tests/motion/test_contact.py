@@ -293,6 +293,9 @@ def test_it_leaves_a_target_that_it_came_along_with(carried):
     pushed = max(carried[0], 0.0)
     assert velocity @ out > pushed, "faster than it comes"
     assert np.linalg.norm(velocity) < 1.1 * (pushed + 0.045)
+    retreat.felt = 0.05 * out  # and so much faster than anybody sees
+    faster = J @ retreat.motion(body, q, 1.0, 0.045)
+    assert faster @ out > max(carried[0] + 0.05, 0.0)
 
 
 class Sprung(QuickCell):

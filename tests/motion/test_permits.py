@@ -237,7 +237,10 @@ def test_the_region_is_solid_for_all_but_the_parts_that_may_touch():
 @settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_from_the_allowed_speed_a_part_brakes_to_the_contact_speed_at_the_border(seed):
-    """On at the speed for T_a, then braking: exactly, for steps end later than they should."""
+    """On at the speed for T_a, then braking: exactly, for steps end later than they should.
+
+    And where the region comes faster than anybody knows, by as much as that is unsure.
+    """
     rng = np.random.default_rng(seed)
     robot = load_robot("ur5")
     brake = robot.limits.acceleration
@@ -251,7 +254,8 @@ def test_from_the_allowed_speed_a_part_brakes_to_the_contact_speed_at_the_border
     where = center + rng.normal(size=3) * 0.2
     region = sphere(where, 5.0, velocity=moves)
     parts = np.arange(len(body.radius)) == part
-    gate.contact = ContactSpeed("ball", parts, region, 5.0, 0.05, 0.004)
+    unsure = float(rng.choice([0.0, 0.03, 0.1]))
+    gate.contact = ContactSpeed("ball", parts, region, 5.0, 0.05, 0.004, unsure=unsure)
     view = gate.judge(q, motion, Hazards.at(np.empty((0, 3)), 0.0))
     share = float(view.share[part])
     velocity, radius = view.velocity[part], body.radius[part]
@@ -269,6 +273,7 @@ def test_from_the_allowed_speed_a_part_brakes_to_the_contact_speed_at_the_border
     speed = share * closing - moves @ towards
     if speed <= 0.05 + 1e-9:
         return
+    speed += unsure
     deceleration = (np.linalg.norm(velocity) + spin) / view.stopping[part]
     left = gap - speed * gate.law.T_arm
     at_border = np.sqrt(max(speed**2 - 2.0 * deceleration * left, 0.0))

@@ -1,16 +1,19 @@
 """The guard's speed for a thing that a tip on springs touches: arms played until they stand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from armsight.motion.force_watch import STALE
+from armsight.devices.data import Wrench
+from armsight.motion.force_watch import LEAD, STALE, ForceWatch
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import MovingBody
-from armsight.motion.permit_law import floating, pressing_speed
+from armsight.motion.permit_law import floating, pressing_speed, stopping_way
 from armsight.motion.permits import LIMITS, Permit, PermitRequest, PermitState
 from armsight.motion.regions import Region
+from armsight.robots.kinematics import flange_pose
 from armsight.robots.sprung_tip import SprungTip
 from armsight.workcell import load_workcell, robot_in
 from armsight.workcell.beliefs import tip_of
@@ -76,6 +79,39 @@ def test_beyond_its_travel_the_tip_counts_for_nothing() -> None:
     soft = SprungTip(TIP.stiffness, math.inf, TIP.seat)
     bold = pressing_speed(CONFIG, granted(on_the_stop, 40.0), 2.5e3, soft)
     assert hardest(min(bold, 0.25), on_the_stop, 2.5e3, TIP) > 40.0
+
+
+@pytest.mark.parametrize("tip", [TIP, *OTHERS])
+@pytest.mark.parametrize("closing", [0.05, 0.1, 0.15])
+def test_a_tip_that_is_pushed_in_counts_by_its_depth(tip: SprungTip, closing: float) -> None:
+    """A ball that comes steadily: the permit ends while there is way left to come to rest in."""
+    robot = robot_in(load_workcell(packaged()["ur10_servoing"]))
+    q, hold, dt, far = robot.home, 2.5e3, 0.008, press_at(10.0, 2.5e3, tip)
+    mass = robot.tool.mass if robot.tool is not None else 0.0
+    carried = mass * flange_pose(robot, q)[:3, :3].T @ [0.0, 0.0, -9.81]
+    turned = np.cross(robot.tool.center_of_mass, carried) if robot.tool is not None else carried
+    watch, rng = ForceWatch(robot, (0.0, 0.0, -9.81)), np.random.default_rng(1)
+
+    def felt(k: int, depth: float) -> str:
+        force = force_at(depth, hold, tip) if depth > 0.0 else 0.0
+        push = np.array([0.0, 0.0, -force]) + rng.normal(0.0, 0.05, 3)
+        wrench = Wrench(dt * k, carried + push, turned)
+        watch.take([wrench], q, depth > 0.0)
+        deeper = stopping_way(CONFIG, closing, closing) if depth > 0.0 else 0.0
+        return watch.excess(replace(granted(math.nan), torque=100.0), deeper, (hold, tip))
+
+    for k in range(60):
+        assert felt(k, -1.0) == ""
+    depth, k = 0.0, 60
+    while felt(k, depth) == "":
+        depth, k = depth + closing * dt, k + 1
+        assert depth < far
+    way = closing * (CONFIG.start_delay + CONFIG.period) + closing**2 / (2.0 * BRAKES)
+    if far < 1.5 * way:
+        return  # so short a tip is not met so fast: see the law above
+    assert far - depth > way - closing * dt - 5e-4
+    # What the force alone says, as of a stiff tip, may be sooner.
+    assert far - depth < max(way + 2e-3, LEAD * closing + 0.25 * far)
 
 
 def test_a_jammed_tip_presses_as_a_stiff_one() -> None:

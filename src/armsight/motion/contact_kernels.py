@@ -34,6 +34,7 @@ class Touch(NamedTuple):
         region: (3,) its velocity [m/s].
         speed: v_c [m/s].
         lag: T_a: for this long the arm goes on as commanded [s].
+        unsure: the region may come faster than it is known to by this [m/s].
     """
 
     poses: Poses
@@ -48,6 +49,7 @@ class Touch(NamedTuple):
     region: Vector3
     speed: float
     lag: float
+    unsure: float
 
 
 @njit(cache=True, nogil=True)
@@ -111,7 +113,7 @@ def motion_shares(motion: JointVector, touch: Touch) -> Floats:
             length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
             a = max((length + spin) / max(stopping[i], 1e-6), 1e-3)
             root = np.sqrt((a * lag) ** 2 + 2.0 * a * gap + speed * speed)
-            most = max(speed, root - a * lag)
+            most = max(speed, root - a * lag - touch.unsure)
             n = touch.towards[i]
             closing = v[0] * n[0] + v[1] * n[1] + v[2] * n[2] + spin
             meets = most + region[0] * n[0] + region[1] * n[1] + region[2] * n[2]

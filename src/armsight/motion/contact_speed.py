@@ -163,6 +163,8 @@ class ContactSpeed:
         speed: v_c [m/s].
         margin: the border lies this far outside of the region: it is not known better [m].
         held: what is in it is held, as a plug in its socket: no way out of it is free.
+        unsure: the region may come faster than it is known to by this [m/s]: the arm comes to its
+            border by so much slower.
     """
 
     name: str
@@ -172,6 +174,7 @@ class ContactSpeed:
     speed: float
     margin: float
     held: bool = False
+    unsure: float = 0.0
     _placed: dict[tuple[bytes, float], Touch] = field(
         default_factory=dict, compare=False, repr=False
     )
@@ -257,6 +260,7 @@ class ContactSpeed:
                 region=np.asarray(self.region.velocity, float),
                 speed=float(self.speed),
                 lag=float(law.T_arm),
+                unsure=float(self.unsure),
             )
         return known
 

@@ -21,6 +21,7 @@ from armsight.geometry.pose import cross
 from armsight.motion.permits import Permit
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
+from armsight.robots.sprung_tip import SprungTip, press_depth, pressing_force
 
 STALE = 0.02
 """A reading older than this says nothing of now [s]."""
@@ -37,6 +38,8 @@ SLIPS = 0.8
 rings: up to (1 + SLIPS) times what it was pressed with. A hand is held with that much less."""
 SMOOTH = 0.15
 """Share of a new rate of the force in the one that is used: readings are noisy."""
+FELT = 0.5
+"""Less force than this is noise [N]."""
 SAMPLES = 10
 """Fewer readings are no mean."""
 DRIFTS = (0.3, 0.03)
@@ -174,10 +177,22 @@ class ForceWatch:
             return f"the force sensor says {force:.0f} N and {torque:.1f} N m without contact"
         return ""
 
-    def excess(self, permit: Permit) -> str:
+    def excess(
+        self,
+        permit: Permit,
+        deeper: float = 0.0,
+        gives: tuple[float, SprungTip] | None = None,
+    ) -> str:
         """What of the newest readings is above a permit, in words; empty when nothing is.
 
-        A force that grows counts as it will be when the arm could stand.
+        A force that grows counts as it will be when the arm could stand. A spring gives way softly
+        to the end of its travel, and then no more: of a tip on one it is the depth that grows on.
+
+        Args:
+            permit: that holds.
+            deeper: so much farther the tip is pressed in until the arm can stand [m].
+            gives: stiffness of what is touched [N/m], and the tip on springs that alone may touch
+                it; None where nothing of the arm gives way.
         """
         grows = LEAD * self._rate
         if permit.kind == "hand":
@@ -192,6 +207,8 @@ class ForceWatch:
         for felt in self._new:
             force, torque = float(np.linalg.norm(felt.force)), float(np.linalg.norm(felt.torque))
             soon = force + max(grows, 0.0)
+            if gives is not None:
+                soon = max(soon, pressing_force(press_depth(force, *gives) + deeper, *gives))
             if soon > permit.force:
                 says = f", soon {soon:.1f}" if force <= permit.force else ""
                 return f"pressed with {force:.1f} N{says}; at most {permit.force:g}"

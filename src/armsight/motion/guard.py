@@ -170,7 +170,7 @@ class Guard:
         seen = verdict.snapshot
         q = None if verdict.joints is None else np.asarray(verdict.joints.position, float)
         permit = getattr(intent, "permit", None)
-        changed = self._permits.consider(now, permit, seen, verdict.joints)
+        changed = self._permits.consider(now, permit, seen, verdict.joints, self._filter.arm.told)
         fresh = seen is not None and (seen is not self._mapped or changed)
         if seen is not None and fresh:
             self._mapped, self._snapshot = seen, self._permits.apply(seen)

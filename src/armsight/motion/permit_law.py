@@ -15,15 +15,13 @@ import numpy as np
 from armsight.arrays import JointVector, Vector3
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.motion.contact_limits import contact_speed, effective_mass
-from armsight.motion.force_watch import STALE, held_force
+from armsight.motion.force_watch import FELT, STALE, held_force
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.permits import Permit, PermitRequest
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 from armsight.robots.sprung_tip import SprungTip, press_depth
 
-NOTICED = 0.5
-"""Less force than this is noise [N]."""
 MUSCLES = 1000.0
 """No hand or head resists a push with more than this, save against something firm [N/m]."""
 UNSEEN = 0.01
@@ -50,6 +48,19 @@ def floating(robot: Robot, request: PermitRequest | None) -> SprungTip | None:
     return tip if request.reach <= tip.length else None
 
 
+def stopping_way(config: GuardConfig, now: float, then: float) -> float:
+    """How far [m] the arm still comes to what it touches if it stops now, or a tick too late.
+
+    Args:
+        config: of the guard.
+        now: how fast the two come together [m/s].
+        then: the same when the next command acts.
+    """
+    now, then = max(now, 0.0), max(then, 0.0)
+    before = 0.5 * (now + then) * config.start_delay + then * config.period
+    return before + then**2 / (2.0 * SLOWS)
+
+
 def pressing_speed(
     config: GuardConfig,
     permit: Permit | None,
@@ -68,7 +79,7 @@ def pressing_speed(
         return config.retreat_speed
     late = STALE + 2.0 * config.period + config.start_delay
     felt = 0.0 if math.isnan(permit.pressed) else permit.pressed
-    pressed = felt if felt > NOTICED else 0.0
+    pressed = felt if felt > FELT else 0.0
 
     def depth(force: float) -> float:
         return press_depth(force, stiffness, tip)

@@ -15,11 +15,12 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.tracked import SURE
 from armsight.motion.contact_speed import ContactSpeed, GentleSpeed, own_motion
 from armsight.motion.executed import Executed
-from armsight.motion.force_watch import ForceWatch
+from armsight.motion.felt_velocity import FeltVelocity
+from armsight.motion.force_watch import FELT, ForceWatch
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards, MovingBody
 from armsight.motion.permit_grounds import followed, jump, seen_against
-from armsight.motion.permit_law import NOTICED, floating, gentle_speed, pressing_speed
+from armsight.motion.permit_law import floating, gentle_speed, pressing_speed, stopping_way
 from armsight.motion.permits import (
     Permit,
     PermitRequest,
@@ -35,6 +36,7 @@ from armsight.motion.retreat import AHEAD, CLEAR, Retreat, behind, gap, gap_to_s
 from armsight.motion.told_velocity import ToldVelocity
 from armsight.motion.tool_motion import ToolMotion
 from armsight.robots.robot import Robot
+from armsight.robots.sprung_tip import SprungTip
 
 ARM_ERROR = 0.003
 """A part that comes to touch, slowly, is this close to where the joints say [m]."""
@@ -42,6 +44,8 @@ FREE = 0.5
 """More than this share of what is asked for must not be felt before it is granted."""
 LATTICE = 0.03
 """A face is where its region is, seen or not: points at this distance stand for it [m]."""
+HARD = 1e6
+"""A thing of which nobody says how it gives way is as good as stone [N/m]."""
 CREEP = 0.02
 """However unsure a thing's velocity is, it may be touched so fast relative to it [m/s]."""
 AGAIN, QUIET, PUSHED = 10.0, 1.5, 2.5
@@ -84,7 +88,7 @@ class PermitOffice:
         self._now = 0.0
         self._left: tuple[Grant, float] | None = None
         self._quiet = False
-        self._told = ToldVelocity()
+        self._told, self._felt = ToldVelocity(), FeltVelocity(robot, config.start_delay)
 
     def feel(self, readings: Sequence[Wrench]) -> None:
         """Readings of the force sensor, oldest first; judged by the next :meth:`consider`."""
@@ -95,6 +99,7 @@ class PermitOffice:
         self._force.forget()
         self._tool.forget()
         self._told.forget()
+        self._felt.forget()
         self._waiting.clear()
 
     def consider(
@@ -103,6 +108,7 @@ class PermitOffice:
         request: Any,
         snapshot: WorkspaceSnapshot | None,
         joints: JointState | None = None,
+        command: JointVector | None = None,
     ) -> bool:
         """Answer what is asked at ``now`` [s]; true if what may be touched is another than before.
 
@@ -111,11 +117,12 @@ class PermitOffice:
             request: of the newest intent, or None.
             snapshot: the map in use, or None.
             joints: where the arm is; None where nobody knows.
+            command: (n,) joint velocities that it was told last [rad/s], or None.
         """
         before, self._now = self.grant, now
         if joints is not None:  # while nobody knows better, the arm is where it was: it brakes
             self._q, self._pull = np.asarray(joints.position, float), self._tool.take(joints)
-            self._feel_contact(now)
+            self._feel_contact(now, joints, command)
         self._answer(now, request, snapshot)
         self._looked = snapshot
         permit = self.permit
@@ -135,8 +142,11 @@ class PermitOffice:
             self.grant = self.retreat.grant
         if self.grant is None:
             self._told.forget()
+            self._felt.forget()
         elif self.retreat is None:
             self._told.take(self.grant.region)
+        else:
+            self.retreat.felt = self._felt.faster
         if permit is not None and permit.holds:
             self.permit = replace(permit, pressed=self._force.pressed)
         return self.grant is not before
@@ -196,12 +206,12 @@ class PermitOffice:
             stiffness = 0.0 if self._request is None else self._request.stiffness
             tip = floating(self._robot, self._request)
             speed = min(speed, pressing_speed(self._config, permit, stiffness, tip))
-            if self.retreat is None:
-                speed = max(speed - self._told.unsure(when), min(speed, CREEP))
+            unsure = 0.0 if self.retreat is not None else self._told.unsure(when)
+            speed = max(speed - unsure, min(speed, CREEP))
             margin = ARM_ERROR + SURE * grant.region.deviation(when)
-            parts, region = grant.touching[self._body.moving], grant.region
+            parts, region = grant.touching[self._body.moving], self._felt.of(grant.region)
             held = grant.out is not None
-            return ContactSpeed(name, parts, region, when, speed, margin, held)
+            return ContactSpeed(name, parts, region, when, speed, margin, held, unsure)
         if self.retreat is None and q is not None and permit is not None:
             middle = grant.region.center(when)
             speed = min(speed, gentle_speed(self._robot, self._config, permit, middle, q))
@@ -255,7 +265,7 @@ class PermitOffice:
         """(3,) force on the arm [N] in ``base``; None where no sensor can be believed."""
         return None if self._force.fault(now) else self._force.push
 
-    def _feel_contact(self, now: float) -> None:
+    def _feel_contact(self, now: float, joints: JointState, command: JointVector | None) -> None:
         """Judge every reading of the force sensor since the last tick."""
         if self._q is None:
             return
@@ -263,7 +273,9 @@ class PermitOffice:
         readings = [reading for reading in self._waiting if reading.stamp <= latest]
         self._waiting = []
         self._force.take(readings, self._q, self._near(now), self._pull)
-        retreat, permit = self.retreat, self.permit
+        retreat, permit, gives = self.retreat, self.permit, self._gives()
+        if self.grant is not None:
+            self._felt.take(joints, self.grant.region.velocity, self._force.push, gives, command)
         if retreat is not None and retreat.stands is not None:
             reason = self._force.excess(retreat.stands)
             if reason:  # it cannot stand there: out, along the one way
@@ -275,9 +287,17 @@ class PermitOffice:
             if permit.kind == "thing" and math.isnan(self._force.pressed)
             else (self._force.fault(now))
         )
-        reason = silent or self._force.excess(permit)
+        deeper = stopping_way(self._config, *self._felt.closing)
+        reason = silent or self._force.excess(permit, deeper, gives)
         if reason:
             self.withdraw(reason, now)
+
+    def _gives(self) -> tuple[float, SprungTip] | None:
+        """Stiffness of the thing that may be touched [N/m], and the tip on springs that may."""
+        tip, request = floating(self._robot, self._request), self._request
+        if tip is None or request is None or self.grant is None:
+            return None
+        return (request.stiffness if request.stiffness > 0.0 else HARD), tip
 
     def _answer(self, now: float, request: Any, snapshot: WorkspaceSnapshot | None) -> None:
         if request is None or not math.isfinite(now):
@@ -418,7 +438,7 @@ class PermitOffice:
         if self.retreat is not None:
             ahead, clear = (now + AHEAD,), self.retreat.clearance(now)
         if min(gap(self._body, grant, q, t) for t in (now, *ahead)) < clear and (
-            grant.ceiling is None or self._force.pressed > NOTICED
+            grant.ceiling is None or self._force.pressed > FELT
         ):
             return True
         if not grant.person or self._looked is None:

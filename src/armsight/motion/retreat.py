@@ -69,6 +69,7 @@ class Retreat:
         stands: the permit that was withdrawn, where the arm does not leave what holds it, but
             stands until that is permitted again, or presses harder than this permit allowed.
         began: when [s].
+        felt: (3,) by how much what is touched comes faster than it is seen to [m/s].
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class Retreat:
         self.braked = False
         self.stands: Permit | None = None
         self.began = now
+        self.felt: Vector3 = np.zeros(3)
         self._until = now + FOLLOWED
         self._seen = grant.region.exposure
         self.grant = replace(grant, region=replace(grant.region, drift=0.0))
@@ -87,8 +89,9 @@ class Retreat:
     @property
     def carried(self) -> Vector3:
         """(3,) velocity of the target [m/s], cut at :data:`CARRIED`."""
-        region = self.grant.region
-        return np.asarray(region.velocity * min(1.0, CARRIED / max(region.speed, 1e-9)))
+        velocity = self.grant.region.velocity + self.felt
+        speed = float(np.linalg.norm(velocity))
+        return np.asarray(velocity * min(1.0, CARRIED / max(speed, 1e-9)))
 
     @property
     def at_once(self) -> bool:
