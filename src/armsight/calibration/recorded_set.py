@@ -19,6 +19,7 @@ from armsight.calibration.findings import Finding
 from armsight.calibration.layouts.bags import bag_in, unpack
 from armsight.calibration.layouts.board_files import board_of
 from armsight.calibration.layouts.choice import Choice
+from armsight.calibration.layouts.direction import settle_direction
 from armsight.calibration.layouts.folder import Folder, list_folder, pose_tables
 from armsight.calibration.layouts.joint_angles import in_radians, joint_tables
 from armsight.calibration.layouts.kinds import Unread
@@ -213,6 +214,8 @@ def _with_poses(
         if choices[k] is not None and len(tables) > 1:
             taken = choices[k].best.reading.table  # type: ignore[union-attr]
             tables = [taken]  # one arm: what was told by one camera holds for all
+    points = np.asarray(board.points, np.float64)
+    choices = settle_direction(choices, mount, 0.5 * (points.max(0) + points.min(0)))
     strangers = _strangers(series, choices)
     if strangers:
         findings += [_not_of_these_poses(series[k].name) for k in strangers]

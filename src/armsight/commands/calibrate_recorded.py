@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from armsight.calibration.recorded_solve import RecordedAnswer
     from armsight.commands.calibrate import Calibrate
     from armsight.robots.robot import Robot
+    from armsight.workcell.schema_devices import CameraSection
 
 
 def calibrate_recorded(asked: Calibrate) -> int:
@@ -36,7 +37,10 @@ def calibrate_recorded(asked: Calibrate) -> int:
     if asked.hand or asked.beside:
         mount = "flange" if asked.hand else "base"
     robot = load_robot(asked.robot) if asked.robot is not None else None
-    kept = _kept_camera(asked)
+    section = _kept_camera(asked)
+    kept = None if section is None else section.name
+    if section is not None and mount is None:  # the cell's file says so
+        mount = "base" if section.mounted_on == "world" else "flange"
     recorded = load(asked.from_, _board(asked), asked.lens, say, mount, robot)
     if kept is not None and len(recorded.cameras) > 1:
         names = ", ".join(c.name for c in recorded.cameras)
@@ -126,7 +130,7 @@ def _second(
     return 0
 
 
-def _kept_camera(asked: Calibrate) -> str | None:
+def _kept_camera(asked: Calibrate) -> CameraSection | None:
     """The cell's camera that the set is of, where it is named.
 
     Raises:
@@ -137,12 +141,12 @@ def _kept_camera(asked: Calibrate) -> str | None:
 
     if asked.workcell is None:
         return None
-    names = [c.name for c in load(asked.workcell).camera]
-    if asked.camera is not None and asked.camera not in names:
+    cameras = {c.name: c for c in load(asked.workcell).camera}
+    if asked.camera is not None and asked.camera not in cameras:
         raise UsageError(
-            f'{asked.workcell}: has no camera "{asked.camera}" (it has: {", ".join(names)})'
+            f'{asked.workcell}: has no camera "{asked.camera}" (it has: {", ".join(cameras)})'
         )
-    return asked.camera
+    return None if asked.camera is None else cameras[asked.camera]
 
 
 def _keep(asked: Calibrate, answer: Calibration) -> None:

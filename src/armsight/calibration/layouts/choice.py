@@ -126,9 +126,7 @@ def choose(
     second = min(others, key=lambda c: c.fit.median_px, default=None)
     trusted = best.fit.median_px < limit
     findings = (
-        reading_findings(best, said, stated, square)
-        if trusted
-        else [nothing_fits(best, len(series.files))]
+        reading_findings(best, said, square) if trusted else [nothing_fits(best, len(series.files))]
     )
     middling = best.fit.median_px
     if middling > SUSPECT * boards.focal or np.mean(best.fit.px > limit) > 0.15:

@@ -10,13 +10,11 @@ from armsight.calibration.findings import Finding
 from armsight.calibration.layouts.candidate import Candidate
 from armsight.calibration.layouts.conventions import Reading
 from armsight.calibration.layouts.joint_angles import may_be_joints
-from armsight.calibration.problem import Mount
 
 
 def reading_findings(
     best: Candidate,
     said: Candidate | None,
-    stated: Mount | None,
     square: float,
 ) -> list[Finding]:
     """Mistakes that the chosen reading names.
@@ -24,7 +22,6 @@ def reading_findings(
     Args:
         best: the reading that was taken.
         said: the best one that is as file and user say, or None.
-        stated: where the user says the camera is, or None.
         square: distance of neighbouring corners [m].
     """
     out: list[Finding] = []
@@ -52,15 +49,6 @@ def reading_findings(
             "millimetres",
             f"{table.source}: the positions are in {unit}, not as it says: read so",
             "name the unit rightly",
-        )
-    if stated is not None and best.mount != stated:
-        beside = best.mount == "base"
-        add(
-            "pose_inverted",
-            f"camera and poses fit only with the camera {'beside' if beside else 'on'} the arm, or "
-            f"with all poses inverted (base in the flange instead of the flange in the base): read "
-            f"as {'beside' if beside else 'on'} the arm",
-            "say where the camera is (--hand: on the arm), and write T_base_flange",
         )
     if best.pairing.code:
         add(
