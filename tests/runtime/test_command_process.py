@@ -1,6 +1,7 @@
 """The command path in a process of its own: whatever dies, the arm is told to stop."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -21,10 +22,12 @@ from armsight.devices.clock import WallClock
 from armsight.devices.driven_arm import ArmRecipe, DrivenArm
 from armsight.devices.port import ArmSettings
 from armsight.errors import DeviceError, DeviceLostError, LoopError
+from armsight.motion.data import PlanRequest
 from armsight.motion.intents import JointIntent, Rest
+from armsight.motion.plan import Plan
 from armsight.robots.robot import JointLimits
 from armsight.runtime import command_process
-from armsight.runtime.channels import TaskWord
+from armsight.runtime.channels import Channels, TaskWord
 from armsight.runtime.command_link import CommandLink, movable
 from armsight.runtime.command_messages import (
     Begin,
@@ -43,7 +46,7 @@ from armsight.runtime.command_messages import (
     Times,
 )
 from armsight.runtime.command_process import CommandPath
-from armsight.runtime.command_relay import _plain
+from armsight.runtime.command_relay import CommandRelay, _plain
 from armsight.runtime.config import SessionMode
 from armsight.runtime.remote_arm import RemoteArm
 from armsight.runtime.session import Session
@@ -239,6 +242,35 @@ def test_what_a_stranger_defines_is_refused_in_words_and_never_sent(wanted):
     word = _plain(TaskWord(1.0, wanted))
     assert isinstance(word.intent, Rest)
     assert word.intent.fault
+
+
+def test_orders_that_cannot_be_sent_are_said_at_once(tmp_path):
+    link = CommandLink(recipe(tmp_path / "log"), WallClock())
+    try:
+        link.begin(Begin(lambda: None, 0.004, 0.008, "", 1.0))
+        began = time.monotonic()
+        with pytest.raises(DeviceError, match=r"cannot be handed over .*lambda"):
+            link.wait_ready()
+        assert time.monotonic() - began < 5.0
+    finally:
+        link.close()
+
+
+def test_a_plan_that_cannot_be_sent_is_said_and_keeps_nothing_back():
+    told, channels = [], Channels()
+    link = SimpleNamespace(ended=None, slow=False, tell=told.append)
+    relay = CommandRelay(channels, link, None, lambda: 1.0)
+    request = PlanRequest(7, TWO, JointIntent("G", TWO))
+    relay._hear(State(None, None, request=request))
+    channels.plan.publish(Plan(7, np.zeros((2, 2)), lambda: None, 1.0, 1, 0.0, 0.0), 1.0)
+    relay.held = True
+    relay.update(1.0)
+    (news,) = told
+    assert pickle.loads(pickle.dumps(news)).held  # a pause comes through whatever a planner says
+    assert news.plan.request == 7
+    assert not news.plan.good
+    assert "a lambda" in news.plan.failure
+    assert "no path: the planner's answer" in relay.problem
 
 
 # --- real processes ------------------------------------------------------------------------------

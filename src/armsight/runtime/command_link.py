@@ -117,6 +117,7 @@ class CommandLink:
         assert incoming is not None
         assert outgoing is not None
         self._wire = Wire(incoming, outgoing)
+        self._wire.on_unsent = self._unsent
         self._reader = threading.Thread(target=self._listen, name="armsight-link", daemon=True)
         self._reader.start()
         try:
@@ -300,6 +301,14 @@ class CommandLink:
         with self._news:
             self._lost = self._lost or f"{self._name} has ended"
             self._news.notify_all()
+
+    def _unsent(self, message: Any, why: str) -> None:
+        """An order that somebody's own parts are in: who waits for its answer is told at once."""
+        if isinstance(message, Begin):
+            words = f"what makes it cannot be handed over ({why}); leave Parts.elsewhere out"
+            with self._news:
+                self._answers[Ready] = Ready(words)
+                self._news.notify_all()
 
     def _lose(self, reason: str) -> None:
         """Nobody commands the arm any more: stop it through a connection of our own."""

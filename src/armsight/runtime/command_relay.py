@@ -7,8 +7,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from armsight.errors import LoopError
 from armsight.motion.intents import JointIntent, PoseIntent, Rest, VelocityIntent
+from armsight.motion.plan import Plan
 from armsight.runtime.channels import Channels, TaskWord
 from armsight.runtime.command_link import CommandLink
 from armsight.runtime.command_messages import Begin, News, State
@@ -18,12 +21,15 @@ from armsight.runtime.wire import understood
 
 if TYPE_CHECKING:
     from armsight.mapping.snapshot import WorkspaceSnapshot
-    from armsight.motion.plan import Plan
 
 PERIOD = 0.004
 """Between two looks for news [s]; a new map or plan is passed on at once."""
 INTENTS = (JointIntent, PoseIntent, VelocityIntent, Rest, type(None))
 """What a task may want; anything else stays here."""
+NOT_PLAIN = (
+    "the planner's answer holds what the guard's process cannot take over (a class or function of "
+    "its own, a lambda); a planner returns armsight.motion.plan.Plan with a Trajectory"
+)
 
 
 class CommandRelay:
@@ -51,6 +57,7 @@ class CommandRelay:
         self._writer = SnapshotWriter()
         self._word: TaskWord | None = None
         self._plan: Plan | None = None
+        self._unsaid = ""
         self._snapshot: WorkspaceSnapshot | None = None
         self._was_held: bool | None = None
         self._state = State(None, None)
@@ -58,7 +65,7 @@ class CommandRelay:
     @property
     def problem(self) -> str:
         """The guard's, in words."""
-        return self._state.problem
+        return "; ".join(p for p in (self._unsaid, self._state.problem) if p)
 
     def report(self) -> ComponentHealth | None:
         """Health of the guard itself; None before its first word."""
@@ -112,13 +119,23 @@ class CommandRelay:
                 News(
                     self.held,
                     None if new_word is None else _plain(new_word),
-                    new_plan,
+                    None if new_plan is None else self._sendable(new_plan),
                     tuple(wrenches),
                     self._writer.write(snapshot) if mapped and snapshot is not None else None,
                 )
             )
         self._word, self._plan, self._snapshot = word, plan, snapshot
         self._was_held = self.held
+
+    def _sendable(self, plan: Plan) -> Plan:
+        """A plan that the guard's process can understand; else one that says why there is none."""
+        good = type(plan) is Plan and understood(plan)
+        self._unsaid = "" if good else f"no path: {NOT_PLAIN}"
+        if good:
+            return plan
+        asked = self._state.request
+        number = asked.sequence if asked is not None else 0
+        return Plan(number, np.zeros((0, 0)), None, np.inf, 0, 0.0, 0.0, NOT_PLAIN)
 
     def _hear(self, state: State) -> None:
         """In the link's thread: a word of the guard."""
@@ -137,5 +154,8 @@ def _plain(word: TaskWord) -> TaskWord:
     if type(wanted) in INTENTS and understood(wanted):
         return word
     kind = type(wanted).__name__
-    reason = f"a task wants a {kind} that is no intent, or holds what is no number"
+    reason = (
+        f"a task wants a {kind} that is no intent, or holds what is no number (a function, a class "
+        "of its own)"
+    )
     return replace(word, intent=Rest(reason, fault=True))

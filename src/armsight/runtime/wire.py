@@ -13,6 +13,7 @@ import pickle
 import struct
 import threading
 from collections import deque
+from collections.abc import Callable
 from typing import IO, Any
 
 log = logging.getLogger(__name__)
@@ -25,6 +26,9 @@ class Wire:
 
     Args:
         incoming, outgoing: the pipes.
+
+    Attributes:
+        on_unsent: told, in that thread, of a message that cannot be sent, and why not.
     """
 
     def __init__(self, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
@@ -32,6 +36,7 @@ class Wire:
         self._waiting: deque[Any] = deque()
         self._news = threading.Condition()
         self._closed = False
+        self.on_unsent: Callable[[Any, str], None] = lambda message, why: None
         self._writer = threading.Thread(target=self._write, name="armsight-wire", daemon=True)
         self._writer.start()
 
@@ -80,12 +85,15 @@ class Wire:
                 message = self._waiting.popleft()
             try:
                 body = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+            except Exception as error:  # what cannot be said is not said, and the next thing is
+                log.exception("a %s cannot be sent", type(message).__name__)
+                self.on_unsent(message, f"{type(error).__name__}: {error}")
+                continue
+            try:
                 self._outgoing.write(LENGTH.pack(len(body)) + body)
                 self._outgoing.flush()
             except (OSError, ValueError):  # it is gone; whoever reads notices
                 return
-            except Exception:  # what cannot be said is not said, and the next thing is
-                log.exception("a %s cannot be sent", type(message).__name__)
 
 
 class _Known(pickle.Unpickler):
