@@ -64,8 +64,8 @@ class Recognise:
             raise UsageError("recognise: give one of --camera and --intrinsics")
         if self.every < 1:
             raise UsageError(f"--every is {self.every}, expected at least 1")
-        if self.threads < 0:
-            raise UsageError(f"--threads is {self.threads}, expected 0 (all) or more")
+        if not 0 <= self.threads <= 1024:
+            raise UsageError(f"--threads is {self.threads}, expected 0 (all) to 1024")
         paths = pictures_in(self.what)
         if self.what.is_dir() and (unread := left_out(self.what)):
             print(f"{self.what}: {unread}", file=sys.stderr)

@@ -55,10 +55,7 @@ class Train:
         from armsight.recognition.training import entry
         from armsight.recognition.training.config import config_file
 
-        if self.minutes is not None and not self.minutes >= 0:  # NaN, too
-            raise UsageError(f"--minutes is {self.minutes:g}, expected 0 or more")
-        if self.threads < 0:
-            raise UsageError(f"--threads is {self.threads}, expected 0 (torch's choice) or more")
+        entry.check_machine(self.minutes, self.threads)
         if is_plan(config_file(self.config)):
             return self._crops(config_file(self.config))
         if self.from_ is not None:

@@ -53,6 +53,7 @@ class Transfer:
 
         if self.one_stage == self.two_stage:
             raise UsageError("transfer: give one of --one-stage (T6) and --two-stage (T7)")
+        entry.check_machine(self.minutes, self.threads)
         config = entry.read(
             self.config or ("t6" if self.one_stage else "t7"), self.seed, self.samples
         )

@@ -264,8 +264,12 @@ def test_a_graph_that_cannot_be_worked_out_is_one_line(tmp_path: Path) -> None:
         model.look(np.zeros((64, 96, 3), np.uint8))
 
 
-def test_fewer_than_no_threads_are_not_the_networks_fault(asked: Asked, tmp_path: Path) -> None:
+@pytest.mark.parametrize("threads", ["-2", "1025"])
+def test_threads_that_no_machine_has_are_not_the_networks_fault(
+    asked: Asked, tmp_path: Path, threads: str
+) -> None:
+    """A hundred thousand filled the memory before the picture was looked at."""
     Image.fromarray(lamp()).save(tmp_path / "a.png")
-    code, found, error = asked(tmp_path / "a.png", "--threads", "-2")
+    code, found, error = asked(tmp_path / "a.png", "--threads", threads)
     assert (code, found) == (2, [])
     assert "--threads" in error

@@ -141,12 +141,17 @@ def test_packed_data_is_found(place: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [("--seed", "-1"), ("--minutes", "nan"), ("--minutes", "-5"), ("--threads", "-2")]
+    "words",
+    [("--seed", "-1"), ("--minutes", "nan"), ("--minutes", "-5"), ("--threads", "-2"),
+     ("--threads", "100000")],
+)  # fmt: skip
+@pytest.mark.parametrize(
+    "command", [["train", "--config", "ours"], ["transfer", "--one-stage", "--from", "a"]]
 )
 def test_numbers_that_no_training_takes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str], words: tuple[str, str]
 ) -> None:
     place = ("--data", str(tmp_path / "crops"), "--out", str(tmp_path / "out"))
-    assert run(["train", "--config", "ours", *place, *words]) == 2
+    assert run([*command, *place, *words]) == 2
     assert capsys.readouterr().err.startswith(words[0])
     assert not (tmp_path / "out").exists()

@@ -31,6 +31,7 @@ def main(words: Sequence[str] | None = None) -> int:
     from armsight.recognition.training import entry
 
     try:
+        entry.check_machine(asked.minutes, asked.threads)
         entry.need_torch()
         from armsight.recognition.training.run import Wanted, train, transfer
 

@@ -40,6 +40,18 @@ def checked_seed(seed: int) -> int:
     return seed
 
 
+def check_machine(minutes: float | None, threads: int) -> None:
+    """See that time and threads can be had.
+
+    Raises:
+        UsageError: they cannot; so many threads only fill the memory.
+    """
+    if minutes is not None and not minutes >= 0:  # NaN, too
+        raise UsageError(f"--minutes is {minutes:g}, expected 0 or more")
+    if not 0 <= threads <= 1024:
+        raise UsageError(f"--threads is {threads}, expected 0 (torch's choice) to 1024")
+
+
 def packed(folder: Path, config: TrainingConfig) -> PackedSet:
     """The data at the network's size: a packed set, or a labelled set that is packed beside it.
 
