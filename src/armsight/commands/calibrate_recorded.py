@@ -28,6 +28,8 @@ def calibrate_recorded(asked: Calibrate) -> int:
     from armsight.commands.calibrating import say
     from armsight.errors import UsageError
     from armsight.robots import load_robot
+    from armsight.tasks.calibration_arm import corrected
+    from armsight.workcell.packaged import load as load_cell
     from armsight.writing import write_text
 
     assert asked.from_ is not None
@@ -37,6 +39,8 @@ def calibrate_recorded(asked: Calibrate) -> int:
     if asked.hand or asked.beside:
         mount = "flange" if asked.hand else "base"
     robot = load_robot(asked.robot) if asked.robot is not None else None
+    if robot is not None and asked.workcell is not None and _of_the_cell(asked):
+        robot = corrected(robot, load_cell(asked.workcell))
     section = _kept_camera(asked)
     kept = None if section is None else section.name
     if section is not None and mount is None:  # the cell's file says so
@@ -152,6 +156,7 @@ def _kept_camera(asked: Calibrate) -> CameraSection | None:
 def _keep(asked: Calibrate, answer: Calibration) -> None:
     """Put what a recorded set has told into the cell's calibration file."""
     from armsight.commands.calibrating import refuse_worse
+    from armsight.tasks.calibration_arm import arm_found, with_doubt_of_arm
     from armsight.tasks.calibration_entries import camera_entries
     from armsight.workcell.calibration_file.store import store
     from armsight.workcell.packaged import load
@@ -163,9 +168,28 @@ def _keep(asked: Calibrate, answer: Calibration) -> None:
         name = workcell.camera[0].name
     source = f"armsight calibrate --from {asked.from_}"
     entries = camera_entries(workcell, answer, (), source, name)
+    arm = None
+    if answer.problem.robot is not None and _of_the_cell(asked):
+        arm = arm_found(workcell, answer, source)
+    else:
+        entries, off = with_doubt_of_arm(entries, workcell)
+        if off > 0.0:
+            print(
+                f"{workcell.calibration_file}: corrects the arm by {1e3 * off:.1f} mm, which the "
+                "controller's poses may not know of: the cameras are taken for so much less sure; "
+                f"joint angles beside the poses and --robot {workcell.robot.model} settle it"
+            )
     refuse_worse(workcell, entries, asked.force)
-    file = store(workcell, entries)
-    print(f"{file}: {', '.join(e.name for e in entries) or 'no camera'} calibrated")
+    file = store(workcell, entries, arm)
+    names = ", ".join(e.name for e in entries) or "no camera"
+    print(f"{file}: {names}{', arm' if arm is not None else ''} calibrated")
+
+
+def _of_the_cell(asked: Calibrate) -> bool:
+    """Whether the set's arm is the cell's, as far as anybody says."""
+    from armsight.workcell.packaged import load
+
+    return asked.workcell is not None and load(asked.workcell).robot.model == asked.robot
 
 
 def _lenses(asked: Calibrate, recorded: RecordedSet, answer: RecordedAnswer) -> int:

@@ -45,6 +45,7 @@ def calibrate_sphere(
         sphere_entries,
         sphere_setup,
     )
+    from armsight.tasks.calibration_arm import corrected
     from armsight.tasks.calibration_cell import unseen_is_empty
     from armsight.workcell import open_cell
     from armsight.workcell.calibration_file.store import store
@@ -53,6 +54,8 @@ def calibrate_sphere(
     original = load(workcell_name)
     workcell = carrying_sphere(original)
     with open_cell(workcell, seed, calibrated=False) as cell:
+        # The file keeps what it says of the arm, and the cameras will be used with it.
+        cell.robot = corrected(cell.robot, original)
         nobody_inside(cell, cell_is_empty)
         mapping = unseen_is_empty(mapping_config(workcell, cell.T_world_base, cell.robot.reach))
         setup = sphere_setup(cell, mapping)
