@@ -16,10 +16,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from armsight.commands.live import Watching, Working
 from armsight.commands.serving import Page
-from armsight.errors import TaskError
+from armsight.errors import RecordingError, TaskError
 
 if TYPE_CHECKING:
     from armsight.motion.task import Task
+    from armsight.recording.recorder import Recorder
     from armsight.runtime.component import Component
     from armsight.runtime.config import SessionConfig
     from armsight.runtime.parts import MakeParts
@@ -86,7 +87,7 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             recorder = Recorder(
                 wanted.record, cell, pictures=wanted.pictures, wait=not session.wall
             )
-            stack.callback(lambda: say(f"recorded {recorder.close()}"))
+            stack.callback(_end_recording, recorder, session)
             session.observe(recorder)
         if wanted.page is not None:
             from armsight.viewer import LivePage
@@ -108,6 +109,15 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
             with progress_bar() as ticker.progress:
                 session.run(wanted.seconds)
     return session
+
+
+def _end_recording(recorder: Recorder, session: Session) -> None:
+    """A recording that ended early costs the run neither its figures nor its own reason to end."""
+    try:
+        say(f"recorded {recorder.close()}")
+    except RecordingError as error:
+        session.recording_failure = str(error)
+        say(str(error))
 
 
 @contextmanager
@@ -164,13 +174,19 @@ def speed_of(given: float | None, headless: bool) -> float:
 
 
 def exit_code(session: Session, seconds: float | None) -> int:
-    """0, or 130 when a run that had an end of its own was interrupted before it.
+    """What a run ends with, once its figures have been told.
+
+    Returns:
+        1 if its recording ended early (that has been said); 130 when a run that had an end of its
+        own was interrupted before it; else 0.
 
     Raises:
         TaskError: the task failed.
     """
     if session.task_failure:
         raise TaskError(session.task_failure)
+    if session.recording_failure:
+        return 1
     return INTERRUPTED if seconds is not None and session.ended_by != "time" else 0
 
 

@@ -78,6 +78,7 @@ class Session:
         self.seed = seed
         self.config = config or SessionConfig()
         self.ended_by = ""
+        self.recording_failure = ""
         self._make = make
         self._mode = mode or SessionMode()
         self._observers = list(observers)
