@@ -358,3 +358,22 @@ def test_quaternions_are_called_by_the_order_of_their_columns(recorded, right, t
     np.testing.assert_allclose(found.poses[found.cameras[0].view], truth.told, atol=1e-6)
     said = [f.code for f in found.findings if f.severity != "note"]
     assert said == ([] if right else ["quaternion_order"])
+
+
+@pytest.mark.parametrize("name", ["poses.json", "poses.yaml"])
+def test_a_document_has_a_name_once(recorded, name, tmp_path):
+    """The last of two poses of one name was taken, without a word."""
+    _, plain = recorded
+    write_corners(tmp_path, plain)
+    rows = [(f"im_{k + 1}.png", T.ravel().tolist()) for k, T in enumerate(plain.poses)]
+    file = tmp_path / name
+
+    def write(pairs):
+        lines = ",\n".join(f'"{key}": {value}' for key, value in pairs)
+        file.write_text("{" + lines + "}")
+
+    write([*rows, rows[2]])  # the same again does no harm
+    assert load(tmp_path, BOARD).findings == ()
+    write([*rows, (rows[2][0], rows[3][1])])
+    with pytest.raises(CalibrationError, match=r'poses\..*has "im_3.png" more than once'):
+        load(tmp_path, BOARD)

@@ -19,8 +19,41 @@ DEEPEST = 12
 """Levels of nesting that are looked into."""
 
 
+class _NamedTwice(yaml.constructor.ConstructorError):
+    """A mapping has a name more than once; ``problem`` says which."""
+
+
 class _OpenCvLoader(yaml.CSafeLoader if hasattr(yaml, "CSafeLoader") else yaml.SafeLoader):  # type: ignore[misc]
-    """Safe YAML that reads OpenCV's matrices as plain mappings."""
+    """Safe YAML that reads OpenCV's matrices as plain mappings, and takes no name twice."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        first: dict[str, Any] = {}
+        for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
+            if not isinstance(key, yaml.ScalarNode) or key.value not in first:
+                first.setdefault(str(key.value), value)
+                continue
+            old = self.construct_object(first[key.value], deep=True)
+            if self.construct_object(value, deep=True) != old:
+                mark = key.start_mark
+                raise _NamedTwice(None, None, _twice(key.value), mark)
+        return dict(super().construct_mapping(node, deep=deep))
+
+
+def _twice(name: str) -> str:
+    return f'has "{name}" more than once, with different values; keep the right one'
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object that has each name once.
+
+    Raises:
+        KeyError: not so; in words.
+    """
+    out: dict[str, Any] = {}
+    for name, value in pairs:
+        if out.setdefault(name, value) != value:
+            raise KeyError(_twice(name))
+    return out
 
 
 _OpenCvLoader.add_constructor(
@@ -45,7 +78,8 @@ def read_yaml(file: Path) -> Any:
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
-        raise CalibrationError(f"{file}{where}: is not valid YAML") from None
+        words = error.problem if isinstance(error, _NamedTwice) else "is not valid YAML"
+        raise CalibrationError(f"{file}{where}: {words}") from None
 
 
 def read_document(file: Path) -> Any:
@@ -57,7 +91,9 @@ def read_document(file: Path) -> Any:
     suffix = file.suffix.lower()
     if suffix == ".json":
         try:
-            return json.loads(read_text(file))
+            return json.loads(read_text(file), object_pairs_hook=_once)
+        except KeyError as error:
+            raise CalibrationError(f"{file}: {error.args[0]}") from None
         except (ValueError, RecursionError) as error:
             raise CalibrationError(f"{file}: is not valid JSON: {error}") from None
     if suffix == ".xml":
