@@ -19,6 +19,7 @@ from armsight.calibration.export import (
     opencv_yaml,
     write_results,
 )
+from armsight.calibration.findings import Finding
 from armsight.calibration.layouts.lens_files import LensFile
 from armsight.calibration.live.seen import SeenView
 from armsight.calibration.pictures import Seen
@@ -236,3 +237,10 @@ def test_no_sighting_at_all_is_named(arm5):
     cell = make_cell(arm5, rng, ErrorLevels.ideal())
     with pytest.raises(CalibrationError, match="no board was seen"):
         calibrate(cell.sheet, rng)
+
+
+def test_what_is_to_be_done_is_said_as_it_is_written(solved):
+    """Names lost their capitals: "write t_base_flange"."""
+    wrong = Finding("pose_inverted", "error", "poses are inverted", "write T_base_flange")
+    words = report.verdict(solved, (wrong,))
+    assert words == "Do not use this calibration: poses are inverted. Write T_base_flange."

@@ -33,7 +33,8 @@ def verdict(calibration: Calibration, findings: Sequence[Finding] = ()) -> str:
     """One sentence on what the answer is good for."""
     errors = [f for f in findings if f.severity == "error"]
     if errors:
-        return f"Do not use this calibration: {errors[0].message}. {errors[0].cure.capitalize()}."
+        cure = errors[0].cure
+        return f"Do not use this calibration: {errors[0].message}. {cure[:1].upper()}{cure[1:]}."
     mm = 1e3 * worst_target(calibration)
     if mm <= 1.5:
         use = "good for precise work near the cameras"

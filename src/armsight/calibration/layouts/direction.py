@@ -112,7 +112,7 @@ def _unsaid(best: Candidate, middle: Vector3) -> Finding:
         "pose_inverted",
         "error",
         f"{best.reading.table.source}: either the poses are inverted (base in the flange instead "
-        f"of the flange in the base), or the camera is {_WHERE[best.mount]} and "
+        f"of the flange in the base), or the camera is {_WHERE[best.mount]}: "
         f"{_things(best.mount, hangs, stands)}",
         "say --hand or --beside; and write T_base_flange",
     )
