@@ -208,7 +208,7 @@ class ForceWatch:
             force, torque = float(np.linalg.norm(felt.force)), float(np.linalg.norm(felt.torque))
             soon = force + max(grows, 0.0)
             if gives is not None:
-                soon = max(soon, pressing_force(press_depth(force, *gives) + deeper, *gives))
+                soon = pressing_force(press_depth(force, *gives) + deeper, *gives)
             if soon > permit.force:
                 says = f", soon {soon:.1f}" if force <= permit.force else ""
                 return f"pressed with {force:.1f} N{says}; at most {permit.force:g}"
