@@ -99,6 +99,42 @@ def test_frames_come_in_time_with_their_poses(tmp_path: Path) -> None:
         assert world.finished
 
 
+@pytest.mark.parametrize(
+    ("names", "rate"),
+    [
+        ([f"{1403636579763555584 + 50_000_000 * i}" for i in range(12)], 20.0),  # EuRoC, ns
+        ([f"{7_000_123_456 + 33_333_333 * i}" for i in range(12)], 30.0),  # ns since it was started
+        ([f"{1305031102175304 + 33_333 * i}" for i in range(12)], 30.0),  # us
+        ([f"{1305031102.95 + i / 20:.6f}" for i in range(12)], 20.0),  # TUM, s
+        ([f"{1305031102.9 + i / 10:.1f}" for i in range(12)], 10.0),  # zeros left out at the end
+        ([f"{1305031102175 + 100 * i}" for i in range(12)], 10.0),  # ms
+        (
+            [f"frame-{150 + i:06d}" for i in range(12)],
+            25.0,
+        ),  # no times: the rate that was asked for
+        ([f"frame-{150 + 10 * i:06d}" for i in range(12)], 2.5),  # every tenth frame
+    ],
+)
+def test_names_may_be_times(tmp_path: Path, names: list[str], rate: float) -> None:
+    """A folder of a second, named in nanoseconds, was replayed for 19 days."""
+    write_folder(tmp_path / "scan", np.eye(4))
+    for i in range(12):
+        for kind in ("depth.png", "pose.txt"):
+            file = tmp_path / "scan" / f"frame-{150 + i:06d}.{kind}"
+            file.rename(tmp_path / f"{i}.{kind}")
+    for i, name in enumerate(names):
+        for kind in ("depth.png", "pose.txt"):
+            (tmp_path / f"{i}.{kind}").rename(tmp_path / "scan" / f"{name}.{kind}")
+    with open_depth_folder(tmp_path / "scan", rate=25.0) as cell:
+        told = 25.0 if "frame" in names[0] else rate
+        assert cell.cameras[0].info.rate == pytest.approx(told, rel=1e-3)
+        span = 11 / rate
+        assert cell.world.duration == pytest.approx(span + 1 / told, rel=1e-3)
+        cell.world.advance(span + 1e-3)
+        assert cell.cameras[0].read().stamp == pytest.approx(span, rel=1e-3)
+        assert cell.world.finished
+
+
 def test_the_map_holds_what_was_scanned(tmp_path: Path) -> None:
     write_folder(tmp_path / "scan", np.eye(4))
     with open_depth_folder(tmp_path / "scan", voxel=0.04) as cell:

@@ -447,6 +447,31 @@ def test_what_starts_late_and_what_is_none_of_ours_does_not_matter(tmp_path: Pat
         assert all(camera.read() is not None for camera in cell.cameras)
 
 
+@pytest.mark.parametrize(
+    ("topic", "encoding", "depth"),
+    [
+        ("/k/ir/image_raw", "mono16", False),  # a Kinect's: was taken for depth, a wall at its face
+        ("/k/sd/image_ir", "16UC1", False),
+        ("/k/image_raw", "mono16", False),
+        ("/k/depth/image_raw", "mono16", True),
+        ("/k/aligned_depth_to_infra1/image_raw", "16UC1", True),
+        ("/k/image_raw", "16UC1", True),
+    ],
+)
+def test_infrared_in_16_bits_is_no_depth(
+    tmp_path: Path, topic: str, encoding: str, depth: bool
+) -> None:
+    grey = messages._image(np.full((48, 64), 900, np.uint16), encoding, 0.0, "lens")
+    lens = _info(camera_info("c").depth)
+    path = foreign(
+        tmp_path / "a.mcap",
+        (topic, messages.IMAGE, grey),
+        (topic.rsplit("/", 1)[0] + "/camera_info", messages.CAMERA_INFO, lens),
+    )
+    with open_recording(path) as cell:
+        assert any(camera.info.name.startswith("k") for camera in cell.cameras) == depth
+
+
 def test_a_camera_that_was_never_calibrated_is_refused(tmp_path: Path) -> None:
     lens = _info(camera_info("c").depth, k=np.zeros(9))
     path = foreign(tmp_path / "a.mcap", ("/c/depth/camera_info", messages.CAMERA_INFO, lens))

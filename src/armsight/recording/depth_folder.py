@@ -7,8 +7,10 @@ The layout is that of 3DMatch, 7-Scenes and TSDF fusion: ``frame-NNNNNN.depth.pn
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -31,13 +33,18 @@ CAMERA = "camera"
 RANGE = (0.3, 8.0)
 LARGEST_BOX = (4.0, 4.0, 3.0)
 """The map is never larger than this, about the middle of what is mostly seen [m]."""
+EPOCH = {13: 1e-3, 16: 1e-6, 19: 1e-9}
+"""Digits of a time since 1970, and its unit [s]."""
+LEAST_STEP = {1e-9: 1e6, 1e-6: 3e3}
+"""From one file to the next, numbers that are times in this unit [s] grow by so many at least, and
+numbers of frames by fewer."""
 LOOKED_AT = 12
 """Frames from which direction of up, size and middle of the place are found."""
 
 
 @dataclass(frozen=True)
 class PosedImage:
-    """Files of one exposure: its number, depth image, colour image or None, camera to world."""
+    """One exposure: its number or its time, depth image, colour image or None, camera to world."""
 
     number: int
     depth: Path
@@ -52,7 +59,8 @@ def open_depth_folder(folder: str | Path, rate: float = 30.0, voxel: float = 0.0
 
     Args:
         folder: see the module.
-        rate: frames a second, as the files carry no times [Hz].
+        rate: frames a second where the files' names count frames [Hz]; names that are times (s with
+            a point; ms, us or ns since 1970; us or ns of another clock) are taken as such.
         voxel: edge of the map's voxels [m].
 
     Raises:
@@ -61,6 +69,7 @@ def open_depth_folder(folder: str | Path, rate: float = 30.0, voxel: float = 0.0
     place = Path(folder)
     images, skipped = find_images(place)
     lens = read_lens(place, images[0].depth)
+    unit, rate = time_of_numbers([image.number for image in images], rate)
     samples = [images[i] for i in np.linspace(0, len(images) - 1, LOOKED_AT).astype(int)]
     clouds = [(_camera_points(lens, read_depth(image.depth)), image) for image in samples]
     T_base_world, lower, upper = upright([(p, image.T_world_camera) for p, image in clouds])
@@ -83,8 +92,8 @@ def open_depth_folder(folder: str | Path, rate: float = 30.0, voxel: float = 0.0
     note = f"{skipped} frames without a valid pose are left out" if skipped else ""
     source = Source(
         place.name,
-        (0.0, (images[-1].number - images[0].number + 1) / rate),
-        lambda: _deliveries(images, rate, T_base_world),
+        (0.0, (images[-1].number - images[0].number) * unit + 1.0 / rate),
+        lambda: _deliveries(images, unit, T_base_world),
         note,
     )
     low, high = _fit(lower, upper, voxel)
@@ -105,13 +114,13 @@ def find_images(folder: Path) -> tuple[list[PosedImage], int]:
     images, skipped = [], 0
     for depth in files:
         stem = depth.name.removesuffix(".depth.png")
-        digits = "".join(c for c in stem if c.isdigit())
+        number = _number(stem)
         pose = _read_pose(depth.with_name(f"{stem}.pose.txt"))
-        if pose is None or not digits:
+        if pose is None or number is None:
             skipped += 1
             continue
         color = depth.with_name(f"{stem}.color.png")
-        images.append(PosedImage(int(digits), depth, color if color.exists() else None, pose))
+        images.append(PosedImage(number, depth, color if color.exists() else None, pose))
     if not images:
         found = f"{skipped} depth images but no valid pose" if skipped else "no depth images"
         raise RecordingError(
@@ -119,6 +128,30 @@ def find_images(folder: Path) -> tuple[list[PosedImage], int]:
             "(4x4, camera to world)"
         )
     return sorted(images, key=lambda image: image.number), skipped
+
+
+def _number(stem: str) -> int | None:
+    """The number in a file's name; of seconds with a point it is nanoseconds."""
+    seconds = re.search(r"(\d+)\.(\d+)", stem)
+    if seconds:
+        return int(seconds[1] + f"{seconds[2]:0<9.9}")
+    digits = "".join(c for c in stem if c.isdigit())
+    return int(digits) if digits else None
+
+
+def time_of_numbers(numbers: Sequence[int], rate: float) -> tuple[float, float]:
+    """What one more in the names of files is in time [s], and the frames a second [Hz].
+
+    Args:
+        numbers: ascending.
+        rate: where they count frames.
+    """
+    steps = [after - before for before, after in pairwise(numbers) if after > before]
+    step = float(np.median(steps)) if steps else 1.0
+    unit = EPOCH.get(len(str(numbers[0])))
+    if unit is None:
+        unit = next((u for u, least in LEAST_STEP.items() if step >= least), None)
+    return (1.0 / rate, rate) if unit is None else (unit, 1.0 / (unit * step))
 
 
 def _read_pose(file: Path) -> Pose | None:
@@ -173,11 +206,11 @@ def read_depth(file: Path) -> DepthImage:
 
 
 def _deliveries(
-    images: Sequence[PosedImage], rate: float, T_base_world: Pose
+    images: Sequence[PosedImage], unit: float, T_base_world: Pose
 ) -> Iterator[Delivery]:
     none = np.zeros(0)
     for i, image in enumerate(images):
-        stamp = (image.number - images[0].number) / rate
+        stamp = (image.number - images[0].number) * unit
         at = round(stamp * 1e9)
         color = None
         if image.color is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import islice
@@ -92,6 +93,10 @@ class Layout:
     stereo: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
+NO_DEPTH = {"ir", "infra", "infra1", "infra2", "infrared", "amplitude", "intensity", "confidence"}
+"""Words of topics whose images are no depth, though they may be encoded as if they were."""
+
+
 def layout_of(reader: McapReader) -> Layout:
     """The layout of a recording, ours or another program's.
 
@@ -129,12 +134,12 @@ def _foreign(reader: McapReader) -> Layout:
     depth = {
         topic: message.header.frame_id.lstrip("/")
         for topic, message in first.items()
-        if message is not None and message.encoding in ("32FC1", "16UC1", "mono16")
+        if message is not None and _is_depth(topic, message.encoding)
     }
     if not depth:
         raise RecordingError(
-            f"{reader.path}: no depth images (sensor_msgs/Image, 32FC1 or 16UC1) among its topics "
-            f"({', '.join(sorted(kinds)) or 'none'})"
+            f"{reader.path}: no depth images (sensor_msgs/Image, 32FC1 or 16UC1; mono16 where the "
+            f'topic says "depth") among its topics ({", ".join(sorted(kinds)) or "none"})'
         )
     tree, moving = _tree(reader)
     base = _base(tree, next(iter(depth.values())))
@@ -159,6 +164,14 @@ def _foreign(reader: McapReader) -> Layout:
     description = CellDescription(NO_ROBOT, "none", np.eye(4), (), tuple(cameras), ())
     posed = {names[t]: f for t, f in depth.items() if moving}
     return Layout(description, names, {}, "", posed, base, moving, tree)
+
+
+def _is_depth(topic: str, encoding: str) -> bool:
+    """Whether images are depth: infrared and the like come in 16 bits as well, grey."""
+    words = set(re.split(r"[/_]", topic.lower()))
+    if encoding in ("32FC1", "16UC1"):
+        return not words & NO_DEPTH or "depth" in words
+    return encoding == "mono16" and "depth" in topic.lower()
 
 
 def _first(reader: McapReader, topic: str) -> Any:
