@@ -34,3 +34,8 @@ def by_severity(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Mistakes first, each message once."""
     once = {f.message: f for f in findings}
     return tuple(sorted(once.values(), key=lambda f: _ORDER[f.severity]))
+
+
+def names_of(names: Sequence[str], most: int = 4) -> str:
+    """Some names for a message."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

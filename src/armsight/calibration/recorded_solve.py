@@ -12,12 +12,12 @@ from armsight.calibration.boards import Turn
 from armsight.calibration.calibrate import Calibration, CalibrationOptions, calibrate
 from armsight.calibration.diagnosis.joints import with_agreeing_joints
 from armsight.calibration.diagnosis.lens_alone import lens_findings
-from armsight.calibration.diagnosis.pictures import names_of, picture_findings
+from armsight.calibration.diagnosis.pictures import picture_findings
 from armsight.calibration.diagnosis.poses import pose_findings
 from armsight.calibration.diagnosis.solved import diagnose_solution
 from armsight.calibration.diagnosis.start import diagnose_start
 from armsight.calibration.diagnosis.verdict import verdict_findings
-from armsight.calibration.findings import Finding, by_severity
+from armsight.calibration.findings import Finding, by_severity, names_of
 from armsight.calibration.lens import LensCalibration, calibrate_lens
 from armsight.calibration.lens_prior import sheet_prior
 from armsight.calibration.problem import ArmView, BoardPlacement, Lens, Problem, Rig, Sighting

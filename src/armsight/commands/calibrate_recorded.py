@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from armsight.calibration.recorded_solve import RecordedAnswer
     from armsight.commands.calibrate import Calibrate
     from armsight.robots.robot import Robot
+    from armsight.workcell.schema import Workcell
     from armsight.workcell.schema_devices import CameraSection
 
 
@@ -39,9 +40,10 @@ def calibrate_recorded(asked: Calibrate) -> int:
     if asked.hand or asked.beside:
         mount = "flange" if asked.hand else "base"
     robot = load_robot(asked.robot) if asked.robot is not None else None
-    if robot is not None and asked.workcell is not None and _of_the_cell(asked):
-        robot = corrected(robot, load_cell(asked.workcell))
-    section = _kept_camera(asked)
+    workcell = None if asked.workcell is None else load_cell(asked.workcell)
+    if robot is not None and workcell is not None and workcell.robot.model == asked.robot:
+        robot = corrected(robot, workcell)
+    section = _kept_camera(asked, workcell)
     kept = None if section is None else section.name
     if section is not None and mount is None:  # the cell's file says so
         mount = "base" if section.mounted_on == "world" else "flange"
@@ -134,18 +136,17 @@ def _second(
     return 0
 
 
-def _kept_camera(asked: Calibrate) -> CameraSection | None:
+def _kept_camera(asked: Calibrate, workcell: Workcell | None) -> CameraSection | None:
     """The cell's camera that the set is of, where it is named.
 
     Raises:
         UsageError: the cell has none of this name; better said before the solve.
     """
     from armsight.errors import UsageError
-    from armsight.workcell.packaged import load
 
-    if asked.workcell is None:
+    if workcell is None:
         return None
-    cameras = {c.name: c for c in load(asked.workcell).camera}
+    cameras = {c.name: c for c in workcell.camera}
     if asked.camera is not None and asked.camera not in cameras:
         raise UsageError(
             f'{asked.workcell}: has no camera "{asked.camera}" (it has: {", ".join(cameras)})'
@@ -169,7 +170,7 @@ def _keep(asked: Calibrate, answer: Calibration) -> None:
     source = f"armsight calibrate --from {asked.from_}"
     entries = camera_entries(workcell, answer, (), source, name)
     arm = None
-    if answer.problem.robot is not None and _of_the_cell(asked):
+    if answer.problem.robot is not None and workcell.robot.model == asked.robot:
         arm = arm_found(workcell, answer, source)
     else:
         entries, off = with_doubt_of_arm(entries, workcell)
@@ -183,13 +184,6 @@ def _keep(asked: Calibrate, answer: Calibration) -> None:
     file = store(workcell, entries, arm)
     names = ", ".join(e.name for e in entries) or "no camera"
     print(f"{file}: {names}{', arm' if arm is not None else ''} calibrated")
-
-
-def _of_the_cell(asked: Calibrate) -> bool:
-    """Whether the set's arm is the cell's, as far as anybody says."""
-    from armsight.workcell.packaged import load
-
-    return asked.workcell is not None and load(asked.workcell).robot.model == asked.robot
 
 
 def _lenses(asked: Calibrate, recorded: RecordedSet, answer: RecordedAnswer) -> int:

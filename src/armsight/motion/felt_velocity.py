@@ -17,6 +17,7 @@ from armsight.arrays import JointVector, Vector3
 from armsight.devices.data import JointState
 from armsight.motion.force_watch import FELT
 from armsight.motion.regions import Region
+from armsight.motion.tool_motion import BETWEEN
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
 from armsight.robots.sprung_tip import SprungTip, press_depth
@@ -25,8 +26,6 @@ MEMORY = 0.8
 """What was felt a reading ago counts by this share of what is felt now."""
 SETTLED = 8
 """From fewer readings no acceleration is to be had."""
-BETWEEN = (1e-3, 0.03)
-"""Two readings of the joints this far apart say how the tip moved [s]."""
 BRAKES = 3.0
 """Nothing that may be touched changes its velocity by more [m/s^2]."""
 
@@ -76,12 +75,12 @@ class FeltVelocity:
         if push is None or gives is None or not strength > FELT:
             self.forget()
             return
-        out = push / strength
-        tip = tcp_pose(self._robot, joints.position)[:3, 3]
-        depth = press_depth(strength, *gives)
         stamp, was, deep = self._last
         if joints.stamp == stamp:
             return
+        out = push / strength
+        tip = tcp_pose(self._robot, joints.position)[:3, 3]
+        depth = press_depth(strength, *gives)
         self._last = (joints.stamp, tip, depth)
         passed = joints.stamp - stamp
         if BETWEEN[0] < passed < BETWEEN[1] and self._readings:
@@ -100,6 +99,8 @@ class FeltVelocity:
 
     def of(self, region: Region) -> Region:
         """A region with the velocity that is felt."""
+        if not self.faster.any():
+            return region
         return replace(region, velocity=region.velocity + self.faster)
 
     def _follow(self, came: float, passed: float) -> None:

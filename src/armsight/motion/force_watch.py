@@ -206,8 +206,9 @@ class ForceWatch:
                 )
         for felt in self._new:
             force, torque = float(np.linalg.norm(felt.force)), float(np.linalg.norm(felt.torque))
-            soon = force + max(grows, 0.0)
-            if gives is not None:
+            if gives is None:
+                soon = force + max(grows, 0.0)
+            else:
                 soon = pressing_force(press_depth(force, *gives) + deeper, *gives)
             if soon > permit.force:
                 says = f", soon {soon:.1f}" if force <= permit.force else ""

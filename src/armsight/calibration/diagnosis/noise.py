@@ -8,8 +8,7 @@ import numpy as np
 
 from armsight.arrays import Floats
 from armsight.calibration.calibrate import Calibration
-from armsight.calibration.diagnosis.pictures import names_of
-from armsight.calibration.findings import Finding
+from armsight.calibration.findings import Finding, names_of
 from armsight.calibration.noise import scatter_within
 from armsight.calibration.solver import Solution
 

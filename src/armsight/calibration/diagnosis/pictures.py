@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from armsight.calibration.findings import Finding
+from armsight.calibration.findings import Finding, names_of
 from armsight.calibration.recorded_set import RecordedCamera, RecordedSet
 
 BLURRED = 0.55
@@ -21,11 +19,6 @@ def picture_findings(recorded: RecordedSet) -> list[Finding]:
         out += _blurred(camera)
         out += _repeated(camera, recorded)
     return out
-
-
-def names_of(names: Sequence[str], most: int = 4) -> str:
-    """Some names for a message."""
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def _missed(camera: RecordedCamera) -> list[Finding]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.calibration.diagnosis.pictures import names_of
-from armsight.calibration.findings import Finding
+from armsight.calibration.findings import Finding, names_of
 from armsight.calibration.recorded_set import RecordedCamera, RecordedSet
 
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from armsight.calibration.calibrate import Calibration
-from armsight.calibration.diagnosis.pictures import names_of
 from armsight.calibration.diagnosis.scale import scale_findings
-from armsight.calibration.findings import Finding
+from armsight.calibration.findings import Finding, names_of
 from armsight.calibration.problem import Problem
 
 

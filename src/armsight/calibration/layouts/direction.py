@@ -84,13 +84,12 @@ def _inverse(reading: Reading) -> Reading:
 
 
 def _taken_inverted(best: Candidate, middle: Vector3) -> Finding:
-    hangs, stands = _distances(best, middle)
     return Finding(
         "pose_inverted",
         "warning",
         f"{best.reading.table.source}: the poses are inverted (base in the flange instead of the "
         f"flange in the base): with the camera {_WHERE[best.mount]}, as is said, they fit only so "
-        f"({_things(best.mount, hangs, stands)}): read so",
+        f"({_things(best, middle)}): read so",
         "write T_base_flange",
     )
 
@@ -107,17 +106,18 @@ def _not_there(best: Candidate, severity: Severity, more: str) -> Finding:
 
 
 def _unsaid(best: Candidate, middle: Vector3) -> Finding:
-    hangs, stands = _distances(best, middle)
     return Finding(
         "pose_inverted",
         "error",
         f"{best.reading.table.source}: either the poses are inverted (base in the flange instead "
         f"of the flange in the base), or the camera is {_WHERE[best.mount]}: "
-        f"{_things(best.mount, hangs, stands)}",
+        f"{_things(best, middle)}",
         "say --hand or --beside; and write T_base_flange",
     )
 
 
-def _things(mount: Mount, hangs: float, stands: float) -> str:
-    one, other = ("camera", "board") if mount == "flange" else ("board", "camera")
+def _things(best: Candidate, middle: Vector3) -> str:
+    """Both distances, in words."""
+    hangs, stands = _distances(best, middle)
+    one, other = ("camera", "board") if best.mount == "flange" else ("board", "camera")
     return f"the {one} is {hangs:.2f} m from the flange, the {other} {stands:.2f} m from the base"

@@ -80,19 +80,26 @@ def _by_name(series: Series, table: PoseTable) -> Pairing:
         if key and not key.isdigit():
             for word in {path.name.lower(), path.stem.lower()}:
                 place.setdefault(word, []).append(row)
-    pictures, rows, twice = [], [], []
-    for k, file in enumerate(series.files):
+    named: list[tuple[str, list[int]]] = []
+    for file in series.files:
         mine = place.get(file.name.lower()) or place.get(file.stem.lower(), [])
         if len(mine) > 1:  # folders tell cameras apart
             near = [_alike_folders(file, paths[r]) for r in mine]
             mine = [r for r, n in zip(mine, near) if n == max(near)]
+        named.append((file.name, mine))
+    return replace(_tied(table, named, "by the pictures' names"), firm=True)
+
+
+def _tied(table: PoseTable, named: Sequence[tuple[str, Sequence[int]]], words: str) -> Pairing:
+    """Pictures, each with its name and the rows that are called so: none where these differ."""
+    pictures, rows, twice = [], [], []
+    for k, (name, mine) in enumerate(named):
         if len(mine) > 1 and _differ(table, mine):
-            twice.append(file.name)
+            twice.append(name)
         elif mine:
             pictures.append(k)
             rows.append(mine[0])
-    found = np.array(pictures, int), np.array(rows, int)
-    return Pairing(*found, "by the pictures' names", "", True, tuple(twice))
+    return Pairing(np.array(pictures, int), np.array(rows, int), words, twice=tuple(twice))
 
 
 def _alike_folders(file: Path, path: PureWindowsPath) -> int:
@@ -134,16 +141,8 @@ def _by_number(series: Series, table: PoseTable) -> Pairing:
     for row, number in enumerate(numbers):
         if number is not None:
             place.setdefault(number, []).append(row)
-    pictures, rows, twice = [], [], []
-    for k, own in enumerate(series.numbers):
-        mine = place.get(own, []) if own is not None else []
-        if len(mine) > 1 and _differ(table, mine):
-            twice.append(str(own))
-        elif mine:
-            pictures.append(k)
-            rows.append(mine[0])
-    found = np.array(pictures, int), np.array(rows, int)
-    return Pairing(*found, "by number", twice=tuple(twice))
+    mine = [(str(own), [] if own is None else place.get(own, [])) for own in series.numbers]
+    return _tied(table, mine, "by number")
 
 
 def _of_row_numbers(series: Series, rows: int) -> list[Pairing]:

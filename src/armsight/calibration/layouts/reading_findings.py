@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armsight.calibration.findings import Finding
+from armsight.calibration.findings import Finding, names_of
 from armsight.calibration.layouts.candidate import Candidate
 from armsight.calibration.layouts.conventions import Reading
 from armsight.calibration.layouts.joint_angles import may_be_joints
@@ -124,13 +124,12 @@ def named_twice(best: Candidate) -> list[Finding]:
     twice = best.pairing.twice
     if not twice:
         return []
-    some = ", ".join(twice[:4]) + (f" and {len(twice) - 4} more" if len(twice) > 4 else "")
     return [
         Finding(
             "named_twice",
             "warning",
-            f"{best.reading.table.source}: has {some} more than once, with different poses: "
-            "left out",
+            f"{best.reading.table.source}: has {names_of(twice)} more than once, with "
+            "different poses: left out",
             "keep the line of the picture that is in the folder",
         )
     ]
