@@ -221,11 +221,13 @@ def test_signals_end_in_order(number, wall):
     session = session_of(cell, GoTo(), mode=SessionMode(wall=wall))
     session.set_speed(1.0)
     timer = threading.Timer(0.2, lambda: os.kill(os.getpid(), number))
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
     timer.start()
     try:
         session.run(30.0)
     finally:
         timer.cancel()  # a run that failed must not have the tests killed
+        signal.signal(signal.SIGHUP, before)
     assert session.ended_by == number.name
     assert cell.arm.stops >= 1
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
