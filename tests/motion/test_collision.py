@@ -83,6 +83,19 @@ def test_spheres_that_cannot_move_are_left_out():
     assert len(body.radius) == len(ARM.spheres.radius) - 1
 
 
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_what_turns_a_little_stays_within_what_stands_for_it(name):
+    robot = load_robot(name)
+    body = make_body(robot)
+    fixed = np.setdiff1d(np.arange(len(robot.spheres.radius)), body.original)
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(robot.limits.lower, robot.limits.upper, (20, robot.n)):
+        true = oracle_centers(robot, q)[fixed]
+        gap = np.linalg.norm(true[:, None] - body.fixed_center, axis=2) - body.fixed_radius
+        gap += robot.spheres.radius[fixed][:, None]
+        assert gap.min(axis=1).max() < 1e-9
+
+
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_levers_velocities_and_bends_bound_the_motion(name):
     robot = load_robot(name)

@@ -68,6 +68,23 @@ def test_paths_around_a_wall_are_free_at_a_millimetre(seed):
     assert (jerk <= limits.jerk * 1.000001).all()
 
 
+@pytest.mark.parametrize("at", [(-0.05, 0.0, -0.02), (0.0, 0.0, 0.0)])
+def test_a_speck_under_the_arm_keeps_it_from_no_plan(at):
+    """Seen once, where two surfaces mix, and hidden from then on: no plan could ever leave it.
+
+    The spheres of a shoulder that lie on its axis reach under the base, and cannot move.
+    """
+    robot = load_robot("ur10")
+    speck = ball(at, 0.002)
+    snapshot = make_snapshot(
+        [speck], was_there=[(speck, 60.0)], lower=(-1.5, -1.5, -0.41), upper=(1.5, 1.5, 1.7)
+    )
+    planner, goal = RrtConnectPlanner(robot), robot.home + 0.2
+    answer = planner.plan(ask(robot.home, goal), snapshot, 1.0, np.random.default_rng(0))
+    assert answer.good, answer.failure
+    np.testing.assert_array_equal(answer.path[-1], goal)
+
+
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_every_arm_plans_around_a_pillar(name):
     robot = load_robot(name)

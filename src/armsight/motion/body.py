@@ -12,6 +12,8 @@ from armsight.robots.robot import Robot
 
 RIM_SAMPLES = 720
 """Points on a rim when a lever is bounded; their spacing is added to the bound."""
+STILL = 0.003
+"""What lies no farther from the first joint's axis stays where it is, whatever the arm does [m]."""
 
 
 class Body(NamedTuple):
@@ -19,7 +21,8 @@ class Body(NamedTuple):
 
     Link frames are turned so that every joint turns about its z axis; positions do not change.
     Spheres are sorted by link. Spheres that no joint can move (the base, and what lies on the
-    first joint's axis) are left out: no motion can make them touch anything.
+    first joint's axis, to ``STILL``) are left out: no motion can make them touch anything, and
+    none could leave what they touch.
 
     Attributes:
         rotation: (n, 3, 3) of joint i's frame at zero in the frame of link i.
@@ -31,8 +34,8 @@ class Body(NamedTuple):
             the joint does not move the sphere.
         link: (m,) link of each sphere.
         original: (m,) index of each sphere in ``Robot.spheres``.
-        fixed_center: (f, 3) spheres of the base that never move, in ``base`` [m].
-        fixed_radius: (f,) [m].
+        fixed_center: (f, 3) spheres that never move, in ``base`` [m].
+        fixed_radius: (f,) [m]; they hold what turns a little wherever it is.
         pairs: (p, 2) spheres a, b of different links that may touch, link(a) < link(b), b moves;
             numbers from m on are the fixed spheres.
         pair_radius: (p,) sum of their radii [m].
@@ -81,7 +84,9 @@ def make_body(robot: Robot, inflate: float = 0.0) -> Body:
     radius = np.asarray(robot.spheres.radius, float)[order] + inflate
     lever = np.array([_levers(k, c, rotation, offset) for k, c in zip(link, center)])
 
-    fixed = lever.max(axis=1) < 1e-6
+    turns_by = lever.max(axis=1)
+    fixed = turns_by <= STILL
+    radius[fixed] += 2.0 * turns_by[fixed]
     zero = _centers_at_zero(rotation, offset, link, center)
     moving = ~fixed
     pairs, groups, reach = _self_groups(robot.self_pairs, link, fixed, center, radius)

@@ -14,8 +14,8 @@
   gets there without touching the shoulder.
 * In the region of a contact permit what is solid is solid for all but the parts that may touch
   (:mod:`armsight.motion.permitted`).
-* What cannot move (the base, and what lies on the first joint's axis) is not checked: no plan can
-  make it touch anything.
+* What cannot move (the base, and what lies on the first joint's axis to 3 mm) is not checked: no
+  plan can make it touch anything, and none could leave what it touches.
 """
 
 from __future__ import annotations
