@@ -123,6 +123,7 @@ class Guard:
     def feel(self, readings: Sequence[Wrench]) -> None:
         """Every reading of the force sensor since the last tick, oldest first."""
         self._permits.feel(readings)
+        self._filter.monitor.feel(readings)
 
     def step(
         self,

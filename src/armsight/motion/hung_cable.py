@@ -43,8 +43,14 @@ class DraggedCable:
         self._hanger = np.array(cable.hanger, float)
         self._root = np.ascontiguousarray(transform(T_last_tip, np.array([cable.root])))
         self._link = np.array([robot.n])
-        s = (np.arange(PIECES) + 0.5) / PIECES
-        sag = 0.0 if tool.mount is None else tool.mount.sag(float(np.linalg.norm(cable.root)))
+        self._mount = tool.mount
+        self.feel(None)
+
+    def feel(self, load: Floats | None) -> None:
+        """Note the (6,) load on a tool in a soft mount, or None where nobody says."""
+        cable, s = self._cable, (np.arange(PIECES) + 0.5) / PIECES
+        lever = np.array([float(np.linalg.norm(cable.root))])
+        sag = 0.0 if self._mount is None else float(self._mount.sag(lever, load)[0])
         aside = cable.radius + 4.0 * SWAYS * s * (1.0 - s) + sag * (1.0 - s)
         self.radius: Floats = np.hypot(aside, 0.5 * cable.length / PIECES)
 

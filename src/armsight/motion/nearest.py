@@ -94,7 +94,8 @@ class MovingBody:
     Attributes:
         moving: (k,) bool, which of ``Robot.spheres`` these are.
         shell: (m,) radius in which a sphere's matter is for certain [m]: a tool in a soft mount is
-            bent out of its spheres by its weight and cable, a tip on springs by what it touches.
+            bent out of its spheres by its weight and cable and by what it presses on, a tip on
+            springs by what it touches.
 
     Raises:
         ValueError: the robot has no spheres, so nothing of it could be protected.
@@ -114,7 +115,11 @@ class MovingBody:
         self.link = np.ascontiguousarray(np.asarray(spheres.link)[moving], np.int64)
         self.local = np.ascontiguousarray(np.asarray(spheres.center)[moving], float)
         self.radius = np.ascontiguousarray(np.asarray(spheres.radius)[moving], float)
-        self.shell = self.radius + _sag(robot)[moving]
+        self.shell = self.radius + _sag(robot, None)[moving]
+
+    def feel(self, load: Floats) -> None:
+        """Note the (6,) load on a tool in a soft mount (:meth:`.SoftMount.load`) as it is now."""
+        self.shell = self.radius + _sag(self.robot, load)[self.moving]
 
     def motion(self, q: JointVector, q_dot: JointVector) -> tuple[Points, Points]:
         """(m, 3) centres in ``base`` [m] and their velocities [m/s]."""
@@ -193,12 +198,12 @@ class MovingBody:
         return center + self.shell[sphere] * unit, hazard
 
 
-def _sag(robot: Robot) -> Floats:
+def _sag(robot: Robot, load: Floats | None) -> Floats:
     """(k,) how far each of ``Robot.spheres`` may hang beside where the joints put it [m]."""
     sag, tool = np.zeros(len(robot.spheres.radius)), robot.tool
     if tool is not None and tool.mount is not None:
         levers = np.linalg.norm(tool.spheres.center - tool.T_flange_tcp[:3, 3], axis=1)
-        sag[len(sag) - len(levers) :] = [tool.mount.sag(float(lever)) for lever in levers]
+        sag[len(sag) - len(levers) :] = tool.mount.sag(levers, load)
     if tool is not None and tool.tip is not None:  # what is pressed aside is beside its place
         sag[len(sag) - len(tool.spheres.radius) :] += tool.tip.travel
     return sag

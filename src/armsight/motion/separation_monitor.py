@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armsight.arrays import Ints, JointVector, Mask, Poses
-from armsight.devices.data import RgbdCameraInfo
+from armsight.devices.data import RgbdCameraInfo, Wrench
 from armsight.motion.arm_model import ArmState
 from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
 from armsight.motion.drive_kernels import stop_path
@@ -57,6 +57,22 @@ class SeparationMonitor:
     def set_reaction(self, T_r: float, hazard_radius: float) -> None:
         """Use a reaction time [s] from now on."""
         self._law = self._make_law(T_r, hazard_radius)
+
+    def feel(self, readings: Sequence[Wrench]) -> None:
+        """How far a tool in a soft mount is bent now, by the newest reading of the force sensor.
+
+        One that falls silent, or says what is no number, leaves it as it was.
+        """
+        tool = self._robot.tool
+        if tool is None or tool.mount is None or not readings:
+            return
+        wrench = np.concatenate([readings[-1].force, readings[-1].torque])
+        if not np.isfinite(wrench).all():
+            return
+        load = tool.mount.load(tool.T_flange_tcp, wrench)
+        self.body.feel(load)
+        if self._cable is not None:
+            self._cable.feel(load)
 
     @property
     def law(self) -> Law:

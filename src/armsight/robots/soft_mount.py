@@ -24,12 +24,22 @@ class SoftMount:
     most: tuple[float, float]
     rest: tuple[float, float] = (0.0, 0.0)
 
-    def sag(self, lever: float) -> float:
-        """How far weight and cable move what is no farther than ``lever`` [m] from the tip [m]."""
-        return self.rest[0] / self.stiffness[0] + lever * self.rest[1] / self.stiffness[1]
+    def sag(self, levers: Floats, load: Floats | None = None) -> Floats:
+        """(k,) how far what acts on it moves what is no farther than (k,) levers from the tip [m].
 
-    def moved(self, T_flange_tip: Pose, wrench: Floats) -> Pose:
-        """``T_flange_moved``: where the tool is, as one that was mounted elsewhere.
+        Args:
+            levers: [m].
+            load: (6,) that acts on the tool now, as of :meth:`load`; what weight and cable do at
+                most counts in any case.
+        """
+        (force, torque), (k, k_turn) = self.rest, self.stiffness
+        if load is not None:
+            force = max(force, float(np.linalg.norm(load[:3])))
+            torque = max(torque, float(np.linalg.norm(load[3:])))
+        return np.asarray(force / k + np.asarray(levers, float) * torque / k_turn)
+
+    def load(self, T_flange_tip: Pose, wrench: Floats) -> Floats:
+        """(6,) what acts on the tool about its tip, in its axes [N], [N m].
 
         Args:
             T_flange_tip: the tip when nothing acts on it.
@@ -40,7 +50,14 @@ class SoftMount:
         for k, most in enumerate(self.most):
             part = slice(3 * k, 3 * k + 3)
             load[part] *= min(1.0, most / max(float(np.linalg.norm(load[part])), 1e-12))
-        bent = exp(load / np.repeat(self.stiffness, 3))
+        return load
+
+    def moved(self, T_flange_tip: Pose, wrench: Floats) -> Pose:
+        """``T_flange_moved``: where the tool is, as one that was mounted elsewhere.
+
+        Args: as of :meth:`load`.
+        """
+        bent = exp(self.load(T_flange_tip, wrench) / np.repeat(self.stiffness, 3))
         return np.asarray(T_flange_tip @ bent @ inverse(T_flange_tip))
 
 
