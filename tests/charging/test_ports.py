@@ -127,3 +127,21 @@ def test_curves_are_the_outlines_without_hidden_parts() -> None:
     on_mouth = np.array([model.rims[k].kind == "mouth" for k in model.rim])
     assert not inside_any(mouths, model.points[on_mouth, :2], 1e-4).any()
     assert np.allclose(np.linalg.norm(model.normals, axis=1), 1.0)
+
+
+@pytest.mark.parametrize("name", list(PORTS))
+def test_a_drawing_shows_each_mouth_where_it_is_and_nothing_across(name):
+    """Mouths that do not meet are two lines; as one, they were a fan from one to the other."""
+    outlines = [rim.outline for rim in PORTS[name].of_kind("mouth")]
+    path = drawing(PORTS[name]).split('<path id="mouth" d="')[1].split('"')[0]
+    lines = [line.strip().rstrip("Z").split("L") for line in path.split("M")[1:]]
+    loops = [np.array([[float(v) for v in p.split(",")] for p in line]) for line in lines]
+    border, _ = sample_union(outlines, 0.2e-3)
+    border = 1e3 * border * [1.0, -1.0]
+    for loop in loops:  # also between its points, and back to its beginning
+        ends = np.roll(loop, -1, axis=0)
+        for s in np.linspace(0.0, 1.0, 9):
+            away = np.linalg.norm((loop + s * (ends - loop))[:, None] - border, axis=2).min(axis=1)
+            assert away.max() < 0.6
+    drawn_there = np.concatenate(loops)
+    assert np.linalg.norm(border[:, None] - drawn_there, axis=2).min(axis=1).max() < 0.6

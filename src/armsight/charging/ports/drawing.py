@@ -5,7 +5,10 @@ The charging paper makes its templates from such drawings (its figure 3).
 
 from __future__ import annotations
 
-from armsight.charging.ports.outline import Outline, sample_union
+import numpy as np
+
+from armsight.arrays import Floats
+from armsight.charging.ports.outline import Outline, inside_any
 from armsight.charging.ports.table import MM, Port
 
 INK = "#202020"
@@ -44,12 +47,35 @@ def _box(outline: Outline) -> list[tuple[float, float, float]]:
 
 
 def _path(name: str, outlines: list[Outline]) -> str:
-    """The border of outlines joined, as one closed line through its points."""
-    import numpy as np
+    """The border of outlines joined, as closed lines through its points."""
+    lines = []
+    for loop in _loops(outlines, 0.5 * MM):
+        steps = " L".join(f"{x / MM:.3f},{-y / MM:.3f}" for x, y in loop)
+        lines.append(f"M{steps} Z")
+    return f'<path id="{name}" d="{" ".join(lines)}"/>'
 
-    points, _ = sample_union(outlines, 0.5 * MM)
-    if len(outlines) > 1:  # pieces of several curves: in the order around the middle of them all
-        middle = points.mean(axis=0)
-        points = points[np.argsort(np.arctan2(*(points - middle).T[::-1]))]
-    steps = " L".join(f"{x / MM:.3f},{-y / MM:.3f}" for x, y in points)
-    return f'<path id="{name}" d="M{steps} Z"/>'
+
+def _loops(outlines: list[Outline], step: float) -> list[Floats]:
+    """(n, 2) points around each piece of several outlines joined, anticlockwise."""
+    runs = []
+    for i, outline in enumerate(outlines):
+        points, _ = outline.sample(step)
+        inside = inside_any([o for j, o in enumerate(outlines) if j != i], points, 1e-9)
+        ends = np.flatnonzero(inside & ~np.roll(inside, -1))  # each is followed by a run
+        if len(ends) == 0:
+            runs += [] if inside.any() else [points]
+            continue
+        for end, after in zip(ends, [*ends[1:], ends[0] + len(points)]):
+            turn = np.roll(np.arange(len(points)), -int(end) - 1)[: int(after - end)]
+            runs.append(points[turn[~inside[turn]]])
+    loops = []
+    while runs:
+        loop = runs.pop(0)
+        while runs:  # what goes on where this ends, if it is not nearer to its own beginning
+            gaps = [float(np.linalg.norm(run[0] - loop[-1])) for run in runs]
+            nearest = int(np.argmin(gaps))
+            if gaps[nearest] >= float(np.linalg.norm(loop[0] - loop[-1])):
+                break
+            loop = np.concatenate([loop, runs.pop(nearest)])
+        loops.append(loop)
+    return loops
