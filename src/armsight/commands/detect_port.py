@@ -42,6 +42,8 @@ class DetectPort:
         toe_in_deg: angle between a pair's axes, looking inward [deg].
         ports: types to look for, separated by commas: type1, type2, ccs1, ccs2, type1_plug,
             type2_plug, ccs2_plug. Only those are compared: one alone may be taken for another.
+        drawing: a port of your own, TOML: it is looked for as well.
+        write_drawing: print a type's drawing, to start your own from; no picture is needed.
         least_score: what scores below is not reported.
         windows: search the darker-than-average regions only, as fast as these are small.
     """
@@ -54,18 +56,24 @@ class DetectPort:
     baseline: float | None = None
     toe_in_deg: float = 0.0
     ports: str = "type1,type2,ccs1,ccs2"
+    drawing: Path | None = None
+    write_drawing: str = ""
     least_score: float = 0.55
     windows: bool = False
 
     def run(self) -> int:
         """Find and print; 1 where nothing was found."""
         from armsight.charging.find import FindOptions
+        from armsight.charging.ports.drawing_file import add_drawing, written
         from armsight.charging.ports.table import port
         from armsight.charging.pose import locate, locate_in_one
         from armsight.errors import UsageError
         from armsight.geometry.stereo import converging_pair
         from armsight.writing import write_atomically
 
+        if self.write_drawing:
+            print(written(port(self.write_drawing), f"my_{self.write_drawing}"), end="")
+            return 0
         if len(self.images) not in (1, 2):
             raise UsageError(f"detect-port: {len(self.images)} pictures; give one, or a pair")
         if not 0.0 < self.least_score <= 1.0:
@@ -73,6 +81,8 @@ class DetectPort:
         names = tuple(name.strip() for name in self.ports.split(",") if name.strip())
         if not names:
             raise UsageError("--ports names no type; leave it out, or say which to look for")
+        if self.drawing is not None:
+            names = tuple(dict.fromkeys((*names, add_drawing(self.drawing).name)))
         for name in names:
             port(name)
         if not abs(self.toe_in_deg) < 90.0:
