@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from painted_ports import LENS, PAIR, facing, paint
 
-from armsight.charging.eye import PortEye
+from armsight.charging.eye import PortEye, picture_fault
 from armsight.charging.ports.table import PORTS
+from armsight.devices.camera_models import stereo_pair
 from armsight.devices.data import StereoFrame, StereoInfo
 from armsight.geometry.pose import inverse
 
@@ -59,3 +60,17 @@ def test_a_pair_that_is_not_as_it_should_be_is_said(pictures, spoilt, words):
     assert seen.ports == ()
     assert words in seen.reason
     assert seen.picture.ndim == 3
+
+
+@pytest.mark.parametrize(
+    ("named", "shows", "words"),
+    [
+        ("converging_pair", "flange_pair", "the left picture is 800x600, its lens 1280x960"),
+        ("flange_pair", "converging_pair", "the left picture is 1280x960, its lens 800x600"),
+    ],
+)
+def test_pairs_that_were_exchanged_by_name_are_said(named, shows, words):
+    """Those of the packaged cells: what stands on the post is called flange, and the other way."""
+    true, believed = stereo_pair(shows), stereo_pair(named)
+    picture = paint(PORTS["type2"], facing(0.02, 0.01, 0.6, (0.3, -0.25), 0.2), true.left, 2)
+    assert words in picture_fault(picture, picture, believed.left, believed.right)
