@@ -139,6 +139,30 @@ def test_a_fast_or_unsaid_speed_can_be_said_in_the_sheet(tmp_path):
     assert load_arm(path).limits.velocity.tolist() == [3.1, 3.1, 45.0]
 
 
+def test_a_joint_without_end_is_turned_where_links_are_found_that_meet(tmp_path):
+    # l3, bent up beside l1, meets it only where j2 is turned by half.
+    bend = '<origin xyz="0.2 0 0"/><axis xyz="0 0 1"/><limit velocity="1" effort="1"/>'
+    text = SPHERES.replace('<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/>' + LIMIT, bend)
+    text = text.replace('name="j2" type="revolute"', 'name="j2" type="continuous"')
+    text = text.replace('name="j3" type="revolute"', 'name="j3" type="continuous"')
+    (tmp_path / "arm.urdf").write_text(text)
+    robot = load_arm(tmp_path / "arm.urdf")
+    assert np.isfinite(robot.limits.lower).all()
+    assert [1, 3] in robot.self_pairs.tolist()
+
+
+@pytest.mark.parametrize(
+    ("corner", "said"), [(100, 'link "l0": its shapes are 100 m long'), (1e-4, "0.1 mm long")]
+)
+def test_lengths_in_millimetres_are_told(tmp_path, corner, said):
+    corners = f"v 0 0 0\nv {corner} 0 0\nv 0 {corner} 0\nv 0 0 {corner}\n"
+    (tmp_path / "l.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf('<mesh filename="l.obj"/>'))
+    with pytest.raises(RobotError, match=f"arm.urdf: .*{said}; lengths are in metres"):
+        load_arm(path)
+
+
 MESH = '<mesh filename="package://their_arm/meshes/link.stl"/>'
 
 

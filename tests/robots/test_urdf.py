@@ -126,7 +126,7 @@ FINGERS = TWO_JOINTS.replace(
 
 def test_fingers_are_held(tmp_path):
     path = write(tmp_path, FINGERS)
-    with pytest.raises(RobotError, match=r'joint "finger" is prismatic.*flange='):
+    with pytest.raises(RobotError, match=r'joint "finger" is prismatic.*flange = '):
         load_urdf(path)
     shut = load_urdf(path, flange="tool0")
     open_ = load_urdf(path, flange="tool0", held={"finger": 0.04})
@@ -136,11 +136,50 @@ def test_fingers_are_held(tmp_path):
         load_urdf(path, flange="tool0", held={"thumb": 0.1})
 
 
+def test_what_mimics_a_held_joint_goes_with_it(tmp_path):
+    other = f"""<joint name="thumb" type="prismatic"><parent link="hand"/><child link="pad"/>
+      <axis xyz="1 0 0"/><mimic joint="finger" multiplier="-2" offset="0.01"/></joint>
+      <link name="pad">{SPHERE}</link></robot>"""
+    path = write(tmp_path, FINGERS.replace("</robot>", other))
+    pad = load_urdf(path, flange="tool0", held={"finger": 0.04}).spheres.center[-1]
+    np.testing.assert_allclose(pad, [-0.07, 0, 0])
+    pad = load_urdf(path, flange="tool0", held={"thumb": 0.5}).spheres.center[-1]
+    np.testing.assert_allclose(pad, [0.5, 0, 0])
+
+
+def test_what_carries_the_arm_is_held(tmp_path):
+    # A mobile base on the plane, with a wheel, and a lift; values and macros of xacro do no harm.
+    carried = f"""<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">
+      <xacro:property name="r" value="1"/><xacro:macro name="m"><link name="no"/></xacro:macro>
+      <link name="odom"/><link name="car"/><link name="wheel">{SPHERE}</link>
+      <joint name="drive" type="planar"><parent link="odom"/><child link="car"/></joint>
+      <joint name="roll" type="continuous"><parent link="car"/><child link="wheel"/></joint>
+      <joint name="lift" type="prismatic"><parent link="car"/><child link="world"/>
+        <axis xyz="0 0 1"/>{LIMIT}</joint>"""
+    path = write(tmp_path, carried + TWO_JOINTS.split(">", 1)[1])
+    with pytest.raises(RobotError, match=r'joint "drive" is planar.*base = '):
+        load_urdf(path, flange="hand")
+    alone = load_urdf(write(tmp_path, TWO_JOINTS), flange="hand")
+    path = write(tmp_path, carried + TWO_JOINTS.split(">", 1)[1])
+    for lift in (0.0, 0.3):
+        robot = load_urdf(path, base="world", flange="hand", held={"lift": lift})
+        assert robot.joint_names == ("a", "b")
+        np.testing.assert_allclose(robot.T_link_joint, alone.T_link_joint, atol=1e-12)
+        wheel = robot.spheres.center[robot.spheres.link == 0]
+        assert np.abs(wheel - [0, 0, -lift]).max(axis=1).min() < 1e-12
+
+
+def test_wrists_of_more_than_a_turn_are_taken(tmp_path):
+    path = write(tmp_path, broken('lower="-1" upper="2"', 'lower="-7.9412" upper="12.57"'))
+    limits = load_urdf(path).limits
+    assert (limits.lower[0], limits.upper[0]) == (-7.9412, 12.57)
+
+
 def test_two_arms_must_be_told_apart(tmp_path):
     second = f"""<joint name="c" type="revolute"><parent link="base"/><child link="other"/>
       <axis xyz="0 0 1"/>{LIMIT}</joint><link name="other">{SPHERE}</link></robot>"""
     path = write(tmp_path, TWO_JOINTS.replace("</robot>", second))
-    with pytest.raises(RobotError, match=r'joint "c" is not on the way to "hand"; .*flange='):
+    with pytest.raises(RobotError, match=r'joint "c" is not on the way to "hand"; .*flange = '):
         load_urdf(path)
     assert load_urdf(path, flange="tool0").joint_names == ("a", "b")
     assert load_urdf(path, flange="other").joint_names == ("c",)
@@ -191,7 +230,19 @@ def broken(old, new):
             broken('<link name="world"/>', '<link name="world"/><link name="island"/>'),
             "has 2 roots",
         ),
-        (broken('type="revolute"', 'type="floating"'), 'type "floating" is not supported'),
+        (broken('type="revolute"', 'type="screw"'), 'type "screw" is not supported'),
+        (broken('type="revolute"', 'type="floating"'), 'joint "a" is floating, .*base = '),
+        (
+            broken(LIMIT, LIMIT + '<mimic joint="b"/>'),
+            'joint "a" mimics "b"; each joint of an arm here moves by itself',
+        ),
+        (broken(LIMIT, LIMIT + "<mimic/>"), 'joint "a" <mimic>: has no joint='),
+        (broken('xyz="0 0.1 0.2"', 'xyz="0 100 200"'), '<origin>: 224 m from "base"; lengths are'),
+        (broken('<link name="world"/>', "<xacro:property name='r'/>"), "expanded first: xacro IN"),
+        (
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm prefix=""/></robot>',
+            "<xacro:arm> was not expanded; ",
+        ),
         (broken('type="revolute"', 'type="prismatic"'), 'joint "a" is prismatic'),
         (broken('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>'), 'joint "a" <axis>: has no length'),
         (broken('<axis xyz="0 0 2"/>', '<axis xyz="0 0"/>'), 'xyz="0 0" is not 3 finite'),
@@ -249,7 +300,7 @@ def test_unknown_links_are_listed(tmp_path):
     path = write(tmp_path, TWO_JOINTS)
     with pytest.raises(RobotError, match='flange link "gripper" is unknown; known: world, base'):
         load_urdf(path, flange="gripper")
-    with pytest.raises(RobotError, match='link "hand" moves and cannot be the base'):
+    with pytest.raises(RobotError, match="has no moving joint behind its base"):
         load_urdf(path, base="hand")
     with pytest.raises(RobotError, match="acceleration: 3 values were given for 2 joints"):
         load_urdf(path, base="base", acceleration=np.ones(3))

@@ -14,6 +14,8 @@ from armsight.geometry.pose import inverse, make_pose
 from armsight.robots.urdf import Geometry, Inertial, Urdf, UrdfJoint
 
 _FLANGE_NAMES = ("tool0", "flange")
+LONGEST = 20.0
+"""[m] No link of an arm is longer, and no joint farther from the link before it."""
 
 
 @dataclass(frozen=True)
@@ -55,33 +57,30 @@ def fold_chain(
 
     Args:
         urdf: the tree.
-        base: link whose frame becomes ``base``; the root when None.
+        base: link whose frame becomes ``base``; the root when None. Joints between root and base,
+            such as a mobile base's or a lift's, are held.
         flange: link whose frame is the flange, where the chain ends; when None, ``tool0`` or
             ``flange`` if there is one behind the last joint, else the last moving link.
-        held: values [rad or m] of moving joints off the chain, such as fingers; 0 by default.
+        held: values [rad or m] of moving joints off the chain, such as fingers; 0 by default. What
+            mimics one of them goes with it.
 
     Raises:
         RobotError: no moving joint, a branch, an unknown link, or a joint that is not revolute.
     """
     base = _known(urdf, base, "base") or urdf.root
-    end = _known(urdf, flange, "flange") or _end_of_single_chain(urdf)
-    joints = _joints_to(urdf, end)
+    before_base = {joint.name for joint in _joints_to(urdf, base)}
+    end = _known(urdf, flange, "flange") or _end_of_single_chain(urdf, before_base)
+    joints = [joint for joint in _joints_to(urdf, end) if joint.name not in before_base]
     for joint in joints:
-        if joint.kind == "prismatic":
-            raise _fail(
-                urdf,
-                f'joint "{joint.name}" is prismatic, arms here have revolute joints; if it is a '
-                "gripper's, name the link where the arm ends with flange=",
-            )
+        _check_on_chain(urdf, joint)
     if not joints:
-        raise _fail(urdf, "has no moving joint between its root and its flange")
+        raise _fail(urdf, "has no moving joint between its base and its flange")
     _check_held(urdf, joints, held or {})
+    held = _with_mimics(urdf, held or {})
 
     starts = [urdf.root] + [joint.child for joint in joints]
     stops = {joint.name for joint in joints}
-    pieces = [dict(_fixed_links(urdf, start, stops, held or {})) for start in starts]
-    if base not in pieces[0]:
-        raise _fail(urdf, f'link "{base}" moves and cannot be the base; the root is "{urdf.root}"')
+    pieces = [dict(_fixed_links(urdf, start, stops, held)) for start in starts]
     T_base_root = inverse(pieces[0][base])
     pieces[0] = {name: T_base_root @ T for name, T in pieces[0].items()}
 
@@ -105,11 +104,36 @@ def _fail(urdf: Urdf, what: str) -> RobotError:
     return RobotError(f"{urdf.path}: {what}")
 
 
-def _end_of_single_chain(urdf: Urdf) -> str:
+def _check_on_chain(urdf: Urdf, joint: UrdfJoint) -> None:
+    """Refuses what an arm's chain cannot have."""
+    if joint.kind not in ("revolute", "continuous"):
+        raise _fail(
+            urdf,
+            f'joint "{joint.name}" is {joint.kind}, arms here have revolute joints; if it is '
+            "before the arm or a gripper's, name the links where the arm begins or ends in its "
+            '.toml: base = "...", flange = "..."',
+        )
+    far = float(np.linalg.norm(joint.T_parent_joint[:3, 3]))
+    if far > LONGEST:
+        raise _fail(
+            urdf,
+            f'joint "{joint.name}" <origin>: {far:.3g} m from "{joint.parent}"; lengths are in '
+            "metres",
+        )
+    if joint.mimic:
+        raise _fail(
+            urdf,
+            f'joint "{joint.name}" mimics "{joint.mimic[0]}"; each joint of an arm here moves by '
+            "itself; if it is a gripper's, name the link where the arm ends in its .toml: "
+            'flange = "..."',
+        )
+
+
+def _end_of_single_chain(urdf: Urdf, before_base: set[str]) -> str:
     """The child of the last moving joint, where all moving joints lie on one line."""
-    moving = [j for j in urdf.joints.values() if j.kind != "fixed"]
+    moving = [j for j in urdf.joints.values() if j.kind != "fixed" and j.name not in before_base]
     if not moving:
-        raise _fail(urdf, "has no moving joint; an arm needs at least one")
+        raise _fail(urdf, "has no moving joint behind its base; an arm needs at least one")
     paths = {j.name: _joints_to(urdf, j.child) for j in moving}
     longest = max(paths.values(), key=len)
     off = [j.name for j in moving if j not in longest]
@@ -117,7 +141,7 @@ def _end_of_single_chain(urdf: Urdf) -> str:
         raise _fail(
             urdf,
             f'branches: joint "{off[0]}" is not on the way to "{longest[-1].child}"; '
-            "name the arm's last link with flange=",
+            'name the arm\'s last link in its .toml: flange = "..."',
         )
     return longest[-1].child
 
@@ -141,6 +165,16 @@ def _check_held(urdf: Urdf, joints: list[UrdfJoint], held: Mapping[str, float]) 
             raise _fail(urdf, f'held joint "{name}" is not a moving joint off the chain')
 
 
+def _with_mimics(urdf: Urdf, held: Mapping[str, float]) -> dict[str, float]:
+    """The held values, and those of the joints that mimic them."""
+    values = dict(held)
+    for joint in urdf.joints.values():
+        if joint.mimic and joint.name not in held:
+            leader, factor, offset = joint.mimic
+            values[joint.name] = factor * held.get(leader, 0.0) + offset
+    return values
+
+
 def _fixed_links(
     urdf: Urdf, start: str, stops: set[str], held: Mapping[str, float]
 ) -> Iterator[tuple[str, Pose]]:
@@ -157,7 +191,7 @@ def _fixed_links(
 def _motion(joint: UrdfJoint, held: Mapping[str, float]) -> Pose:
     """What a joint off the chain, held at its value, adds."""
     value = held.get(joint.name, 0.0)
-    if joint.kind == "fixed" or value == 0.0:
+    if joint.kind in ("fixed", "planar", "floating") or value == 0.0:
         return np.eye(4)
     if joint.kind == "prismatic":
         return make_pose(None, joint.axis * value)

@@ -29,6 +29,8 @@ def fingerprint(chain: Chain, urdf: Path) -> str:
     files = [urdf]
     for link in chain.links:
         digest.update(f"{link.name}\n".encode() + link.T_parent_joint.tobytes())
+        if link.joint is not None and link.joint.kind == "continuous":
+            digest.update(b"turned")  # earlier fits held such joints still
         for shape in (*link.visuals, *link.collisions):
             digest.update(shape.T_link_geometry.tobytes())
             if shape.path is not None and shape.path.is_file():  # who needs it says it is missing

@@ -9,7 +9,7 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Points
 from armsight.errors import RobotError
-from armsight.robots.chain import Chain, ChainLink
+from armsight.robots.chain import LONGEST, Chain, ChainLink
 from armsight.robots.covering import Axes, cover, refine
 from armsight.robots.covering_kernels import axis_distances
 from armsight.robots.fit_quality import measure, report
@@ -24,6 +24,9 @@ from armsight.robots.meshes import Triangles
 from armsight.robots.pairs import PairStatistics, pair_statistics
 from armsight.robots.shapes import BodyShapes, make_capsules, make_spheres
 from armsight.robots.solids import thin
+
+SMALLEST_LINK = 0.01
+"""[m] The largest link of an arm is never smaller."""
 
 
 def fit_body(body: LinkBody, options: FitOptions, what: str) -> tuple[Axes, Floats]:
@@ -105,6 +108,7 @@ def fit_chain(
     triangles = triangles or [link_triangles(link) for link in chain.links]
     if not any(len(faces) for _, faces in triangles):
         raise RobotError("the robot has no geometry to fit spheres to; give it visuals or shapes")
+    _check_sizes(chain, triangles)
     bodies = prepare_chain(chain, triangles, lower, upper, options)
     balls: list[tuple[int, list[float]]] = []
     rods: list[tuple[int, list[float]]] = []
@@ -143,6 +147,23 @@ def fit_chain(
         report(ball_fit),
         report(rod_fit),
     )
+
+
+def _check_sizes(chain: Chain, triangles: list[Triangles]) -> None:
+    """Refuses links in millimetres, and those made a thousand times too small."""
+    sizes = [float(np.ptp(corners, axis=0).max(initial=0.0)) for corners, _ in triangles]
+    largest = int(np.argmax(sizes))
+    name, size = chain.links[largest].name, sizes[largest]
+    if size > LONGEST:
+        raise RobotError(
+            f'link "{name}": its shapes are {size:.3g} m long; lengths are in metres, and a mesh '
+            'in millimetres needs scale="0.001 0.001 0.001"'
+        )
+    if size < SMALLEST_LINK:
+        raise RobotError(
+            f'the largest link, "{name}", is {1e3 * size:.2g} mm long; lengths are in metres, and '
+            "a mesh in metres needs no scale"
+        )
 
 
 def _all_spheres(chain: Chain) -> bool:

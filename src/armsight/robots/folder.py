@@ -19,7 +19,7 @@ from armsight.robots.fit_cache import cached_shapes, fingerprint, keep_shapes
 from armsight.robots.fitting import fit_chain
 from armsight.robots.link_body import FitOptions
 from armsight.robots.loading import joint_limits, link_meshes, load_urdf
-from armsight.robots.robot import Capsules, Robot, Spheres
+from armsight.robots.robot import Capsules, JointLimits, Robot, Spheres
 from armsight.robots.shapes import BodyShapes, FitReport, made_from, read_shapes
 from armsight.robots.sheet import ArmSheet, read_sheet
 from armsight.robots.urdf import read_urdf
@@ -92,8 +92,7 @@ def load_arm(path: Path) -> Robot:
     """
     files = arm_files(path)
     sheet = read_sheet(files.sheet)
-    chain = _chain(files, sheet)
-    return _robot(files, sheet, _shapes(files, sheet, chain))
+    return _robot(files, sheet, _shapes(files, *_chain(files, sheet)))
 
 
 def fit_arm(path: Path, options: FitOptions = QUICK) -> tuple[Robot, BodyShapes, ArmFiles]:
@@ -104,8 +103,7 @@ def fit_arm(path: Path, options: FitOptions = QUICK) -> tuple[Robot, BodyShapes,
     """
     files = arm_files(path)
     sheet = read_sheet(files.sheet)
-    chain = _chain(files, sheet)
-    shapes = _fit(files, chain, options)
+    shapes = _fit(files, *_chain(files, sheet), options)
     return _robot(files, sheet, shapes), shapes, files
 
 
@@ -116,7 +114,7 @@ def mark_of(path: Path) -> str:
         RobotError: as :func:`load_arm`.
     """
     files = arm_files(path)
-    return fingerprint(_chain(files, read_sheet(files.sheet)), files.urdf)
+    return fingerprint(_chain(files, read_sheet(files.sheet))[0], files.urdf)
 
 
 def shapes_lines(shapes: BodyShapes) -> list[str]:
@@ -173,16 +171,16 @@ def _robot(files: ArmFiles, sheet: ArmSheet, shapes: BodyShapes) -> Robot:
     return robot
 
 
-def _chain(files: ArmFiles, sheet: ArmSheet) -> Chain:
+def _chain(files: ArmFiles, sheet: ArmSheet) -> tuple[Chain, JointLimits]:
     urdf = read_urdf(files.urdf, sheet.packages)
     chain = fold_chain(urdf, sheet.base, sheet.flange, sheet.held)
     # Before a minute of fitting, not after it:
     link_meshes(chain, files.urdf)
-    joint_limits(chain, files.urdf, sheet.velocity, sheet.acceleration, sheet.jerk)
-    return chain
+    limits = joint_limits(chain, files.urdf, sheet.velocity, sheet.acceleration, sheet.jerk)
+    return chain, limits
 
 
-def _shapes(files: ArmFiles, sheet: ArmSheet, chain: Chain) -> BodyShapes:
+def _shapes(files: ArmFiles, chain: Chain, limits: JointLimits) -> BodyShapes:
     names = tuple(link.name for link in chain.links)
     if files.shapes.is_file():
         mark = made_from(files.shapes)
@@ -195,7 +193,7 @@ def _shapes(files: ArmFiles, sheet: ArmSheet, chain: Chain) -> BodyShapes:
     mark = fingerprint(chain, files.urdf)
     shapes = cached_shapes(mark, names)
     if shapes is None:
-        shapes = _fit(files, chain, QUICK)
+        shapes = _fit(files, chain, limits, QUICK)
         kept = keep_shapes(mark, shapes, names)
         for line in shapes_lines(shapes):
             _log.info("  %s", line)
@@ -203,14 +201,13 @@ def _shapes(files: ArmFiles, sheet: ArmSheet, chain: Chain) -> BodyShapes:
     return shapes
 
 
-def _fit(files: ArmFiles, chain: Chain, options: FitOptions) -> BodyShapes:
+def _fit(files: ArmFiles, chain: Chain, limits: JointLimits, options: FitOptions) -> BodyShapes:
     _log.info("Fitting shapes to %s, once; this takes a minute or two.", files.urdf)
-    joints = [link.joint for link in chain.links if link.joint]
     try:
         return fit_chain(
             chain,
-            np.array([max(joint.lower, -2 * np.pi) for joint in joints]),
-            np.array([min(joint.upper, 2 * np.pi) for joint in joints]),
+            limits.lower,
+            limits.upper,
             options,
             say=lambda line: _log.info("  %s", line),
         )

@@ -22,6 +22,9 @@ DEFAULT_JERK = 100.0
 FASTEST = 30.0
 """[rad/s] No joint of a serial arm is faster: small industrial ones reach 25 at the last joint.
 What a URDF says beyond it is degrees, or was put there because a number had to be."""
+MOST_TURNS = 4
+"""No joint turns farther each way: the last ones of industrial arms go 455 deg, some 720. What a
+URDF says beyond it is degrees."""
 
 
 def load_urdf(
@@ -110,13 +113,10 @@ def joint_limits(
     joints = [link.joint for link in chain.links if link.joint is not None]
     n = len(joints)
     for joint in joints:
+        if joint.kind != "continuous":
+            _check_range(joint, path)
         if velocity is None:
             _check_speed(joint, path)
-        if joint.kind != "continuous" and max(abs(joint.lower), abs(joint.upper)) > 7.0:
-            raise RobotError(
-                f'{path}: joint "{joint.name}" <limit>: {joint.lower:g} to {joint.upper:g} is more '
-                "than a turn each way; limits are in radians"
-            )
     own = np.array([j.velocity for j in joints])
     turn = 2.0 * math.pi  # a joint without end gets a turn each way
     endless = [joint.kind == "continuous" for joint in joints]
@@ -128,6 +128,19 @@ def joint_limits(
         jerk=_per_joint(jerk, n, "jerk"),
         effort=np.array([j.effort for j in joints]),
     )
+
+
+def _check_range(joint: UrdfJoint, path: Path) -> None:
+    where, lower, upper = f'{path}: joint "{joint.name}"', joint.lower, joint.upper
+    if math.isnan(lower):
+        raise RobotError(f"{where}: has no <limit>; a revolute joint needs lower, upper, velocity")
+    if not lower < upper:
+        raise RobotError(f"{where} <limit>: lower {lower:g} is not below upper {upper:g}")
+    if max(-lower, upper) > 2.0 * math.pi * MOST_TURNS:
+        raise RobotError(
+            f"{where} <limit>: {lower:g} to {upper:g} is more than {MOST_TURNS} turns each way; "
+            "limits are in radians"
+        )
 
 
 def _check_speed(joint: UrdfJoint, path: Path) -> None:
@@ -170,7 +183,7 @@ def link_meshes(chain: Chain, path: Path) -> tuple[LinkMesh, ...]:
             if not shape.path.is_file():
                 raise RobotError(
                     f'{path}: link "{link.name}" <visual>: mesh {shape.path} is missing; put it '
-                    "there, or name the folder of its package under [packages] of robot.toml"
+                    "there, or name the folder of its package under [packages] of the arm's .toml"
                 )
             found.append(LinkMesh(i, shape.path, shape.color, shape.T_link_geometry, shape.size))
     return tuple(found)

@@ -19,8 +19,9 @@ from armsight.errors import RobotError
 from armsight.geometry.pose import from_rpy
 
 GeometryKind = Literal["mesh", "box", "cylinder", "sphere"]
-_JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+_JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "planar", "floating")
 _DEFAULT_COLOR = (0.7, 0.7, 0.7)
+EXPAND = "a xacro has to be expanded first: xacro IN > OUT.urdf"
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,12 @@ class UrdfJoint:
     """A joint as the file says.
 
     Attributes:
-        name, kind, parent, child: kind is revolute, continuous, prismatic or fixed.
+        name, kind, parent, child: kind is revolute, continuous, prismatic, fixed, planar or
+            floating.
         T_parent_joint: its frame in the parent link's.
         axis: (3,) unit axis in the joint's frame.
         lower, upper: [rad]; velocity: [rad/s]; effort: [N m]; NaN where the file is silent.
+        mimic: the joint that moves it, and by what its value is multiplied and added to.
     """
 
     name: str
@@ -83,6 +86,7 @@ class UrdfJoint:
     upper: float
     velocity: float
     effort: float
+    mimic: tuple[str, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,7 @@ class _Reader:
         root = self.parse()
         if root.tag != "robot":
             raise self.fail("", f"the outermost element is <{root.tag}>, expected <robot>")
+        self.check_expanded(root)
         for material in root.findall("material"):
             self.material(material, "material")
         links: dict[str, UrdfLink] = {}
@@ -162,10 +167,18 @@ class _Reader:
             parser.feed(data)
             root: ET.Element = parser.close()
         except ET.ParseError as error:
-            raise self.fail("", f"is not well-formed XML ({error}); mend that line") from None
+            hint = EXPAND if b"<xacro:" in data else "mend that line"
+            raise self.fail("", f"is not well-formed XML ({error}); {hint}") from None
         except RobotError as error:
             raise self.fail("", str(error)) from None
         return root
+
+    def check_expanded(self, root: ET.Element) -> None:
+        """Refuses what would have been links and joints; values and definitions do no harm."""
+        for element in root:
+            space, _, tag = element.tag.rpartition("}")
+            if "xacro" in space and tag not in ("property", "arg", "macro"):
+                raise self.fail("", f"<xacro:{tag}> was not expanded; {EXPAND}")
 
     def tree(self, links: dict[str, UrdfLink], joints: dict[str, UrdfJoint]) -> str:
         """Name of the one root; refuses unknown links, second parents, loops and islands."""
@@ -238,19 +251,27 @@ class _Reader:
                     ("effort", math.nan),
                 )
             ]
-        if kind in ("revolute", "prismatic"):
-            self.check_range(limit is not None, bounds, where)
+        if kind == "continuous":
+            bounds[:2] = [math.nan] * 2
         lower, upper, velocity, effort = bounds
-        origin = self.origin(element, where)
-        return UrdfJoint(name, kind, parent, child, origin, axis, lower, upper, velocity, effort)
+        origin, mimic = self.origin(element, where), self.mimic(element, where)
+        return UrdfJoint(
+            name, kind, parent, child, origin, axis, lower, upper, velocity, effort, mimic
+        )
 
-    def check_range(self, given: bool, bounds: list[float], where: str) -> None:
-        if not given:
-            raise self.fail(where, "has no <limit>; a revolute joint needs lower, upper, velocity")
-        if not bounds[0] < bounds[1]:
-            raise self.fail(
-                f"{where} <limit>", f"lower {bounds[0]:g} is not below upper {bounds[1]:g}"
-            )
+    def mimic(self, element: ET.Element, where: str) -> tuple[str, float, float] | None:
+        found = element.find("mimic")
+        if found is None:
+            return None
+        where = f"{where} <mimic>"
+        leader = found.get("joint")
+        if not leader:
+            raise self.fail(where, 'has no joint="..."')
+        factor, offset = (
+            self.number(found, key, where, default)
+            for key, default in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        return leader, factor, offset
 
     def link_of(self, element: ET.Element, role: str, where: str) -> str:
         found = element.find(role)
