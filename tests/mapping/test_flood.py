@@ -5,8 +5,18 @@ import pytest
 from scipy import ndimage
 
 from armsight.mapping.hazards import UnseenPeople
-from armsight.mapping.kernels.flood import pack, spread, unpack
-from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from armsight.mapping.kernels.flood import (
+    face_points,
+    grow,
+    open_by_cube,
+    pack,
+    replace_outside,
+    spread,
+    surface_parts,
+    unpack,
+    voxel_centers,
+)
+from armsight.mapping.snapshot import ENCLOSED, FREE, OCCUPIED, UNKNOWN, VoxelGrid
 
 
 @pytest.mark.parametrize(("share", "seed"), [(0.15, 0), (0.3, 1), (0.6, 2)])
@@ -24,6 +34,103 @@ def test_spread_fills_connected_components(share, seed):
     unpack(bits, 0, found)
     assert (found.astype(bool) == expected).all()
     assert expected.sum() > seeds.sum()
+
+
+def packed(mask):
+    bits = np.zeros((*mask.shape[:2], (mask.shape[2] + 63) // 64), np.uint64)
+    pack(mask.astype(np.uint8), 0, bits)
+    return bits
+
+
+def unpacked(bits, shape):
+    mask = np.zeros(shape, np.uint8)
+    unpack(bits, 0, mask)
+    return mask.astype(bool)
+
+
+DEPTHS = [37, 64, 66, 128, 150]
+
+
+@pytest.mark.parametrize("depth", DEPTHS)
+@pytest.mark.parametrize("share", [0.002, 0.1])
+def test_growth_is_dilation_by_all_neighbours_within_the_room(depth, share):
+    rng = np.random.default_rng(depth)
+    shape = (13, 11, depth)
+    some = rng.random(shape) < share
+    some[:4] = False  # planes with nothing in them
+    room = rng.random(shape) < 0.7
+    bits = packed(some)
+    a, b = rng.integers(0, 2**63, (2, *bits.shape)).astype(np.uint64)  # whatever was left there
+    for _ in range(4):
+        expected = some | (ndimage.binary_dilation(some, np.ones((3, 3, 3))) & room)
+        assert grow(bits, packed(room), a, b) == (expected != some).any()
+        assert (unpacked(bits, shape) == expected).all()
+        some = expected
+    assert not grow(packed(room), packed(room), a, b)
+
+
+@pytest.mark.parametrize("depth", DEPTHS)
+@pytest.mark.parametrize("edge", [1, 2, 4])
+def test_only_what_a_cube_covers_is_left(depth, edge):
+    rng = np.random.default_rng(depth)
+    shape = (15, 14, depth)
+    some = rng.random(shape) < 0.4
+    for low in rng.integers(0, 9, (9, 3)) * [1, 1, (depth - 6) // 8]:
+        some[tuple(slice(n, n + 5) for n in low)] = True
+    bits = packed(some)
+    open_by_cube(bits, edge, depth)
+    expected = ndimage.binary_opening(some, np.ones((edge, edge, edge)))
+    assert (unpacked(bits, shape) == expected).all()
+    assert edge == 1 or 0 < expected.sum() < some.sum()
+
+
+@pytest.mark.parametrize("shape", [(7, 5, 9), (8, 8, 8), (3, 5, 70)])
+def test_unknown_space_that_hides_nobody_is_enclosed(shape):
+    rng = np.random.default_rng(4)
+    for share in (0.02, 0.5):
+        unknown = rng.random(shape) < share
+        state = np.where(unknown, UNKNOWN, rng.integers(1, 4, shape)).astype(np.uint8)
+        possible = rng.random(shape) < 0.5
+        expected = np.where(unknown & ~possible, ENCLOSED, state)
+        bits = np.zeros((shape[0] + 4, shape[1] + 4, (shape[2] + 4 + 63) // 64), np.uint64)
+        pack(possible.astype(np.uint8), 2, bits)
+        replace_outside(bits, 2, UNKNOWN, ENCLOSED, state)
+        assert (state == expected).all()
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 5])
+def test_faces_of_cells_outside_a_box(parts):
+    """Every small cube that touches an open face, unless its centre lies in the box; no other."""
+    rng = np.random.default_rng(parts)
+    cell, shape, origin = 0.06, np.array([9, 8, 7]), np.array([-0.3, 0.1, -0.2])
+    indices = rng.permutation(int(shape.prod()))[:200].astype(np.int32)
+    faces = rng.integers(0, 64, len(indices)).astype(np.uint8)
+    faces[:9] = 63
+    lower, upper = origin + 0.17, origin + 0.3
+    found = face_points(
+        indices, faces, surface_parts(parts), origin, cell, shape, parts, lower, upper
+    )
+    expected = []
+    for index, face in zip(indices, faces):
+        place = np.array(np.unravel_index(index, shape))
+        for cube in np.ndindex(parts, parts, parts):
+            ends = [
+                (cube[d] == e) << (2 * d + s) for d in range(3) for s, e in ((0, 0), (1, parts - 1))
+            ]
+            center = origin + place * cell + (np.array(cube) + 0.5) * (cell / parts)
+            if sum(ends) & face and not ((lower <= center) & (center < upper)).all():
+                expected.append(center)
+    np.testing.assert_array_equal(found, np.array(expected, np.float32))
+    assert len(found) > 0.2 * parts**2 * len(indices)
+
+
+def test_centres_are_those_of_the_grid():
+    rng = np.random.default_rng(0)
+    grid = VoxelGrid(np.array([-1.3, 0.2, -0.1]), 0.02, (31, 47, 23))
+    flat = rng.permutation(31 * 47 * 23)[:5000].astype(np.int32)
+    index = np.stack(np.unravel_index(flat, grid.shape), axis=1)
+    found = voxel_centers(flat, np.asarray(grid.shape), grid.origin, grid.voxel)
+    np.testing.assert_array_equal(found, grid.center(index).astype(np.float32))
 
 
 def cell():

@@ -64,6 +64,12 @@ class Cell:
         return int(inside.all(axis=1).sum())
 
 
+def test_a_crowd_around_the_fine_layer_is_listed_whole():
+    """Of each of its cells all the small cubes on faces; no matter how many there are."""
+    crowd: Block = ((0, 14), (0, 50), (0, 20))
+    assert len(Cell().look((FAR, crowd))) == 14 * 50 * 20 * (3**3 - 1)
+
+
 def reaching(gap: int) -> Block:
     """A tip of one voxel before a rod of four, the tip so many free voxels from the box."""
     end = BOX[0][0] - gap

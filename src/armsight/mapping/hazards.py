@@ -235,9 +235,9 @@ class UnseenPeople:
             if not grow(arms, within, a, b):
                 break
         arms &= lid.above
-        # Steps to all neighbours go farther in between than along the axes.
-        away = distance_transform_edt(~bodies)
-        there = self._plane(arms, lid.axis) & (away <= lid.steps)
+        there = self._plane(arms, lid.axis)
+        if there.any():  # steps to all neighbours go farther in between than along the axes
+            there &= distance_transform_edt(~bodies) <= lid.steps
         return np.asarray(there[rim:-rim, rim:-rim])
 
     def _plane(self, bits: Words, axis: int) -> Mask:

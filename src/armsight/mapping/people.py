@@ -8,7 +8,7 @@ from armsight.arrays import Bytes, Floats32, Ints32, Mask
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import Change, Layers
 from armsight.mapping.hazards import Tracked, UnseenPeople
-from armsight.mapping.kernels.flood import face_points
+from armsight.mapping.kernels.flood import face_points, surface_parts, voxel_centers
 from armsight.mapping.occupancy import Occupancy
 from armsight.mapping.overhead import Overhead
 from armsight.mapping.snapshot import FREE, UNKNOWN, Emptiness
@@ -58,7 +58,7 @@ class People:
         self.grid = self.fine.grid
         self.emptiness = Emptiness()
         self.things: Floats32 = np.empty((0, 3), np.float32)
-        self._points: Floats32 = np.zeros((int(np.prod(self.far.grid.shape)), 3), np.float32)
+        self._surface = surface_parts(config.far_parts)
         self._tracked = TrackedThing(self.grid)
         self._overhead = Overhead(self.grid, config)
         self._lid = self._overhead.lid(self.far.unseen)
@@ -165,7 +165,6 @@ class People:
         """The same of the coarse layer, outside the fine one, as faces of fine voxels; the lid."""
         far = self.far
         shape = np.asarray(far.grid.shape)
-        parts = self._config.far_parts
         dynamic = self._people(far, state, far.occupancy.clusters(self._config.far_cluster), now)
         index, faces = far.unseen.update(state, dynamic, None, elapsed)
         above = np.empty((0, 3), np.float32)
@@ -182,22 +181,22 @@ class People:
             (dynamic, whole, False),
             (index[~seen], faces[~seen], True),
         ):
-            count = face_points(
+            points = face_points(
                 cells,
                 open_faces,
-                len(cells),
+                self._surface,
                 np.asarray(far.grid.origin, float),
                 far.grid.voxel,
                 shape,
-                parts,
+                self._config.far_parts,
                 lower,
                 upper,
-                self._points,
             )
-            out.append((self._points[:count].copy(), unseen))
+            out.append((points, unseen))
         return out
 
     def centers(self, flat: Ints32) -> Floats32:
         """(m, 3) centres in ``base`` [m] of fine voxels by their flat indices."""
-        index = np.stack(np.unravel_index(flat, self.grid.shape), axis=1)
-        return self.grid.center(index).astype(np.float32)
+        grid = self.grid
+        origin = np.asarray(grid.origin, float)
+        return voxel_centers(flat, np.asarray(grid.shape), origin, grid.voxel)

@@ -98,15 +98,25 @@ def unpack(bits: Words, rim: int, mask: Bytes) -> None:
 @njit(cache=True, nogil=True)
 def replace_outside(bits: Words, rim: int, old: int, new: int, state: Bytes) -> None:
     """Turn the voxels of state ``old`` that are not in the set to ``new``, in place."""
-    nx, ny, nz = state.shape
-    for x in range(nx):
-        for y in range(ny):
-            for z in range(nz):
-                if state[x, y, z] == old:
-                    p = z + rim
-                    word = bits[x + rim, y + rim, p >> 6]
-                    if not (word >> np.uint64(p & 63)) & ONE:
-                        state[x, y, z] = new
+    _, ny, nz = state.shape
+    flat = state.reshape(-1)
+    whole = flat.shape[0] // 8 * 8
+    eights = flat[:whole].view(np.uint64)
+    lows, highs = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
+    pattern = lows * np.uint64(old)
+    for e in range((flat.shape[0] + 7) // 8):
+        if 8 * e < whole:  # most hold none, which one look at all eight tells
+            zero = eights[e] ^ pattern
+            if (zero - lows) & ~zero & highs == 0:
+                continue
+        for v in range(8 * e, min(8 * e + 8, flat.shape[0])):
+            if flat[v] != old:
+                continue
+            row = v // nz
+            p = v % nz + rim
+            word = bits[row // ny + rim, row % ny + rim, p >> 6]
+            if not (word >> np.uint64(p & 63)) & ONE:
+                flat[v] = new
 
 
 @njit(cache=True, nogil=True)
@@ -152,6 +162,34 @@ def fill_rim(rim: int, depth: int, bits: Words) -> None:
 
 
 @njit(cache=True, nogil=True)
+def _join(more: Words, out: Words) -> None:
+    for i in range(out.shape[0]):
+        out[i] |= more[i]
+
+
+@njit(cache=True, nogil=True)
+def _meet(other: Words, out: Words) -> None:
+    for i in range(out.shape[0]):
+        out[i] &= other[i]
+
+
+@njit(cache=True, nogil=True)
+def _thicken(plane: Words, words: int, along_z: Words, out: Words) -> None:
+    """One step of growth within a plane of equal x, rows of ``words`` one after the other."""
+    n = plane.shape[0]
+    for i in range(n):
+        along_z[i] = plane[i] | (plane[i] << ONE) | (plane[i] >> ONE)
+    for w in range(words - 1):
+        for i in range(w, n, words):
+            along_z[i + 1] |= plane[i] >> np.uint64(63)
+            along_z[i] |= plane[i + 1] << np.uint64(63)
+    for i in range(n):
+        out[i] = along_z[i]
+    _join(along_z[words:], out[: n - words])
+    _join(along_z[: n - words], out[words:])
+
+
+@njit(cache=True, nogil=True)
 def grow(bits: Words, room: Words, a: Words, b: Words) -> bool:
     """One step of growth to all 26 neighbours within ``room``, in place.
 
@@ -161,38 +199,30 @@ def grow(bits: Words, room: Words, a: Words, b: Words) -> bool:
     Returns:
         Whether anything was added.
     """
-    X, Y, words = bits.shape
+    X, _, words = bits.shape
+    lit = np.zeros(X + 2, np.bool_)  # planes with anything in them; one more on each side
     for x in range(X):
-        for y in range(Y):
-            for w in range(words):
-                word = bits[x, y, w]
-                more = word | (word << ONE) | (word >> ONE)
-                if w > 0:
-                    more |= bits[x, y, w - 1] >> np.uint64(63)
-                if w < words - 1:
-                    more |= bits[x, y, w + 1] << np.uint64(63)
-                a[x, y, w] = more
-    for x in range(X):
-        for y in range(Y):
-            for w in range(words):
-                word = a[x, y, w]
-                if y > 0:
-                    word |= a[x, y - 1, w]
-                if y < Y - 1:
-                    word |= a[x, y + 1, w]
-                b[x, y, w] = word
+        plane = bits[x].reshape(-1)
+        some = np.uint64(0)
+        for i in range(plane.shape[0]):
+            some |= plane[i]
+        if some != 0:
+            lit[x + 1] = True
+            _thicken(plane, words, b[x].reshape(-1), a[x].reshape(-1))
     added = np.uint64(0)
     for x in range(X):
-        for y in range(Y):
-            for w in range(words):
-                word = b[x, y, w]
-                if x > 0:
-                    word |= b[x - 1, y, w]
-                if x < X - 1:
-                    word |= b[x + 1, y, w]
-                word = (word & room[x, y, w]) | bits[x, y, w]
-                added |= word ^ bits[x, y, w]
-                bits[x, y, w] = word
+        if not (lit[x] or lit[x + 1] or lit[x + 2]):
+            continue
+        more = b[x].reshape(-1)
+        more[:] = np.uint64(0)
+        for beside in range(x - 1, x + 2):
+            if lit[beside + 1]:
+                _join(a[beside].reshape(-1), more)
+        plane, inside = bits[x].reshape(-1), room[x].reshape(-1)
+        for i in range(plane.shape[0]):
+            word = (more[i] & inside[i]) | plane[i]
+            added |= word ^ plane[i]
+            plane[i] = word
     return added != 0
 
 
@@ -200,24 +230,29 @@ def grow(bits: Words, room: Words, a: Words, b: Words) -> bool:
 def spread(bits: Words, within: Words) -> None:
     """Grow a set, in place, to all of ``within`` that it is connected with by 26 neighbours.
 
-    Sweeps forth and back use what they have just found, so that a few of them do.
+    Sweeps forth and back use what they have just found, so that a few of them do; planes beside
+    which nothing has changed since they were looked at are left out.
     """
     X, Y, words = bits.shape
     forth = True
-    changed = True
-    while changed:
-        changed = False
+    last_change = np.zeros(X + 2, np.int64)  # sweep in which a plane did; one more on each side
+    sweep = 0
+    while sweep == 0 or last_change.max() == sweep:
+        sweep += 1
         for k in range(X * Y):
             row = k if forth else X * Y - 1 - k
             x, y = row // Y, row % Y
+            beside = max(last_change[x], last_change[x + 1], last_change[x + 2])
+            if beside < sweep - 1:
+                continue
             for w in range(words):
                 if within[x, y, w] == bits[x, y, w]:
                     continue
                 word = bits[x, y, w]
                 for p in range(max(x - 1, 0), min(x + 2, X)):
                     for q in range(max(y - 1, 0), min(y + 2, Y)):
-                        beside = bits[p, q, w]
-                        word |= beside | (beside << ONE) | (beside >> ONE)
+                        other = bits[p, q, w]
+                        word |= other | (other << ONE) | (other >> ONE)
                         if w > 0:
                             word |= bits[p, q, w - 1] >> np.uint64(63)
                         if w < words - 1:
@@ -229,7 +264,7 @@ def spread(bits: Words, within: Words) -> None:
                     word = (word | (word << ONE) | (word >> ONE)) & within[x, y, w]
                 if word != bits[x, y, w]:
                     bits[x, y, w] |= word
-                    changed = True
+                    last_change[x + 1] = sweep
         forth = not forth
 
 
@@ -256,17 +291,16 @@ def open_by_cube(bits: Words, edge: int, depth: int) -> None:
                     if w < words - 1:
                         above |= bits[x, y, w + 1] << np.uint64(63)
                     bits[x, y, w] &= above
+    n = Y * words
     for x in range(X):
+        plane = bits[x].reshape(-1)
         for _ in range(edge - 1):
-            for y in range(Y - 1):
-                for w in range(words):
-                    bits[x, y, w] &= bits[x, y + 1, w]
-            bits[x, Y - 1] = np.uint64(0)
+            for i in range(n - words):
+                plane[i] &= plane[i + words]
+            plane[n - words :] = np.uint64(0)
     for _ in range(edge - 1):
         for x in range(X - 1):
-            for y in range(Y):
-                for w in range(words):
-                    bits[x, y, w] &= bits[x + 1, y, w]
+            _meet(bits[x + 1].reshape(-1), bits[x].reshape(-1))
         bits[X - 1] = np.uint64(0)
     for _ in range(edge - 1):  # dilation by the same cube
         for x in range(X):
@@ -279,15 +313,13 @@ def open_by_cube(bits: Words, edge: int, depth: int) -> None:
                 if last < 64:
                     bits[x, y, words - 1] &= ~np.uint64(0) >> np.uint64(64 - last)
     for x in range(X):
+        plane = bits[x].reshape(-1)
         for _ in range(edge - 1):
-            for y in range(Y - 1, 0, -1):
-                for w in range(words):
-                    bits[x, y, w] |= bits[x, y - 1, w]
+            for i in range(n - 1, words - 1, -1):
+                plane[i] |= plane[i - words]
     for _ in range(edge - 1):
         for x in range(X - 1, 0, -1):
-            for y in range(Y):
-                for w in range(words):
-                    bits[x, y, w] |= bits[x - 1, y, w]
+            _join(bits[x - 1].reshape(-1), bits[x].reshape(-1))
 
 
 @njit(inline="always")
@@ -386,64 +418,87 @@ def copy_shell(far: Words, far_rim: int, cells: Ints32, shell: Ints32, bits: Wor
             bits[shell[a, 0], shell[a, 1], q >> 6] |= ONE << np.uint64(q & 63)
 
 
+def surface_parts(parts: int) -> tuple[Ints, Bytes]:
+    """The small cubes on the open faces of a big cell, for :func:`face_points`.
+
+    Returns:
+        (65,) where each of the 64 sets of faces begins in the list, and the list: (m, 3) uint8
+        x, y, z of a cube, counted along the cell's edges.
+    """
+    cubes = np.indices((parts, parts, parts)).reshape(3, -1).T
+    ends = np.stack([cubes == 0, cubes == parts - 1], axis=2).reshape(-1, 6)  # -x +x -y +y -z +z
+    open_ = np.arange(64)[:, None] >> np.arange(6) & 1 != 0
+    listed = (ends[None] & open_[:, None]).any(axis=2)
+    first = np.concatenate([[0], np.cumsum(listed.sum(axis=1))])
+    return first, cubes[np.nonzero(listed)[1]].astype(np.uint8)
+
+
 @njit(cache=True, nogil=True)
 def face_points(
     indices: Ints32,
     faces: Bytes,
-    count: int,
+    surface: tuple[Ints, Bytes],
     origin: Floats,
     cell: float,
     shape: Ints,
     parts: int,
     lower: Floats,
     upper: Floats,
-    out: Floats32,
-) -> int:
+) -> Floats32:
     """Centres of the small cubes that make up the open faces of big cells, outside a box.
 
     Of the arguments:
-        indices, faces, count: see :func:`frontier`.
+        indices, faces: (m,) see :func:`frontier`.
+        surface: of :func:`surface_parts`.
         cell: edge of a big cell [m]; parts: small cubes along it.
         lower, upper: (3,) corners of the box [m].
-        out: (m, 3) [m].
 
     Returns:
-        Number of points written, at most m.
+        (n, 3) [m], a new array.
     """
+    first, cubes = surface
     ny, nz = shape[1], shape[2]
+    most = 0
+    for a in range(indices.shape[0]):
+        most += first[faces[a] + 1] - first[faces[a]]
+    out = np.empty((most, 3), np.float32)
+    at, inside = np.empty((3, parts), np.float32), np.empty((3, parts), np.bool_)
     part = cell / parts
     n = 0
-    for a in range(count):
+    for a in range(indices.shape[0]):
         index = indices[a]
-        x0 = origin[0] + (index // (nz * ny)) * cell
-        y0 = origin[1] + ((index // nz) % ny) * cell
-        z0 = origin[2] + (index % nz) * cell
-        f = faces[a]
-        last = parts - 1
-        for i in range(parts):
-            for j in range(parts):
-                for k in range(parts):
-                    on_open = (
-                        (f & 1 and i == 0)
-                        or (f & 2 and i == last)
-                        or (f & 4 and j == 0)
-                        or (f & 8 and j == last)
-                        or (f & 16 and k == 0)
-                        or (f & 32 and k == last)
-                    )
-                    if not on_open or n >= out.shape[0]:
-                        continue
-                    x = x0 + (i + 0.5) * part
-                    y = y0 + (j + 0.5) * part
-                    z = z0 + (k + 0.5) * part
-                    if (
-                        lower[0] <= x < upper[0]
-                        and lower[1] <= y < upper[1]
-                        and lower[2] <= z < upper[2]
-                    ):
-                        continue
-                    out[n, 0] = x
-                    out[n, 1] = y
-                    out[n, 2] = z
-                    n += 1
-    return n
+        row = index // nz
+        place = (row // ny, row % ny, index % nz)
+        within = True
+        for d in range(3):
+            begin = origin[d] + place[d] * cell
+            some = False
+            for i in range(parts):
+                x = begin + (i + 0.5) * part
+                at[d, i] = x
+                inside[d, i] = lower[d] <= x < upper[d]
+                some |= inside[d, i]
+            within &= some
+        for b in range(first[faces[a]], first[faces[a] + 1]):
+            i, j, k = cubes[b, 0], cubes[b, 1], cubes[b, 2]
+            if within and inside[0, i] and inside[1, j] and inside[2, k]:
+                continue
+            out[n, 0] = at[0, i]
+            out[n, 1] = at[1, j]
+            out[n, 2] = at[2, k]
+            n += 1
+    return out[:n]
+
+
+@njit(cache=True, nogil=True)
+def voxel_centers(indices: Ints32, shape: Ints, origin: Floats, voxel: float) -> Floats32:
+    """(m, 3) centres [m] of (m,) voxels by their flat index in the (nx, ny, nz) grid."""
+    ny, nz = shape[1], shape[2]
+    out = np.empty((indices.shape[0], 3), np.float32)
+    for a in range(indices.shape[0]):
+        index = indices[a]
+        row = index // nz
+        out[a, 0] = (row // ny + 0.5) * voxel + origin[0]
+        out[a, 1] = (row % ny + 0.5) * voxel + origin[1]
+        out[a, 2] = (index % nz + 0.5) * voxel + origin[2]
+    return out
