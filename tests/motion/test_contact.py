@@ -177,6 +177,27 @@ def test_a_sensor_that_cannot_be_believed_says_why():
     assert "silent" in watch.fault(2.0), "an old reading is none"
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_sensor_that_saturates_is_not_believed_at_rest_and_ends_a_press(axis):
+    """What it says at its end is no reading, but it is too much in either case."""
+    end = np.zeros(3)
+    end[axis] = -300.0
+    stuck = ForceWatch(ROBOT, (0.0, 0.0, -9.81))
+    for k in range(60):
+        stuck.take([Wrench(0.008 * k, end, np.zeros(3))], ROBOT.home, False)
+    assert "without contact" in stuck.fault(59 * 0.008)
+    watch = tared()
+    watch.take([Wrench(2.0, end, np.zeros(3))], ROBOT.home, True)
+    assert "pressed with" in watch.excess(PERMIT)
+    watch = tared((0, 0, 0))  # one that ends at 21 N says all the same what is above 20
+    for k in range(80):
+        felt = min(0.5 * k, 21.0) * np.eye(3)[axis]
+        watch.take([load(ROBOT.home, felt, stamp=1.0 + 0.008 * k)], ROBOT.home, True)
+        if watch.excess(PERMIT):
+            break
+    assert watch.pressed < 20.5
+
+
 def test_a_slow_press_is_never_taken_for_the_sensors_error():
     """A map that does not show what is touched (the arm hides it) leaves it to the sensor alone."""
     watch, q = tared((0, 0, 0)), ROBOT.home

@@ -10,6 +10,7 @@ from armsight.servoing.planes import plane_sweep
 from armsight.servoing.segment import color_mask, regions
 from armsight.servoing.sphere_fit import Outline, fit_ball, tangent_cone
 from armsight.servoing.targets.ball import RED, Ball
+from armsight.servoing.targets.held_ball import HeldBall
 
 from .traced import frame, pair
 
@@ -149,3 +150,20 @@ def test_covariance_of_the_fit_covers_the_scatter():
         e = fit.center - center
         squares.append(e @ np.linalg.solve(fit.covariance, e))
     assert 2.0 < np.mean(squares) < 4.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_ball_in_a_gloved_hand_says_where_the_arm_behind_it_lies(seed):
+    """As it lies in the hand, by glove and sleeve; of a bare hand nothing is known."""
+    rng = np.random.default_rng(seed)
+    center = np.array([0.8, 0.0, 1.2]) + rng.uniform(-0.15, 0.15, 3)
+    arm = np.array([1.0, rng.uniform(-0.4, 0.4), rng.uniform(-0.4, 0.4)])
+    arm /= np.linalg.norm(arm)
+    eye = look_at((-1.3, 1.4, 2.0), (0.3, 0.0, 1.1))
+    glove = [(center + s * arm, 0.04, (242, 77, 158)) for s in np.arange(0.08, 0.45, 0.02)]
+    held = frame([*glove[::-1], (center, 0.04, COLOR)], eye, rng, wall=3.2)
+    (seen,) = HeldBall(0.04).in_frame(held)
+    assert np.linalg.norm(seen.position - center) < 0.008
+    assert np.degrees(np.arccos(seen.along @ arm)) < 10.0
+    (bare,) = HeldBall(0.04).in_frame(frame([(center, 0.04, COLOR)], eye, rng, wall=3.2))
+    assert bare.along is None

@@ -48,6 +48,20 @@ def test_the_bulls_eye_s_rings_are_about_its_frame_and_the_smallest_is_in_front(
         assert np.linalg.norm(across) < 1e-9
 
 
+def test_a_held_ball_is_one_with_a_glove_behind_it_along_x():
+    (ball, pose), *arm = solids("held_ball")
+    assert ball.size[0] == BALL_RADIUS
+    assert np.allclose(pose, T)
+    behind = T[:3, 3] + np.linspace(0.0, 0.4, 81)[:, None] * T[:3, 0]
+    distance = np.min([_at(s, p).distance(behind) for s, p in arm], axis=0)
+    inside = np.flatnonzero(distance < 0.0)
+    assert inside[0] * 0.005 == pytest.approx(BALL_RADIUS, abs=0.006)
+    assert (np.diff(inside) == 1).all()
+    assert inside[-1] * 0.005 > 0.35
+    before = T[:3, 3] - 0.5 * BALL_RADIUS * T[:3, 0]
+    assert min(_at(s, p).distance(before[None])[0] for s, p in arm) > 0.5 * BALL_RADIUS
+
+
 def test_a_ball_is_a_ball_and_a_smiley_measures_twenty_centimetres():
     ((ball, pose),) = solids("ball")
     assert ball.size[0] == BALL_RADIUS

@@ -15,13 +15,13 @@ class Servo(Working):
     Example: armsight servo ur10_servoing --task ball
 
     Attributes:
-        task: what to follow: touch the `ball`, dock with the `bullseye`, bring a `straw` to a
-            mouth, or an item above a `hand`.
+        task: what to follow: touch the `ball`, or a `held_ball` in a gloved hand, dock with the
+            `bullseye`, bring a `straw` to a mouth, or an item above a `hand`.
         mode: `ours`; `paper`: the Master and the segments of V; `fixed`: those without the pair.
         standoff: how far before the surface the tip stays [m]; 0 touches.
     """
 
-    task: Literal["ball", "bullseye", "straw", "hand"] = "ball"
+    task: Literal["ball", "held_ball", "bullseye", "straw", "hand"] = "ball"
     mode: Literal["ours", "paper", "fixed"] = "ours"
     standoff: float = 0.0
 

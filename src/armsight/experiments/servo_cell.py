@@ -51,12 +51,17 @@ class SurfaceCell(QuickCell):
     def snapshot_at(self, stamp: float) -> WorkspaceSnapshot:
         """What a perfect map says of the surface, less what is too close to the arm."""
         empty = super().snapshot_at(stamp)
-        index = np.unique(self.grid.index(self.surface + self.place(stamp)), axis=0)
-        inside = ((index >= 0) & (index < self.grid.shape)).all(axis=1)
-        points = self.grid.center(index[inside])
-        arm, radius = sphere_centers(self.robot, self.q), self.robot.spheres.radius
-        away = np.linalg.norm(points[:, None] - arm[None], axis=2) - radius
-        hazards = np.asarray(points[away.min(axis=1) > OWN], np.float32)
+        index = self.grid.index(self.surface + self.place(stamp))
+        index = index[((index >= 0) & (index < self.grid.shape)).all(axis=1)]
+        flat = np.unique(np.ravel_multi_index(tuple(index.T), self.grid.shape))
+        points = self.grid.center(np.stack(np.unravel_index(flat, self.grid.shape), axis=1))
+        arm, reach = sphere_centers(self.robot, self.q), self.robot.spheres.radius + OWN
+        low, high = (arm - reach[:, None]).min(axis=0), (arm + reach[:, None]).max(axis=0)
+        near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+        away = np.linalg.norm(points[near, None] - arm[None], axis=2) - reach
+        seen = np.ones(len(points), bool)
+        seen[near] = away.min(axis=1, initial=np.inf) > 0.0
+        hazards = np.asarray(points[seen], np.float32)
         return replace(
             empty, hazards=hazards, hazard_unknown=np.zeros(len(hazards), bool), cloud=hazards
         )

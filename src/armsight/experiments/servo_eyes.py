@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Pose, Vector3
+from armsight.arrays import Floats, JointVector, Points, Pose, Vector3
 from armsight.geometry.pose import inverse
 from armsight.motion.task import Perceived
 from armsight.robots.kinematics import flange_pose, sphere_centers, tcp_pose
@@ -99,6 +99,7 @@ class Eyes:
         hidden: camera or ``all``, and from when to when it sees nothing [s].
         normal: (3,) of a flat target, which is seen from before it only; None for a ball.
         along: (3,) where the target goes on, which fixed cameras see; None for one that ends.
+        screens: (k, 3) middles and (k,) radii of balls that hide the target from fixed cameras [m].
         marked: the tool has a mark that the pair sees.
         aside: (3,) how far a tip on springs is out of its seat now, in ``base`` [m].
     """
@@ -113,6 +114,7 @@ class Eyes:
     glossy: bool = False
     normal: Vector3 | None = None
     along: Vector3 | None = None
+    screens: tuple[Points, Floats] | None = None
     marked: bool = True
     aside: Vector3 = field(default_factory=lambda: np.zeros(3))
 
@@ -213,14 +215,17 @@ class Eyes:
         return np.asarray(seen - (tcp_pose(self.robot, q) @ at)[:3])
 
     def _covered(self, q: JointVector, eye: Vector3, ball: Vector3) -> bool:
-        """Whether the arm stands before more than about half of the ball."""
-        centers = sphere_centers(self.true_robot, q)
+        """Whether the arm, or a screen, stands before more than about half of the ball."""
+        centers, widths = sphere_centers(self.true_robot, q), 0.8 * self.robot.spheres.radius
+        if self.screens is not None:
+            centers = np.concatenate([centers, self.screens[0]])
+            widths = np.concatenate([widths, self.screens[1]])
         way = ball - eye
         length = float(np.linalg.norm(way))
         along = (centers - eye) @ way / length
         across = np.linalg.norm(np.cross(centers - eye, way / length), axis=1)
         before = (along > 0.1) & (along < length - RADIUS)
-        return bool((before & (across < self.robot.spheres.radius * 0.8)).any())
+        return bool((before & (across < widths)).any())
 
 
 def _sighting(

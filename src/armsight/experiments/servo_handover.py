@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import JointVector, Points, Pose, Vector3
+from armsight.experiments.forecast_clips import find_clips
 from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.recorded_hands import PLAYS, recorded_path
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
@@ -43,8 +45,9 @@ RUNS = 24
 
 ABOUT = f"""
 V's fifth experiment: the hand at 12 places, the item held by the gripper from the start (V fetches
-it from a fixed place first). The palm is at rest in a third of the trials, else it moves on seeded
-smooth paths with a greatest speed of up to {FASTEST:g} m/s, tilted by up to 10 deg. The item falls
+it from a fixed place first). The palm is at rest in a third of the trials; in a third it moves on
+seeded smooth paths with a greatest speed of up to {FASTEST:g} m/s; in a third as a recorded hand
+does for {PLAYS:g} s, until that slows down and rests. It is tilted by up to 10 deg. The item falls
 from where the gripper lets it go, with the gripper's velocity; success: its middle lands within
 {1e3 * LANDS:.0f} mm of the palm's, within {LIMIT:g} s. In {100 * COVERED:.0f} % of the pair's
 pictures from nearer than 0.35 m the item hides the disc.
@@ -52,12 +55,17 @@ pictures from nearer than 0.35 m the item hides the disc.
 Contact of the gripper with the hand (ISO/TS 15066's mass and surface, held by 0.5 N/mm), the force
 sensor, drives and arm are the simulated world's, in steps of 1 ms; the arm's absolute errors are
 off there. What the cameras say is drawn from a model (`experiments/servo_eyes.py`); V's modes run
-under V's errors. Not in: recorded hands, fetching, rendered trials.
+under V's errors. Not in: fetching, rendered trials.
 """
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` trials of ours, half as many of each of V's modes."""
+    """``runs`` trials of ours, half as many of each of V's modes.
+
+    Raises:
+        ArmsightError: the recordings are not there.
+    """
+    find_clips()
     v_errors = replace(PAPERS, arm=0.0)
     plan = [
         ("", "ours", Errors(arm=0.0), runs),
@@ -77,8 +85,11 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
     turn = np.array([*rng.uniform(-0.17, 0.17, 2), np.pi + rng.uniform(-0.5, 0.5)])
     T_world_palm = np.asarray(from_rpy(turn, where))
     T = np.asarray(inverse(base) @ T_world_palm)
-    speed = 0.0 if k % 3 == 0 else float(rng.uniform(0.1, FASTEST))
-    path = path_of(T[:3, 3], speed, rng)
+    if k % 3 == 2:
+        path, clip, speed = recorded_path(T[:3, 3], base, rng)
+    else:
+        speed, clip = 0.0 if k % 3 == 0 else float(rng.uniform(0.1, FASTEST)), ""
+        path = path_of(T[:3, 3], speed, rng)
     eyes = make_eyes(setup, replace(errors, hidden_near=COVERED), rng)
     eyes.normal, eyes.along, eyes.marked = T[:3, 2], -T[:3, 0], False
     region = BODY_REGIONS["hand"]
@@ -91,7 +102,8 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
         np.asarray(inverse(item.solid.T_frame_solid) @ T_world_palm), seed=k,
     )  # fmt: skip
     try:
-        return _watched(cell, eyes, make_task(setup, mode, dock="hand"), T, speed)
+        found = _watched(cell, eyes, make_task(setup, mode, dock="hand"), T, speed)
+        return {**found, "clip": clip}
     finally:
         cell.close()
 
@@ -175,6 +187,11 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
             median_row(f"{prefix}handover_time_s", "time to letting go, of the successes", where,
                        [r["seconds"] for r in done], "s", None, (6.0, 4.9) if ours else None),
         ]  # fmt: skip
+    for say_which, which in (("at rest", 0), ("smooth paths", 1), ("recorded hands", 2)):
+        found = results[""][which::3]
+        rows.append(
+            share_row("handover_success_of", say, say_which, [_good(r) for r in found], None)
+        )
     forces = [r["force"] for r in results[""]]
     rows.append(
         Row("handover_force_n", "greatest force of the gripper on the hand, of all trials", "ours",
@@ -193,7 +210,7 @@ def _notes(results: dict[str, list[dict[str, Any]]]) -> tuple[str, ...]:
         words = "; ".join(
             f"{r['mm']:.0f} mm off"
             if r["mm"] is not None
-            else f"{r['phase']}: {r['permit'] or r['last']}"
+            else f"{r['phase']}: {r['permit'] or r['last']}{r['clip'] and ', ' + r['clip']}"
             for r in bad[:6]
         )
         if bad:

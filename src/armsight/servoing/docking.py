@@ -20,6 +20,7 @@ from armsight.robots.sprung_tip import SprungTip, press_depth
 from armsight.servoing.eyes import Target
 from armsight.servoing.targets.ball import Ball
 from armsight.servoing.targets.bullseye import Bullseye
+from armsight.servoing.targets.held_ball import HeldBall
 from armsight.servoing.targets.mouth import Mouth
 from armsight.servoing.targets.palm import Palm
 
@@ -27,7 +28,7 @@ Direction: TypeAlias = Literal["facing", "normal", "down"]
 """How the tool points: towards the operator's side, against the target's normal, or down."""
 SURE = 0.01
 """The place of a thing is never surer than if it drifted so fast [m/s]."""
-DOCK_NAMES: tuple[str, ...] = ("ball", "bullseye", "straw", "hand")
+DOCK_NAMES: tuple[str, ...] = ("ball", "held_ball", "bullseye", "straw", "hand")
 
 
 @dataclass(frozen=True)
@@ -153,17 +154,24 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
     """The docking of one of V's tasks, by its name (:data:`DOCK_NAMES`).
 
     Args:
-        name: ``ball``, ``bullseye``, ``straw`` or ``hand``.
+        name: ``ball``, ``held_ball``, ``bullseye``, ``straw`` or ``hand``.
         ball_radius: of the red ball [m].
 
     Raises:
         KeyError: there is no such task.
     """
     return {
-        # A ball in somebody's hand or on a light stand.
+        # On a light stand: nobody is beside it.
         "ball": Docking(
             "ball", lambda: Ball(ball_radius), radius=ball_radius, size=(ball_radius, 0.0, 0.0),
             stiffness=2.5e3, scale=0.5, wary=True,
+        ),
+        # The same in somebody's gloved hand, with the arm behind it: as long as the tip needs to be
+        # away from the rest of them, and so narrow that beside an arm's length no head is in it.
+        "held_ball": Docking(
+            "held_ball", lambda: HeldBall(ball_radius), radius=ball_radius, permit="hand",
+            shape="capsule", size=(0.16, 0.42, 0.0), offset=(0.0, 0.0, 0.19), gentle=0.135,
+            speed=0.25, force=30.0, stiffness=2.5e3, drift=0.08, scale=0.5, wary=True,
         ),
         # Its plate has 16 cm; how it is turned about its middle nobody knows.
         "bullseye": Docking(

@@ -34,8 +34,9 @@ SEEN_WITHIN = 0.18
 """A target that was seen within this time may be touched [s]; later the tip goes back ..."""
 RETREAT, RETREAT_SPEED = 0.1, 1.0
 """... by this much at most [m], so fast [m/s]."""
-NEAR_BODY = 0.3
-"""So near to somebody's face or hand the guard lets the arm move gently only [m]."""
+NEAR_BODY = 0.5
+"""So near to somebody's face or hand the guard lets the arm move gently only [m]: separation leaves
+it no speed within 0.47 m. A wish that is faster would be taken for one whose way is blocked."""
 WIDEST = math.radians(50.0)
 """The tool is turned no farther than this from the operator's side for a target's normal [rad]."""
 CLOSE, STEEP = (0.68, 0.46), math.radians(60.0)

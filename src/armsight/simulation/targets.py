@@ -1,8 +1,8 @@
-"""Simulated targets of visual servoing (V): ball, bulls-eye, smiley on a box, gloved hand.
+"""Simulated targets of visual servoing (V): ball, also in a hand, bulls-eye, smiley, gloved hand.
 
 Each is a rigid thing of simple solids that moves on a path of its own or is led by the page. Its
-frame is that of what is aimed at: the ball's centre; for the others the middle of rings, mouth or
-palm with z out of the surface, towards who aims.
+frame is that of what is aimed at: the ball's centre (who holds it is along x); for the others the
+middle of rings, mouth or palm with z out of the surface, towards who aims.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from armsight.geometry.pose import from_rpy, make_pose
 from armsight.geometry.shapes import ShapeKind, Solid
 from armsight.simulation.spec import MovingObjectSpec
 
-TargetKind = Literal["ball", "bullseye", "smiley", "hand"]
+TargetKind = Literal["ball", "held_ball", "bullseye", "smiley", "hand"]
 RED, WHITE, BLACK = (0.80, 0.06, 0.07), (0.93, 0.93, 0.92), (0.06, 0.06, 0.07)
 YELLOW, CARTON = (0.95, 0.80, 0.10), (0.62, 0.52, 0.40)
 PINK, BLUE = (0.95, 0.30, 0.62), (0.08, 0.20, 0.75)
@@ -70,8 +70,11 @@ class TargetSpec:
 
 def target_object(spec: TargetSpec) -> MovingObjectSpec:
     """The moving object that a target is."""
-    make = {"ball": _ball, "bullseye": _bullseye, "smiley": _smiley, "hand": _hand}[spec.kind]
-    first, *others = make(spec)
+    make = {
+        "ball": _ball, "held_ball": _held_ball, "bullseye": _bullseye, "smiley": _smiley,
+        "hand": _hand,
+    }  # fmt: skip
+    first, *others = make[spec.kind](spec)
     follow = None
     if spec.path == "wander":
         follow = partial(wander, spec.T_world_target[:3, 3], spec.room, spec.speed)
@@ -131,6 +134,17 @@ def _ball(spec: TargetSpec) -> list[Solid]:
             RED,
             "shiny" if spec.glossy else "plain",
         )
+    ]
+
+
+def _held_ball(spec: TargetSpec) -> list[Solid]:
+    """The ball on the fingertips of a pink glove whose sleeve goes on along x."""
+    glove = make_pose(None, (BALL_RADIUS + 0.06, 0.0, 0.0))
+    sleeve = from_rpy((0.0, 0.5 * np.pi, 0.0), (BALL_RADIUS + 0.25, 0.0, 0.0))
+    return [
+        *_ball(spec),
+        _box(f"{spec.name}/glove", (0.12, 0.085, 0.05), glove, PINK),
+        Solid(f"{spec.name}/sleeve", "cylinder", (0.035, 0.26, 0.0), sleeve, PINK),
     ]
 
 

@@ -37,14 +37,15 @@ class ServoOptions:
     """Follow a target that moves until the tool touches it, or docks with it (V).
 
     Attributes:
-        target: what to follow: the ball, the bulls-eye, a mouth with a `straw`, or a `hand`.
+        target: what to follow: the ball, on a stand or as a `held_ball` in a gloved hand, the
+            bulls-eye, a mouth with a `straw`, or a `hand`.
         mode: `ours`; `paper`: V's Master and its stop-and-go segments; `fixed`: those without the
             pair on the wrist.
         standoff: how far before the surface the tip stays [m]; 0 touches.
         ball_radius: of the red ball [m].
     """
 
-    target: Literal["ball", "bullseye", "straw", "hand"] = "ball"
+    target: Literal["ball", "held_ball", "bullseye", "straw", "hand"] = "ball"
     mode: Mode = "ours"
     standoff: float = 0.0
     ball_radius: float = 0.04

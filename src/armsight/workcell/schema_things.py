@@ -184,7 +184,7 @@ class TargetSection(Section):
     """A target of visual servoing: a ball, a bulls-eye, a smiley on a box, a gloved hand (V)."""
 
     name: Name = key(..., "Unique in the cell.")
-    kind: Literal["ball", "bullseye", "smiley", "hand"] = key("ball", "What it is.")
+    kind: Literal["ball", "held_ball", "bullseye", "smiley", "hand"] = key("ball", "What it is.")
     position: Triple = key(..., "The ball's centre; middle of the rings, the mouth, the palm.", "m")
     rpy_deg: Triple = key(
         (0.0, 0.0, 0.0),

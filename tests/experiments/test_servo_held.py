@@ -1,0 +1,107 @@
+"""Who holds a ball, and recorded hands, in trials without pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armsight.errors import ArmsightError
+from armsight.experiments.recorded_hands import PLAYS, SLOWS, RecordedHand, recorded_hand
+from armsight.experiments.servo_ball import LIMIT, one_held, waypoints
+from armsight.experiments.servo_eyes import Errors
+from armsight.experiments.servo_held import (
+    BEYOND,
+    RADII,
+    apart,
+    demonstrator,
+    held_setup,
+    recorded_holder,
+)
+from armsight.experiments.servo_world import make_eyes, set_up, world_to_base
+from armsight.servoing.docking import Touchable, docking
+from armsight.simulation.skeleton import INDEX
+
+SETUP = held_setup(set_up(1.0, 1.0))
+T_BASE_WORLD = np.linalg.inv(SETUP.workcell.robot.T_world_base)
+UP, FRONT = T_BASE_WORLD[:3, 2], T_BASE_WORLD[:3, 0]
+
+
+@pytest.fixture
+def clips():
+    try:
+        return recorded_hand(np.random.default_rng(0))
+    except ArmsightError as missing:
+        pytest.skip(str(missing))
+
+
+def test_a_recorded_hand_is_played_slows_down_and_rests():
+    """As fast as recorded for so long, then evenly slower, over half of what it would have gone."""
+    joints = np.zeros((800, 19, 3))
+    joints[:, INDEX["right_hand"], 0] = 0.3 * np.arange(800) / 100.0
+    hand = RecordedHand("made up", 100.0, joints)
+    assert hand.fastest == pytest.approx(0.3)
+    for time in (0.0, 1.234, PLAYS):
+        assert hand.hand(time)[0] == pytest.approx(0.3 * time)
+    half = hand.hand(PLAYS + 0.5 * SLOWS)[0] - hand.hand(PLAYS)[0]
+    assert half == pytest.approx(0.3 * SLOWS * 0.375)
+    rests = 0.3 * (PLAYS + 0.5 * SLOWS)
+    assert hand.hand(PLAYS + SLOWS)[0] == pytest.approx(rests)
+    assert hand.hand(LIMIT)[0] == pytest.approx(rests)
+
+
+def test_recorded_people_stand_and_hold_the_ball_about_the_middle(clips):
+    middle = world_to_base(SETUP, [[0.8, 0.0, 1.3]])[0]
+    holder = recorded_holder(middle, SETUP, np.random.default_rng(3))
+    times = np.arange(0.0, PLAYS, 0.05)
+    hands = np.array([holder.joints(t)[INDEX["right_hand"]] for t in times])
+    feet = np.array([holder.joints(t)[INDEX["pelvis"]] for t in times])
+    assert np.linalg.norm(hands.mean(axis=0) - middle) < 0.05
+    assert np.ptp(feet, axis=0).max() < 1e-6
+    for t in times[::20]:
+        away = np.linalg.norm(holder.ball(t) - holder.joints(t)[INDEX["right_hand"]])
+        assert away == pytest.approx(BEYOND)
+
+
+@pytest.mark.parametrize("k", range(14))
+def test_who_holds_a_ball_is_whole_and_their_head_is_not_in_what_may_be_touched(k):
+    """The arm is; the region follows it, not the operator's side, which may be 20 deg off."""
+    rng = np.random.default_rng(k)
+    place = waypoints(SETUP)[k]
+    holder = demonstrator(place, SETUP, rng)
+    assert np.linalg.norm(holder.ball(0.0) - place) < 0.02
+    joints = holder.joints(0.0)
+    for a, b, least, most in (
+        ("right_shoulder", "right_elbow", 0.28, 0.36),
+        ("right_elbow", "right_wrist", 0.22, 0.28),
+        ("right_wrist", "right_hand", 0.07, 0.10),
+    ):
+        assert least < np.linalg.norm(joints[INDEX[a]] - joints[INDEX[b]]) < most
+    seen = Touchable(0.0, place, np.zeros(3), np.zeros((3, 3)), along=holder.along(0.0))
+    region = docking("held_ball").request(seen, -FRONT, UP, FRONT).region
+    assert region.distance(joints[[INDEX["head"]]], 0.0)[0] > RADII["head"]
+    for joint in ("right_hand", "right_wrist", "right_elbow"):
+        assert region.distance(joints[[INDEX[joint]]], 0.0)[0] < 0.02
+    assert apart(SETUP.robot, SETUP.robot.home, holder.skin(0.0)) > 0.0
+
+
+def test_who_stands_between_hides_the_ball_from_a_fixed_camera():
+    eyes = make_eyes(SETUP, Errors(*[0.0] * 10), np.random.default_rng(0))
+    place = waypoints(SETUP)[8]
+    holder = demonstrator(place, SETUP, np.random.default_rng(1))
+    home = SETUP.robot.home
+    free = [not eyes._covered(home, c.true[:3, 3], place) for c in eyes.fixed]
+    eyes.screens = holder.screens(0.0)
+    left = [not eyes._covered(home, c.true[:3, 3], place) for c in eyes.fixed]
+    behind = [c.true[:3, 3] @ FRONT > 1.0 for c in eyes.fixed]
+    assert sum(left) < sum(free)
+    assert all(seen for seen, hides in zip(left, behind) if not hides)
+    beyond = holder.joints(0.0)[INDEX["neck"]] + 2.0 * FRONT
+    assert eyes._covered(home, beyond, holder.joints(0.0)[INDEX["neck"]] - 0.5 * FRONT)
+
+
+@pytest.mark.slow
+def test_a_ball_that_somebody_holds_is_touched_and_nobody_else():
+    found = one_held(set_up(1.0, 1.0), "ours", "rest", Errors(arm=0.0), (64, 12))
+    assert found["reached"]
+    assert not found["harm"]
+    assert found["heads"] == 0
