@@ -17,7 +17,7 @@ from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import Looker
 from armsight.mapping.kernels.depth import correct_depth
 from armsight.mapping.kernels.hits import collect_hits, grade_hits
-from armsight.mapping.kernels.pixels import VALID, label_valid
+from armsight.mapping.kernels.pixels import keep_valid, label_valid
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.mounting import LOST, Mounting
 from armsight.mapping.occupancy import Sight
@@ -114,6 +114,7 @@ class CameraStage:
         self.mounting = Mounting(info, self.lens, filter_, solids, config)
         self._plausibility = Plausibility(info, solids, filter_.fields, self.noise)
         self._scaled: Floats32 = np.zeros(self.label.shape, np.float32)
+        self._returns: Floats32 = np.zeros(self.label.shape, np.float32)
         model = info.depth_model
         self._correction = None if model is None else DepthCorrection(model, info.depth)
 
@@ -197,8 +198,9 @@ class CameraStage:
         return Evidence(hits, returns, found, sight, warning=warning, through=through)
 
     def _known(self, depth: Floats32) -> Floats32:
-        """The usable returns, NaN elsewhere."""
-        return np.where(self.label == VALID, depth, np.float32(np.nan))
+        """The usable returns, NaN elsewhere; valid until the next picture."""
+        keep_valid(depth, self.label, self._returns)
+        return self._returns
 
     def _lie(self, depth: Floats32, T_base_camera: Pose, body: BodyPose, stamp: float) -> str:
         """Why a picture cannot be true, or nothing; a camera that was moved tells the truth."""

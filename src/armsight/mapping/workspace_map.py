@@ -434,7 +434,8 @@ class WorkspaceMap:
         field = None if self._pool is None else self._pool.submit(self._field.update, state)
         last = self._people.fine.occupancy.last_occupied()
         cloud = self._people.centers(self._people.fine.occupancy.dynamic)
-        cloud = cloud[np.linalg.norm(cloud, axis=1) <= self.config.crop]
+        x, y, z = cloud.T  # a norm of rows of three takes three times as long
+        cloud = cloud[np.sqrt(x * x + y * y + z * z) <= self.config.crop]
         distance = self._field.update(state) if field is None else field.result()
         return distance, last, cloud
 

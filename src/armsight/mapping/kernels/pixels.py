@@ -26,6 +26,15 @@ def label_valid(depth: Floats32, near: float, far: float, label: Bytes) -> int:
 
 
 @njit(cache=True, nogil=True)
+def keep_valid(depth: Floats32, label: Bytes, out: Floats32) -> None:
+    """The depths of pixels with a usable return, NaN elsewhere."""
+    d, seen, o = depth.reshape(-1), label.reshape(-1), out.reshape(-1)
+    nothing = np.float32(np.nan)
+    for p in range(d.shape[0]):
+        o[p] = d[p] if seen[p] == VALID else nothing
+
+
+@njit(cache=True, nogil=True)
 def trusted(
     depth: Floats32, label: Bytes, v: int, u: int, like: float, exact: float, need: int
 ) -> bool:
