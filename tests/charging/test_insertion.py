@@ -15,8 +15,8 @@ from armsight.experiments.insertion_bench import (
     T_PORT_PLUG,
     draw,
     joints_at,
-    run_trial,
 )
+from armsight.experiments.insertion_curves import traced
 from armsight.geometry.pose import inverse, make_pose, transform
 from armsight.robots import load_robot
 from armsight.simulation import plugging, plugs
@@ -203,10 +203,18 @@ def test_steps_of_a_millisecond_strike_like_finer_ones(monkeypatch: pytest.Monke
 
 def test_a_plug_goes_in_and_out_in_contact_physics() -> None:
     """Physics decides: from 5 mm and 5 deg off, fully in, gently, and out again (about 4 s)."""
-    result = run_trial(draw(np.random.default_rng(5), 5e-3, 5.0))
+    curve, result = traced(draw(np.random.default_rng(5), 5e-3, 5.0), paper=False)
     assert result["full"]
     assert result["said"]
     assert result["axial_n"] < 110.0
     assert result["lateral_n"] < 50.0
     assert result["sunk_mm"] < 0.1
     assert result["unplugged"]
+    time, depth, along, across = curve.T  # what is drawn of it is what was scored
+    assert (np.diff(time) > 0.0).all()
+    assert depth[0] == pytest.approx(-15.0, abs=3.0)
+    assert depth.max() == pytest.approx(1e3 * result["true_depth"], abs=0.5)
+    assert depth[-1] < 0.0
+    assert along.max() >= result["axial_n"] - 1e-9  # what comes out may press before it pulls
+    assert -along.min() >= result["unplug_n"] - 1e-9
+    assert across.max() >= result["lateral_n"] - 1e-9

@@ -10,6 +10,7 @@ import numpy as np
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.insertion_bench import Trial, draw, run_trial
+from armsight.experiments.insertion_curves import curves, first_of_each
 from armsight.experiments.rows import Row, share_row
 
 if TYPE_CHECKING:
@@ -38,9 +39,10 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     results: dict[str, list[dict[str, Any]]] = {}
     total = (len(GROUPS) + 1) * runs
     done = 0
+    drawn: dict[str, list[Trial]] = {}
     for k, (name, lateral, tilt) in enumerate(GROUPS):
         rng = np.random.default_rng((seed, 31 + k))
-        trials = [draw(rng, lateral, tilt) for _ in range(runs)]
+        trials = drawn[name] = [draw(rng, lateral, tilt) for _ in range(runs)]
         for prefix, paper in (("", False), ("paper_", True)):
             if paper and name == "search":
                 continue
@@ -50,7 +52,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
                 key = 10**6 * (2 * k + paper) + i
                 results[prefix + name].append(cache.get(key, partial(_scored, trial, paper)))
                 done += 1
-    return Outcome(tuple(_rows(results)), {"peaks": lambda: _plot(results)})
+    plots = {"peaks": lambda: _plot(results), "curves": lambda: curves(first_of_each(drawn["off"]))}
+    return Outcome(tuple(_rows(results)), plots)
 
 
 def _scored(trial: Trial, paper: bool) -> dict[str, Any]:
