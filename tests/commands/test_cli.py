@@ -102,6 +102,29 @@ def test_new_then_check(tmp_path, capsys):
     assert "my_cell, iiwa, 2 cameras" in capsys.readouterr().out
 
 
+SPHERES = """<robot name="mine">
+<link name="a"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+<link name="b"/><joint name="j" type="revolute"><parent link="a"/>
+<child link="b"/><limit lower="-1" upper="1" velocity="1"/></joint></robot>"""
+
+
+def test_new_with_an_arm_of_ones_own(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'my "arm".urdf').write_text(SPHERES)
+    # The path begins where one stands; in the file it begins where that lies.
+    for file in ("cell.toml", "cells/cell.toml"):
+        (tmp_path / "cells").mkdir(exist_ok=True)
+        assert run(["new", file, "--robot", 'my "arm".urdf']) == 0
+        monkeypatch.chdir("/")
+        assert run(["check", str(tmp_path / file)]) == 0
+        monkeypatch.chdir(tmp_path)
+    capsys.readouterr()
+    assert run(["new", "other.toml", "--robot", "./none.urdf"]) == 1
+    assert "none.urdf: no such folder or URDF" in capsys.readouterr().err
+    assert not (tmp_path / "other.toml").exists()
+
+
 def test_new_never_overwrites(tmp_path, capsys):
     file = tmp_path / "cell.toml"
     file.write_text("precious")
