@@ -98,25 +98,15 @@ def unpack(bits: Words, rim: int, mask: Bytes) -> None:
 @njit(cache=True, nogil=True)
 def replace_outside(bits: Words, rim: int, old: int, new: int, state: Bytes) -> None:
     """Turn the voxels of state ``old`` that are not in the set to ``new``, in place."""
-    _, ny, nz = state.shape
-    flat = state.reshape(-1)
-    whole = flat.shape[0] // 8 * 8
-    eights = flat[:whole].view(np.uint64)
-    lows, highs = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
-    pattern = lows * np.uint64(old)
-    for e in range((flat.shape[0] + 7) // 8):
-        if 8 * e < whole:  # most hold none, which one look at all eight tells
-            zero = eights[e] ^ pattern
-            if (zero - lows) & ~zero & highs == 0:
-                continue
-        for v in range(8 * e, min(8 * e + 8, flat.shape[0])):
-            if flat[v] != old:
-                continue
-            row = v // nz
-            p = v % nz + rim
-            word = bits[row // ny + rim, row % ny + rim, p >> 6]
-            if not (word >> np.uint64(p & 63)) & ONE:
-                flat[v] = new
+    nx, ny, nz = state.shape
+    for x in range(nx):
+        for y in range(ny):
+            for z in range(nz):
+                if state[x, y, z] == old:
+                    p = z + rim
+                    word = bits[x + rim, y + rim, p >> 6]
+                    if not (word >> np.uint64(p & 63)) & ONE:
+                        state[x, y, z] = new
 
 
 @njit(cache=True, nogil=True)
