@@ -332,12 +332,12 @@ def lens(**more):
 @pytest.mark.parametrize(
     ("broken", "words"),
     [
-        ({"noise": DepthNoise(np.nan, 0.0, 0.0)}, "its noise is"),
-        ({"noise": DepthNoise(-0.3, 0.0, 0.0)}, "its noise is"),
-        ({"noise": DepthNoise(0.3, 0.0, -0.1)}, "its noise is"),
-        ({"range": (0.3, np.inf)}, "its range is 0.3 to inf m"),
-        ({"range": (4.5, 0.3)}, "its range is"),
-        ({"range": (np.nan, 4.5)}, "its range is"),
+        ({"noise": DepthNoise(np.nan, 0.0, 0.0)}, "it has a noise of"),
+        ({"noise": DepthNoise(-0.3, 0.0, 0.0)}, "it has a noise of"),
+        ({"noise": DepthNoise(0.3, 0.0, -0.1)}, "it has a noise of"),
+        ({"range": (0.3, np.inf)}, "it has a range of 0.3 to inf m"),
+        ({"range": (4.5, 0.3)}, "it has a range of"),
+        ({"range": (np.nan, 4.5)}, "it has a range of"),
         ({"latency": np.inf}, "its latency"),
         ({"rate": np.nan}, "its rate is nan Hz"),
         (lens(fx=-80.0), "no lens is"),

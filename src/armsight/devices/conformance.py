@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.devices.clock_map import ClockMap
-from armsight.devices.driven_cameras import (
+from armsight.devices.camera_checks import (
     check_lens,
     check_pair,
     check_pose,
@@ -30,6 +29,7 @@ from armsight.devices.driven_cameras import (
     checked_color,
     clean_depth,
 )
+from armsight.devices.clock_map import ClockMap
 from armsight.devices.line import OPEN_SECONDS, STOP_SECONDS
 from armsight.devices.port import Kind
 from armsight.errors import DeviceError

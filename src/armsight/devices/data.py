@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
+
+import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, DepthImage, Floats, JointVector, Pose
 from armsight.devices.depth_model import DepthModel
@@ -157,6 +160,19 @@ class DepthNoise:
     def sigma(self, z: Floats) -> Floats:
         """Standard deviation [m] of depth at distance z [m]."""
         return self.a + self.b * z + self.c * z * z
+
+    def fault(self, reach: tuple[float, float]) -> str:
+        """Why no camera has this noise over depths from one to another [m]; empty when one may."""
+        near, far = reach
+        if not 0.0 <= near < far < math.inf:
+            return f"a range of {near:g} to {far:g} m; expected two growing distances"
+        sigma = self.sigma(np.array([near, 0.5 * (near + far), far]))
+        if not ((sigma >= 0.0) & (sigma < math.inf)).all():
+            return (
+                f"a noise of {sigma[0]:g}, {sigma[1]:g}, {sigma[2]:g} m at {near:g} m, halfway and "
+                f"{far:g} m; expected none below 0"
+            )
+        return ""
 
 
 @dataclass(frozen=True)

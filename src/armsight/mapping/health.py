@@ -16,7 +16,7 @@ def check_camera(info: RgbdCameraInfo) -> None:
     Raises:
         UsageError: the camera's lens, range, noise, rate, latency or covariance cannot be.
     """
-    lens, (near, far) = info.depth, info.range
+    lens = info.depth
     numbers = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
     if not (min(lens.width, lens.height) > 0 and min(lens.fx, lens.fy) > 0.0):
         raise UsageError(
@@ -25,17 +25,9 @@ def check_camera(info: RgbdCameraInfo) -> None:
         )
     if not np.isfinite(numbers).all():
         raise UsageError(f"camera {info.name}: its lens is {numbers}; expected finite numbers")
-    if not 0.0 <= near < far < np.inf:
-        raise UsageError(
-            f"camera {info.name}: its range is {near:g} to {far:g} m; expected two "
-            "growing distances"
-        )
-    sigma = info.noise.sigma(np.array([near, 0.5 * (near + far), far]))
-    if not (np.isfinite(sigma).all() and (sigma >= 0.0).all()):
-        raise UsageError(
-            f"camera {info.name}: its noise is {sigma.tolist()} m at {near:g} to "
-            f"{far:g} m; expected finite numbers, none below 0"
-        )
+    fault = info.noise.fault(info.range)
+    if fault:
+        raise UsageError(f"camera {info.name}: it has {fault}")
     if not (0.0 <= info.rate < np.inf and 0.0 <= info.latency < np.inf):
         raise UsageError(
             f"camera {info.name}: its rate is {info.rate:g} Hz and its latency "
