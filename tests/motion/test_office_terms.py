@@ -178,6 +178,7 @@ def test_who_asks_is_told_when_what_may_be_touched_changes():
     assert made.office.apply(made.map).grant is before
     assert made.tick(asked()), "its region is a newer one"
     assert made.office.grant is not before
+    made.q = made.q - np.array([0.0, 0.6, 0.0, 0.0, 0.0, 0.0])  # what is touched is left first
     assert made.tick()
     assert made.office.grant is None
     assert not made.tick()

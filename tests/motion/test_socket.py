@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armsight.devices.data import Wrench
-from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.experiments.quick_cell import KEEP, Ball, QuickCell
 from armsight.geometry.pose import make_pose
 from armsight.motion.intents import VelocityIntent
 from armsight.motion.permits import PermitRequest, PermitState
@@ -39,13 +39,17 @@ class Socket:
             "port", "thing", port, ("tool",), 0.12, 0.06, 60.0, 10.0, seconds=60.0, out=out
         )
 
-    def round(self, asks=True, down=0.0, pushed=0.0):
-        """One tick: whether the permit is asked for, how fast down [m/s], what is felt [N]."""
+    def round(self, asks=True, down=0.0, pushed=0.0, snapshot=None):
+        """One tick: whether the permit is asked for, how fast down [m/s], what is felt [N].
+
+        And the map, where that is not the newest.
+        """
         cell = self.cell
         cell.guard.feel([felt(cell.now, pushed)])
         ask = self.request if asks else None
         wanted = np.array([0.0, 0.0, -down, 0.0, 0.0, 0.0])
-        cell.tick(goal=VelocityIntent("in", wanted, "base", cell.now, cell.now + 0.1, ask))
+        goal = VelocityIntent("in", wanted, "base", cell.now, cell.now + 0.1, ask)
+        cell.tick(snapshot=KEEP if snapshot is None else snapshot, goal=goal)
 
     def rounds(self, seconds):
         """The ticks of so long [s]."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,10 +78,6 @@ class ForceWatch:
         self._mass = 0.0 if tool is None else tool.mass
         self._center = np.zeros(3) if tool is None else np.asarray(tool.center_of_mass, float)
         self._tip = np.zeros(3) if tool is None else tool.T_flange_tcp[:3, 3]
-        self.forget()
-
-    def forget(self) -> None:
-        """Begin anew (the clock jumped)."""
         self._free: deque[tuple[float, Floats]] = deque()
         self._sum: Floats = np.zeros(6)
         self._bias: Floats | None = None
@@ -92,6 +88,16 @@ class ForceWatch:
         self._rate = 0.0
         self._rates: deque[tuple[float, float, float]] = deque()
         self._push: Vector3 | None = None
+
+    def turn_back(self, back: float) -> None:
+        """The clock was turned back by so much [s]: what the sensor errs by is what it was."""
+        self._free = deque((at - back, rest) for at, rest in self._free)
+        self._rates = deque((at - back, rate, force) for at, rate, force in self._rates)
+        self._new = [replace(felt, stamp=felt.stamp - back) for felt in self._new]
+        self._tared, self._first, self._stamp = (
+            at - back for at in (self._tared, self._first, self._stamp)
+        )
+        self._mean = (self._mean[0] - back, self._mean[1])
 
     @property
     def push(self) -> Vector3 | None:

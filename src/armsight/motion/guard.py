@@ -141,7 +141,7 @@ class Guard:
             self._now = now
         if verdict.jumped:
             self._filter.forget_times()
-            self._permits.forget_times()
+            self._permits.forget_times(now)
             self._reflex.approach.clear()
             self._goals.forget_times()
             self._blocked_since = self._waiting_since = math.inf
@@ -217,10 +217,11 @@ class Guard:
         if goals.active and tick.at_rest and goals.is_at(tick.here.position):
             goals.reached = True
             self._route = None
-        if tick.verdict.severity == Severity.SLOW:
+        retreat = self._permits.retreat
+        leaves = retreat is not None and retreat.stands is None
+        if tick.verdict.severity == Severity.SLOW and not leaves:
             self._come_to_rest(tick, GuardMode.STOPPED, tick.verdict.reason)
             return
-        retreat = self._permits.retreat
         if retreat is not None:
             self._route, self._joining, self._coasting = None, False, False
             if retreat.stands is not None:

@@ -51,6 +51,8 @@ CREEP = 0.02
 AGAIN, QUIET, PUSHED = 10.0, 1.5, 2.5
 """For this long after a retreat [s] the arm gives way to a push that grows from less than QUIET to
 more than PUSHED [N]."""
+UNASKED = 0.5
+"""In contact a permit outlives the last request by this much [s]: then nobody answers for it."""
 PRESSED_ON = 5.0
 """And from somebody who still presses it the arm goes on leaving for this long [s]."""
 
@@ -77,6 +79,7 @@ class PermitOffice:
         self._robot, self._body, self._config = robot, body, config
         self._executed = executed
         self._request: PermitRequest | None = None
+        self._asked = -math.inf
         self._anew = False
         self._looked: WorkspaceSnapshot | None = None
         up = np.asarray(config.up, float)
@@ -94,9 +97,29 @@ class PermitOffice:
         """Readings of the force sensor, oldest first; judged by the next :meth:`consider`."""
         self._waiting.extend(readings)
 
-    def forget_times(self) -> None:
-        """The clock jumped."""
-        self._force.forget()
+    def forget_times(self, now: float) -> None:
+        """The clock jumped to ``now`` [s].
+
+        Ahead, time may have passed. Back, it has not: what is granted ends, and what is touched is,
+        as long from now as before.
+        """
+        if now < self._now:
+            back = self._now - now
+            self._asked -= back
+            self._force.turn_back(back)
+            if self._request is not None:
+                asked = self._request.region.earlier(back)
+                self._request = replace(self._request, region=asked)
+            if self.permit is not None:
+                region = None if self.permit.region is None else self.permit.region.earlier(back)
+                self.permit = replace(self.permit, until=self.permit.until - back, region=region)
+            if self.grant is not None:
+                self.grant = replace(self.grant, region=self.grant.region.earlier(back))
+            if self.retreat is not None:
+                self.retreat.turn_back(back)
+                self.grant = self.retreat.grant
+            if self._left is not None:
+                self._left = self._left[0], self._left[1] - back
         self._tool.forget()
         self._told.forget()
         self._felt.forget()
@@ -119,6 +142,8 @@ class PermitOffice:
             joints: where the arm is; None where nobody knows.
             command: (n,) joint velocities that it was told last [rad/s], or None.
         """
+        if not math.isfinite(now):
+            return False  # whatever holds goes on when a time is told again
         before, self._now = self.grant, now
         if joints is not None:  # while nobody knows better, the arm is where it was: it brakes
             self._q, self._pull = np.asarray(joints.position, float), self._tool.take(joints)
@@ -157,13 +182,16 @@ class PermitOffice:
         Args:
             reason: in words.
             now: [s].
-            beside: somebody may be beside what may be touched. What holds a part of the arm is then
-                not backed out of: it stands until that is permitted again.
+            beside: somebody may be beside what may be touched, or nobody asks for it any more. What
+                holds a part of the arm is then not backed out of: it stands until that is permitted
+                again.
         """
         if self.permit is None or not self.permit.holds:
             return
         before = self.permit
-        self.permit = replace(self.permit, state=PermitState.WITHDRAWN, reason=reason)
+        self.permit = replace(
+            before, state=PermitState.WITHDRAWN, reason=reason, pressed=self._force.pressed
+        )
         if self._touches(now) and self.grant is not None and self._q is not None:
             self.retreat = Retreat(reason, self.grant, self._executed, self._q, now)
             self.retreat.stands = before if beside and self.one_way_out else None
@@ -197,7 +225,7 @@ class PermitOffice:
     ) -> ContactSpeed | GentleSpeed | None:
         """The speed law of the permit at a time [s] for an arm at (n,) [rad], or None."""
         grant, permit = self.grant, self.permit
-        if grant is None:
+        if grant is None or not math.isfinite(when):
             return None
         name, speed = (permit.name, permit.speed) if permit is not None else ("", 0.0)
         if self.retreat is not None:
@@ -300,9 +328,10 @@ class PermitOffice:
         return (request.stiffness if request.stiffness > 0.0 else HARD), tip
 
     def _answer(self, now: float, request: Any, snapshot: WorkspaceSnapshot | None) -> None:
-        if request is None or not math.isfinite(now):
-            self._request, self.permit = None, None
+        if request is None:
+            self._unasked(now, snapshot)
             return
+        self._asked = now
         name, kind = str(getattr(request, "name", "?")), str(getattr(request, "kind", "?"))
         permit, held = self.permit, None
         if permit is None or (permit.name, permit.kind) != (name, kind):
@@ -335,6 +364,18 @@ class PermitOffice:
             self.withdraw(reason, now, beside)
         else:
             self.permit = replace(permit, reason=reason)
+
+    def _unasked(self, now: float, snapshot: WorkspaceSnapshot | None) -> None:
+        """No task asks: what is touched nevertheless is left as when a permit is withdrawn."""
+        permit, asked = self.permit, self._request
+        if permit is None or asked is None or not permit.holds or not self._touches(now):
+            self._request, self.permit = None, None
+            return
+        reason, beside = self._against(now, permit, asked, snapshot)
+        if not reason and now > self._asked + UNASKED:
+            reason, beside = "no task asks for it any more", True
+        if reason:
+            self.withdraw(reason, now, beside)
 
     def _refusal(
         self, now: float, request: PermitRequest, snapshot: WorkspaceSnapshot | None

@@ -78,7 +78,8 @@ class Permit:
             None without one.
         speed, force, torque: what is granted [m/s], [N], [N m].
         until: when it ends [s].
-        pressed: force [N] of the arm on what it touches, by the last reading; NaN if nobody says.
+        pressed: force [N] of the arm on what it touches, by the last reading while it holds; NaN if
+            nobody says.
     """
 
     name: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
 from typing import Literal, TypeAlias
@@ -11,6 +11,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from armsight.arrays import Floats, Points, Pose, Vector3
+from armsight.geometry.pose import cross
 
 RegionShape: TypeAlias = Literal["sphere", "box", "capsule"]
 
@@ -51,6 +52,10 @@ class Region:
         if self.shape == "sphere":
             return 2.0 * a
         return math.hypot(a, b, c) if self.shape == "box" else b + 2.0 * a
+
+    def earlier(self, back: float) -> Region:
+        """The same by a clock that was turned back by so much [s]."""
+        return replace(self, exposure=self.exposure - back)
 
     def half_box(self) -> Vector3:
         """(3,) half edges of the upright box of ``base`` around it [m]."""
@@ -167,7 +172,9 @@ def region_fault(region: Region, now: float, future: float = 0.01) -> str:
                 return f"its {what} is a {type(value).__name__}; expected an array of numbers"
         if T.shape != (4, 4) or not np.isfinite(T).all():
             return "its pose is no finite 4 x 4 matrix"
-        if not _near(T[:3, :3] @ T[:3, :3].T, np.eye(3), 1e-6):
+        R = T[:3, :3]
+        turns = _near(R @ R.T, np.eye(3), 1e-6) and cross(R[0], R[1]) @ R[2] > 0.0
+        if not (turns and _near(T[3], np.array([0.0, 0.0, 0.0, 1.0]), 1e-6)):
             return "its pose is not a rotation and a translation"
         if velocity.shape != (3,) or not np.isfinite(velocity).all():
             return "its velocity must be three numbers in m/s"

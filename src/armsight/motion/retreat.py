@@ -103,6 +103,15 @@ class Retreat:
         self._until, self._seen = now + FOLLOWED, now
         self.grant = replace(self.grant, region=replace(region, drift=0.0))
 
+    def turn_back(self, back: float) -> None:
+        """The clock was turned back by so much [s]."""
+        self.began, self._until, self._seen = (
+            at - back for at in (self.began, self._until, self._seen)
+        )
+        self.grant = replace(self.grant, region=self.grant.region.earlier(back))
+        if self.stands is not None:
+            self.stands = replace(self.stands, until=self.stands.until - back)
+
     def clearance(self, now: float) -> float:
         """How far from the region the arm has left [m]: what holds parts does not swing back."""
         may_swing = not self.grant.person and self.grant.out is None
