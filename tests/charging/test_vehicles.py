@@ -189,6 +189,22 @@ def test_a_side_whose_tilt_is_unsure_is_said_farther_out_but_not_so_far_as_to_be
         assert min(float(s.distance(out)[0]) for s in solids) > 0.0
 
 
+@pytest.mark.parametrize("tilt_deg", [0.0, 0.3, 1.0, 1.8])
+def test_a_side_that_leans_the_other_way_is_seen_within_what_is_said_to_be_coarse(tilt_deg):
+    """Else its own far end would count as somebody until the second look."""
+    shape = load_vehicle("hatchback")
+    body, tilt = ParkedCarOnMap(shape, np.eye(4)), np.deg2rad(tilt_deg)
+    body.found(T_PORT, np.diag([0, 0, 0, tilt**2, tilt**2, 0.0]))
+    (solids,) = body.standing.values()
+    assert {s.coarse for s in solids} == {solids[0].coarse}
+    assert 0.05 <= solids[0].coarse <= 0.25
+    ends = np.array([[x, y, 0.010] for x in (-1.4, 1.5) for y in (-0.3, 0.5)])
+    for turn in ((3.0 * tilt, 0.0, 0.0), (0.0, 3.0 * tilt, 0.0), (0.0, -3.0 * tilt, 0.0)):
+        true = transform(T_PORT @ from_rpy(turn), ends)
+        deep = -np.min([s.distance(true) for s in solids], axis=0)
+        assert deep.max() <= solids[0].coarse
+
+
 def test_a_second_look_that_agrees_lets_the_body_be_said_where_it_is():
     """It stayed up to 5 cm before itself where both looks found the port in one place."""
     shape = load_vehicle("hatchback")

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from armsight.mapping.kernels.body import MIDDLE
 from armsight.mapping.occupancy import FORGET, Occupancy, Sight
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from armsight.mapping.static_geometry import rasterise
 from armsight.mapping.workspace_map import WorkspaceMap
 
 from . import scenes, twins
@@ -126,9 +127,11 @@ def test_a_sighting_that_nobody_confirms_is_withdrawn(depth, fills, stays):
     arm fills that, they end on the arm right before it.
     """
     grid = VoxelGrid(np.array([-0.1, -0.1, 0.9]), 0.02, (10, 10, 10))
-    occupancy = Occupancy(grid, 1, np.zeros(grid.shape, np.uint8), 0.06, 0.15)
+    occupancy = Occupancy(rasterise([], grid, 0.1), 1, 0.06, 0.15)
     image = np.full((60, 80), int(depth * 10_000), np.uint16)
-    sight = Sight(image, 10_000.0, np.array([100.0, 100.0, 39.5, 29.5]), np.eye(4), 0.3)
+    lens = np.array([100.0, 100.0, 39.5, 29.5])
+    noise = np.array([0.001, 0.0, 0.001])
+    sight = Sight(image, 10_000.0, lens, np.eye(4), 0.3, noise, (0.01, 0.0, 3.0))
     nobody = np.full(1000, fills, np.uint8)
     none = (np.empty(0, np.int32), np.empty(0, np.uint8))
     voxel = np.array([(5 * 10 + 5) * 10 + 4], np.int32)  # its middle is 0.99 m away
@@ -198,7 +201,7 @@ def test_a_weak_sighting_needs_a_second_one_in_time():
 def test_an_older_picture_that_comes_later_does_not_shorten_the_hold():
     """Cameras differ in latency: what was hit last is what was exposed last."""
     grid = VoxelGrid(np.zeros(3), 0.02, (3, 3, 3))
-    seen = Occupancy(grid, 3, np.zeros(grid.shape, np.uint8), 0.06, 0.15)
+    seen = Occupancy(rasterise([], grid, 0.1), 3, 0.06, 0.15)
     hit, strong, nothing = np.array([13], np.int32), np.ones(1, np.uint8), np.zeros(27, np.uint8)
     seen.take(0, 1.00, hit, strong, nothing)
     seen.take(1, 0.95, hit, strong, nothing)

@@ -125,11 +125,13 @@ def hit_bounds(
         + config.calibration_rad * depth
         + config.sigmas * sigma
     ).reshape(-1)
-    for solid in solids:
-        gap = np.full(h * w, np.inf)
-        gap[flat] = solid.distance(base[flat])
-        surely &= (gap > limit + EPS).reshape(h, w)
-        maybe &= (gap > limit - EPS).reshape(h, w)
+    if solids:
+        gaps = np.full((len(solids), h * w), np.inf)
+        gaps[:, flat] = [solid.distance(base[flat]) for solid in solids]
+        nearest, gap = gaps.argmin(axis=0), gaps.min(axis=0)
+        deep = -limit - np.array([solid.coarse for solid in solids])[nearest]
+        surely &= ((gap > limit + EPS) | (gap < deep - EPS)).reshape(h, w)
+        maybe &= ((gap > limit - EPS) | (gap < deep + EPS)).reshape(h, w)
     sure_count, may_count = np.zeros(grid.shape), np.zeros(grid.shape)
     low, high = (grid.index(np.nan_to_num(base + e, nan=-1e6)) for e in (-EPS, EPS))
     whole = (low == high).all(axis=1) & surely.reshape(-1)

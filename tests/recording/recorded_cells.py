@@ -51,7 +51,8 @@ def camera_info(name: str, distortion: float = 0.0, color: bool = False) -> Rgbd
 def make_cell(cameras: tuple[RgbdCameraInfo, ...] | None = None) -> Cell:
     robot = load_robot("ur5")
     infos = cameras or (camera_info("left", 0.05, color=True), camera_info("right"))
-    solid = Solid("table", "box", (1.0, 2.0, 0.1), from_rpy([0, 0, 0.3], [0, 0.1, -0.05]))
+    T = from_rpy([0, 0, 0.3], [0, 0.1, -0.05])
+    solid = Solid("table", "box", (1.0, 2.0, 0.1), T, coarse=0.03)
     return Cell(
         bare_workcell("tiny", "ur5"),
         robot,

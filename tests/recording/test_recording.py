@@ -127,6 +127,7 @@ def test_the_cell_comes_back(tmp_path: Path) -> None:
             )
         [solid] = again.static
         assert solid.T_frame_solid.tobytes() == cell.static[0].T_frame_solid.tobytes()
+        assert solid.coarse == cell.static[0].coarse == 0.03
 
 
 def test_what_was_believed_comes_back(tmp_path: Path) -> None:

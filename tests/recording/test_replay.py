@@ -181,7 +181,7 @@ def test_solids_that_came_and_went_are_replayed(tmp_path: Path) -> None:
     with open_recording(tmp_path / "a.mcap") as cell:
         T = cell.T_world_base
         where = T @ make_pose(None, np.array([0.4, 0.1, 0.3]))
-        box = Solid("box", "box", (0.2, 0.3, 0.4), where, (0.1, 0.2, 0.3), "black_plastic")
+        box = Solid("box", "box", (0.2, 0.3, 0.4), where, (0.1, 0.2, 0.3), "black_plastic", 0.04)
         recorder = Recorder(tmp_path / "b.mcap", cell)
         session = Session(cell, None, make=replay_parts, observers=[recorder], config=SMALL)
         session.run(0.2)
@@ -201,7 +201,7 @@ def test_solids_that_came_and_went_are_replayed(tmp_path: Path) -> None:
         assert [len(w.solids) for w in words] == [1, 0]
         again = words[0].solids[0]
         assert (again.name, again.kind, again.size) == (box.name, box.kind, box.size)
-        assert (again.color, again.material) == (box.color, box.material)
+        assert (again.color, again.material, again.coarse) == (box.color, box.material, 0.04)
         np.testing.assert_allclose(T @ again.T_frame_solid, where, atol=1e-12)
         session = Session(cell, None, make=replay_parts, config=SMALL)
         session.run(0.38)

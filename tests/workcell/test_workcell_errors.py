@@ -324,3 +324,18 @@ def test_a_simulated_arm_does_not_begin_outside_of_its_cells_limits():
         world_spec(parse_workcell(HEAD + LIMITS))
     at_home = "home_deg = [45, -90, 90, 0, 0, 0]\n"
     assert world_spec(parse_workcell(HEAD + LIMITS + at_home)).arm.home[0] == np.deg2rad(45)
+
+
+def test_only_what_the_cell_is_told_of_may_be_declared_coarsely():
+    """What is held is the arm, and what moves or nobody was told of explains no return."""
+    (solid,) = parse_workcell(HEAD + SOLID + "coarse = 0.03\n").solid
+    assert solid.solid.coarse == 0.03
+    assert parse_workcell(HEAD + SOLID).solid[0].solid.coarse == 0.0
+    for wrong, says in (("-0.01", "expected"), ("0.6", "expected"), ("'a bit'", "expected")):
+        (line,) = problems(HEAD + SOLID + f"coarse = {wrong}\n")
+        assert line.startswith('solid[1] "s".coarse: ')
+        assert says in line
+    held = "[[held]]\nname='h'\nsize=[0.1, 0.1, 0.1]\nposition=[0, 0, 0.1]\ncoarse=0.01"
+    loose = SOLID.replace("[[solid]]", "[[simulation.undeclared]]") + "coarse = 0.01\n"
+    for text in (HEAD + held, HEAD + loose):
+        assert "coarse: unknown key" in problems(text)[0]

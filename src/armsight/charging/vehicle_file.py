@@ -22,6 +22,8 @@ from armsight.geometry.shapes import Solid
 FOLDER = Path(__file__).parent / "vehicles"
 MOST = 100_000
 """A longer file is none of ours [bytes]."""
+COARSE = 50.0
+"""What sides of cars are bent by, where a file does not say [mm]."""
 GROUND = 1.3
 """The body goes on for so long below the port, into the ground if need be [m]."""
 HINGES = {"left": 0.0, "bottom": 90.0, "right": 180.0, "top": -90.0}
@@ -95,6 +97,7 @@ class VehicleShape(_Table):
         behind_mm: something solid begins so far behind it.
         side_m: the body about the port.
         thickness_m: of what counts as the car behind its side.
+        coarse_mm: the body may lie so far inside of these boxes, as sides are bent.
         height_m: least and greatest height of the port above the floor.
         lean_deg: least and greatest angle of its axis above the horizontal.
         lid: over the port; None where there is none.
@@ -107,6 +110,7 @@ class VehicleShape(_Table):
     behind_mm: Annotated[float, Field(ge=50.0, le=500.0, allow_inf_nan=False)] = 90.0
     side_m: Side
     thickness_m: Metres = 0.6
+    coarse_mm: Annotated[float, Field(ge=0.0, le=300.0, allow_inf_nan=False)] = COARSE
     height_m: tuple[Metres, Metres]
     lean_deg: tuple[Degrees, Degrees] = (-10.0, 20.0)
     lid: LidShape | None = None
@@ -135,11 +139,12 @@ class VehicleShape(_Table):
         """What stands there, in the port's frame: the body about the opening, and behind it."""
         return self.within(0.0)
 
-    def within(self, margin: float) -> tuple[Solid, ...]:
-        """Solids in which the body is though its side may lie farther out by a margin [m]."""
+    def within(self, margin: float, inward: float = 0.0) -> tuple[Solid, ...]:
+        """Solids in which the body is though its side may lie farther out or in by so much [m]."""
         o, side = self.opening_mm, self.side_m
         left, right, up, down = -1e-3 * o.left, 1e-3 * o.right, 1e-3 * o.up, -1e-3 * o.down
         front = 1e-3 * self.front_mm + margin
+        coarse = 1e-3 * self.coarse_mm + margin + inward
         back = 1e-3 * self.front_mm - self.thickness_m
         inside = -1e-3 * self.behind_mm
         boxes = {
@@ -157,7 +162,7 @@ class VehicleShape(_Table):
             color = (0.2, 0.2, 0.2) if dark else self.color
             material = "black_plastic" if dark else "plain"
             pose = make_pose(None, 0.5 * (low + high))
-            solids.append(Solid(f"car/{name}", "box", size, pose, color, material))
+            solids.append(Solid(f"car/{name}", "box", size, pose, color, material, coarse))
         return tuple(solids)
 
     @property

@@ -25,6 +25,7 @@ class Solid:
         T_frame_solid: its centre's pose in the frame that the owner states.
         color: RGB, 0..1.
         material: ``plain``, ``black_plastic`` (no infrared return) or ``shiny``.
+        coarse: what stands there may be smaller: its surface may lie this deep inside [m].
     """
 
     name: str
@@ -33,6 +34,7 @@ class Solid:
     T_frame_solid: Pose
     color: tuple[float, float, float] = (0.7, 0.7, 0.7)
     material: str = "plain"
+    coarse: float = 0.0
 
     def distance(self, points: Points) -> Floats:
         """(n,) signed distance [m] of (n, 3) points in the owner's frame; negative inside."""

@@ -33,7 +33,7 @@ class Backdrop:
         self._lens = lens
         self._range = range_
         self._noise = noise
-        self._solids = (static.kinds, static.sizes, static.T_solid_base)
+        self._solids = static.table
         grid = static.grid
         self._lower = np.asarray(grid.origin, float)
         self._upper = self._lower + grid.voxel * np.asarray(grid.shape)
@@ -56,8 +56,8 @@ class Backdrop:
             depth: (h, w) float32 [m].
             label: (h, w) uint8.
             T: camera in ``base``.
-            tolerance: (m, rad, sigmas): within m + rad x depth + sigmas x sigma of a solid a
-                point is the solid.
+            tolerance: (m, rad, sigmas): within m + rad x depth + sigmas x sigma of a solid's
+                surface a point is the solid.
         """
         seen_from = (T.tobytes(), tolerance)
         if seen_from != self._seen_from:

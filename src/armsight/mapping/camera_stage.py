@@ -108,11 +108,10 @@ class CameraStage:
         self._carvers = tuple(
             Carver(self.lens, layer.grid, info.range[0], self.noise) for layer in static
         )
-        solids = static[0]
         self.redeclare(static)
         self._looker = Looker(self.lens.rays, info.range, self.noise)
-        self.mounting = Mounting(info, self.lens, filter_, solids, config)
-        self._plausibility = Plausibility(info, solids, filter_.fields, self.noise)
+        self.mounting = Mounting(info, self.lens, filter_, static[0], config)
+        self._plausibility = Plausibility(info, static[0], filter_.fields, self.noise)
         self._scaled: Floats32 = np.zeros(self.label.shape, np.float32)
         self._returns: Floats32 = np.zeros(self.label.shape, np.float32)
         model = info.depth_model
@@ -124,8 +123,7 @@ class CameraStage:
         Where the camera sits and whether it lies is still judged by those of the cell's file:
         others are declared less exactly, and may drive away.
         """
-        solids = static[0]
-        self._solids = (solids.kinds, solids.sizes, solids.T_solid_base)
+        self._solids = static[0].table
         outermost = static[1] if self._config.has_far_layer else static[0]
         self.backdrop = Backdrop(self.lens, self.info.range, self.noise, outermost)
         for layer, declared in zip(self._layers, static):
@@ -188,13 +186,15 @@ class CameraStage:
         self.lens.tabulate(depth, self.label)
         fine, far_layer = self._carvers
         carved = None if beside is None else beside.submit(fine.carve, T, free[0])
-        hits = self._hits(depth, T)
+        tolerance = (config.static_margin + error_m, error_rad, config.sigmas)
+        hits = self._hits(depth, T, tolerance)
         far_layer.carve(T, free[1])
         if carved is None:
             fine.carve(T, free[0])
         else:
             carved.result()
-        sight = Sight(self.lens.least[0], self.lens.units, self.lens.ideal, T, near)
+        image = self.lens.least[0], self.lens.units, self.lens.ideal
+        sight = Sight(*image, T, near, self.noise, tolerance)
         return Evidence(hits, returns, found, sight, warning=warning, through=through)
 
     def _known(self, depth: Floats32) -> Floats32:
@@ -229,11 +229,11 @@ class CameraStage:
         correct_depth(depth, found.surface, found.true, found.first, TABLE_STEP, out)
         return out
 
-    def _hits(self, depth: Floats32, T: Pose) -> tuple[Hits, ...]:
+    def _hits(
+        self, depth: Floats32, T: Pose, tolerance: tuple[float, float, float]
+    ) -> tuple[Hits, ...]:
         config = self._config
-        error_m, error_rad = self.mounting.error
         fine, far = self._layers
-        tolerance = (config.static_margin + error_m, error_rad, config.sigmas)
         todo = self.backdrop.unexplained(depth, self.label, T, tolerance)
         focal2 = self.info.depth.fx * self.info.depth.fy
         counts = collect_hits(

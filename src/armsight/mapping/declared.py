@@ -2,9 +2,9 @@
 
 Somebody says that something stands somewhere. It is believed once every living camera has looked
 and none sees through it; from then on it is what a solid of the cell's file is: it explains returns
-from its own surfaces and nothing else, nobody is inside, and paths keep clear of it. A camera that
-sees through it later withdraws it: whatever stands there then may be a person, and so may be what
-was hidden inside.
+from its own surfaces and nothing else (what is seen deeper inside than it is declared coarsely may
+be a person), nobody is inside, and paths keep clear of it. A camera that sees through it later
+withdraws it: whatever stands there then may be a person, and so may be what was hidden inside.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats, Floats32, Mask, Pose
 from armsight.errors import UsageError
-from armsight.geometry.pose import inverse
+from armsight.geometry.pose import inverse, is_rotation
 from armsight.geometry.shapes import Solid
 from armsight.mapping.kernels.pixels import VALID
 from armsight.mapping.kernels.solids import trace_solids
@@ -239,8 +239,10 @@ def _check(name: str, solid: Solid) -> None:
     T = np.asarray(solid.T_frame_solid, float)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise UsageError(f"'{name}': its pose is no finite 4 x 4 matrix")
-    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6):
+    if not (is_rotation(T[:3, :3]) and np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0])):
         raise UsageError(f"'{name}': its pose is not a rotation and a translation")
+    if not 0.0 <= solid.coarse < np.inf:
+        raise UsageError(f"'{name}': coarse is {solid.coarse} m; expected 0 or more")
 
 
 class Looker:
@@ -299,6 +301,7 @@ class Looker:
                 np.array([KINDS[s.kind] for s in solids], np.int64),
                 np.array([s.size for s in solids], float),
                 np.array([inverse(s.T_frame_solid) for s in solids], float),
+                np.full(len(solids), np.inf),
             ),
             BEHIND,
             first,

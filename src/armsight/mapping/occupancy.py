@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, Floats32, Ints32, Mask, Pose, Shorts
+from armsight.arrays import Bytes, Floats, Floats32, Ints32, Mask, Points, Pose, Shorts
 from armsight.mapping.kernels.evidence import (
     add_hits,
     add_looks,
@@ -14,12 +14,14 @@ from armsight.mapping.kernels.evidence import (
     compose_state,
     keep_clusters,
 )
-from armsight.mapping.snapshot import VoxelGrid
+from armsight.mapping.static_geometry import StaticGeometry
 
 LOOKS = 8
 """Looks at an occupied voxel that must find nothing ..."""
 FORGET = 0.5
 """... and for how long [s], before an unconfirmed sighting is withdrawn."""
+DEEP = 0.06
+"""What was seen this much deeper inside of a solid [m] than it is declared coarsely was not it."""
 
 
 class Sight(NamedTuple):
@@ -31,6 +33,8 @@ class Sight(NamedTuple):
         lens: (4,) fx fy cx cy.
         T: camera in ``base``.
         near: the camera's least depth [m].
+        noise: (3,) a, b, c of its sigma(z) = a + b z + c z^2 [m].
+        tolerance: (m, rad, sigmas): so far from a declared surface a return may show it.
     """
 
     image: Shorts
@@ -38,6 +42,8 @@ class Sight(NamedTuple):
     lens: Floats
     T: Pose
     near: float
+    noise: Floats
+    tolerance: tuple[float, float, float]
 
 
 class Occupancy:
@@ -47,20 +53,25 @@ class Occupancy:
     * Occupied: a frame hit it with enough pixels, or two frames with few; until seen through, or
       until it was looked at for a while and nothing hit it again.
     * Unknown: neither. A camera that dies takes its free voxels with it; never its occupied ones.
+
+    Attributes:
+        grid: the grid; declared: the declared solids on it.
+        free: (cameras, voxels) uint8, 1 where the newest frame of a camera saw through.
+        occupied: (voxels,) uint8, 1 where something undeclared was seen.
     """
 
     def __init__(
-        self, grid: VoxelGrid, cameras: int, static: Bytes, hold: float, weak_window: float
+        self, static: StaticGeometry, cameras: int, hold: float, weak_window: float
     ) -> None:
         if cameras > 8:
             raise ValueError(f"{cameras} depth cameras; the map can tell 8 apart")
-        self.grid = grid
+        self.grid = grid = static.grid
         self._hold = hold
         self._window = weak_window
         size = int(np.prod(grid.shape))
         self._origin = np.asarray(grid.origin, float)
         self._shape = np.asarray(grid.shape, np.int64)
-        self._static = np.ascontiguousarray(static).reshape(-1)
+        self._declare(static)
         self.free = np.zeros((max(cameras, 1), size), np.uint8)
         self.occupied = np.zeros(size, np.uint8)
         self._seen_by = np.zeros(size, np.uint8)
@@ -108,6 +119,8 @@ class Occupancy:
         if sight is not None:
             add_looks(
                 *sight,
+                self._inside,
+                self.declared.table,
                 self._origin,
                 self.grid.voxel,
                 self._shape,
@@ -134,16 +147,26 @@ class Occupancy:
             self._count,
         )
 
-    def redeclare(self, static: Bytes, filled: Mask) -> None:
+    def _declare(self, static: StaticGeometry) -> None:
+        self.declared = static
+        self._filled = np.ascontiguousarray(static.filled).reshape(-1)
+        nearest = static.nearest.reshape(-1)
+        self._inside: Bytes = np.where(static.bound.reshape(-1) < 0, nearest, np.uint8(0))
+
+    def redeclare(self, static: StaticGeometry, filled: Mask) -> None:
         """Other solids are declared: what was seen where one is now was that solid.
 
+        Unless it was seen deep inside of it: that is looked at anew.
+
         Args:
-            static: (nx, ny, nz) uint8 voxels filled by declared solids.
-            filled: (nx, ny, nz) bool, those that were not before.
+            static: declared solids.
+            filled: (nx, ny, nz) bool, voxels that they fill and that were not filled before.
         """
-        self._static = np.ascontiguousarray(static).reshape(-1)
+        self._declare(static)
         listed = self.dynamic.copy()
         gone = filled.reshape(-1)[listed]
+        at = listed[gone]
+        gone[gone] = self.inside_of(at)[1] <= DEEP
         lost, kept = listed[gone], listed[~gone]
         for array in (self.occupied, self._seen_by, self._looks):
             array[lost] = 0
@@ -155,6 +178,30 @@ class Occupancy:
         """The clock was turned back by a time [s]: ages stay, and weak sightings are forgotten."""
         self._last -= seconds
         self._weak.fill(-np.inf)
+
+    def inside_of(self, index: Ints32) -> tuple[Bytes, Floats]:
+        """Which declared solids voxels' centres are in, and how much deeper than these are coarse.
+
+        Args:
+            index: (m,) flat indices of the voxels.
+
+        Returns:
+            (m,) uint8 1 + index of the solid, 0 where there is none, and (m,) [m], -inf there.
+        """
+        solid, depth = self._inside[index], np.full(len(index), -np.inf)
+        for s in np.unique(solid[solid > 0]):
+            at, declared = solid == s, self.declared.solids[s - 1]
+            depth[at] = -declared.distance(self.center(index[at])) - declared.coarse
+        return solid, depth
+
+    def center(self, index: Ints32) -> Points:
+        """(m, 3) centres in ``base`` [m] of voxels by (m,) flat indices."""
+        return self.grid.center(np.stack(np.unravel_index(index, self.grid.shape), axis=-1))
+
+    @property
+    def half_diagonal(self) -> float:
+        """Of a voxel [m]."""
+        return float(0.5 * np.sqrt(3.0) * self.grid.voxel)
 
     @property
     def dynamic(self) -> Ints32:
@@ -175,7 +222,7 @@ class Occupancy:
     def state(self, alive: Bytes) -> Bytes:
         """(nx, ny, nz) uint8 state, a new array; ``alive`` (cameras,) says whose word counts."""
         out = np.empty(len(self.occupied), np.uint8)
-        compose_state(self.free, alive, self.occupied, self._static, out)
+        compose_state(self.free, alive, self.occupied, self._filled, out)
         return out.reshape(self.grid.shape)
 
     def last_occupied(self) -> Floats32:

@@ -24,9 +24,7 @@ class Layer:
         self, static: StaticGeometry, cameras: int, config: MappingConfig, around: Layer | None
     ) -> None:
         self.grid = static.grid
-        self.occupancy = Occupancy(
-            static.grid, cameras, static.filled, config.hold, config.weak_window
-        )
+        self.occupancy = Occupancy(static, cameras, config.hold, config.weak_window)
         self.things = Things(static.grid, TOUCHES if around is not None else 1)
         self.unseen: UnseenPeople = UnseenPeople(
             static.grid,
@@ -73,7 +71,7 @@ class People:
         """Other solids are declared."""
         rows = zip((self.fine, self.far), change.layers, change.filled, change.left)
         for layer, static, filled, left in rows:
-            layer.occupancy.redeclare(static.filled, filled)
+            layer.occupancy.redeclare(static, filled)
             layer.unseen.redeclare(static.filled, left)
 
     def turn_back(self, seconds: float) -> None:

@@ -189,7 +189,7 @@ class Plausibility:
                 *self._range,
                 -everywhere,
                 everywhere,
-                (solids.kinds, solids.sizes, solids.T_solid_base),
+                (*solids.table[:3], np.full(len(solids.kinds), np.inf)),
                 (BEHIND, BEHIND_ANGLE, 3.0),
                 np.empty_like(self._last),
                 self._last,

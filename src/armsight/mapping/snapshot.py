@@ -115,6 +115,28 @@ class Declared:
 
 
 @dataclass(frozen=True)
+class SeenInside:
+    """Something that is seen inside of a declared solid: a hazard.
+
+    Attributes:
+        solid: in ``base``; depth: how deep inside [m]; place: (3,) where it is deepest [m].
+    """
+
+    solid: Solid
+    depth: float
+    place: Vector3
+
+    def __str__(self) -> str:
+        x, y, z = self.place
+        coarse = np.ceil(100.0 * self.depth + 0.5) / 100.0
+        return (
+            f"something is seen {self.depth:.2f} m inside of '{self.solid.name}', near ({x:.2f}, "
+            f"{y:.2f}, {z:.2f}) m: it counts as a person; if that solid is declared larger than it "
+            f"is, mend its shape, or set its coarse to {coarse:.2f} m"
+        )
+
+
+@dataclass(frozen=True)
 class WorkspaceSnapshot:
     """The workspace as known at one time. Arrays are read-only and never change after publishing.
 
@@ -140,6 +162,7 @@ class WorkspaceSnapshot:
             person: solid, but no hazards.
         emptiness: what became of the word that nobody is in the cell.
         declared: what became of solids that were declared while the cell runs.
+        inside: what has been seen inside of declared solids for a second.
         corrections: of the cameras' poses and depths, one entry a camera.
         cloud: (k, 3) float32 newest merged, cleaned cloud in ``base``, for the page.
         cameras: health, one entry a camera.
@@ -167,3 +190,4 @@ class WorkspaceSnapshot:
     emptiness: Emptiness = Emptiness()
     corrections: tuple[CameraCorrection, ...] = ()
     declared: tuple[Declared, ...] = ()
+    inside: tuple[SeenInside, ...] = ()

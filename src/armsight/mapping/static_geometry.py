@@ -27,6 +27,7 @@ class StaticGeometry:
         bound: (nx, ny, nz) int8, signed distance from the voxel's centre to that solid [mm].
         kinds: (m,) 0 box, 1 cylinder, 2 sphere; sizes: (m, 3) as in :class:`Solid` [m].
         T_solid_base: (m, 4, 4).
+        coarse: (m,) how deep inside of its shape a solid's surface may lie [m].
         solids: the same as declared, in ``base``.
     """
 
@@ -37,7 +38,13 @@ class StaticGeometry:
     kinds: Ints
     sizes: Floats
     T_solid_base: Poses
+    coarse: Floats
     solids: tuple[Solid, ...]
+
+    @property
+    def table(self) -> tuple[Ints, Floats, Poses, Floats]:
+        """For compiled loops that explain returns: kinds, sizes, poses, coarse."""
+        return self.kinds, self.sizes, self.T_solid_base, self.coarse
 
 
 def rasterise(solids: Sequence[Solid], grid: VoxelGrid, near: float) -> StaticGeometry:
@@ -80,6 +87,7 @@ def rasterise(solids: Sequence[Solid], grid: VoxelGrid, near: float) -> StaticGe
         np.array([KINDS[s.kind] for s in solids], np.int64),
         np.array([s.size for s in solids], float).reshape(-1, 3),
         np.array([inverse(s.T_frame_solid) for s in solids], float).reshape(-1, 4, 4),
+        np.array([s.coarse for s in solids], float),
         tuple(solids),
     )
 

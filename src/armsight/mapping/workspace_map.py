@@ -22,6 +22,7 @@ from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import Change, DeclaredSolids
 from armsight.mapping.distance_field import DistanceField
 from armsight.mapping.health import CameraHealth, check_camera
+from armsight.mapping.intrusion import Intrusions
 from armsight.mapping.layers import far_grid, fine_grid
 from armsight.mapping.people import People
 from armsight.mapping.self_filter import BodyPose, SelfFilter
@@ -82,6 +83,7 @@ class WorkspaceMap:
         self.grid = fine_grid(config)
         self._declared = DeclaredSolids(static, (self.grid, far_grid(config, self.grid)))
         self._people = People(self._declared.layers, len(names), config)
+        self._intrusions = Intrusions()
         self._filter = SelfFilter(robot)
         self._index = {name: i for i, name in enumerate(names)}
         self._infos = tuple(cameras)
@@ -190,6 +192,7 @@ class WorkspaceMap:
             things=things,
             emptiness=people.emptiness,
             declared=self._declared.told,
+            inside=self._intrusions.update(now, (people.fine.occupancy, people.far.occupancy)),
             corrections=tuple(
                 CameraCorrection(
                     info.name,
@@ -267,6 +270,7 @@ class WorkspaceMap:
             stage.mounting.restart()
         self._declared.turn_back(seconds)
         self._people.turn_back(seconds)
+        self._intrusions.turn_back(seconds)
 
     def _nothing_new(self, alive: Bytes, now: float) -> bool:
         """Whether a round without frames would find what the last one found.

@@ -188,6 +188,9 @@ class VelocityFilter:
         )
         link = self.robot.link_names[int(body.link[sphere])]
         kind = "unseen space" if self.unseen(index) else "something"
+        for seen in self._snapshot.inside:
+            if seen.solid.distance(hazard[None])[0] < 0.0:
+                kind = f"something inside of '{seen.solid.name}'"
         x, y, z = hazard
         return f"{kind} {max(away, 0.0):.2f} m from {link}, at ({x:.2f}, {y:.2f}, {z:.2f})"
 

@@ -247,6 +247,7 @@ def _solid_to_dict(solid: Solid) -> dict[str, Any]:
         "pose": np.asarray(solid.T_frame_solid, float).tolist(),
         "color": [float(value) for value in solid.color],
         "material": solid.material,
+        "coarse": float(solid.coarse),
     }
 
 
@@ -254,9 +255,9 @@ def _solid_from_dict(record: Mapping[str, Any]) -> Solid:
     x, y, z = record["size"]
     red, green, blue = record["color"]
     pose = _checked(np.array(record["pose"], float))
-    return Solid(
-        record["name"], record["kind"], (x, y, z), pose, (red, green, blue), record["material"]
-    )
+    coarse = float(record.get("coarse", 0.0))
+    look = (red, green, blue), record["material"]
+    return Solid(record["name"], record["kind"], (x, y, z), pose, *look, coarse)
 
 
 def _json(pose: Pose) -> str:

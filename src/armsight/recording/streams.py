@@ -142,16 +142,16 @@ def _solids_to_bytes(word: DeclaredSolids) -> bytes:
     return messages.encode_diagnostics([(0, "solids", word.name, rows)], word.stamp)
 
 
-def _look(solid: Solid) -> tuple[list[float], str]:
-    return list(solid.color), solid.material
+def _look(solid: Solid) -> tuple[list[float], str, float]:
+    return list(solid.color), solid.material, solid.coarse
 
 
 def _solids_from_message(message: Any) -> DeclaredSolids | None:
     _, name, rows = messages.decode_diagnostics(message).get("solids", (0, "", {}))
     try:
         solids = tuple(
-            Solid(label, kind, (size[0], size[1], size[2]), np.array(T, float), tuple(color), look)
-            for label, kind, size, T, color, look in (json.loads(rows[key]) for key in rows)
+            Solid(label, kind, (size[0], size[1], size[2]), np.array(T, float), tuple(color), *look)
+            for label, kind, size, T, color, *look in (json.loads(rows[key]) for key in rows)
         )
     except (ValueError, TypeError, IndexError):
         return None

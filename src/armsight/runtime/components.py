@@ -209,8 +209,8 @@ class MappingComponent:
         return None if permit is None or permit.kind != "thing" else permit.region
 
     def _publish(self, snapshot: WorkspaceSnapshot, visible_at: float) -> None:
-        excluded = [c for c in snapshot.cameras if c.excluded]
-        self.problem = "; ".join(f"camera {c.name} {c.reason}" for c in excluded)
+        wrong = [f"camera {c.name} {c.reason}" for c in snapshot.cameras if c.excluded]
+        self.problem = "; ".join([*wrong, *map(str, snapshot.inside)])
         self._tell_doubts(snapshot, visible_at)
         self._channels.snapshot.publish(snapshot, visible_at)
         self.on_snapshot(visible_at)

@@ -22,6 +22,8 @@ NEARER = 0.01
 SIGMAS, REACH, MOST = 3.0, 0.5, 0.05
 """The body may be farther out than its port says by so many standard deviations of the port's tilt,
 this far from the port [m], and by no more than this [m]: else cameras would see through it."""
+MOST_INWARD = 0.15
+"""Or farther in, at the ends of its side, by no more than this [m]."""
 
 
 class ParkedCarOnMap:
@@ -75,6 +77,8 @@ class ParkedCarOnMap:
             return
         tilt = float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))
         margin = min(SIGMAS * tilt * REACH, MOST)
+        side = max(self.shape.side_m.left, self.shape.side_m.right)
+        inward = min(SIGMAS * tilt * side, MOST_INWARD)
         if self._at is not None:
             gap = apart(self._at, T_base_port)
             if all(a < b for a, b in zip(gap, SURER)) and margin > self._margin - NEARER:
@@ -85,7 +89,7 @@ class ParkedCarOnMap:
         self._margin = margin
         solids = tuple(
             replace(s, T_frame_solid=T_base_port @ s.T_frame_solid)
-            for s in self.shape.within(margin)
+            for s in self.shape.within(margin, inward)
         )
         newest = list(self._bodies.items())[-1:]
         self._bodies = dict([*newest, (f"car {self._number}", solids)])

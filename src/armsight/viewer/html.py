@@ -223,6 +223,7 @@ def emptiness(snapshot: WorkspaceSnapshot | None) -> str:
         text = word.reason
     said = [f"{d.name} is declared" for d in snapshot.declared if d.taken]
     said += [f"{d.name}: {d.reason}" for d in snapshot.declared if not d.taken]
+    said += map(str, snapshot.inside)
     lines = "<br>".join(escape(words) for words in (text, *said))
     return f"<div style='{FONT};margin:.2em .3em;font-size:.8em;{DIM}'>{lines}</div>"
 

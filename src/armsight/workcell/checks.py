@@ -36,6 +36,7 @@ from armsight.workcell.schema_things import (
     HeldSection,
     ObjectSection,
     PersonSection,
+    ShapeSection,
     SolidSection,
     TargetSection,
 )
@@ -213,7 +214,7 @@ def _check_mounted(where: str, section: MountedSection, kind: Kind) -> Iterator[
         )
 
 
-def check_solid(where: str, section: SolidSection) -> Iterator[Problem]:
+def check_solid(where: str, section: ShapeSection) -> Iterator[Problem]:
     """Units of a solid."""
     yield from check_metres(f"{where}.position", section.position)
     yield from check_degrees(f"{where}.rpy_deg", section.rpy_deg)

@@ -24,6 +24,7 @@ from armsight.workcell.schema_things import (
     HeldSection,
     ObjectSection,
     PersonSection,
+    ShapeSection,
     SolidSection,
     TargetSection,
 )
@@ -134,7 +135,7 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
         if isinstance(name, str):
             yield from checks.check_driver(f"{table}.driver", kind, name)
     solids = list(_each(SolidSection, raw, "solid"))
-    undeclared = list(_each(SolidSection, simulation, "undeclared", "simulation."))
+    undeclared = list(_each(ShapeSection, simulation, "undeclared", "simulation."))
     objects = list(_each(ObjectSection, simulation, "object", "simulation."))
     for where, solid in (*solids, *undeclared, *objects):
         yield from checks.check_solid(where, solid)

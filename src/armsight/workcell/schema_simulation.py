@@ -14,7 +14,7 @@ from armsight.workcell.schema_things import (
     CarSection,
     ObjectSection,
     PersonSection,
-    SolidSection,
+    ShapeSection,
     TargetSection,
 )
 
@@ -98,7 +98,7 @@ class SimulationSection(Section):
     wrench: WrenchErrorsSection = key(
         WrenchErrorsSection(), "Errors of the simulated force sensor."
     )
-    undeclared: tuple[SolidSection, ...] = key(
+    undeclared: tuple[ShapeSection, ...] = key(
         (), "Solids that are there but that the cell was not told of."
     )
     person: tuple[PersonSection, ...] = key((), "People.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -26,7 +27,7 @@ from armsight.workcell.fields import (
 )
 
 
-class SolidSection(Section):
+class ShapeSection(Section):
     """A box (`size`), a cylinder along its z (`radius`, `height`) or a sphere (`radius`)."""
 
     name: Name = key(..., "Unique in the cell.")
@@ -42,7 +43,7 @@ class SolidSection(Section):
     )
 
     @model_validator(mode="after")
-    def _right_measures(self) -> SolidSection:
+    def _right_measures(self) -> ShapeSection:
         wanted = {"box": ["size"], "cylinder": ["radius", "height"], "sphere": ["radius"]}[
             self.kind
         ]
@@ -62,7 +63,24 @@ class SolidSection(Section):
         return Solid(self.name, self.kind, size, pose, self.color, self.material)
 
 
-class HeldSection(SolidSection):
+class SolidSection(ShapeSection):
+    """A box (`size`), a cylinder along its z (`radius`, `height`) or a sphere (`radius`)."""
+
+    coarse: NotNegative = key(
+        0.0,
+        "Its surface may lie so far inside of its shape, and what is seen there is nobody; what is "
+        "seen deeper inside counts as a person.",
+        "m",
+        le=0.5,
+    )
+
+    @property
+    def solid(self) -> Solid:
+        """The solid, posed in world."""
+        return replace(super().solid, coarse=self.coarse)
+
+
+class HeldSection(ShapeSection):
     """Held by the arm, or hanging from it: a part of its body, in the flange's frame."""
 
     mass_kg: NotNegative = key(0.0, "Its mass.", "kg", le=100.0)
@@ -134,7 +152,7 @@ class PersonSection(Section):
         return from_rpy((0.0, 0.0, np.deg2rad(self.yaw_deg)), self.position)
 
 
-class ObjectSection(SolidSection):
+class ObjectSection(ShapeSection):
     """A moving thing: a solid with a path."""
 
     path: Literal["circle", "line", "free", "loose"] = key(

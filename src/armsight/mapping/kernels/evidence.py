@@ -9,6 +9,7 @@ from numba import njit
 
 from armsight.arrays import Bytes, Floats, Ints, Ints32, Pose, Shorts
 from armsight.mapping.kernels.body import MIDDLE, WHOLE
+from armsight.mapping.kernels.solids import solid_distance
 from armsight.mapping.snapshot import OCCUPIED, UNKNOWN
 
 SKIN = 2.0
@@ -68,6 +69,10 @@ def add_looks(
     lens: Floats,
     T: Pose,
     near: float,
+    noise: Floats,
+    tolerance: Any,
+    inside: Bytes,
+    solids: Any,
     origin: Floats,
     voxel: float,
     shape: Ints,
@@ -81,17 +86,25 @@ def add_looks(
     """Count the looks that reached the middle of an occupied voxel and did not hit it.
 
     No look reaches the middle of one that the arm fills, where the arm was taken for something else
-    while its joints lied, say; there one that ends right before it, on the arm, found nothing.
+    while its joints lied, say; there one that ends right before it, on the arm, found nothing. Nor
+    does one reach what is inside of a declared solid; there one that ends on that solid's surface
+    found nothing: nobody sees what is behind it.
 
     Of the arguments:
         image: (h, w) uint16 depth through an ideal lens, ``units`` a metre, 0 for no return.
         lens: (4,) fx fy cx cy of it; T: camera in base; near: its least depth [m].
+        noise: (3,) a b c of sigma(z) = a + b z + c z^2 [m]; tolerance: as in
+            :func:`~armsight.mapping.kernels.hits.collect_hits`.
+        inside: uint8 per voxel, 1 + index of the declared solid that its middle is in, or 0.
+        solids: of :attr:`StaticGeometry.table`.
         origin, voxel, shape: of the grid; body: uint8 per voxel, what the arm fills of each.
         stamp: exposure of the frame [s]; last: of each voxel's last sighting [s].
         looks: uint8 per voxel, in and out.
     """
     h, w = image.shape
     ny, nz = shape[1], shape[2]
+    kinds, sizes, T_solid_base, coarse = solids
+    margin, angle, sigmas = tolerance
     for a in range(count):
         v = listed[a]
         if last[v] >= stamp:
@@ -108,7 +121,17 @@ def add_looks(
             continue
         if body[v] == MIDDLE:
             depth -= SKIN * voxel
-        if image[int(row), int(column)] > depth * units and looks[v] < 255:
+        seen = image[int(row), int(column)] / units
+        found_nothing = seen > depth
+        if inside[v] != 0 and near < seen <= depth:
+            s = inside[v] - 1
+            far = seen / depth
+            px, py, pz = T[0, 3] + far * x, T[1, 3] + far * y, T[2, 3] + far * z
+            sigma = noise[0] + seen * (noise[1] + seen * noise[2])
+            limit = margin + angle * seen + sigmas * sigma
+            at = solid_distance(kinds[s], sizes[s], T_solid_base[s], px, py, pz)
+            found_nothing = -limit - coarse[s] <= at <= limit
+        if found_nothing and looks[v] < 255:
             looks[v] += 1
 
 

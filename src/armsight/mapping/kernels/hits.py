@@ -57,8 +57,9 @@ def collect_hits(
         grid, far_grid: (origin float32 (3,), voxel, shape, nearest uint8, bound int8) of the fine
             and the coarse layer; see ``StaticGeometry``. A point counts in the fine layer if it
             lies inside, else in the coarse one.
-        solids: (kinds, sizes, T_solid_base).
-        tolerance: (m, rad, sigmas): a point is a solid within m + rad x depth + sigmas x sigma.
+        solids: (kinds, sizes, T_solid_base, coarse), see ``StaticGeometry.table``.
+        tolerance: (m, rad, sigmas): a point is a solid within m + rad x depth + sigmas x sigma of
+            its surface, and as much deeper inside as the solid is declared coarsely.
         support: how many neighbours must agree, see :func:`trusted`.
         enough: share x fx fy of :func:`grade_hits` [px^2]: once a voxel has had as many pixels as
             that function asks for, no more of it are looked at.
@@ -71,7 +72,6 @@ def collect_hits(
     h, w = depth.shape
     origin, voxel, shape, nearest, bound = grid
     far_origin, far_voxel, far_shape, far_nearest, far_bound = far_grid
-    kinds, sizes, T_solid_base = solids
     margin, angle, sigmas = tolerance
     inv = np.float32(1.0 / voxel)
     far_inv = np.float32(1.0 / far_voxel)
@@ -109,9 +109,7 @@ def collect_hits(
                     continue
             sigma = noise[0] + z * (noise[1] + z * noise[2])
             limit = margin + angle * z + sigmas * sigma
-            if explained(
-                solid[index], gap[index], half, limit, kinds, sizes, T_solid_base, x, y, t
-            ):
+            if explained(solid[index], gap[index], half, limit, solids, x, y, t):
                 continue
             like, exact = 0.01 + 0.01 * z + 4.0 * sigma, 0.003 + 5.0 * sigma
             if not trusted(depth, label, v, u, like, exact, support):

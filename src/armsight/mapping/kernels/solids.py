@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Bytes, Floats, Floats32, Ints, Pose, Poses
+from armsight.arrays import Bytes, Floats, Floats32, Pose
 from armsight.mapping.kernels.pixels import VALID
 
 
@@ -54,29 +54,30 @@ def explained(
     bound: int,
     slack: float,
     limit: float,
-    kinds: Ints,
-    sizes: Floats,
-    T_solid_base: Poses,
+    solids: Any,
     x: float,
     y: float,
     z: float,
 ) -> bool:
-    """Whether a point lies within ``limit`` [m] of the declared solid nearest to its voxel.
+    """Whether a point is on the declared solid nearest to its voxel.
 
-    ``bound`` is the signed distance [mm] from the voxel's centre to that solid, ``slack`` half the
-    voxel's diagonal [m]: most points are settled by them alone.
+    That is within ``limit`` [m] of its surface outside of it, and within as much and how coarsely
+    it is declared inside: nobody sees into a solid, so what is seen there is something else.
+
+    ``bound`` is the signed distance [mm] from the voxel's centre to that solid, no less than -127,
+    ``slack`` half the voxel's diagonal [m]: most points are settled by them alone.
     """
     if nearest == 0:
         return False
-    d = 0.001 * bound
-    if d + slack + 0.001 <= limit:
-        return True
-    if d - slack - 0.001 > limit:
+    kinds, sizes, T_solid_base, coarse = solids
+    s = nearest - 1
+    d, room, deep = 0.001 * bound, slack + 0.001, -limit - coarse[s]
+    if d - room > limit or d + room < deep:
         return False
-    return (
-        solid_distance(kinds[nearest - 1], sizes[nearest - 1], T_solid_base[nearest - 1], x, y, z)
-        <= limit
-    )
+    if d + room <= limit and d - room >= deep and bound > -127:
+        return True
+    at = solid_distance(kinds[s], sizes[s], T_solid_base[s], x, y, z)
+    return deep <= at <= limit
 
 
 @njit(cache=True, nogil=True)
@@ -97,15 +98,16 @@ def trace_solids(
 
     That is, where the first declared solid behind it explains the return, and behind the mapped
     box. A solid's distance along a ray is convex in depth and the tolerance only grows with depth,
-    so with the tolerance at the near end all depths in between are explained too.
+    so with the tolerance at the near end all depths in between are explained too, as far as none
+    of them lies deep inside of a solid.
 
     Of the arguments:
         near, far: depths looked at [m]; lower, upper: (3,) corners of the mapped box [m].
-        solids, tolerance: as in :func:`collect_hits`.
+        solids, tolerance: as in :func:`collect_hits`; with an infinite ``coarse`` nothing is deep.
         first, last: (h, w) float32 out [m]; first > last where every depth needs a look.
     """
     h, w = first.shape
-    kinds, sizes, T_solid_base = solids
+    kinds, sizes, T_solid_base, coarse = solids
     count = kinds.shape[0]
     margin, angle, sigmas = tolerance
     eye = np.empty((count, 3))  # the camera in each solid's frame [m]
@@ -137,20 +139,7 @@ def trace_solids(
                 dx = turn[s, 0, 0] * rx + turn[s, 0, 1] * ry + turn[s, 0, 2]
                 dy = turn[s, 1, 0] * rx + turn[s, 1, 1] * ry + turn[s, 1, 2]
                 dz = turn[s, 2, 0] * rx + turn[s, 2, 1] * ry + turn[s, 2, 2]
-                x, y, height = eye[s, 0], eye[s, 1], eye[s, 2]
-                enters, ends = near, z
-                if kinds[s] == 0:
-                    enters, ends = _slab(x, dx, 0.5 * sizes[s, 0], enters, ends)
-                    enters, ends = _slab(y, dy, 0.5 * sizes[s, 1], enters, ends)
-                    enters, ends = _slab(height, dz, 0.5 * sizes[s, 2], enters, ends)
-                elif kinds[s] == 1:
-                    enters, ends = _slab(height, dz, 0.5 * sizes[s, 1], enters, ends)
-                    b, c = x * dx + y * dy, x * x + y * y - sizes[s, 0] * sizes[s, 0]
-                    enters, ends = _ball(dx * dx + dy * dy, b, c, enters, ends)
-                else:
-                    b = x * dx + y * dy + height * dz
-                    c = x * x + y * y + height * height - sizes[s, 0] * sizes[s, 0]
-                    enters, ends = _ball(dx * dx + dy * dy + dz * dz, b, c, enters, ends)
+                enters, ends = _crossed(kinds[s], sizes[s], 0.0, eye[s], dx, dy, dz, near, z)
                 if enters < ends:
                     z, hit = enters, s
                     hx, hy, hz = dx, dy, dz
@@ -178,11 +167,54 @@ def trace_solids(
                     inside, outside = z, z + 0.5
             if inside < leaves:
                 last[v, u] = inside
+            for s in range(count):
+                dx = turn[s, 0, 0] * rx + turn[s, 0, 1] * ry + turn[s, 0, 2]
+                dy = turn[s, 1, 0] * rx + turn[s, 1, 1] * ry + turn[s, 1, 2]
+                dz = turn[s, 2, 0] * rx + turn[s, 2, 1] * ry + turn[s, 2, 2]
+                deep = limit + coarse[s]
+                enters, ends = _crossed(kinds[s], sizes[s], deep, eye[s], dx, dy, dz, near, leaves)
+                if enters < ends and enters < last[v, u]:
+                    last[v, u] = enters
+
+
+@njit(cache=True, nogil=True)
+def _crossed(
+    kind: int,
+    size: Floats,
+    deep: float,
+    eye: Floats,
+    dx: float,
+    dy: float,
+    dz: float,
+    enters: float,
+    ends: float,
+) -> tuple[float, float]:
+    """What of the depths from ``enters`` to ``ends`` lies in a solid, at least so deep [m].
+
+    ``eye`` is the camera in the solid's frame, ``dx`` ``dy`` ``dz`` how the ray runs there.
+    """
+    x, y, z = eye[0], eye[1], eye[2]
+    if kind == 0:
+        enters, ends = _slab(x, dx, 0.5 * size[0] - deep, enters, ends)
+        enters, ends = _slab(y, dy, 0.5 * size[1] - deep, enters, ends)
+        return _slab(z, dz, 0.5 * size[2] - deep, enters, ends)
+    radius = size[0] - deep
+    if radius <= 0.0:
+        return np.inf, -np.inf
+    if kind == 1:
+        enters, ends = _slab(z, dz, 0.5 * size[1] - deep, enters, ends)
+        b, c = x * dx + y * dy, x * x + y * y - radius * radius
+        return _ball(dx * dx + dy * dy, b, c, enters, ends)
+    b = x * dx + y * dy + z * dz
+    c = x * x + y * y + z * z - radius * radius
+    return _ball(dx * dx + dy * dy + dz * dz, b, c, enters, ends)
 
 
 @njit(cache=True, nogil=True)
 def _slab(at: float, step: float, half: float, enters: float, ends: float) -> tuple[float, float]:
     """What of the depths from ``enters`` to ``ends`` lies between two planes at +-half."""
+    if half <= 0.0:
+        return np.inf, -np.inf
     if abs(step) < 1e-12:
         return (enters, ends) if abs(at) <= half else (np.inf, -np.inf)
     a, b = (-half - at) / step, (half - at) / step
