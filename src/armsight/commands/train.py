@@ -24,6 +24,8 @@ class Train:
         out: folder for checkpoint, curves, weights, card and ONNX file.
         from_: what our network begins from instead of the pretrained trunk: a network.onnx of a
             training, or arms, which comes with armsight.
+        tuning: folder of a labelled set of whole pictures of another renderer: how far our network
+            is trusted is chosen on these as well; report no figure on them.
         network: checked against the configuration's, where it is given.
         minutes: stop after so long; a checkpoint is left to go on from.
         device: where to compute; auto takes a GPU if there is one.
@@ -39,6 +41,7 @@ class Train:
     data: Path
     out: Path = Path("training")
     from_: Annotated[str | None, tyro.conf.arg(name="from", metavar="NETWORK")] = None
+    tuning: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     network: Literal["cascaded", "multi-objective"] | None = None
     minutes: float | None = None
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -60,6 +63,8 @@ class Train:
             return self._crops(config_file(self.config))
         if self.from_ is not None:
             raise UsageError("--from is for our network; the papers' begin from one by transfer")
+        if self.tuning is not None:
+            raise UsageError("--tuning is for our network; the papers' are not judged")
         config = entry.read(self.config, self.seed, self.samples)
         a = config.architecture
         if self.network is not None and a.kind != self.network:
@@ -98,7 +103,7 @@ class Train:
         minutes = math.inf if self.minutes is None else self.minutes
         wanted = Wanted(self.out, minutes, self.device, self.half, self.threads)
         begun = None if self.from_ is None else network_file(self.from_)
-        finished = train_crops(plan, self.data, wanted, entry.say, begun)
+        finished = train_crops(plan, self.data, wanted, entry.say, begun, self.tuning)
         state = "finished" if finished else "not finished; the same command goes on"
         print(f"\n{state}; {self.out}: network.onnx, CARD.md, curve.png")
         return 0

@@ -26,6 +26,8 @@ from armsight.recognition.data.order import make_order
 from armsight.recognition.inference.model import network_file
 
 NETWORK, ROBOT = "arms", "fr3"
+CROP = 160.0
+"""Side of the crop that errors of landmarks are given for [px]."""
 SHOWN, OTHERS = 80, 20
 """Fresh crops of the new robot and of each known one that are looked at."""
 APART = 1000
@@ -108,13 +110,14 @@ def _fresh(folder: Path, robots: tuple[str, ...], seed: int) -> Examples:
 
 
 def _errors(model: CropModel, look: Look, name: str, batch: Batch, k: int) -> Floats:
-    """Of landmarks that lie on the arm [px]."""
+    """Of landmarks that lie on the arm [px of a crop of :data:`CROP`]."""
     arm = batch.links[k, 0] < 0.5
     true = batch.points[k][model.landmarks[name].slot]
     cell = np.round(np.nan_to_num(true, nan=-9.0)).astype(int)
     on = (cell >= 0).all(1) & (cell[:, 0] < arm.shape[1]) & (cell[:, 1] < arm.shape[0])
     on[on] = arm[cell[on, 1], cell[on, 0]]
-    return STRIDE * np.linalg.norm(look.places[name].mean[on] - true[on], axis=1)
+    away = np.linalg.norm(look.places[name].mean[on] - true[on], axis=1)
+    return np.asarray(STRIDE * CROP / SIDE * away)
 
 
 def _same(a: Look, b: Look) -> bool:

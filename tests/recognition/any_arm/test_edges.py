@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armsight.recognition.any_arm.edges import at_edges
+from armsight.recognition.any_arm.edges import COLUMNS, ROWS, _solved, at_edges
 
 SIDE, CELL = 160, 4
 
@@ -50,3 +50,12 @@ def test_without_an_edge_in_the_picture_the_mask_stays_about_where_it_was() -> N
 def test_nothing_stays_nothing() -> None:
     none = np.zeros((SIDE // CELL, SIDE // CELL), np.float32)
     assert at_edges(none, _picture(_disc(30.0), 80)).max() < 1e-3
+
+
+def test_systems_of_three_are_solved_as_lapack_solves_them() -> None:
+    rng = np.random.default_rng(5)
+    half = rng.normal(size=(7, 9, 3, 3))
+    whole = half @ np.swapaxes(half, 2, 3) + 1e-3 * np.eye(3)
+    right = rng.normal(size=(7, 9, 3)).astype(np.float32)
+    found = _solved(whole[..., ROWS, COLUMNS], right)
+    np.testing.assert_allclose(found, np.linalg.solve(whole, right[..., None])[..., 0], rtol=1e-4)

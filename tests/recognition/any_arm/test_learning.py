@@ -1,6 +1,7 @@
 """The crop network's training, small: what it starts from, what it is taught, how it goes on."""
 
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -8,12 +9,15 @@ import pytest
 
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.landmarks import SLOTS
+from armsight.recognition.any_arm.model import CropModel
+from armsight.recognition.data import LabelledSet
 from armsight.recognition.data.sample import KNOWN_ROBOTS
 from armsight.recognition.inference.model import network_file
 
 from ..torch_or_skip import torch
 
 if torch:
+    from armsight.recognition.any_arm.learning import adopting, shipping
     from armsight.recognition.any_arm.learning.adopting import Origin, adopt, find_origin
     from armsight.recognition.any_arm.learning.changes import Changes, make_batch
     from armsight.recognition.any_arm.learning.examples import (
@@ -27,7 +31,7 @@ if torch:
     from armsight.recognition.any_arm.learning.shipping import make_card
     from armsight.recognition.any_arm.learning.trainer import CropTrainer
     from armsight.recognition.any_arm.learning.trunk import Trunk, load_pretrained
-    from armsight.recognition.any_arm.learning.trusting import logistic
+    from armsight.recognition.any_arm.learning.trusting import Judged, logistic
 
 NAMES = ("ur5", "iiwa", "none", "unknown")
 
@@ -140,6 +144,34 @@ def test_landmarks_move_with_the_picture() -> None:
         assert window.max() > 120, (number, at)
 
 
+def test_an_arm_made_much_smaller_does_not_alias_and_stays_in_its_place() -> None:
+    """Crops are rendered larger than they are learned: small arms in them are shrunk by area."""
+    side = 256
+    data = _crops(1)
+    column = np.arange(side)
+    stripes = np.where((column // 2 % 2)[None, :, None] == 0, 40, 200).astype(np.uint8)
+    images = np.broadcast_to(stripes, (1, side, side, 3)).copy()
+    links = np.zeros((1, side, side), np.uint8)
+    links[0, 100:130, 20:236], images[0, 100:130, 20:236] = 1, 255
+    whole = Examples(
+        data.names, images, links, np.full((1, side // 2, side // 2, 3), UNSEEN, np.int8),
+        np.full((1, SLOTS, 2), np.nan, np.float32), data.robot[:1], data.scene[:1],
+    )  # fmt: skip
+    how = Changes(
+        size=96, wide=1.0, least=0.3, extent=(0.31, 1.0), turn_deg=0.0, noise=0, cover=0, jpeg=0,
+        blur=0, grey=0, gain=0, tint=0, shaded=0, surrounded=0, elsewhere=0,
+    )  # fmt: skip
+    batch = make_batch(whole, np.array([0]), np.array([2]), 3, how)
+    image = batch.images[0, ..., 0].astype(float)
+    # Exposure bends the curve a little: compared by halves.
+    cells = image.reshape(24, 4, 24, 4)
+    arm = batch.links[0, 0] < 0.01
+    assert arm.any()
+    assert cells.mean((1, 3))[arm].min() > 200
+    inside = (batch.links[0, 0] > 0.99) & (np.abs(cells.mean((1, 3)) - 127) > 1)  # not the grey
+    assert cells.std((1, 3))[inside].mean() < 25  # stripes of 40 and 200 are not seen any more
+
+
 def test_a_longer_plan_goes_on_and_what_is_finished_stays(tmp_path: Path) -> None:
     whole = _trainer(tmp_path / "whole")
     (tmp_path / "parts").mkdir()
@@ -230,12 +262,43 @@ def test_the_finer_head_begins_at_nothing_and_moves_its_own_cells() -> None:
     torch.testing.assert_close(network(image, robot).heat[:, 0], after.heat[:, 1])
 
 
+def test_what_a_link_looks_like_begins_at_nothing_and_tells_the_type_alone() -> None:
+    network = build(Shape(("ur5", "iiwa")), 3)
+    _started(network)
+    image = torch.randint(0, 256, (1, 64, 64, 3), generator=torch.Generator().manual_seed(2))
+    image = image.to(torch.uint8)
+    with torch.no_grad():
+        network.surface.weight.mul_(20.0)  # so that it sees other links in other places
+        before = network(image)
+        network.hidden.bias.fill_(1.0)
+        plain = network(image).type
+        network.of_links.weight.normal_(std=0.3)
+        after = network(image)
+    assert not torch.allclose(after.type, plain)
+    for name in ("links", "coordinates", "spread", "heat"):
+        assert torch.equal(getattr(after, name), getattr(before, name)), name
+
+
+def test_a_network_from_before_the_links_spoke_is_begun_from(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed (part of the extra train)")
+    older = {k: v for k, v in adopting._constants(network_file("arms")).items() if "of_" not in k}
+    monkeypatch.setattr(adopting, "_constants", lambda file: older)
+    network = build(Shape(KNOWN_ROBOTS), 5)
+    with torch.no_grad():
+        network.of_links.weight.fill_(1.0)
+    adopt(network, find_origin(network_file("arms")))
+    assert not network.of_links.weight.any()
+    torch.testing.assert_close(network.hidden.weight.detach(), older["hidden.weight"])
+
+
 def test_the_exported_network_answers_alike(tmp_path: Path) -> None:
     network = build(Shape(("ur5", "iiwa")), 3)
     _started(network)
     with torch.no_grad():
         for name, weight in network.named_parameters():
-            if name.startswith("fine_"):  # they begin at nothing
+            if name.startswith(("fine_", "of_links")):  # they begin at nothing
                 weight.normal_(std=0.1)
     file = tmp_path / "network.onnx"
     file.write_bytes(to_onnx(network, {}))
@@ -291,6 +354,25 @@ def test_a_network_of_other_robots_is_not_begun_from(tmp_path: Path) -> None:
     pytest.importorskip("onnx", reason="onnx is not installed (part of the extra train)")
     with pytest.raises(RecognitionError, match=r"heat\.fr3\.weight.* is missing"):
         adopt(build(Shape(("ur5", "fr3")), 0), find_origin(network_file("arms")))
+
+
+def test_trust_is_chosen_on_pictures_of_another_renderer_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+
+    def judged(count: int) -> Judged:
+        features = np.hstack([np.ones((count, 1)), rng.normal(size=(count, 6))])
+        error = np.where(features[:, 1] > 0.5, 0.02, 0.5)
+        return Judged(features, error, rng.chisquare(3, (count, 4)))
+
+    monkeypatch.setattr(shipping, "judge", lambda *_: judged(60))
+    monkeypatch.setattr(shipping, "judge_pictures", lambda model, pictures: judged(len(pictures)))
+    pictures = cast(LabelledSet, range(25))
+    file = shipping.ship(_trainer(tmp_path), tmp_path, cast(LabelledSet, ()), pictures)
+    chosen = CropModel(file, 1).card["trust"]["chosen_on"]
+    assert (chosen["frames"], chosen["elsewhere"]) == (85, 25)
+    assert "25 answers on tuning pictures" in (tmp_path / "CARD.md").read_text(encoding="utf-8")
 
 
 def test_rooms_stay_in_their_part_when_a_set_grows() -> None:

@@ -40,7 +40,8 @@ def _scene(name: str, seed: int) -> tuple[Fit, np.ndarray, Crop]:
     drawn = render(surface, corners, T, lens, (FINE * cells, FINE * cells)).mask
     small = drawn.reshape(cells, FINE, cells, FINE).mean((1, 3)).astype(np.float32)
     arm = cv2.resize(small, (SIDE, SIDE), interpolation=cv2.INTER_LINEAR)
-    crop = Crop(np.zeros((SIDE, SIDE, 3), np.uint8), np.eye(3), f)
+    inside = np.ones((SIDE, SIDE), bool)
+    crop = Crop(np.zeros((SIDE, SIDE, 3), np.uint8), np.eye(3), f, inside)
     return Fit(robot, T, q, 0.0, np.eye(6 + robot.n)), arm, crop
 
 

@@ -18,7 +18,7 @@ from armsight.geometry.pose import make_pose
 from armsight.recognition.any_arm.landmarks import Landmarks
 from armsight.recognition.any_arm.outline import follow_outline, outline_overlap, within
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, far_starts, solve
-from armsight.recognition.any_arm.views import SIDE, Crop
+from armsight.recognition.any_arm.views import Crop
 from armsight.recognition.own_arm.surface import arm_surface, render
 from armsight.robots.robot import Robot
 
@@ -66,7 +66,7 @@ def place_known(
         robot: the arm.
         marks: its landmarks.
         seen: what the network says of these.
-        arm: (SIDE, SIDE) probability of the arm in the crop.
+        arm: (side, side) probability of the arm in the crop.
         crop: itself.
         q: (n,) joints [rad].
         seed: of the steps.
@@ -95,7 +95,7 @@ class _Score:
         self._surface = arm_surface(fit.robot)
         self._corners = self._surface.posed(fit.q)
         self._middle = self._corners.mean(axis=0)
-        f, middle = crop.f * CELLS / SIDE, 0.5 * (CELLS - 1)
+        f, middle = crop.f * CELLS / crop.side, 0.5 * (CELLS - 1)
         self._lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
         small = cv2.resize(arm, (CELLS, CELLS), interpolation=cv2.INTER_AREA)
         self._inside: Mask = within(crop, CELLS)

@@ -14,7 +14,7 @@ import numpy as np
 from armsight.arrays import Floats, Floats32, Mask
 from armsight.geometry.pose import transform
 from armsight.recognition.any_arm.solver import Fit, Observations, again
-from armsight.recognition.any_arm.views import SIDE, Crop
+from armsight.recognition.any_arm.views import Crop
 from armsight.recognition.own_arm.surface import arm_surface, render
 from armsight.robots.kinematics import link_poses
 
@@ -40,7 +40,7 @@ def follow_outline(
     Args:
         fit: that explains the landmarks.
         seen: these.
-        arm: (SIDE, SIDE) probability of the arm in the crop.
+        arm: (side, side) probability of the arm in the crop.
         crop: itself.
         known: keep the joints.
     """
@@ -49,7 +49,7 @@ def follow_outline(
     slope = np.stack([down, right], -1)
     best = fit
     for reach in REACH:
-        pulls = _pulls(best, distance, slope, crop, reach * SIDE)
+        pulls = _pulls(best, distance, slope, crop, reach * crop.side)
         if pulls is None:
             break
         best = again(best, _joined(seen, pulls), known)
@@ -57,12 +57,12 @@ def follow_outline(
 
 
 def outline_overlap(fit: Fit, arm: Floats32, crop: Crop) -> float:
-    """Intersection over union of a fitted arm, drawn small, with its (SIDE, SIDE) mask.
+    """Intersection over union of a fitted arm, drawn small, with its (side, side) mask.
 
     Beyond the picture nobody knows.
     """
     surface = arm_surface(fit.robot)
-    side = SIDE // GRID
+    side = crop.side // GRID
     f, middle = crop.f / GRID, 0.5 * (side - 1)
     lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
     drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side)).mask
@@ -80,7 +80,7 @@ def within(crop: Crop, side: int) -> Mask:
 
 def edge_distance(arm: Floats32) -> Floats:
     """(n, n) signed distance to the mask's edge, above 0 outside [pixels of the grid]."""
-    side = SIDE // GRID
+    side = len(arm) // GRID
     small = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA)
     inside = (small > ARM).astype(np.uint8)
     far = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -92,7 +92,7 @@ def _pulls(
     fit: Fit, distance: Floats, slope: Floats, crop: Crop, reach: float
 ) -> Observations | None:
     """Points of the outline and where on the mask's edge they should be."""
-    surface, side = arm_surface(fit.robot), SIDE // GRID
+    surface, side = arm_surface(fit.robot), crop.side // GRID
     f, middle = crop.f / GRID, 0.5 * (side - 1)
     lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
     drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side))

@@ -21,7 +21,7 @@ from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
 from armsight.recognition.any_arm.trust import LEAD, features, read_trust
-from armsight.recognition.any_arm.views import SIDE, WHOLE, Crop, mask_in_picture, take_crop
+from armsight.recognition.any_arm.views import FIRST, WHOLE, Crop, mask_in_picture, take_crop
 from armsight.recognition.inference.intrinsics import check_size
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
@@ -31,7 +31,7 @@ FAINT = 0.15
 """Share of the strongest lump below which another is none."""
 MARGIN = 1.3
 """Side of a crop over the arm's box."""
-GOES_ON = 0.25 * SIDE / STRIDE
+GOES_ON = 0.25 * FIRST / STRIDE
 """How far an arm that the crop's edge cuts is thought to go on beyond it [cells]."""
 ARM = 0.5
 """Probability from which a cell is the arm's."""
@@ -191,7 +191,7 @@ class ArmRecogniser:
         Returns:
             both together, in the second one's crop; the first alone where it saw nothing.
         """
-        crop = take_crop(image, lens, low, high, MARGIN)
+        crop = take_crop(image, lens, low, high, MARGIN, FIRST)
         first = self.model.evidence(crop.image)
         box = _mask_box(first, crop)
         if box is None:
@@ -311,7 +311,7 @@ def best_outlined(
     Args:
         fits: best first.
         seen: the observations that they explain.
-        arm: (SIDE, SIDE) probability of the arm in the crop.
+        arm: (side, side) probability of the arm in the crop.
         crop: itself.
         known: keep the joints.
     """

@@ -21,6 +21,9 @@ _SHARED = {
 }
 """What robots share: a file holds its sum with what is each robot's own."""
 
+_LATER = ("of_links",)
+"""What files from before it do not hold: it begins at nothing there."""
+
 
 @dataclass(frozen=True)
 class Origin:
@@ -66,7 +69,10 @@ def adopt(network: CropNet, origin: Origin) -> None:
     found = _constants(origin.file)
     with torch.no_grad():
         for name, weight in network.named_parameters():
-            if name.split(".")[0] not in _SHARED:
+            part = name.split(".")[0]
+            if part in _LATER and name not in found:
+                weight.zero_()
+            elif part not in _SHARED:
                 weight.copy_(_taken(found, name, weight, origin.file))
         for shared, own in _SHARED.items():
             for part in ("weight", "bias"):

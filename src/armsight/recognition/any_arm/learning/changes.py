@@ -20,6 +20,8 @@ STRIDE = 4
 EMPTY = "none"
 """Name of the pictures without an arm."""
 _LINKS = 10
+_SHRUNK = 0.75
+"""Scale below which single pixels of an image would alias."""
 
 
 @dataclass(frozen=True)
@@ -43,16 +45,16 @@ class Changes:
     extent: tuple[float, float] = (0.45, 1.05)
     wide: float = 0.25
     least: float = 0.15
-    zoom: tuple[float, float] = (0.55, 2.2)
+    zoom: tuple[float, float] = (0.35, 2.2)
     turn_deg: float = 15.0
     shift: float = 0.7
     gain: float = 0.2
     tint: float = 0.08
     grey: float = 0.06
-    blur: float = 0.25
-    noise: float = 0.35
-    jpeg: float = 0.3
-    cover: float = 0.3
+    blur: float = 0.15
+    noise: float = 0.25
+    jpeg: float = 0.2
+    cover: float = 0.2
     surrounded: float = 0.5
     elsewhere: float = 0.08
     shaded: float = 0.15
@@ -108,8 +110,7 @@ def _changed(
     image, links, points = data.images[i], data.links[i], data.points[i]
     size = (how.size, how.size)
     A = _motion(links, rng, how)
-    grey = (GREY, GREY, GREY)
-    image = _bytes(cv2.warpAffine(image, A[:2], size, flags=cv2.INTER_LINEAR, borderValue=grey))
+    image = _warped(image, A, size)
     if rng is not None:
         image = _surrounded(image, A, data, rng, how)
     links = _bytes(cv2.warpAffine(links, A[:2], size, flags=cv2.INTER_NEAREST))
@@ -123,6 +124,19 @@ def _changed(
     moved = points @ A[:2, :2].T.astype(np.float32) + A[:2, 2].astype(np.float32)
     cells = (moved - 0.5 * (STRIDE - 1)) / STRIDE
     return image, shares, coordinates, known, cells.astype(np.float32)
+
+
+def _warped(image: Bytes, A: Floats, size: tuple[int, int]) -> Bytes:
+    """An image moved by A, grey beyond it; made much smaller, by area first, as in use."""
+    zoom = float(np.hypot(A[0, 0], A[1, 0]))
+    if zoom < _SHRUNK:
+        h, w = image.shape[:2]
+        small = (max(1, round(1.2 * zoom * w)), max(1, round(1.2 * zoom * h)))
+        image = _bytes(cv2.resize(image, small, interpolation=cv2.INTER_AREA))
+        sx, sy = w / small[0], h / small[1]
+        A = A @ np.array([[sx, 0, 0.5 * sx - 0.5], [0, sy, 0.5 * sy - 0.5], [0, 0, 1]])
+    grey = (GREY, GREY, GREY)
+    return _bytes(cv2.warpAffine(image, A[:2], size, flags=cv2.INTER_LINEAR, borderValue=grey))
 
 
 def _motion(links: Bytes, rng: np.random.Generator | None, how: Changes) -> Floats:

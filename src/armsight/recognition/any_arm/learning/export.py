@@ -75,10 +75,12 @@ class _Builder:
         graph.output(links, "links", (1, 1 + LINKS, *cells))
         graph.output(self._channels(surface, 1 + LINKS, 4 + LINKS), "coordinates", (1, 3, *cells))
         graph.output(self._channels(surface, 4 + LINKS, 5 + LINKS), "spread", (1, 1, *cells))
-        background = self._channels(graph.node("Softmax", links, axis=1), 0, 1)
-        arm = graph.node("Sub", self.number(1.0), background)
+        seen = graph.node("Softmax", links, axis=1)
+        arm = graph.node("Sub", self.number(1.0), self._channels(seen, 0, 1))
         parts = [self._weighted(x, arm, 2), self._weighted(c32, arm, 8), self._mean(c32)]
-        hidden = graph.node("Relu", self._dense(net.hidden, graph.node("Concat", *parts, axis=1)))
+        hidden = self._dense(net.hidden, graph.node("Concat", *parts, axis=1))
+        each = self._of_each(x, self._channels(seen, 1, 1 + LINKS), net.surface.in_channels)
+        hidden = graph.node("Relu", graph.node("Add", hidden, self._dense(net.of_links, each)))
         graph.output(hidden, "hidden", (1, net.hidden.out_features))
         p = net.shape.points
         for name in net.shape.robots:
@@ -135,12 +137,12 @@ class _Builder:
         assert isinstance(layer, nn.Linear)
         return self._graph.node("Gemm", x, *self._weights(layer), transB=1)
 
-    def _weights(self, layer: nn.Conv2d | nn.Linear) -> tuple[str, str]:
+    def _weights(self, layer: nn.Conv2d | nn.Linear) -> list[str]:
         name = self._names[layer]
-        return (
-            self._graph.constant(_array(layer.weight), f"{name}.weight"),
-            self._graph.constant(_array(layer.bias), f"{name}.bias"),
-        )
+        return [
+            self._graph.constant(_array(value), f"{name}.{part}")
+            for part, value in layer.named_parameters(recurse=False)
+        ]
 
     def _both(self, common: nn.Module, own: nn.Module, x: str) -> str:
         """What all robots share and what is one's own, as one layer: their sum, by its own name."""
@@ -178,6 +180,21 @@ class _Builder:
         weight = graph.node("AveragePool", arm, kernel_shape=size, strides=size)
         over = graph.node("Add", self._sum(weight), self.number(0.5))
         return graph.node("Div", self._sum(graph.node("Mul", x, weight)), over)
+
+    def _of_each(self, x: str, links: str, width: int) -> str:
+        """(1, LINKS * width) features averaged over each link."""
+        graph = self._graph
+        weight = graph.node("AveragePool", links, kernel_shape=(2, 2), strides=(2, 2))
+        weight = self._shaped(weight, 1, LINKS, -1)
+        flat = graph.node("Transpose", self._shaped(x, 1, width, -1), perm=(0, 2, 1))
+        axes = graph.constant(np.array([2], np.int64))
+        over = graph.node("ReduceSum", weight, axes, keepdims=1)
+        over = graph.node("Add", over, self.number(0.5))
+        each = graph.node("Div", graph.node("MatMul", weight, flat), over)
+        return self._shaped(each, 1, LINKS * width)
+
+    def _shaped(self, x: str, *shape: int) -> str:
+        return self._graph.node("Reshape", x, self._graph.constant(np.array(shape, np.int64)))
 
     def _sum(self, x: str) -> str:
         axes = self._graph.constant(np.array([2, 3], np.int64))

@@ -43,7 +43,7 @@ SHOWN = 6
 """Times that each crop is shown, changed each time."""
 UPDATES = 600
 FEWEST = 50
-_CROP = 160
+_CROP = 256
 """Side of the crops that are rendered [px]."""
 _SHARD = 100
 """Crops that are kept or lost together when the rendering is stopped."""
@@ -93,10 +93,12 @@ def extend(wish: Wish, crew: Crew | None, say: Say) -> Path:
     each = -(-wish.samples // len(kinds) // views) * views
     counts = {wish.robot: -(-wish.samples // views) * views} | dict.fromkeys(kinds, each)
     folder = wish.out / "crops"
-    # A crop follows from the seed and its number alone: those of a set begun in other shards stay.
-    begun = (folder / FILE).is_file()
-    shard = read_manifest(folder).shard_size if begun else _SHARD
-    order = make_order("crops", counts, wish.seed, (_CROP, _CROP), shard)
+    # A set that was begun in other shards or with smaller crops is gone on with as it is.
+    side, shard = _CROP, _SHARD
+    if (folder / FILE).is_file():
+        there = read_manifest(folder)
+        side, shard = there.width, there.shard_size
+    order = make_order("crops", counts, wish.seed, (side, side), shard)
     say(f"rendering {order.manifest.count} crops")
     generate(order, folder, crew)
     pack_shards(folder, folder / "packed-arms")

@@ -12,7 +12,7 @@ from armsight.recognition.any_arm.learning.network import OTHERS, Seen
 
 SPOT = 0.8
 """Standard deviation of a landmark's target [cells]."""
-WEIGHTS = {"links": 4.0, "overlap": 0.5, "heat": 0.4, "coordinates": 0.3, "type": 0.4}
+WEIGHTS = {"links": 4.0, "overlap": 0.5, "heat": 0.4, "coordinates": 0.3, "type": 0.7}
 _SMOOTH = 0.05
 
 

@@ -2,8 +2,9 @@
 
 A pretrained trunk, a pyramid fused at a stride of 8 pixels, and heads of one 1 x 1 convolution
 whose pixels are shuffled to a stride of 4. A few channels go on to a stride of 4 themselves, where
-the trunk still sees edges, and what they say is added to the heads: it begins at nothing, so that
-weights from before it go on. Fully convolutional, so that the same weights look at a whole frame.
+the trunk still sees edges, and what they say is added to the heads; the type is read off the arm,
+the whole, and what is seen of each link. These two additions begin at nothing, so that weights from
+before them go on. Fully convolutional, so that the same weights look at a whole frame.
 What belongs to one robot is a block of rows of its own in the last layers: another robot adds rows
 and changes none.
 """
@@ -118,6 +119,7 @@ class CropNet(nn.Module):
             {name: nn.Conv2d(_WIDTH, 4 * shape.points, 1) for name in shape.robots}
         )
         self.hidden = nn.Linear(_WIDTH + 2 * last, _HIDDEN)
+        self.of_links = nn.Linear(LINKS * _WIDTH, _HIDDEN, bias=False)
         self.common_outside = nn.Linear(_HIDDEN, shape.points)
         self.outside = nn.ModuleDict(
             {name: nn.Linear(_HIDDEN, shape.points) for name in shape.robots}
@@ -156,9 +158,11 @@ class CropNet(nn.Module):
             self.fine_common_heat, self.fine_heat, fine, robot
         )
         # The type is read off where the arm is, and off the whole; it shall not shape the mask.
-        arm = 1.0 - torch.softmax(links.detach(), 1)[:, :1]
+        seen = torch.softmax(links.detach(), 1)
+        arm = 1.0 - seen[:, :1]
         hidden = torch.cat([_weighted(x, arm), _weighted(c32, arm), c32.mean((2, 3))], 1)
-        hidden = functional.relu(self.hidden(hidden))
+        each = _of_each(x, seen[:, 1:])
+        hidden = functional.relu(self.hidden(hidden) + self.of_links(each.flatten(1)))
         common = self.common_outside(hidden)
         outside = torch.stack([common + self.outside[n](hidden) for n in self.shape.robots], 1)
         if robot is not None:
@@ -195,6 +199,12 @@ def _weighted(x: Tensor, arm: Tensor) -> Tensor:
     return (x * weight).sum((2, 3)) / (weight.sum((2, 3)) + 0.5)
 
 
+def _of_each(x: Tensor, links: Tensor) -> Tensor:
+    """(n, k, c) mean of (n, c, h, w) features over each of k links of (n, k, 2 h, 2 w) shares."""
+    weight = functional.avg_pool2d(links, 2).flatten(2)
+    return (weight @ x.flatten(2).transpose(1, 2)) / (weight.sum(2, keepdim=True) + 0.5)
+
+
 def _start(network: CropNet) -> None:
     """He's start of what is not pretrained; last layers small, the refinement close to nothing."""
     parts = (network.from8, network.from16, network.from32, network.hidden)
@@ -212,6 +222,7 @@ def _start(network: CropNet) -> None:
         assert isinstance(part, nn.Conv2d)
         nn.init.zeros_(part.weight)
         nn.init.zeros_(part.bias)
+    nn.init.zeros_(network.of_links.weight)
     for refine in network.refine:
         assert isinstance(refine, _Refine)
         nn.init.zeros_(refine.mix.bias)

@@ -30,7 +30,12 @@ _GPU_WORKERS = 12
 
 
 def train_crops(
-    plan: Plan, folder: Path, wanted: Wanted, say: Say, begun: Path | None = None
+    plan: Plan,
+    folder: Path,
+    wanted: Wanted,
+    say: Say,
+    begun: Path | None = None,
+    tuning: Path | None = None,
 ) -> bool:
     """Train from the pretrained trunk or a finished network, or go on; whether it is finished.
 
@@ -40,12 +45,14 @@ def train_crops(
         wanted: where to, how long, on what.
         say: told about the course.
         begun: ONNX file of the finished network to begin from.
+        tuning: labelled set of whole pictures, finished or not, on which trust is chosen as well.
 
     Raises:
         RecognitionError, DatasetError: no data, no weights to begin from, a checkpoint of another
             plan, or something cannot be written.
     """
     device = prepare(wanted)
+    elsewhere = None if tuning is None else LabelledSet.open(tuning, partial=True)
     origin = None if begun is None else find_origin(begun)
     data = read_examples(packed_folder(folder, say), (*plan.robots, *OTHERS))
 
@@ -78,7 +85,7 @@ def train_crops(
     _draw(trainer.progress, wanted.out)
     labelled = (folder / "dataset.toml").is_file()
     source = LabelledSet.open(folder, partial=True) if labelled else None
-    say(f"wrote {ship(trainer, wanted.out, source)}")
+    say(f"wrote {ship(trainer, wanted.out, source, elsewhere)}")
     return finished
 
 

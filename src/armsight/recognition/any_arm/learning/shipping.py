@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,12 @@ from armsight.recognition.any_arm.learning import trunk
 from armsight.recognition.any_arm.learning.export import check_parity, to_onnx
 from armsight.recognition.any_arm.learning.network import OTHERS
 from armsight.recognition.any_arm.learning.trainer import CropTrainer
-from armsight.recognition.any_arm.learning.trusting import Judged, choose_trust, judge
+from armsight.recognition.any_arm.learning.trusting import (
+    Judged,
+    choose_trust,
+    judge,
+    judge_pictures,
+)
 from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.data.labelled_set import LabelledSet
 from armsight.recognition.training.weights import LICENCE, Card
@@ -30,15 +35,17 @@ def ship(
     trainer: CropTrainer,
     out: Path,
     source: LabelledSet | None,
-    elsewhere: Callable[[CropModel], Judged] | None = None,
+    elsewhere: LabelledSet | None = None,
 ) -> Path:
     """Write ``network.onnx`` and ``CARD.md`` of the running mean; the network's file.
+
+    What trust was chosen on is left in ``judged.json``.
 
     Args:
         trainer: that trained it.
         out: folder.
         source: the labelled set, for the choice of how far to trust; None keeps the defaults.
-        elsewhere: judges the network on pictures of another renderer, too.
+        elsewhere: pictures of another renderer, on which trust is chosen as well.
 
     Raises:
         RecognitionError: it cannot be written, or ONNX Runtime disagrees with torch.
@@ -52,12 +59,20 @@ def ship(
         names = (*trainer.plan.robots, *OTHERS)
         model = CropModel(file, 1)
         judged = judge(model, source, names, JUDGED)
-        trust, figures = choose_trust(judged, elsewhere(model) if elsewhere else None)
+        other = None if elsewhere is None else judge_pictures(model, elsewhere)
+        write_text(out / "judged.json", _told(judged, other), RecognitionError)
+        trust, figures = choose_trust(judged, other)
         card["trust"] = vars(trust) | {"chosen_on": figures}
         write_atomically(file, to_onnx(network, card), error=RecognitionError)
     write_text(out / "CARD.md", card_text(card), RecognitionError)
     trainer.mean.to(trainer.device)
     return file
+
+
+def _told(judged: Judged, elsewhere: Judged | None) -> str:
+    """What trust was chosen on, answer by answer."""
+    both = {"held_back": judged} | ({} if elsewhere is None else {"tuning": elsewhere})
+    return json.dumps({k: {n: v.tolist() for n, v in vars(j).items()} for k, j in both.items()})
 
 
 def make_card(trainer: CropTrainer) -> Card:

@@ -10,11 +10,13 @@ import numpy as np
 
 from armsight.arrays import Floats, Mask
 from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.any_arm.frames import find_lumps
 from armsight.recognition.any_arm.learning.examples import held_back
 from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.recogniser import ArmRecogniser
 from armsight.recognition.any_arm.trust import FEATURES, Trust
 from armsight.recognition.data.labelled_set import LabelledSet
+from armsight.recognition.data.sample import Sample
 
 GOOD = 0.1
 """Mean joint error of a good answer, below [m]."""
@@ -51,35 +53,70 @@ def judge(model: CropModel, held: LabelledSet, names: Sequence[str], most: int) 
     back = held_back(number, np.array([r.scene for r in held.rows]))
     chosen = [i for i in np.flatnonzero(back) if held.rows[i].robot in model.robots]
     chosen = chosen[:: max(len(chosen) // most, 1)]
-    recogniser = ArmRecogniser(model)
-    rows: list[Floats] = []
-    errors: list[float] = []
-    spreads: list[Floats] = []
+    seen = _Seen(ArmRecogniser(model))
     for i in chosen:
         sample = held[int(i)]
         row, column = np.nonzero(sample.mask)
         if len(row) < 60:
             continue
-        h, w = sample.mask.shape
-        K = sample.K
-        lens = PinholeCamera(w, h, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
         low = np.array([column.min(), row.min()], float)
         high = np.array([column.max() + 1, row.max() + 1], float)
-        found = recogniser.examined(sample.image, lens, low, high)
+        seen.look(sample, low, high)
+    return seen.judged()
+
+
+def judge_pictures(model: CropModel, pictures: LabelledSet) -> Judged:
+    """Answers on whole pictures of known robots, as in use: of the strongest lump of each.
+
+    Args:
+        model: to be judged.
+        pictures: of another renderer than the crops', and never those that a figure is reported on.
+    """
+    seen = _Seen(ArmRecogniser(model))
+    for i, row in enumerate(pictures.rows):
+        if row.robot in model.robots:
+            sample = pictures[i]
+            for lump in find_lumps(model, sample.image)[0][:1]:
+                seen.look(sample, lump.low, lump.high)
+    return seen.judged()
+
+
+class _Seen:
+    """Gathers answers."""
+
+    def __init__(self, recogniser: ArmRecogniser) -> None:
+        self._recogniser = recogniser
+        self._rows: list[Floats] = []
+        self._errors: list[float] = []
+        self._spreads: list[Floats] = []
+
+    def look(self, sample: Sample, low: Floats, high: Floats) -> None:
+        """At a box of a picture; where nothing is found there is nothing to be judged."""
+        h, w = sample.mask.shape
+        K, d = sample.K, [float(v) for v in sample.distortion]
+        bend = (d[0], d[1], d[2], d[3], d[4])
+        lens = PinholeCamera(w, h, K[0, 0], K[1, 1], K[0, 2], K[1, 2], bend)
+        found = self._recogniser.examined(sample.image, lens, low, high)
         if found is None:
-            continue
+            return
         arm, features = found
         n = min(len(arm.joints), len(sample.joints_camera))
         away = arm.joints[:n] - sample.joints_camera[:n]
-        rows.append(features)
-        errors.append(
+        self._rows.append(features)
+        self._errors.append(
             float(np.linalg.norm(away, axis=1).mean()) if arm.robot == sample.robot else 1.0
         )
-        C = arm.covariance[:n] / recogniser.trust.widen**2
-        spreads.append(
+        C = arm.covariance[:n] / self._recogniser.trust.widen**2
+        self._spreads.append(
             np.einsum("ni,nij,nj->n", away, np.linalg.inv(C + 1e-8 * np.eye(3)), away)[1:5]
         )
-    return Judged(np.array(rows).reshape(-1, len(FEATURES)), np.array(errors), np.array(spreads))
+
+    def judged(self) -> Judged:
+        return Judged(
+            np.array(self._rows).reshape(-1, len(FEATURES)),
+            np.array(self._errors),
+            np.array(self._spreads).reshape(-1, 4),
+        )
 
 
 def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust, dict[str, Any]]:
