@@ -212,6 +212,13 @@ def test_points_beside_cubes_against_brute_force(seed):
     assert ((true < 0.0) & (bare >= 0.0)).sum() > 20
 
 
+def test_points_count_where_unseen_space_is_made_solid_afterwards():
+    """The field that is then worked out anew knew the voxels alone."""
+    snapshot = replace(detailed(0), distance_counts_unknown=False)
+    ob = CollisionModel(ARM).obstacles(snapshot)
+    assert (ob.distance <= snapshot.distance).all()
+
+
 def test_points_outside_the_grid_are_left_out():
     detail = make_detail(WALL.grid, np.array([[0.0, 0.0, 0.5], [9.0, 0.0, 0.5], [0.0, 0.0, -9.0]]))
     np.testing.assert_allclose(detail.points, [[0.0, 0.0, 0.5]])

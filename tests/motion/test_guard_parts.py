@@ -9,8 +9,11 @@ from hypothesis import strategies as st
 
 from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.mapping.snapshot import OCCUPIED
+from armsight.motion.blending import widest_reach
+from armsight.motion.collision import CollisionModel
 from armsight.motion.data import PlanRequest
 from armsight.motion.executed import Executed, thinned
+from armsight.motion.goals import Goals
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import JointIntent
 from armsight.motion.keep_out import (
@@ -24,8 +27,11 @@ from armsight.motion.plan import Plan
 from armsight.motion.planner import RrtConnectPlanner
 from armsight.motion.reflex import Approach, Reflex, ReflexStage
 from armsight.motion.route import Route, SpeedScale, rate_bounds
+from armsight.motion.timing import rounded
 from armsight.motion.trajectory import join, straight
 from armsight.robots import load_robot
+
+from .scenes import arm6, ball, make_snapshot, oracle_centers
 
 LIMITS = load_robot("ur5").limits.scaled(0.5, 0.6)
 
@@ -38,6 +44,34 @@ def test_a_route_begins_moving_and_ends_at_its_end():
     route.advance(1e9)
     assert route.done
     assert route.remaining[0] == pytest.approx(np.full(6, 0.5))
+
+
+def off_the_line(points, line):
+    """(n,) distance of points from a (k, m) path, by plain numpy."""
+    a, step = line[:-1], np.diff(line, axis=0)
+    size = np.maximum((step * step).sum(axis=1), 1e-18)
+    share = np.clip(((points[:, None] - a) * step).sum(axis=2) / size, 0.0, 1.0)
+    return np.linalg.norm(a + share[..., None] * step - points[:, None], axis=2).min(axis=1)
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.01, 0.03, 0.1])
+def test_what_is_proven_of_a_route_is_near_the_motion_at_corners_too(reach):
+    """Samples went over a corner, and their lines are proven: 0.025 rad away from the motion."""
+    off = []
+    for length in np.linspace(0.4, 0.48, 9):
+        for turn in (1.0, -0.9):
+            way = np.zeros((3, 6))
+            way[1:, 0] = length
+            way[2, :2] += 0.43 * (1.0 - abs(turn)), 0.43 * turn
+            motion = rounded(way, np.array([0.0, reach, 0.0]), LIMITS)
+            dense = motion.sample(np.linspace(0.0, motion.duration, 2000))
+            off.append(off_the_line(dense, Route(motion).remaining).max())
+    assert max(off) < 0.004
+
+
+def test_a_straight_route_is_looked_at_no_more_often_for_it():
+    motion = straight(np.zeros(6), np.full(6, 1.0), LIMITS)
+    assert len(Route(motion).remaining) < 1.0 / 0.04 + 20
 
 
 def test_a_route_is_picked_up_where_the_arm_was_thrown():
@@ -165,6 +199,49 @@ def test_a_way_back_that_is_not_allowed_does_not_hold_the_arm_for_ever():
     cell.run(cell.now + 2.0)
     assert cell.guard._reflex.stage != ReflexStage.RETRACE
     assert not cell.moving_touches
+
+
+def test_a_way_back_is_proven_as_it_is_driven(monkeypatch):
+    """Round its corners: what stands inside of one was not in the way that was looked at."""
+    robot = arm6()
+    limits = robot.limits.scaled(0.5, 0.6)
+    way = np.tile([0.0, -0.8, 0.6, 0.0, 0.0, 0.0], (3, 1))
+    way[1:, 0], way[2, 1] = 0.8, -1.6
+    motion = rounded(way, widest_reach(way), limits)
+    inside = motion.sample(np.linspace(0.0, motion.duration, 200))
+    inside = inside[int(np.argmax(off_the_line(inside, way)))]
+    model = CollisionModel(robot)
+    tip = oracle_centers(robot, inside)[-1]
+    snapshot = make_snapshot([ball(tip, 0.01)])
+    assert model.path_valid(way, snapshot, way[0])
+    executed = Executed()
+    for a, b in ((way[2], way[1]), (way[1], way[0])):
+        for share in np.linspace(0.0, 1.0, 27):  # each is remembered, the corner too
+            executed.add(a + share * (b - a))
+    reflex = Reflex(GuardConfig(retrace_share=1.0), limits)
+    monkeypatch.setattr(reflex, "_leads_away", lambda *_: True)
+    reflex.choose(way[0], executed, None, None, model, snapshot)
+    assert reflex.stage == ReflexStage.RETRACE
+    assert model.first_blocked_time(reflex.route.trajectory, snapshot, at=way[0]) is None
+    assert reflex.route.trajectory.end == pytest.approx(way[2], abs=0.05)
+
+
+def test_the_same_goal_may_be_asked_for_more_slowly_or_more_closely():
+    """The first word on both was the last: a task that wanted to go slower was not heard."""
+    robot = arm6()
+    goals, goal = Goals(robot, GuardConfig()), JointIntent("A", robot.home)
+    assert goals.set(goal)
+    goals.reached = True
+    assert not goals.set(replace(goal))
+    assert not goals.set(replace(goal, speed=0.2))
+    assert (goals.goal.speed, goals.reached) == (0.2, True)
+    assert not goals.set(replace(goal, speed=7.0))
+    assert "asks for speed 7.0" in goals.refusal
+    assert not goals.set(goal)
+    assert goals.active is False
+    assert goals.refusal == ""
+    assert goals.set(replace(goal, tolerance=0.001))
+    assert not goals.reached
 
 
 def test_a_reflex_that_gives_up_starts_again_only_for_what_comes_nearer():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armsight.geometry.pose import make_pose
-from armsight.motion.ik import solve_ik
+from armsight.motion.ik import _unwound, solve_ik
 from armsight.robots import ROBOT_NAMES, load_robot, load_tool
 from armsight.robots.kinematics import tcp_pose
 
@@ -65,6 +65,19 @@ def test_same_seed_same_solutions():
     T = tcp_pose(robot, robot.home)
     a, b = (solve_ik(robot, T, None, np.random.default_rng(5)) for _ in range(2))
     np.testing.assert_array_equal(a, b)
+
+
+def test_turns_are_the_nearest_that_the_limits_allow():
+    """By the seed's own turn alone a joint near its end was sent two turns away."""
+    turn = 2.0 * np.pi
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        lower, upper = -rng.uniform(0.1, 8.0, 6), rng.uniform(0.1, 8.0, 6)
+        q, seed = rng.uniform(lower, upper), rng.uniform(lower, upper)
+        every = q + turn * np.arange(-4, 5)[:, None]
+        every = np.where((every >= lower) & (every <= upper), every, np.inf)
+        nearest = np.abs(every - seed).min(axis=0)
+        np.testing.assert_allclose(np.abs(_unwound(q, seed, lower, upper) - seed), nearest)
 
 
 def test_a_mirrored_pose_is_no_pose():

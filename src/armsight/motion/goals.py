@@ -59,6 +59,8 @@ class Goals:
             self._pending = None
             return known is not None
         if known is not None and (goal is known or _same(goal, known)):
+            if goal.speed != known.speed:  # the same way, slower or faster from now on
+                self.goal, self.refusal = goal, refusal(goal, self._robot)
             return False
         self.goal, self.reached, self.trouble, self.held = goal, False, "", 0.0
         self.refusal = refusal(goal, self._robot)
@@ -155,11 +157,17 @@ class Goals:
 
 
 def _same(a: Goal, b: Goal) -> bool:
-    """Whether two goals lead to the same place under the same name."""
+    """Whether two goals lead as closely to the same place under the same name."""
     if type(a) is not type(b) or a.name != b.name:
         return False
     p, q = ((g.position if isinstance(g, JointIntent) else g.T_base_tcp) for g in (a, b))
+    near, nearer = (
+        (g.tolerance, g.tolerance_rad if isinstance(g, PoseIntent) else 0.0) for g in (a, b)
+    )
     try:
-        return np.array_equal(np.asarray(p, float), np.asarray(q, float), equal_nan=True)
+        return all(
+            np.array_equal(np.asarray(x, float), np.asarray(y, float), equal_nan=True)
+            for x, y in ((p, q), (near, nearer))
+        )
     except (TypeError, ValueError):  # no numbers: refused when it came, and still the same wish
         return p is q

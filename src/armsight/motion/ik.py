@@ -73,6 +73,12 @@ def solve_ik(
 def _unwound(
     q: JointVector, seed: JointVector, lower: JointVector, upper: JointVector
 ) -> JointVector:
-    """The same pose with each joint turned by whole turns to be nearest to the seed."""
-    turned = q - 2.0 * np.pi * np.round((q - seed) / (2.0 * np.pi))
-    return np.where((turned >= lower) & (turned <= upper), turned, q)
+    """The same pose with each joint turned by whole turns to be nearest to the seed.
+
+    Nearest of those within the limits: beyond a limit the seed's own turn may be none of them.
+    """
+    turn = 2.0 * np.pi
+    least, most = np.ceil((lower - q) / turn), np.floor((upper - q) / turn)
+    # What is within the limits stays there, whatever is rounded.
+    turns = np.clip(np.round((seed - q) / turn), np.minimum(least, 0.0), np.maximum(most, 0.0))
+    return np.clip(q + turn * turns, lower, upper)

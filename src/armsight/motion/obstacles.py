@@ -73,6 +73,8 @@ def obstacles_of(
     state, distance = snapshot.state, snapshot.distance
     if config.avoid_unknown and not snapshot.distance_counts_unknown:
         distance = distance_to_solid(snapshot)
+        if isinstance(snapshot, DetailedSnapshot):  # its points are in no voxel's state
+            distance = np.minimum(distance, snapshot.distance)
     state = state.copy()  # the only one: it is written in three times
     mount = _mount(body, grid)
     held = mount[state.take(mount) == OCCUPIED]

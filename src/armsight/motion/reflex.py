@@ -131,7 +131,10 @@ class Reflex:
         back = thinned(executed.retrace(q, self._config.retrace_share))
         if self._leads_away(back, q, gate, hazards) and model.path_valid(back, snapshot, q):
             self.stage = ReflexStage.RETRACE
-            self.route = Route(time_parameterise(back, self._limits))
+            motion = time_parameterise(
+                back, self._limits, lambda t: model.first_blocked_time(t, snapshot, at=q)
+            )
+            self.route = Route(motion)
         else:
             self.stage = ReflexStage.FLEE
 

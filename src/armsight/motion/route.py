@@ -15,6 +15,8 @@ from armsight.motion.trajectory import Trajectory
 
 SAMPLE = 0.04
 """Greatest joint motion between two samples of a trajectory that are proven together [rad]."""
+BEND = 0.003
+"""The motion is nowhere farther from the line between two samples [rad]."""
 LOOK_AHEAD = 0.02
 """The motion's direction is taken over this phase time, so that a start at rest has one [s]."""
 
@@ -109,12 +111,29 @@ def _sample_times(trajectory: Trajectory) -> Floats:
     count = max(2, math.ceil(trajectory.duration / 0.02) + 1)
     fine = np.linspace(0.0, trajectory.duration, count)
     path = trajectory.sample(fine)
+    length, turn = _steps(path)
     keep = [0]
+    way, turned = length[0], 0.0
     for k in range(1, count - 1):
-        if np.abs(path[k + 1] - path[keep[-1]]).max() > SAMPLE:
+        way, turned = way + length[k], turned + turn[k]
+        # A line that turns by so much in all on its way is no farther from its chord than a quarter
+        # of the two's product (an arc of a circle: an eighth; one corner: up to a quarter).
+        if np.abs(path[k + 1] - path[keep[-1]]).max() > SAMPLE or way * turned > 4.0 * BEND:
             keep.append(k)
+            way, turned = length[k], 0.0
     keep.append(count - 1)
     return np.asarray(fine[keep])
+
+
+def _steps(path: JointPath) -> tuple[list[float], list[float]]:
+    """Length of each step of a (k, n) path [rad], and by how much it turns where that begins."""
+    step = np.diff(path, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    moving = np.flatnonzero(length > 1e-9)
+    way = step[moving] / length[moving, None]
+    turn = np.zeros(len(step))
+    turn[moving[1:]] = np.arccos(np.clip((way[1:] * way[:-1]).sum(axis=1), -1.0, 1.0))
+    return length.tolist(), turn.tolist()
 
 
 class SpeedScale:
