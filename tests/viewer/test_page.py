@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 from page_fakes import FakeSession, make_guard, make_snapshot, make_view
@@ -232,10 +234,71 @@ def test_dragging_reaches_the_session(page: LivePage, session: FakeSession) -> N
     assert page._gizmo is None
 
 
+def test_who_chooses_nothing_while_another_page_chooses_has_the_last_word(
+    page: LivePage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began, go_on, place = threading.Event(), threading.Event(), page._dragged_from
+
+    def slow(name: str) -> np.ndarray:
+        began.set()
+        go_on.wait(10.0)
+        return place(name)
+
+    monkeypatch.setattr(page, "_dragged_from", slow)
+    first = threading.Thread(target=page._choose_dragged, args=("ball",))
+    first.start()
+    assert began.wait(10.0)
+    second = threading.Thread(target=page._choose_dragged, args=("",))
+    second.start()
+    second.join(0.3)
+    go_on.set()
+    first.join(10.0)
+    second.join(10.0)
+    assert page._gizmo is None
+
+
+def test_only_what_may_be_dragged_gets_arrows(page: LivePage) -> None:
+    """Any name that a browser made up had some, in the middle of the room."""
+    page._choose_dragged("nobody")
+    assert page._gizmo is None
+
+
+def test_browsers_give_values_and_nothing_else(page: LivePage, session: FakeSession) -> None:
+    """They could set all that a button has, the functions that it calls as well, for every page."""
+    gui = page._server.gui
+    buttons = {h.label: h for h in gui._gui_input_handle_from_uuid.values() if hasattr(h, "label")}
+    pause, go_on = buttons["Pause"], buttons["Go on"]
+    name = pause._impl.uuid
+
+    def update(uuid: str, **updates: object) -> bytes:
+        message = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
+        return msgspec.msgpack.encode(message)
+
+    file = {
+        "type": "FileTransferStartUpload",
+        "source_component_uuid": name,
+        "transfer_uuid": "x",
+        "filename": "f",
+        "mime_type": "text/plain",
+        "part_count": 1000,
+        "size_bytes": 10**9,
+    }
+    with watching(page) as client:
+        client.send(update(name, update_cb=[], label="Go on", removed=True))
+        client.send(update(go_on._impl.uuid, disabled=False, value=True))
+        client.send(msgspec.msgpack.encode(file))
+        client.send(update(name, value=True))
+        wait_for(lambda: session.asked)
+        assert session.asked == ["pause"]
+        assert (pause.label, go_on.disabled) == ("Pause", True)
+        assert not gui._current_file_upload_states
+
+
 def test_the_arrows_stand_where_the_dragged_car_is_led_from(page: LivePage) -> None:
     """They stood in the middle of its body, so that a touch made it leap by 30 cm."""
     T = make_pose(None, (0.92, 0.05, 0.85))
     page._cell.world.car = SimpleNamespace(name="car", T_world_socket=T)
+    page._draggable = ("car",)
     page._choose_dragged("car")
     assert page._gizmo is not None
     assert page._gizmo.position == pytest.approx(T[:3, 3])

@@ -110,7 +110,7 @@ class LivePage:
         self._now = -np.inf
         self._camera_turn = 0
         self._true_errors = TrueErrors(cell.world, [camera.info for camera in cell.cameras])
-        self._clients = 0
+        self._draggable = draggable(cell)
         with self._server.atomic():
             self._scene = CellScene(self._server, cell)
             self._panels = Panels(
@@ -125,11 +125,12 @@ class LivePage:
                 ),
                 self._scene.layers(),
                 not cell.robot.n,
-                draggable(cell),
+                self._draggable,
                 self._choose_dragged,
                 session.press,
             )
         self._gizmo: Any = None
+        self._choosing = threading.Lock()
         self._server.on_client_connect(lambda _: self._look())
         self._thread = threading.Thread(target=self._watch, name="armsight-page", daemon=True)
         self._thread.start()
@@ -237,19 +238,20 @@ class LivePage:
 
     def _choose_dragged(self, name: str) -> None:
         """Put arrows on a thing that the person may drag, or take them away."""
-        if self._gizmo is not None:
-            self._gizmo.remove()
-            self._gizmo = None
-        if not name:
-            return
-        self._gizmo = self._server.scene.add_transform_controls(
-            "/drag",
-            scale=0.25,
-            disable_rotations=True,
-            position=self._dragged_from(name),
-            depth_test=False,
-        )
-        self._gizmo.on_update(lambda _: self._move_dragged(name))
+        with self._choosing:  # several pages choose at once, each in a thread of its own
+            if self._gizmo is not None:
+                self._gizmo.remove()
+                self._gizmo = None
+            if name not in self._draggable:
+                return
+            self._gizmo = self._server.scene.add_transform_controls(
+                "/drag",
+                scale=0.25,
+                disable_rotations=True,
+                position=self._dragged_from(name),
+                depth_test=False,
+            )
+            self._gizmo.on_update(lambda _: self._move_dragged(name))
 
     def _dragged_from(self, name: str) -> Vector3:
         """Where a thing is that the person may drag: what follows the arrows, in world [m]."""
@@ -262,7 +264,8 @@ class LivePage:
         return np.asarray(np.mean([m.T_world_solid[:3, 3] for m in parts], axis=0))
 
     def _move_dragged(self, name: str) -> None:
-        target = None if self._gizmo is None else np.array(self._gizmo.position, float)
+        gizmo = self._gizmo
+        target = None if gizmo is None else np.array(gizmo.position, float)
         if target is None or not np.isfinite(target).all():  # a browser's word, as all here
             return
         try:

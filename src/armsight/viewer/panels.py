@@ -159,7 +159,7 @@ class Panels:
                     "Speed", tuple(SPEEDS), hint="simulated seconds a second"
                 )
                 set_speed = controls.speed
-                speed.on_click(lambda _: set_speed(SPEEDS[speed.value]))
+                speed.on_click(lambda _: set_speed(SPEEDS.get(speed.value, 1.0)))
             if controls.reset is not None:
                 reset = gui.add_button(
                     "Reset", icon=viser.Icon.REFRESH, color="gray", hint="back to t = 0"

@@ -53,7 +53,7 @@ def open_server(host: str, port: int, token: str | None, label: str) -> viser.Vi
     except BaseException:
         listener.close()
         raise
-    if not passed:
+    if not (passed and _takes_values_only(server)):
         server.stop()
         listener.close()
         raise ViewerError(
@@ -63,6 +63,28 @@ def open_server(host: str, port: int, token: str | None, label: str) -> viser.Vi
     # viser can publish a page through a public tunnel; whoever may look must not be able to.
     server.request_share_url = _no_tunnel  # type: ignore[method-assign]
     return server
+
+
+def _takes_values_only(server: viser.ViserServer) -> bool:
+    """Let browsers give a field its value, or press it, and no more; whether that could be done.
+
+    viser lets them set whatever a field has, for all pages: its label, whether it is grey, the
+    functions that it calls. Files, which no field here asks for, it keeps in memory.
+    """
+    handlers = getattr(server.gui._websock_interface, "_incoming_handlers", {})
+    update, *files = (
+        getattr(viser._messages, name, None)
+        for name in ("GuiUpdateMessage", "FileTransferStartUpload", "FileTransferPart")
+    )
+    known = handlers.pop(update, [])
+
+    async def take(client: Any, message: Any) -> None:
+        if set(message.updates) == {"value"}:
+            for handler in known:
+                await handler(client, message)
+
+    handlers[update] = [take]
+    return len(known) == 1 and all(handlers.pop(kind, None) is not None for kind in files)
 
 
 def stop_server(server: viser.ViserServer) -> None:
