@@ -77,6 +77,41 @@ def test_a_urdf_is_fitted_once_and_kept(tmp_path, caplog):
     assert "Fitting" in caplog.text
 
 
+def test_nothing_that_is_seen_is_left_without_spheres(tmp_path):
+    """One sphere at the tip of an arm that is drawn whole: it had no others."""
+    path = tmp_path / "arm.urdf"
+    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
+    rod = '<cylinder radius="0.03" length="0.2"/>'
+    path.write_text(urdf(rod, l3=ball))
+    assert set(load_arm(path).spheres.link) == {0, 1, 2, 3}
+
+
+def test_what_is_fixed_to_a_link_and_has_collision_geometry_alone_is_covered(tmp_path):
+    path = tmp_path / "arm.urdf"
+    block = '<collision><geometry><box size="0.04 0.04 0.04"/></geometry></collision>'
+    held = (
+        '<joint name="bolt" type="fixed"><parent link="l3"/><child link="hand"/>'
+        f'<origin xyz="0 0 0.25"/></joint><link name="hand">{block}</link></robot>'
+    )
+    path.write_text(ROD.replace("</robot>", held))
+    spheres = load_arm(path).spheres
+    mine = spheres.link == 3
+    corner = np.array([0.019, 0.019, 0.269])
+    gaps = np.linalg.norm(spheres.center[mine] - corner, axis=1) - spheres.radius[mine]
+    assert gaps.min() <= 0.0
+
+
+@pytest.mark.parametrize("bad", ["NaN", "-0.05", "0.05, 0.05"])
+def test_shapes_that_cannot_be_are_refused(tmp_path, bad):
+    path = tmp_path / "arm.urdf"
+    path.write_text(SPHERES)
+    assert run(["robots", "fit", str(path)]) == 0
+    shapes = tmp_path / "arm.shapes.json"
+    shapes.write_text(shapes.read_text().replace("0.05]", f"{bad}]"))
+    with pytest.raises(RobotError, match=r"arm.shapes.json: is broken"):
+        load_arm(path)
+
+
 def test_a_changed_urdf_is_another_arm(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(SPHERES)

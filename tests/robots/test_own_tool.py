@@ -111,6 +111,16 @@ def test_what_is_wrong_is_said(tmp_path, body, message):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("key", ["tip = [0, 0, 0.15]", "center_of_mass = [0, 0.01, 0.05]"])
+def test_a_place_in_millimetres_is_told(tmp_path, key):
+    folder = folder_of(tmp_path, BOX)
+    name = key.split(" =")[0]
+    sheet = (folder / "tool.toml").read_text().replace(key, f"{name} = [0, 0, 150]")
+    (folder / "tool.toml").write_text(sheet)
+    with pytest.raises(RobotError, match=rf"tool.toml: {name} is 150 m from the flange"):
+        load_tool(str(folder))
+
+
 def test_in_a_cell_by_a_path_beside_its_file(tmp_path):
     folder_of(tmp_path, BOX)
     text = '[cell]\nname = "c"\n[robot]\nmodel = "ur5"\ntool = "./my_gripper"\n'

@@ -28,6 +28,8 @@ class ChainLink:
         joint: the joint that moves it; None for the base.
         visuals, collisions: in this piece's frame.
         inertial: of the whole piece; mass 0 where the URDF is silent.
+        body: of each of its links what is seen, or its collision geometry where nothing is.
+        spheres: whether all of that is covered by collision geometry made of spheres alone.
     """
 
     name: str
@@ -36,6 +38,8 @@ class ChainLink:
     visuals: tuple[Geometry, ...]
     collisions: tuple[Geometry, ...]
     inertial: Inertial
+    body: tuple[Geometry, ...]
+    spheres: bool
 
 
 @dataclass(frozen=True)
@@ -204,12 +208,19 @@ def _chain_link(
     def moved(shapes: tuple[Geometry, ...], T_piece_link: Pose) -> list[Geometry]:
         return [replace(s, T_link_geometry=T_piece_link @ s.T_link_geometry) for s in shapes]
 
-    visuals, collisions = [], []
-    for link, pose in piece.items():
-        visuals += moved(urdf.links[link].visuals, pose)
-        collisions += moved(urdf.links[link].collisions, pose)
+    visuals, collisions, body = [], [], []
+    spheres = True
+    for own, pose in piece.items():
+        link = urdf.links[own]
+        visuals += moved(link.visuals, pose)
+        collisions += moved(link.collisions, pose)
+        body += moved(link.visuals or link.collisions, pose)
+        covered = bool(link.collisions) or not link.visuals
+        spheres &= covered and all(shape.kind == "sphere" for shape in link.collisions)
     inertial = _sum_inertia([(urdf.links[n].inertial, pose) for n, pose in piece.items()])
-    return ChainLink(name, T, joint, tuple(visuals), tuple(collisions), inertial)
+    return ChainLink(
+        name, T, joint, tuple(visuals), tuple(collisions), inertial, tuple(body), spheres
+    )
 
 
 def _sum_inertia(parts: list[tuple[Inertial | None, Pose]]) -> Inertial:

@@ -35,6 +35,10 @@ def fingerprint(chain: Chain, urdf: Path) -> str:
             digest.update(shape.T_link_geometry.tobytes())
             if shape.path is not None and shape.path.is_file():  # who needs it says it is missing
                 files.append(shape.path)
+    kinds = {shape.kind for link in chain.links for shape in link.collisions}
+    bare = kinds == {"sphere"} and not all(link.spheres for link in chain.links)
+    if bare or any(len(link.body) > len(link.visuals or link.collisions) for link in chain.links):
+        digest.update(b"whole")  # earlier fits left parts of such arms without spheres
     for path in dict.fromkeys(files):
         try:
             digest.update(path.read_bytes())

@@ -167,9 +167,10 @@ def _check_sizes(chain: Chain, triangles: list[Triangles]) -> None:
 
 
 def _all_spheres(chain: Chain) -> bool:
-    """Whether the collision geometry is there and made of spheres alone."""
-    shapes = [shape for link in chain.links for shape in link.collisions]
-    return bool(shapes) and all(shape.kind == "sphere" for shape in shapes)
+    """Whether there is collision geometry, made of spheres alone, for all that is seen."""
+    return any(link.collisions for link in chain.links) and all(
+        link.spheres for link in chain.links
+    )
 
 
 def _given_shapes(

@@ -212,8 +212,8 @@ def _segments(balls: Axes, solid: VoxelSolid, tree: cKDTree, most: int) -> Axes:
 
 
 def link_triangles(link: ChainLink) -> Triangles:
-    """All triangles of a link: its visuals, or its collision geometry where it has no visual."""
-    return join_triangles([geometry_triangles(g) for g in link.visuals or link.collisions])
+    """All triangles of a link: what is seen of it, or collision geometry where nothing is."""
+    return join_triangles([geometry_triangles(shape) for shape in link.body])
 
 
 def prepare_chain(

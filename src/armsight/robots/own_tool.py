@@ -63,7 +63,7 @@ class _Part(_Table):
 
 class _Mesh(_Part):
     file: str
-    scale: Annotated[float, Field(gt=0.0)] = 1.0
+    scale: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = 1.0
 
 
 class _Box(_Part):
@@ -145,6 +145,12 @@ def _read(folder: Path) -> _Sheet:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(p) for p in first["loc"])
         raise RobotError(f"{path}: {where}: {first['msg']}") from None
+    for key, place in (("tip", sheet.tip), ("center_of_mass", sheet.center_of_mass)):
+        if (far := float(np.linalg.norm(place))) > LARGEST:
+            raise RobotError(
+                f"{path}: {key} is {far:.3g} m from the flange, at most {LARGEST:g} m is a tool; "
+                "give metres"
+            )
     if not (sheet.mesh or sheet.box or sheet.cylinder or sheet.sphere):
         raise RobotError(f"{path}: has no [[mesh]], [[box]], [[cylinder]] or [[sphere]]: no body")
     return sheet

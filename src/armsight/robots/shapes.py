@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Ints
+from armsight.arrays import Floats, Ints
 from armsight.errors import RobotError
 from armsight.robots.robot import Capsules, Spheres
 
@@ -60,9 +60,21 @@ class BodyShapes:
     capsule_fit: FitReport | None = None
 
 
+def _table(rows: list[tuple[int, list[float]]], width: int) -> Floats:
+    """(k, width) numbers of (link, numbers) rows, a radius last.
+
+    Raises:
+        ValueError: a row has another number of numbers, one is not finite, or a radius below 0.
+    """
+    values = np.array([row for _, row in rows], float).reshape(len(rows), width)
+    if not np.isfinite(values).all() or (values[:, -1:] < 0.0).any():
+        raise ValueError("shapes have finite places and radii of 0 or more")
+    return values
+
+
 def make_spheres(rows: list[tuple[int, list[float]]]) -> Spheres:
     """Spheres from (link, [x, y, z, radius]) rows."""
-    values = np.array([row for _, row in rows], float).reshape(-1, 4)
+    values = _table(rows, 4)
     return Spheres(
         np.array([link for link, _ in rows], np.int64), values[:, :3].copy(), values[:, 3].copy()
     )
@@ -70,7 +82,7 @@ def make_spheres(rows: list[tuple[int, list[float]]]) -> Spheres:
 
 def make_capsules(rows: list[tuple[int, list[float]]]) -> Capsules:
     """Capsules from (link, [x0, y0, z0, x1, y1, z1, radius]) rows."""
-    values = np.array([row for _, row in rows], float).reshape(-1, 7)
+    values = _table(rows, 7)
     return Capsules(
         np.array([link for link, _ in rows], np.int64),
         values[:, :3].copy(),
