@@ -242,6 +242,10 @@ def test_the_same_goal_may_be_asked_for_more_slowly_or_more_closely():
     assert goals.refusal == ""
     assert goals.set(replace(goal, tolerance=0.001))
     assert not goals.reached
+    odd = replace(goal, tolerance=0.001, speed=np.ones(2))  # never raises, however often it is said
+    for _ in range(2):
+        assert not goals.set(odd)
+        assert goals.refusal
 
 
 def test_a_reflex_that_gives_up_starts_again_only_for_what_comes_nearer():

@@ -59,7 +59,7 @@ class Goals:
             self._pending = None
             return known is not None
         if known is not None and (goal is known or _same(goal, known)):
-            if goal.speed != known.speed:  # the same way, slower or faster from now on
+            if not _as_fast(goal, known):  # the same way, slower or faster from now on
                 self.goal, self.refusal = goal, refusal(goal, self._robot)
             return False
         self.goal, self.reached, self.trouble, self.held = goal, False, "", 0.0
@@ -154,6 +154,14 @@ class Goals:
         if away <= goal.tolerance and turned <= goal.tolerance_rad:
             return ""
         return f"{1e3 * away:.1f} mm, {turned:.3f} rad"
+
+
+def _as_fast(a: Goal, b: Goal) -> bool:
+    """Whether two goals ask for the same speed; of what is no number nobody knows."""
+    try:
+        return bool(a.speed == b.speed)
+    except (TypeError, ValueError):
+        return False
 
 
 def _same(a: Goal, b: Goal) -> bool:
