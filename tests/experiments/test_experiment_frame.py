@@ -148,6 +148,16 @@ def test_table_stands_beside_the_paper():
         assert words in text
 
 
+def test_a_file_or_a_pipe_gets_whole_figures():
+    condition = "second renderer, 640 x 480, base at 1.2 to 2.5 m, box not given"
+    row = Row("type_accuracy", "", condition, 0.745, n=110, must=0.85, better="higher")
+    console = Console(record=True, width=80, file=open("/dev/null", "w"))  # noqa: SIM115
+    print_result(run_experiment(experiment((row,))), console)
+    (line,) = [s for s in console.export_text().splitlines() if "type_accuracy" in s]
+    for words in (condition, "0.745", "≥ 0.85", "missed"):
+        assert words in line
+
+
 def test_publish_writes_table_plot_and_json(tmp_path):
     from matplotlib.figure import Figure
 

@@ -122,7 +122,7 @@ class FakeMap:
 
     def update(self, frames, joints, now, tracked=None):
         self.calls.append((now, [f.sequence for f in frames], joints.latest))
-        return SimpleNamespace(sequence=len(self.calls), stamp=now, cameras=())
+        return SimpleNamespace(sequence=len(self.calls), stamp=now, cameras=(), inside=())
 
     def declare_empty(self):
         self.calls.append("empty")

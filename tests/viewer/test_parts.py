@@ -133,6 +133,7 @@ def test_the_page_says_what_became_of_an_empty_cell() -> None:
         emptiness=Emptiness(waiting=True, reason="something moves near (1, 0, 0) m"),
         things=(),
         declared=(),
+        inside=(),
     )
     assert "something moves near" in html.emptiness(snapshot)
     snapshot.emptiness, snapshot.things = Emptiness(said=True), (1, 2, 3)

@@ -116,18 +116,26 @@ def run_experiment(
     return Result(experiment, outcome, runs, seed, commit(), machine())
 
 
+_WIDE = 220
+"""Columns of a table that no terminal shows."""
+
+
 def print_result(result: Result, console: Console | None = None) -> None:
     """The table, ours beside the paper's figures and the budget."""
     table = Table(title=result.experiment.title, caption=f"{result.machine}, {result.commit}")
     table.add_column("key", no_wrap=True)
     table.add_column("condition")
     for name in ("ours", "95 % / spread", "n", "paper", "must", "aim"):
-        table.add_column(name, justify="right")
-    table.add_column("")
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
     for row in result.outcome.rows:
         verdict = {None: "", True: "[green]met[/]", False: "[red]missed[/]"}[row.met]
         table.add_row(row.key, row.condition, *_cells(row), verdict)
     console = console or Console()
+    if (
+        not console.is_terminal
+    ):  # a file or a pipe has no width: rich's guess of 80 cut the figures off
+        console.width = max(console.width, _WIDE)
     console.print(table)
     for note in result.outcome.notes:
         console.print(note)

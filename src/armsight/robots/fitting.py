@@ -151,7 +151,9 @@ def fit_chain(
 
 def _check_sizes(chain: Chain, triangles: list[Triangles]) -> None:
     """Refuses links in millimetres, and those made a thousand times too small."""
-    sizes = [float(np.ptp(corners, axis=0).max(initial=0.0)) for corners, _ in triangles]
+    sizes = [
+        float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0 for corners, _ in triangles
+    ]
     largest = int(np.argmax(sizes))
     name, size = chain.links[largest].name, sizes[largest]
     if size > LONGEST:
