@@ -5,11 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import make_pose
+from armsight.motion.contact_limits import contact_speed, effective_mass
+from armsight.motion.force_watch import TARED_OVER, ForceWatch
+from armsight.motion.guard_config import GuardConfig
+from armsight.motion.permit_law import UNSEEN, gentle_speed
 from armsight.motion.permit_office import UNASKED
-from armsight.motion.permits import PermitState
+from armsight.motion.permits import Permit, PermitState
 from armsight.motion.regions import region_fault
 
+from .test_contact import ROBOT, TIP, load, tared
 from .test_office_terms import FORCE, OUT, TICK, Office, asked
 from .test_permits import sphere
 from .test_socket import COMES, Socket, during, ends_at
@@ -192,3 +198,49 @@ def test_a_mirrored_pose_is_no_pose(T):
     region = sphere([0.4, 0.0, 0.3])
     assert region_fault(replace(region, T_base_region=make_pose(None, [0.4, 0.0, 0.3])), 10.0) == ""
     assert "rotation" in region_fault(replace(region, T_base_region=T), 10.0)
+
+
+# -- terms of the watch and the law that no test looked at -------------------------------------
+
+
+def test_what_is_left_is_not_followed_to_where_somebody_may_be():
+    """Its own region would then be that of a hand beside it."""
+    for beside in (False, True):
+        made = Office()
+        office = made.ticks(0.1, asked())
+        office.withdraw("a test", made.now)
+        before = office.retreat.grant.region.exposure
+        made.beside(beside)
+        made.tick(asked())
+        assert (office.retreat.grant.region.exposure > before) != beside
+
+
+def test_the_error_of_a_sensor_is_the_mean_of_the_last_half_second_by_any_clock():
+    watch, q = tared(), ROBOT.home
+    last = watch._free[-1][0]
+    watch.turn_back(50.0)
+    times = np.array([at for at, _ in watch._free])
+    assert times[-1] == pytest.approx(last - 50.0)
+    watch.take([load(q, bias=(3.0, -2.0, 5.0), stamp=last - 50.0 + 1.1 * TARED_OVER)], q, False)
+    assert len(watch._free) == 1
+    assert watch.fault(last - 50.0 + 1.1 * TARED_OVER) == ""
+
+
+def test_a_sensor_that_begins_with_a_jolt_is_known_after_half_a_second():
+    """Its first ten readings are no mean yet, and later on it may only drift."""
+    watch, q = ForceWatch(ROBOT, (0.0, 0.0, -9.81)), ROBOT.home
+    for k in range(60):
+        jolt = (20.0 if k < 10 else 0.0, 0.0, 0.0)
+        watch.take([load(q, bias=jolt, stamp=0.008 * k)], q, False)
+    watch.take([load(q, stamp=0.49)], q, True)
+    assert watch.pressed < 5.0
+
+
+def test_somebody_is_met_more_slowly_by_what_arm_and_target_may_come_unseen():
+    permit = Permit("x", "hand", PermitState.GRANTED, speed=0.1, force=5.0, torque=1.0)
+    middle = TIP - 0.1 * OUT
+    mass = effective_mass(ROBOT, ROBOT.home, ROBOT.n, TIP, -OUT)
+    blow = contact_speed(BODY_REGIONS["hand"], mass, 5.0, np.inf)
+    assert gentle_speed(ROBOT, GuardConfig(), permit, middle, ROBOT.home) == pytest.approx(
+        blow - UNSEEN
+    )
