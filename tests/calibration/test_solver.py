@@ -47,6 +47,15 @@ def test_exact_data_give_the_truth(exact):
     assert max(target_error(cell, solution.state, k) for k in range(6)) < 1e-8
 
 
+def test_what_begins_nowhere_does_not_end_well(exact):
+    """A start whose cost is no number was said to have converged."""
+    _, problem = exact
+    model = Model(find_start(problem, np.random.default_rng(0)).problem, EXACT)
+    state = model.start()
+    state = replace(state, T_mount_board=state.T_mount_board * np.nan)
+    assert not solve(model, state).converged
+
+
 def test_lens_and_arm_come_back_too(arm5):
     rng = np.random.default_rng(2)
     levels = ErrorLevels(1e-4, 1e-4, 0, 0, (0, 0), 1.0, 0.0, 0.0, 1.0)

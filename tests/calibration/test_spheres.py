@@ -144,3 +144,16 @@ def test_a_camera_that_saw_too_little_is_left_out(rng):
     assert found.used[2] == 0
     assert np.isnan(found.T_base_camera[2]).all()
     assert np.isfinite(found.T_base_camera[:2]).all()
+
+
+def test_places_that_agree_with_no_arm_do_not_count(rng):
+    """Six places were asked for before the mistaken ones were left out, not after."""
+    flange, seen, _, _, _ = arm_and_cameras(rng)
+    for row in seen[:-5]:
+        row[2] = None if row[2] is None else rng.uniform(-1.0, 1.0, 3) + (0.0, 0.0, 2.0)
+    found = register_spheres(flange, seen, np.array([0.0, 0.0, 0.25]), rng, tolerance=0.02)
+    assert found.used[2] == 0
+    with pytest.raises(CalibrationError, match=r"of \d+ places of the sphere agree"):
+        register_spheres(
+            flange, [[row[2]] for row in seen], np.array([0.0, 0.0, 0.25]), rng, tolerance=0.02
+        )

@@ -39,6 +39,16 @@ def test_the_solution_nearest_to_the_seed_comes_first():
     assert distance == sorted(distance)
 
 
+def test_whole_turns_make_no_other_solution():
+    """They were counted among the wanted ones, and a UR arm's eight were three."""
+    robot = load_robot("ur5")
+    truth = np.array([0.4, -1.2, 1.5, -1.8, -1.5, 0.3])
+    found = np.array(solve_ik(robot, tcp_pose(robot, truth), truth, np.random.default_rng(0)))
+    assert len(found) == 8
+    apart = np.abs(np.angle(np.exp(1j * (found[:, None] - found)))).max(axis=2)
+    assert (apart + 9.0 * np.eye(8) > 1e-2).all()
+
+
 def test_a_tool_moves_the_tip():
     bare = load_robot("ur5")
     robot = bare.with_tool(load_tool("gripper"))

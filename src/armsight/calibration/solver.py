@@ -242,7 +242,7 @@ def solve(
     robust = (options.huber, options.cut)
     normal, residual = normal_equations(model, state, *robust)
     damping, converged, rounds = 1e-4, False, 0
-    while rounds < options.iterations:
+    while rounds < options.iterations and np.isfinite(normal.cost):
         rounds += 1
         step, view_step = _step(normal, damping)
         trial = model.retract(

@@ -62,12 +62,7 @@ def solve_ik(
     )
     found = np.array([_unwound(q, seed, lower, upper) for q in found]).reshape(-1, robot.n)
     order = np.argsort(np.abs(found - seed).max(axis=1), kind="stable")
-    solutions: list[JointVector] = []
-    for q in found[order]:
-        # Whole turns apart in the search, the same once unwound.
-        if all(np.abs(q - other).max() > 1e-3 for other in solutions):
-            solutions.append(q)
-    return solutions
+    return list(found[order])
 
 
 def _unwound(

@@ -9,6 +9,7 @@ from armsight.arrays import Floats, JointPath, JointVector, Pose, Rotation3
 
 TURN = 0.3
 """Metres that count as much as a radian of orientation error."""
+FULL_TURN = 2.0 * np.pi
 ITERATIONS = 120
 """Steps from one start; most starts that succeed need fewer than 30."""
 POSITION, ORIENTATION = 1e-7, 1e-7
@@ -156,7 +157,10 @@ def solve(
     starts: JointPath,
     wanted: int,
 ) -> JointPath:
-    """(k, n) different solutions, k <= wanted, from (s, n) starts tried in order."""
+    """(k, n) different solutions, k <= wanted, from (s, n) starts tried in order.
+
+    Whole turns of a joint make no other solution.
+    """
     n = starts.shape[1]
     found = np.empty((wanted, n))
     count = 0
@@ -168,7 +172,8 @@ def solve(
         for k in range(count):
             gap = 0.0
             for j in range(n):
-                gap = max(gap, abs(found[k, j] - q[j]))
+                apart = found[k, j] - q[j]
+                gap = max(gap, abs(apart - FULL_TURN * np.rint(apart / FULL_TURN)))
             if gap < 1e-3:
                 new = False
                 break
