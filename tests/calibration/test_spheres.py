@@ -150,7 +150,7 @@ def test_places_that_agree_with_no_arm_do_not_count(rng):
     """Six places were asked for before the mistaken ones were left out, not after."""
     flange, seen, _, _, _ = arm_and_cameras(rng)
     for row in seen[:-5]:
-        row[2] = None if row[2] is None else rng.uniform(-1.0, 1.0, 3) + (0.0, 0.0, 2.0)
+        row[2] = None if row[2] is None else rng.uniform([-1, -1, 1], [1, 1, 3])
     found = register_spheres(flange, seen, np.array([0.0, 0.0, 0.25]), rng, tolerance=0.02)
     assert found.used[2] == 0
     with pytest.raises(CalibrationError, match=r"of \d+ places of the sphere agree"):
