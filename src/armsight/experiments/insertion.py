@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from armsight.charging.admittance import Admittance
+from armsight.charging.insert import InsertOptions
+from armsight.charging.spiral import SpiralOptions
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.insertion_bench import Trial, draw, run_trial
@@ -27,37 +30,51 @@ directions, 0.4 deg of roll and 0.3 mm of depth (standard deviations). The law i
 wrench alone. Inserted: within 1 mm of the seat and 2 deg by the truth, *and* said so. Forces are
 those of the socket and its contacts on the plug by the truth, read 125 times a second: 99th
 percentile of the trials' peaks. `paper_*`: along Z at 10 mm/s, halted at 60 N or 8 N m, the same
-situations. Not modelled: the contacts' tubes and pins, the latch, the shroud about the outer
+situations. `ablation_*`: our law with one thing taken away, the same situations. *Stiff tilt*: the
+arm keeps the attitude that is believed of the port, and yields along its axes only; its mount is
+as soft as ever. *No search*: no spiral; what does not drop in is tried again where it was, four
+times in all. Not modelled: the contacts' tubes and pins, the latch, the shroud about the outer
 sleeve's outside.
 """
 GROUPS = (("off", 5e-3, 5.0), ("search", 8e-3, 3.0), ("near", 1.5e-3, 1.0))
+ABLATIONS = {
+    "ablation_stiff_tilt_": InsertOptions(admittance=Admittance(speed=(0.025, 0.0))),
+    "ablation_no_search_": InsertOptions(spiral=SpiralOptions(radius=0.0)),
+}
+"""Our law with one thing taken away, by the prefix of its rows."""
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` trials each: from 5 mm and 5 deg, from 8 mm and 3 deg, from 1.5 mm and 1 deg."""
+    """``runs`` trials each: from 5 mm and 5 deg, from 8 mm and 3 deg, from 1.5 mm and 1 deg.
+
+    The paper's way and the near ablations have half as many.
+    """
     cache = RunCache("insertion", seed, {"version": VERSION})
     results: dict[str, list[dict[str, Any]]] = {}
-    total = (len(GROUPS) + 1) * runs
-    done = 0
+    half = max(runs // 2, 1)
+    total, done = 3 * runs + 2 * half + len(ABLATIONS) * (runs + half), 0
     drawn: dict[str, list[Trial]] = {}
     for k, (name, lateral, tilt) in enumerate(GROUPS):
         rng = np.random.default_rng((seed, 31 + k))
         trials = drawn[name] = [draw(rng, lateral, tilt) for _ in range(runs)]
-        for prefix, paper in (("", False), ("paper_", True)):
-            if paper and name == "search":
-                continue
+        # prefix of the rows, number in the cache, how many, how
+        ways = [("", 2 * k, runs, run_trial)]
+        if name != "search":
+            ways.append(("paper_", 2 * k + 1, half, partial(run_trial, paper=True)))
+            ways += [
+                (prefix, 10 * (j + 1) + k, runs if name == "off" else half,
+                 partial(run_trial, options=options))
+                for j, (prefix, options) in enumerate(ABLATIONS.items())
+            ]  # fmt: skip
+        for prefix, number, count, trial_run in ways:
             results[prefix + name] = []
-            for i, trial in enumerate(trials[: runs if not paper else max(runs // 2, 1)]):
-                progress(prefix + name, min(done / total, 1.0))
-                key = 10**6 * (2 * k + paper) + i
-                results[prefix + name].append(cache.get(key, partial(_scored, trial, paper)))
+            for i, trial in enumerate(trials[:count]):
+                progress(prefix + name, done / total)
+                compute = partial(trial_run, trial)
+                results[prefix + name].append(cache.get(10**6 * number + i, compute))
                 done += 1
     plots = {"peaks": lambda: _plot(results), "curves": lambda: curves(first_of_each(drawn["off"]))}
     return Outcome(tuple(_rows(results)), plots)
-
-
-def _scored(trial: Trial, paper: bool) -> dict[str, Any]:
-    return run_trial(trial, paper=paper)
 
 
 def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
@@ -67,16 +84,17 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         _share("inserted", "fully in, and said so", "5 mm, 5 deg", off, 0.97, 0.99),
         _share("searched", "fully in by force alone", "8 mm, 3 deg", search, 0.95, 0.99),
         _share("near_inserted", "fully in, and said so", "1.5 mm, 1 deg", near, None, None),
-        _share(
-            "paper_inserted", "the paper's way", "5 mm, 5 deg", results["paper_off"], None, None
-        ),
-        _share(
-            "paper_near_inserted",
-            "the paper's way",
-            "1.5 mm, 1 deg",
-            results["paper_near"],
-            None,
-            None,
+        *(
+            _share(f"{prefix}{key}", what, condition, results[prefix + name], None, None)
+            for prefix, what in (
+                ("paper_", "the paper's way"),
+                ("ablation_stiff_tilt_", "ours, but the arm does not yield in tilt"),
+                ("ablation_no_search_", "ours, but without the spiral"),
+            )
+            for key, condition, name in (
+                ("inserted", "5 mm, 5 deg", "off"),
+                ("near_inserted", "1.5 mm, 1 deg", "near"),
+            )
         ),
     ]
     partial_ones = sum(r["partial_as_success"] for r in every)
@@ -101,6 +119,21 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
             n=len(halted),
         )
     )
+    stiff = results["ablation_stiff_tilt_off"]
+    for key, what in (("axial_n", "axial"), ("lateral_n", "lateral")):
+        peaks = [r[key] for r in stiff]
+        rows.append(
+            Row(
+                f"ablation_stiff_tilt_{key}",
+                f"{what} force without yielding in tilt, 99th percentile of the peaks",
+                "5 mm, 5 deg",
+                float(np.percentile(peaks, 99)),
+                "N",
+                len(peaks),
+                low=float(np.median(peaks)),
+                high=float(np.max(peaks)),
+            )
+        )
     for key, what, must, aim in (("axial_n", "axial", 110, 90), ("lateral_n", "lateral", 50, 40)):
         peaks = [r[key] for r in [*off, *search]]
         rows.append(
