@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 OPTIONS = FindOptions(ports=TYPES)
 VERSION = 10
+EMPTY = 10
+"""Pairs of pictures without a port to one with: false alarms are rare, and cheap to look for."""
 WINDOW = 160
 """Half the side of the window of ``window_ms`` [px]."""
 
@@ -94,13 +96,15 @@ def _window_ms(picture: PortPicture, pixel: Floats) -> float:
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` pairs of pictures with a port, and as many without."""
+    """``runs`` pairs of pictures with a port, and ``EMPTY`` times as many without."""
     cv2.setNumThreads(1)  # "one core": two threads that wait for each other count twice
     pair = stereo_pair()
     album = Album(pair, samples=0)
     cache = RunCache("port-detection", seed, {"version": VERSION})
-    views = [*port_views(runs, seed), *empty_views(runs, seed)]
-    order = [i for pair_ in zip(range(runs), range(runs, 2 * runs)) for i in pair_]
+    total = (1 + EMPTY) * runs
+    views = [*port_views(runs, seed), *empty_views(EMPTY * runs, seed)]
+    # in turns, so that times are of one mixture whenever it is stopped
+    order = sorted(range(total), key=lambda i: (i if i < runs else (i - runs) / EMPTY, i))
     results: dict[int, dict[str, Any]] = {}
     for done, i in enumerate(order):
         progress("pictures", done / len(order))
@@ -108,12 +112,12 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         key = i if view.port else 10**6 + i - runs
 
         def compute(view: PortView = view) -> dict[str, Any]:
-            return measure(album.picture(view), view, pair)
+            return measure(album.picture(view, keep=bool(view.port)), view, pair)
 
         results[i] = cache.get(key, compute)
     album.close()
     with_port = [results[i] for i in range(runs)]
-    return _outcome(with_port, [results[i] for i in range(runs, 2 * runs)])
+    return _outcome(with_port, [results[i] for i in range(runs, total)])
 
 
 def _good(r: dict[str, Any]) -> bool:

@@ -47,8 +47,9 @@ class Album:
         both: bool = True,
         window: float | None = None,
         T_left_port: Pose | None = None,
+        keep: bool = True,
     ) -> PortPicture:
-        """Pictures of a situation; see :meth:`PortStudio.photograph`."""
+        """Pictures of a situation, kept as files or not; see :meth:`PortStudio.photograph`."""
         files = [
             self._folder / f"{self._name(view, window, T_left_port)}-{side}.png" for side in "lr"
         ]
@@ -61,7 +62,7 @@ class Album:
             if self._studio is None:
                 self._studio = PortStudio(self.pair, self.samples)
             drawn = self._studio.photograph(view, both, window, T_left_port)
-            for file, image in zip(files, drawn.images):
+            for file, image in zip(files if keep else (), drawn.images):
                 done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
                 assert done
                 write_atomically(file, data.tobytes())
