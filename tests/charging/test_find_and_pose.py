@@ -7,13 +7,13 @@ import pytest
 from painted_ports import LENS, PAIR, facing, paint
 
 from armsight.charging.coarse_to_fine import fit_at_size
-from armsight.charging.find import FindOptions, find_ports
+from armsight.charging.find import ALONE, FindOptions, find_ports
 from armsight.charging.fit import fit, model_points, turned
 from armsight.charging.looks import look
 from armsight.charging.matches import mirrored
 from armsight.charging.plane_fit import paper_pose
 from armsight.charging.ports.table import PORTS
-from armsight.charging.pose import SURE, _located, fit_pose, locate, locate_in_one
+from armsight.charging.pose import SURE, _located, fit_pose, locate, locate_in_one, wrong
 from armsight.charging.rehearsal import rehearse
 from armsight.charging.windows import dark_windows
 from armsight.errors import UsageError
@@ -164,6 +164,35 @@ def test_one_picture_tells_a_type_from_the_one_that_holds_it(name: str) -> None:
     assert seen.port == name
     (seen,) = locate_in_one(image, LENS, options)
     assert seen.port == name
+
+
+def test_a_score_above_095_says_that_the_pose_is_right_and_one_picture_never_does() -> None:
+    """All edges where they should be are a good fit; how makes differ is not seen by one lens."""
+    T = facing(0.0, 0.0, 0.3, (0.25, -0.15), 0.1)
+    images = _pair("type2", T, 7)
+    (one,) = locate_in_one(images[0], LENS, FindOptions(ports=("type2",)))
+    assert one.fit.score > ALONE
+    assert one.score == ALONE
+    (seen,) = find_ports(images[0], LENS, FindOptions(ports=("type2",)))
+    assert seen.score == min(seen.match.score, ALONE)
+    (both,) = locate(images, PAIR, FindOptions(ports=("type2",)))
+    assert both.score == both.fit.score
+    assert both.score > ALONE
+    far = facing(0.0, 0.0, 1.3, (0.25, -0.15), 0.1)
+    (both,) = locate(_pair("type2", far, 7), PAIR, FindOptions(ports=("type2",)))
+    assert both.score <= ALONE
+
+
+def test_how_likely_a_pose_is_wrong_is_what_its_covariance_says() -> None:
+    """Against a hundred thousand draws; a bound, since both directions count as the worse one."""
+    sigma = np.array([0.3e-3, 0.35e-3, 1e-3, np.deg2rad(0.4), np.deg2rad(0.4), 0.1])
+    draws = np.random.default_rng(1).normal(0.0, sigma, (100_000, 6))
+    off = np.hypot(draws[:, 0], draws[:, 1]) > 1e-3
+    off |= np.hypot(draws[:, 3], draws[:, 4]) > np.deg2rad(1.0)
+    said = wrong(np.diag(sigma**2))
+    assert off.mean() < said < 1.5 * off.mean()
+    assert wrong(np.eye(6)) == 1.0
+    assert wrong(np.zeros((6, 6))) == 0.0
 
 
 def test_locate_pairs_both_pictures() -> None:

@@ -39,6 +39,8 @@ SETTLED = 0.8
 """A guess that scores as much is the port at its place, or holds it."""
 WHOLE = 1280 * 960
 """Pixels of a picture for which the options' numbers are meant."""
+ALONE = 0.95
+"""Nothing that one picture shows scores more: how makes differ in size it takes for distance."""
 INLETS = ("type1", "type2", "ccs1", "ccs2")
 PLUGS = ("type1_plug", "type2_plug", "ccs2_plug")
 
@@ -94,8 +96,8 @@ class Detection:
 
     Attributes:
         port: its type.
-        score: share of its edges that were seen where they should be, 0..1; see
-            :class:`armsight.charging.matches.Match`.
+        score: share of its edges that were seen where they should be, 0..1, but at most
+            :data:`ALONE`; see :class:`armsight.charging.matches.Match`.
         T_camera_port: its pose by this picture alone; from far the tilt is weak.
         covariance: (6, 6) of that, as a twist in the port's frame.
         pixel: (2,) of its origin.
@@ -228,7 +230,8 @@ def _matches(levels: Sequence[Level], lens: PinholeCamera, guess: Guess) -> list
 def _detection(m: Match, lens: PinholeCamera) -> Detection:
     pixel = lens.project(m.T_camera_port[None, :3, 3])[0]
     scale = float(lens.fx / m.T_camera_port[2, 3])
-    return Detection(m.port, m.score, m.T_camera_port, m.covariance, pixel, scale, m, 1.0)
+    score = min(m.score, ALONE)
+    return Detection(m.port, score, m.T_camera_port, m.covariance, pixel, scale, m, 1.0)
 
 
 def _merge(found: Sequence[Detection]) -> tuple[Detection, ...]:
@@ -238,7 +241,7 @@ def _merge(found: Sequence[Detection]) -> tuple[Detection, ...]:
         if not any(_same_place(d, k) for k in out):
             others = [o.score for o in found if o.port != d.port and _same_place(o, d)]
             out.append(replace(d, margin=d.score - max(others, default=0.0)))
-    return tuple(sorted(out, key=lambda d: -d.score))
+    return tuple(sorted(out, key=lambda d: -d.match.score))
 
 
 def _same_place(a: Detection, b: Detection) -> bool:

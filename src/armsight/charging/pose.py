@@ -14,7 +14,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats, Pose
 from armsight.charging.coarse_to_fine import blurs_for, fit_at_size
-from armsight.charging.find import FindOptions, check_picture, find_ports
+from armsight.charging.find import ALONE, FindOptions, check_picture, find_ports
 from armsight.charging.fit import MISSING, Fit, turned
 from armsight.charging.matches import mirrored
 from armsight.charging.pairs import find_in_pair
@@ -34,6 +34,10 @@ ONE = 0.05
 """Tilts that differ by less are one [rad]."""
 LEANS = ((0.0, 0.0), (0.13, 0.0), (-0.13, 0.0), (0.0, 0.13), (0.0, -0.13))
 """Tilts about the port's x and y from which a fit is tried [rad]."""
+RIGHT = (1e-3, float(np.deg2rad(1.0)))
+"""A score above ``ALONE`` says that a pose is right to this across [m] and in tilt [rad] ..."""
+WRONG = 0.05
+"""... or wrong with this probability at most, by its own covariance."""
 FINALISTS = 3
 """Rolls that are fitted with all there is."""
 
@@ -46,7 +50,8 @@ class PortPose:
         port: its type.
         T_ref_port: pose in the reference frame (the left camera's).
         covariance: (6, 6) of it as a twist in the port's frame: metres, radians.
-        score: share of its edges found in all pictures, 0..1.
+        score: share of its edges found in all pictures, 0..1; at most ``ALONE`` (0.95) by one
+            picture, and where the pose may be off by a millimetre or a degree (:func:`wrong`).
         roll_gap: log-likelihood of this roll less that of the next.
         tilt_gap: the same of its tilt and of the mirror image of it; infinite where that is no
             other pose.
@@ -131,7 +136,7 @@ def _located(
         near = (np.linalg.norm(p.T_ref_port[:3, 3] - k.T_ref_port[:3, 3]) for k in out)
         if all(gap > PORTS[p.port].radius for gap in near):
             out.append(p)
-    return tuple(sorted(out, key=lambda p: -p.score))
+    return tuple(sorted(out, key=lambda p: -p.fit.score))
 
 
 def _likelihood_gain(p: PortPose) -> float:
@@ -186,7 +191,20 @@ def fit_pose(
             mirror, (best, rival) = best, best_rolls(coarse)[:2]
         tilt_gap = _likelihood(best) - _likelihood(mirror)
     roll_gap = _likelihood(best) - _likelihood(rival)
-    return PortPose(name, best.T_ref_port, best.covariance, best.score, roll_gap, tilt_gap, best)
+    sure = len(images) > 1 and wrong(best.covariance) <= WRONG
+    score = best.score if sure else min(best.score, ALONE)
+    return PortPose(name, best.T_ref_port, best.covariance, score, roll_gap, tilt_gap, best)
+
+
+def wrong(covariance: Floats) -> float:
+    """Probability, at most, that a pose is off by more than ``RIGHT`` across or in tilt.
+
+    Args:
+        covariance: (6, 6) of it as a twist in the port's frame [m], [rad].
+    """
+    spread = (np.linalg.eigvalsh(covariance[k : k + 2, k : k + 2])[-1] for k in (0, 3))
+    each = (np.exp(-0.5 * most**2 / max(s, 1e-18)) for most, s in zip(RIGHT, spread))
+    return min(1.0, float(sum(each)))
 
 
 def _mirrors(T_ref_port: Pose, T_lens_ref: Sequence[Pose]) -> list[Pose]:
