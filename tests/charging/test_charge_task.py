@@ -14,6 +14,7 @@ from armsight.charging.vehicle import SimulatedCar, VehicleStatus
 from armsight.charging.vehicle_file import load_vehicle
 from armsight.charging.visit import Outcome
 from armsight.commands.charge import told
+from armsight.devices.camera_models import stereo_pair
 from armsight.devices.data import JointState, Wrench
 from armsight.errors import TaskError, UsageError
 from armsight.experiments.station_bench import charging_cell
@@ -98,7 +99,10 @@ def test_no_real_arm_is_led_by_a_car_that_is_made_up():
 
 def opened(workcell, *pairs):
     """As much of an open cell as making the task needs."""
-    infos = [SimpleNamespace(name=n, mounted_on=m, T_mount_camera=np.eye(4)) for n, m in pairs]
+    lenses = vars(stereo_pair())
+    infos = [
+        SimpleNamespace(name=n, mounted_on=m, T_mount_camera=np.eye(4), **lenses) for n, m in pairs
+    ]
     return SimpleNamespace(
         workcell=workcell,
         robot=robot_in(workcell),

@@ -10,7 +10,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats, Mask, Pose
 from armsight.calibration import se3
-from armsight.charging.find import FindOptions
+from armsight.charging.find import PLUGS, FindOptions
 from armsight.charging.fit import model_points
 from armsight.charging.plane_fit import contact_pixels, paper_pose
 from armsight.charging.ports.table import PORTS
@@ -25,6 +25,8 @@ from armsight.motion.perception import CameraUse, PosedPair
 GREEN, RED = (30, 220, 60), (235, 60, 50)
 SHOWN = 360
 """Width of the pictures that are shown [px]."""
+SHOWN_PLUGS = FindOptions(PLUGS, (0.3, 1.2))
+"""Looked for where the arm shows its plug."""
 FITS = 48
 """Edges of the part that is shown, at least [px]."""
 
@@ -72,6 +74,9 @@ class PortEye:
         ports: types to look for.
         distance: nearest and farthest [m].
         paper: the poses are the charging paper's: equation 1 and a plane through the contacts.
+
+    Attributes:
+        shown: ``T_base_plug`` of a plug that the arm shows: it looks for plugs then; else None.
     """
 
     latency = 0.6
@@ -90,6 +95,7 @@ class PortEye:
         self.stereo = (pair,)
         self._options = FindOptions(tuple(ports), distance)
         self._paper = paper
+        self.shown: Pose | None = None
 
     def warm_up(self) -> None:
         """Compile what finds and fits."""
@@ -107,7 +113,12 @@ class PortEye:
             return PortLook(frame.stamp, info.name, (), empty, wrong)
         left, right = gray(frame.left), gray(frame.right)
         pair = StereoPair(info.left, info.right, info.T_left_right)
-        found = locate((left, right), pair, self._options)
+        if self.shown is None:
+            found = locate((left, right), pair, self._options)
+        else:
+            T_left_plug = inverse(view.T_base_camera) @ self.shown
+            plugs = [(name, np.asarray(T_left_plug)) for name in PLUGS]
+            found = locate((left, right), pair, SHOWN_PLUGS, expected=plugs)
         ports = []
         for pose in found:
             T = self._pose(pose, pair)
@@ -122,7 +133,7 @@ class PortEye:
         return PortLook(frame.stamp, info.name, tuple(ports), picture, reason)
 
     def _pose(self, pose: PortPose, pair: StereoPair) -> Pose | None:
-        if not self._paper:
+        if not self._paper or self.shown is not None:
             return pose.T_ref_port
         names = tuple(pin.name for pin in PORTS[pose.port].pins)
         pixels = [

@@ -82,6 +82,7 @@ def locate(
     pair: StereoPair,
     options: FindOptions | None = None,
     windows: bool = False,
+    expected: Sequence[tuple[str, Pose]] = (),
 ) -> tuple[PortPose, ...]:
     """Ports that a pair sees, the surest first.
 
@@ -90,6 +91,7 @@ def locate(
         pair: that took them.
         options: what to look for.
         windows: look only at the darker-than-average regions.
+        expected: types, and where in the left camera one of them may be, found or not.
 
     Raises:
         UsageError: a picture is not as it has to be.
@@ -98,6 +100,7 @@ def locate(
     lenses = (pair.left, pair.right)
     T_lens_ref = (np.eye(4), inverse(pair.T_left_right))
     starts = [(d.port, d.T_left_port) for d in find_in_pair(images, pair, options, windows)]
+    starts += expected
     return _located(images, lenses, T_lens_ref, starts, options)
 
 

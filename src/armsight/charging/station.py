@@ -31,6 +31,8 @@ RELAX = 1.5
 """After seating the law lets the force go down for so long [s]."""
 LED = 0.02
 """Nothing in free air brings the plug so far from the port's axis but the guard [m]."""
+NOT_IN = "plugging in: "
+LOOK_AT_PLUG = "look at it, and start anew with the right one"
 NOT_HEARD = "charges; nothing is heard of the car: end by hand"
 NOT_CHARGED = "plugged in, but the car does not charge: end by hand"
 
@@ -115,6 +117,10 @@ class Station(StationWatch):
     def _stand_by(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         there = np.abs(seen.joints.position - self._stand_by_joints).max() < 0.02
         self._ending = False
+        if there and not self._way_out.kept:
+            self.check.feel(self._hand.feeling, seen.now)
+        else:
+            self.check.leave()
         if self._way_out.kept and there:
             if self._late:
                 self.words, self._late = self._how_it_ended, False
@@ -127,11 +133,11 @@ class Station(StationWatch):
             self._wanted = False
             self._looked = self._side = self._tries = self._again = 0
             self._waiting.forget()
-            self.port = self._hand.answer = None
+            self.port = self._hand.answer = self._T_shown = None
             if self.finger is not None:
                 self.finger.begin()
             self.visits.begin(Outcome(began=seen.now))
-            self._go(State.FIND, seen.now)
+            self._go(State.SHOW if self.check.doubt else State.FIND, seen.now, self.check.doubt)
         elif self._wanted and car is None:
             self.words = "waits: nothing is heard of the car"
         elif self._wanted and car is not None and not car.parked:
@@ -139,6 +145,33 @@ class Station(StationWatch):
         # on the way home from a port its dark pocket is still the port's
         permit = None if there else self._ask(seen)
         return Wish(JointIntent("stand by", self._stand_by_joints, permit=permit))
+
+    def _show(self, seen: Seen, car: VehicleStatus | None) -> Wish:
+        """The plug before the standing pair: is it the one that was calibrated?"""
+        o, doubt = self.options, self.check.doubt
+        if self._side >= len(self._shows):
+            self._fail(seen, f"{doubt}, and it cannot be shown to {o.far}: {LOOK_AT_PLUG}")
+            return Wish(JointIntent("stand by", self._stand_by_joints))
+        goal = JointIntent(self._goal("show"), self._shows[self._side])
+        there = reached(seen, goal.name)
+        if not there and self._in_state(seen) > 0.5 * o.patience:
+            self._other_side(seen, doubt)
+        if not there:
+            return Wish(goal)
+        self._hand.feeling.hang()
+        self._T_shown = self._hand.plug(seen)
+        look = self._looker.fresh(seen, o.far, self._begun(seen))
+        if look is not None:
+            self._looked += 1
+            wrong = self.check.wrong(look, self._T_shown)
+            if wrong:
+                self._fail(seen, wrong)
+            elif wrong == "":
+                self._looked = self._side = 0
+                self._go(State.FIND, seen.now)
+            elif self._looked >= o.looks:
+                self._fail(seen, f"{doubt}, and {o.far} does not see it clearly: {LOOK_AT_PLUG}")
+        return Wish(goal, (o.far,))
 
     def _find(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """From afar: which port, and about where."""
@@ -285,7 +318,7 @@ class Station(StationWatch):
             words = f"{answer.words}; {unkept}" if unkept else answer.words
             self._go(State.CHARGE, seen.now, words)
         elif answer.phase is Phase.FAILED:
-            self._fail(seen, f"plugging in: {answer.words}")
+            self._fail(seen, f"{NOT_IN}{answer.words}")
         return wish
 
     def _charge(self, seen: Seen, car: VehicleStatus | None) -> Wish:
@@ -354,6 +387,8 @@ class Station(StationWatch):
                 self._looked, self._side = 0, self._side + 1
                 self._go(State.LOOK, seen.now, self.words)
             else:
+                if self.outcome.problem.startswith(NOT_IN) and not self.outcome.seated:
+                    self.check.doubt = "the plug did not go in"
                 self._finish(seen)
         return self._hand.straight(seen, goal, self.state.value)
 

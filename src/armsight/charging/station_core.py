@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from armsight.charging.lid_finger import LidFinger, LidSetup
 from armsight.charging.looking import Looker
 from armsight.charging.moves import SIDES, before_port, looking_pose
 from armsight.charging.permission import Permission
+from armsight.charging.plug_check import PlugCheck
 from armsight.charging.ports.table import PORTS
 from armsight.charging.vehicle import Vehicle, VehicleStatus
 from armsight.charging.visit import NEAR, Outcome, Seen, State, StationOptions
@@ -50,6 +51,7 @@ class StationCore:
         contradiction: why the car that is expected cannot have its port at ``T_base_port``, in
             words; empty when it can.
         lid: the finger, and the lid that the car that is expected has; None without either.
+        shows: (n,) joints that hold the plug before the standing pair, the best first [rad].
 
     Attributes:
         state: what it is doing; words: why, or what is wrong.
@@ -57,6 +59,7 @@ class StationCore:
         port: what it believes of the port, or None.
         permission: what the guard is asked for.
         finger: at the lid; None where there is none.
+        check: whether the plug is still the one that was calibrated.
 
     Raises:
         JournalError: there is a journal that cannot be believed.
@@ -72,6 +75,7 @@ class StationCore:
         T_flange_near: Pose | None = None,
         contradiction: Callable[[Pose], str] = lambda T_base_port: "",
         lid: LidSetup | None = None,
+        shows: Sequence[JointVector] = (),
     ) -> None:
         assert robot.tool is not None
         self.options = o = options or StationOptions()
@@ -83,6 +87,7 @@ class StationCore:
         self._weight = None if o.cable is None else GRAVITY * robot.tool.mass + o.cable
         self._T_near = T_flange_near if o.mode == "ours" else None
         self._lid_setup = lid
+        self._shows = tuple(shows)
         self.reset()
 
     def reset(self) -> None:
@@ -97,6 +102,7 @@ class StationCore:
             feeling = self._hand.feeling
             self.finger = LidFinger(self._lid_setup, self._T_tip, feeling, self.options)
         self._looker = Looker(self.options)
+        self.check = PlugCheck(self.options.plug, self._weight)
         self.state = State.STAND_BY
         self._way_out = WayOut(self._journal, self.options.plug)
         self._wanted = self._ending = False
@@ -105,6 +111,7 @@ class StationCore:
         self._told, self._told_at = "", 0.0
         self._lid_held = self._late = False
         self._waiting = Waiting(self.options)
+        self._T_shown: Pose | None = None
         self._hung = math.nan  # pulled at the plug when the visit began [N]
         self._sigma = self.options.far_sigma  # of the port's place, besides what it says itself
 
@@ -262,6 +269,11 @@ class StationCore:
         """Where a lid that was seen in this visit is, to be looked at again; else None."""
         near = self.state is State.LID_LOOK
         return self.finger.T_base_lid if near and self.finger is not None else None
+
+    @property
+    def shown(self) -> Pose | None:
+        """``T_base_plug`` of the plug while it is shown to the standing pair; else None."""
+        return self._T_shown if self.state is State.SHOW else None
 
     @property
     def _patience(self) -> float:

@@ -15,7 +15,7 @@ from armsight.charging.visit import IN_CONTACT, Seen, State
 NUMB = 0.5
 """A force sensor that has said nothing for so long is dead [s]."""
 IN_FREE_AIR = (
-    State.LOOK, State.APPROACH, State.ALIGN, State.TARE, State.LEAVE,
+    State.SHOW, State.LOOK, State.APPROACH, State.ALIGN, State.TARE, State.LEAVE,
     State.LID_LOOK, State.LID_BEFORE, State.LID_ALIGN, State.LID_TARE,
 )  # fmt: skip
 LOOSE = 1.0
@@ -76,8 +76,8 @@ class StationWatch(LidStates):
         pull = self._hand.feeling.pull
         if math.isnan(self._hung):
             self._hung = pull  # it was killed on its way
-        if self.state is State.LEAVE and self._in_state(seen) < LOOSE:
-            # A sensor may have jumped in the socket: the way home is judged by what comes on top.
+        if self.state in (State.LEAVE, State.SHOW) and self._in_state(seen) < LOOSE:
+            # A sensor may have jumped, a plug been exchanged: what comes on top tells.
             self._hung = pull if np.isfinite(pull) else self._hung
             return False
         if not pull > self._hung + TUG:

@@ -19,6 +19,7 @@ class State(StrEnum):
     """What the station is doing."""
 
     STAND_BY = "stand by"
+    SHOW = "shows its plug"
     FIND = "find"
     LOOK = "second look"
     APPROACH = "approach"

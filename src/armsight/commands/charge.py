@@ -30,6 +30,8 @@ class Charge(Working):
         visits: how many; 0: by the page's button alone.
         charging: how long a simulated car charges [s].
         state: the station's file; CELL.station.json in the working folder if left out.
+        show_plug: show the plug to the standing pair before the first visit: is it the one that was
+            calibrated? After somebody had hold of it at the stand-by it is shown anyway.
         seconds: at most, on the cell's clock; 180 a visit and its charging if left out and nobody
             watches.
     """
@@ -39,6 +41,7 @@ class Charge(Working):
     visits: int = 1
     charging: float = 5.0
     state: Path | None = None
+    show_plug: bool = False
 
     def run(self) -> int:
         """Charge; prints how each visit went; 1 where one went wrong."""
@@ -60,7 +63,9 @@ class Charge(Working):
         asked = self
         if self.headless and self.seconds is None:
             asked = replace(self, seconds=self.visits * (180.0 + self.charging))
-        options = ChargeOptions(self.inlet, self.mode, self.visits, self.charging, self.state)
+        options = ChargeOptions(
+            self.inlet, self.mode, self.visits, self.charging, self.state, self.show_plug
+        )
         made: list[ChargeTask] = []
         ended: list[bool] = []
         watch = (EndsWhen(lambda: bool(ended), "time"),) if self.headless else ()

@@ -154,6 +154,7 @@ class StationBench:
             )
             wish = station.step(seen)
             self._eyes.expect(station.expected_lid)
+            self._eyes.show(station.shown)
             for look in self._eyes.look(self.now, joints, wish.pairs, self.T_base_port):
                 if isinstance(look, LidLook):
                     self.lids[look.pair] = look

@@ -41,6 +41,10 @@ class Eyes(Protocol):
         """About where a lid is, or None."""
         ...
 
+    def show(self, T_base_plug: Pose | None) -> None:
+        """Where the standing pair is shown the arm's plug, or None."""
+        ...
+
 
 @dataclass(frozen=True)
 class LookErrors:
@@ -90,6 +94,9 @@ class DrawnEyes:
     def expect(self, T_base_lid: Pose | None) -> None:
         """See :class:`Eyes`; a drawn look is as good without."""
 
+    def show(self, T_base_plug: Pose | None) -> None:
+        """See :class:`Eyes`; drawn looks show no plugs."""
+
     def _drawn(self, pair: str, now: float, T_base_port: Pose) -> PortLook | LidLook:
         errors = FAR if pair == POST else NEAR
         sigma = np.array([errors.lateral, errors.lateral, errors.depth] + [errors.tilt] * 2)
@@ -136,6 +143,10 @@ class RenderedEyes:
         """See :attr:`LidEye.expected`."""
         for eye in self._lids.values():
             eye.expected = T_base_lid
+
+    def show(self, T_base_plug: Pose | None) -> None:
+        """See :class:`Eyes`."""
+        self._eyes[POST].shown = T_base_plug
 
     def look(
         self, now: float, joints: JointState, wanted: Sequence[str], T_base_port: Pose

@@ -19,12 +19,14 @@ from armsight.charging.lid_eye import LidEye, LidLook
 from armsight.charging.lid_finger import LidSetup
 from armsight.charging.looking import INLETS_OF
 from armsight.charging.moves import before_port
+from armsight.charging.plug_views import show_places
 from armsight.charging.residual import PairsApart
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, Vehicle
 from armsight.charging.visit import Seen, State, StationOptions
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid
+from armsight.geometry.stereo import StereoPair
 from armsight.motion.face import (
     Button,
     Curve,
@@ -70,6 +72,7 @@ class ChargeOptions:
         charging: how long a simulated car charges [s].
         state: file in which the station keeps what it needs to come out again; CELL.station.json
             in the working folder if left out.
+        show_plug: show the plug to the standing pair first: is it the one that was calibrated?
     """
 
     inlet: Literal["auto", "type1", "type2", "ccs1", "ccs2"] = "auto"
@@ -77,6 +80,7 @@ class ChargeOptions:
     visits: int = 1
     charging: float = 5.0
     state: Path | None = None
+    show_plug: bool = False
 
     def make(self, cell: Cell) -> ChargeTask:
         """The task for a cell.
@@ -134,6 +138,8 @@ class ChargeOptions:
             aside=ASIDE if T_finger is None else ASIDE_FINGER,
             reach=cell.robot.reach + BEYOND,
         )
+        far = next(p.info for p in cell.stereo if p.info.name == fixed[0])
+        lenses = StereoPair(far.left, far.right, far.T_left_right)
         station = Station(
             cell.robot,
             cell.robot.home,
@@ -143,7 +149,9 @@ class ChargeOptions:
             carried[0].T_mount_camera if carried else None,
             body.contradiction,
             lid,
+            show_places(cell.robot, lenses, far.T_mount_camera, section.kind),
         )
+        station.check.doubt = "asked to look at the plug" if self.show_plug else ""
         eyes: list[PortEye | LidEye] = [PortEye(fixed[0], looked_for, paper=self.mode == "paper")]
         if carried and self.mode == "ours":
             eyes.append(PortEye(carried[0].name, fits, (0.15, 0.8)))
@@ -208,6 +216,7 @@ class ChargeTask:
         self.perceivers = tuple(eyes)
         self._perceivers = tuple(eye.name for eye in eyes)
         self._lid_eyes = tuple(eye for eye in eyes if isinstance(eye, LidEye))
+        self._port_eyes = tuple(eye for eye in eyes if isinstance(eye, PortEye))
         self.done: Callable[[], None] = lambda: None
         self._fresh()
 
@@ -278,6 +287,8 @@ class ChargeTask:
         wish = station.step(seen)
         for eye in self._lid_eyes:
             eye.expected = station.expected_lid
+        for looking in self._port_eyes:
+            looking.shown = station.shown
         self._on_map(observation)
         self._pairs = wish.pairs
         self._face = self._show(observation)
