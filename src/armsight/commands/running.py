@@ -198,14 +198,19 @@ class _Ticker:
 
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
+        self._begin: float | None = None
         self.progress: Callable[[str, float], None] = lambda stage, done: None
 
     def update(self, now: float) -> None:
         if self._seconds is None:
             self.progress(f"{now:.0f} s", 0.0)
             return
-        share = min(1.0, now / self._seconds) if self._seconds > 0.0 else 1.0
-        self.progress(f"{now:.0f} of {self._seconds:g} s", share)
+        # A real cell's clock runs while it is prepared, and a reset turns a simulated one back.
+        if self._begin is None or now < self._begin:
+            self._begin = now
+        done = now - self._begin
+        share = min(1.0, done / self._seconds) if self._seconds > 0.0 else 1.0
+        self.progress(f"{done:.0f} of {self._seconds:g} s", share)
 
 
 @contextmanager
