@@ -238,6 +238,30 @@ def test_near_a_permitted_hand_every_part_may_keep_the_gentle_speed_and_no_more(
         assert (fastest[freed] * used[freed] <= 0.15 + 1e-9).all()
 
 
+@pytest.mark.parametrize("away", [0.3, 1.2])
+def test_what_comes_to_touch_is_as_fast_as_separation_lets_it_be(away):
+    """It kept the gentle speed from wherever it was when the permit was granted."""
+    gate = SeparationMonitor(ROBOT, GuardConfig(), ROBOT.limits.acceleration)
+    gate.set_reaction(0.2, 0.0173)
+    q = ROBOT.home
+    center, _ = gate.body.motion(q, np.zeros(6))
+    part = len(center) - 1
+    way = np.array([0.6, 0.0, -0.8])
+    middle = center[part] + away * way
+    J = gate.body.jacobian(q, part)[:3]
+    motion = np.linalg.pinv(J) @ (0.5 * way)
+    hand, nobody = Hazards.at(middle[None], 0.0173), Hazards.at(np.empty((0, 3)), 0.0)
+    parts = np.arange(len(center)) == part
+    gate.contact = None
+    apart = gate.judge(q, motion, hand)
+    gate.contact = GentleSpeed("hand", hand, 0.15, parts=parts, middle=middle)
+    view = gate.judge(q, motion, nobody)
+    eased = gate.contact.ease(gate.body, q, motion, gate.law)
+    assert (view.share >= np.minimum(apart.share, 1.0) - 1e-9).all()
+    assert np.allclose(eased, motion) == (away > 1.0)
+    assert (view.share[part] >= 1.0) == (away > 1.0)
+
+
 def test_what_is_above_the_height_of_heads_is_no_part_of_a_permit():
     snapshot = make_snapshot([])
     points = np.random.default_rng(0).uniform(-0.3, 0.3, (500, 3)).astype(np.float32)

@@ -23,9 +23,11 @@ from armsight.motion.keep_out import (
     with_remembered,
 )
 from armsight.motion.nearest import Hazards
+from armsight.motion.permitted import Grant
 from armsight.motion.plan import Plan
 from armsight.motion.planner import RrtConnectPlanner
 from armsight.motion.reflex import Approach, Reflex, ReflexStage
+from armsight.motion.regions import Region
 from armsight.motion.route import Route, SpeedScale, rate_bounds
 from armsight.motion.timing import rounded
 from armsight.motion.trajectory import join, straight
@@ -354,11 +356,16 @@ def test_a_short_wait_beats_a_long_way_round_until_it_has_lasted():
                 0, motion.sample(np.array([0.0, motion.duration])), motion, 1.0, 0, 0.0, 0.0
             )
 
-    def chosen(held):
+    def chosen(held, grant=None):
         planner = SeparationPlanner(Two(), cell.robot, [cell.info], cell.config)
-        request = PlanRequest(0, start, JointIntent("G", goal), None, held)
+        request = PlanRequest(0, start, JointIntent("G", goal), None, held, grant)
         return planner.plan(request, snapshot, 0.05, np.random.default_rng(0)).trajectory
 
     assert around.duration > through.duration + 3.0
     assert chosen(0.0) is through
     assert chosen(30.0) is around
+    # Who holds something out to be touched stays beside it.
+    region = Region("sphere", (0.1, 0.0, 0.0), np.eye(4), 0.0)
+    touching = np.zeros(len(cell.robot.spheres.radius), bool)
+    assert chosen(0.0, Grant(region, touching, person=True)) is around
+    assert chosen(0.0, Grant(region, touching)) is through

@@ -350,6 +350,24 @@ def test_where_its_own_way_is_blocked_it_asks_for_a_planned_one_and_goes_on_from
     assert kinds[began + 61 : began + 100] == [VelocityIntent] * 39
 
 
+def test_past_who_holds_the_ball_the_planner_leads_from_the_beginning():
+    """The law's own way led to within 40 cm of their shoulder, and stood there."""
+    for far, planned in ((True, True), (False, False)):
+        task, kinds = task_of(dock="held_ball"), []
+        tip = tcp_pose(UR10, HOME)[:3, 3]
+        for k in range(40):
+            now = 1.0 + 0.008 * k
+            place = np.array([0.8, 0.1, 0.7]) if far else tip + np.array([0.08, 0.0, 0.0])
+            task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), place, now - 0.02))
+            observed = observe(now, command=np.full(6, 0.4))
+            observed.guard.wanted = np.full(6, 0.5)
+            state = PermitState.GRANTED if k >= 20 else PermitState.REFUSED
+            observed.guard.permit = Permit("held_ball", "hand", state)
+            kinds.append(type(task.update(observed)))
+        assert PoseIntent not in kinds[:20]
+        assert (PoseIntent in kinds) == planned
+
+
 @pytest.mark.parametrize("dock", ["straw", "bullseye"])
 def test_what_the_permits_own_law_slows_is_no_blocked_way(dock):
     """The last centimetres before a face or a thing are slow: a planned way to 7 cm before it would

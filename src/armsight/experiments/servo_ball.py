@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 REACHED = 0.005
 """V: the tip came within this of the surface [m]."""
-KEPT = 0.3
-"""The arm begins at least so far from who holds the ball [m]."""
+KEPT = 0.45
+"""The arm begins at least so far from who holds the ball [m]: nearer its guard would hold it."""
 LIMIT = 12.0
 """A trial is given up after this [s]."""
 BOX = ((0.78, 0.0, 1.30), (0.50, 1.00, 0.50))
@@ -76,22 +76,24 @@ arm's absolute errors).
 
 `held_ball_`: V's own protocol, {HELD} trials: each of the 14 places once, and the corners again;
 somebody of 1.55 to 1.90 m stands on the operator's side, the arm stretched to 90 to 98 % of its
-length, holds it there, and the map shows the whole of them. The permit is one for a hand, in a
-capsule along the arm as the fixed cameras see it in glove and sleeve. Arm, force sensor and contact
-are the simulated world's, the arm's absolute errors are off. Two things are not as in the cell's
-file: the map is higher, as in all trials here, and reaches {FRONT:g} m to the operator's side, to
-who stands there; and hands may be touched up to {HEADS:g} m (`head_height`): a hand at 1.55 m is at
+length, holds it there, {KEPT:g} m or more from the arm, and the map shows the whole of them. The
+permit is one for a hand, in a capsule along the arm as the fixed cameras see it in glove and
+sleeve. Arm, force sensor and contact are the simulated world's, the arm's absolute errors are off.
+Two things are not as in the cell's file: the map is higher, as in all trials here, and reaches
+{FRONT:g} m to the operator's side, to who stands there; and
+hands may be touched up to {HEADS:g} m (`head_height`): a hand at 1.55 m is at
 the height of heads.
 
 *Recorded hands*: a stretch of {PLAYS:g} s of a clip of hands over or placed beside a robot, pelvis
 at rest, mirrored and turned by chance, its mean in V's box; then it slows down and rests. The ball
 is on a stand and goes where the hand goes, or somebody holds it, whose whole recorded body the map
-shows. Not in: rendered trials.
+shows: V held it still, so that row has no budget. They swing at up to 2.6 m/s, into an arm that
+stands, too, which is not counted as harm. Not in: rendered trials.
 """
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` trials a row of ours, half as many of V's modes and of recorded hands.
+    """``runs`` trials a row of ours, half as many of V's modes and at T2's speed.
 
     Raises:
         ArmsightError: the recordings are not there.
@@ -100,7 +102,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     plan: list[tuple[str, str, str, Errors, tuple[float, float], int]] = [
         ("", "ours", "rest", Errors(), (1.0, 1.0), runs),
         ("", "ours", "moving", Errors(), (1.0, 1.0), runs),
-        ("", "ours", "recorded", Errors(), (1.0, 1.0), max(runs // 2, 1)),
+        ("", "ours", "recorded", Errors(), (1.0, 1.0), runs),
         ("held_", "ours", "rest", Errors(arm=0.0), (1.0, 1.0), min(runs, HELD)),
         ("held_", "ours", "recorded", Errors(arm=0.0), (1.0, 1.0), max(runs // 6, 1)),
         ("t2", "ours", "rest", Errors(), (0.5, 0.6), max(runs // 2, 1)),
@@ -112,7 +114,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
         kind = prefix + motion if prefix == "held_" else motion
-        settings = [mode, kind, asdict(errors), shares, 11]
+        settings = [mode, kind, asdict(errors), shares, 12 if prefix == "held_" else 11]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):
@@ -277,14 +279,14 @@ def _ours(results: dict[tuple[str, str], list[dict[str, Any]]]) -> list[Row]:
         _success("ball_success", f"recorded hands, {full}", hands, None, True),
         _success("ball_success", f"at rest, {less}", t2, 0.95, True),
         _success("held_ball_success", f"held still, {full}", held, 0.95, True),
-        _success("held_ball_success", f"held by recorded people, {full}", led, None, True),
+        _success("recorded_held_ball_success", f"by people as recorded, {full}", led, None, False),
         _time("ball_time_s", f"at rest, {full}", rest, 9.0, (4.0, 1.8)),
         _time("ball_time_s", f"at rest, {less}", t2, 9.0, (4.0, 1.8)),
         _time("ball_moving_time_s", f"at up to 0.15-0.25 m/s, {full}", near, None, (4.0, 2.5)),
         _time("held_ball_time_s", f"held still, {full}", held, 9.0, (6.0, 4.0)),
         harm_row(HARM, "all of ours, on a stand", sum(r["harm"] for r in stands), len(stands)),
         harm_row(
-            "trials in which the ball was pressed above the permit, or who holds it was touched",
+            "trials in which the ball was pressed above the permit, or the holder was touched",
             "all of ours, held",
             sum(r["harm"] for r in persons),
             len(persons),

@@ -25,6 +25,7 @@ from armsight.robots.kinematics import sphere_centers, tcp_pose
 from armsight.robots.robot import Robot
 from armsight.simulation.skeleton import INDEX, PARTS, Proportions, bend, standing
 from armsight.simulation.targets import TargetSpec, target_object
+from armsight.simulation.truth import MOVING
 
 HEADS = 1.8
 """``[guard] head_height`` of these trials [m]: a ball of V's box is held up to 1.57 m, which is the
@@ -150,10 +151,16 @@ class HeldCell(PushedCell):
         return self._skin
 
 
-def apart(robot: Robot, q: JointVector, skin: Points) -> float:
-    """Distance of an arm at (n,) [rad] from somebody's skin (k, 3), the ball left out [m]."""
-    away = np.linalg.norm(skin[:, None] - sphere_centers(robot, q)[None], axis=2)
-    return float((away - robot.spheres.radius).min())
+def apart(robot: Robot, q: JointVector, skin: Points, reach: float = 0.0) -> float:
+    """Distance of an arm at (n,) [rad] from somebody's skin (k, 3), the ball left out [m].
+
+    So much of the tool, from its tip, may touch and does not count: ``reach`` [m].
+    """
+    center, radius = sphere_centers(robot, q), robot.spheres.radius
+    tip = tcp_pose(robot, q)[:3, 3]
+    counts = np.linalg.norm(center - tip, axis=1) + radius > reach
+    away = np.linalg.norm(skin[:, None] - center[None, counts], axis=2)
+    return float((away - radius[counts]).min())
 
 
 def held_setup(setup: Setup) -> Setup:
@@ -178,32 +185,45 @@ def touch_held(
     limit: float,
     near: float,
 ) -> dict[str, Any]:
-    """One trial until the tip is this near the ball [m], for so long at most [s]; JSON values."""
+    """One trial until the tip is this near the ball [m], for so long at most [s]; JSON values.
+
+    Harm is what presses more than was granted, and who is touched by an arm that moves, but by what
+    may touch them.
+    """
     eyes = make_eyes(setup, errors, rng)
     eyes.marked = False
     task = make_task(setup, mode, dock="held_ball")
     cell = HeldCell(setup, holder, start, seed)
     status: Any = None
-    granted, gap, nearest, heads, rounds, reached = 0.0, math.inf, math.inf, 0, 0, math.inf
+    granted, gap, nearest, heads, reached = 0.0, math.inf, math.inf, 0, math.inf
+    force, felt, rounds, moves = 0.0, 0.0, 0, False
+    before = sphere_centers(setup.robot, cell.q)
     try:
         while cell.now < min(limit, reached + STAYS):
             eyes.along, eyes.screens = holder.along(cell.now), holder.screens(cell.now)
             status = tick(cell, eyes, task, status)
             permit = status.permit
-            if permit is not None and permit.holds:
-                granted = max(granted, permit.force)
+            may = permit is not None and permit.holds
+            granted = max(granted, permit.force) if may else granted
             tip = tcp_pose(cell.robot, cell.q)[:3, 3]
             gap = min(gap, float(np.linalg.norm(tip - cell.place(cell.now))) - RADIUS)
             if gap < near:
                 reached = min(reached, cell.now)
             rounds += 1
             if rounds % LOOKS == 0:
-                skin = cell.skin(cell.now)
-                nearest = min(nearest, apart(setup.robot, cell.q, skin))
-                if permit is not None and permit.holds and permit.region is not None:
+                centers = sphere_centers(setup.robot, cell.q)
+                way = np.linalg.norm(centers - before, axis=1).max()
+                moves, before = bool(way > MOVING * LOOKS * setup.guard.period), centers
+                if moves:
+                    reach = task.dock.reach if may else 0.0
+                    nearest = min(nearest, apart(setup.robot, cell.q, cell.skin(cell.now), reach))
+                if may and permit.region is not None:
                     head = holder.joints(cell.now)[[INDEX["head"]]]
                     heads += bool(permit.region.distance(head, cell.now)[0] < RADII["head"])
-        force = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
+            strongest = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
+            if strongest > felt and (may or moves):  # who runs into an arm that stands is no harm
+                force = strongest
+            felt = strongest
     finally:
         cell.close()
     return {

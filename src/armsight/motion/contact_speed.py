@@ -37,7 +37,8 @@ class GentleSpeed:
     """Power and force limiting: near somebody's hand or face every part of the arm may keep v.
 
     Separation from what is in the region is replaced by this speed, and only there: a part that
-    separation would let go faster may. Towards everything else separation holds as it always does.
+    separation would let go faster may, also one that comes to touch. Towards everything else
+    separation holds as it always does.
 
     What is touched may move with V. A blow is as hard as the two are fast relative to each other,
     and an arm that may not go along with a face that comes is pressed by it: the parts that may
@@ -84,7 +85,9 @@ class GentleSpeed:
             slow = self._excess(1.0, velocity, spin)[self.parts] <= 0.0
             return bool(slow.all() and self._coming(center, velocity, spin).min() >= 1.0)
 
-        return eased(along, wanted, kept)
+        share = greatest_share(kept)
+        far = body.view(q, wanted, self.touchable, law).share[self.parts].min()
+        return wanted if far >= share else np.asarray(along + share * (wanted - along))
 
     def limit(
         self, view: SeparationView, body: MovingBody, q: JointVector, motion: JointVector, law: Law
@@ -94,9 +97,9 @@ class GentleSpeed:
             return view
         near = body.view(q, motion, self.touchable, law)
         spin = self._spin(body, q, motion)
-        floor = self._most(view.velocity, spin)
-        allowed = np.maximum(near.share, floor)
-        allowed = np.minimum(allowed, self._coming(view.center, view.velocity, spin))
+        coming = self._coming(view.center, view.velocity, spin)
+        gentle = np.minimum(self._most(view.velocity, spin), coming)
+        allowed = np.maximum(near.share, gentle)
         tighter = allowed < view.share
         return replace(
             view,
@@ -289,12 +292,12 @@ def carried_along(body: MovingBody, q: JointVector, part: int, velocity: Vector3
     return np.asarray(J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), twist))
 
 
-def eased(along: JointVector, wanted: JointVector, kept: Callable[[float], bool]) -> JointVector:
-    """What carries along, with the greatest share of the rest of a wish at which a law is kept."""
+def greatest_share(kept: Callable[[float], bool]) -> float:
+    """The greatest share of a wish at which a law is kept; 1 where not even none of it keeps it."""
     if kept(1.0) or not kept(0.0):
-        return wanted
+        return 1.0
     good, bad = 0.0, 1.0
     for _ in range(EASINGS):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if kept(middle) else (good, middle)
-    return np.asarray(along + good * (wanted - along))
+    return good

@@ -53,7 +53,8 @@ class KeepOutConfig:
         returns: weight of the time with the remembered places taken, 0..1.
         lid: how far below the top of the mapped box paths keep, if start and goal do [m].
         stay: whoever is or comes in the way is not expected to hold the arm up for longer than
-            this [s], or than it has been held up already: a short wait beats a long way round.
+            this [s], or than it has been held up already: a short wait beats a long way round;
+            but for who is touched by a permit, who does not go away.
         further: time limit of every plan but the first [s]; most: how many of those there are.
             Together they must fit into the latency that the session declares for planning.
     """
@@ -150,7 +151,9 @@ class SeparationPlanner:
         self, trajectory: Trajectory, request: PlanRequest, hazards: Hazards, worse: Hazards
     ) -> float:
         config = self._config
-        stay = max(config.stay, request.held)
+        # Who holds something out to be touched stays with it.
+        waits = request.grant is not None and request.grant.person
+        stay = np.inf if waits else max(config.stay, request.held)
         now = min(self.predicted_time(trajectory, hazards), trajectory.duration + stay)
         if worse is hazards:
             return now

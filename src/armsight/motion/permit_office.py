@@ -248,6 +248,7 @@ class PermitOffice:
             touchable = seen.touchable.astype(float)
         if grant.ceiling is None:  # a face: the arm may hide it from the map
             touchable = np.concatenate([touchable, grant.region.lattice(when, LATTICE)])
+        touchable = np.concatenate([touchable, grant.region.center(when)[None]])
         radius = 0.0 if seen is None else seen.hazard_radius
         region, parts = grant.region, grant.touching[self._body.moving]
         velocity = own_motion(region.velocity, self._force.push)

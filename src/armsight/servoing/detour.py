@@ -3,6 +3,7 @@
 The law leads the joints straight to its goal. Where the arm itself, the edge of what is mapped or
 something that stands there is on that way, the guard keeps room to stop and the arm stands: then
 the guard's planner is asked for a way to a place before the target, and the law goes on from there.
+Where the target is in somebody's hand, the rest of them is beside the way: then it begins so.
 """
 
 from __future__ import annotations
@@ -34,15 +35,17 @@ class Detour:
 
     Args:
         name: of the goal, for the page and the log.
+        first: it begins with one, as soon as a permit holds.
     """
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, first: bool = False) -> None:
+        self.name, self.first = name, first
         self.reset()
 
     def reset(self) -> None:
         """The way is not blocked."""
         self._share, self._told, self._began = 1.0, -math.inf, math.inf
+        self._first = self.first
         self._next = -math.inf
         self._goal: PoseIntent | None = None
         self._target = np.zeros(3)
@@ -77,8 +80,10 @@ class Detour:
             return self._goal
         passed, self._told = min(max(guard.stamp - self._told, 0.0), TICK), guard.stamp
         self._share += (_driven(guard) - self._share) * passed / HELD
-        if self._share > PACE or now < self._next:
+        holds = guard.permit is not None and guard.permit.holds
+        if now < self._next or not (self._share <= PACE or (self._first and holds)):
             return None
+        self._first = False
         place = before()
         if place is None:
             self._share, self._next = 1.0, now + PAUSE

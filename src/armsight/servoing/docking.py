@@ -77,6 +77,7 @@ class Docking:
             where its velocity is known better.
         scale: of the fixed cameras' colour pictures: a ring of 15 mm needs all of their pixels.
         wary: from what strays from its prediction the tip leaves as soon as it has touched it.
+        planned: the guard's planner leads the arm before it, past who holds it.
     """
 
     name: str
@@ -97,6 +98,7 @@ class Docking:
     drift: float = 0.06
     scale: float = 1.0
     wary: bool = False
+    planned: bool = False
 
     def reserve(self, tip: SprungTip | None = None) -> float:
         """How wrong a prediction of it may be [m]: then it is pressed with half of the force.
@@ -170,8 +172,8 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
         # away from the rest of them, and so narrow that beside an arm's length no head is in it.
         "held_ball": Docking(
             "held_ball", lambda: HeldBall(ball_radius), radius=ball_radius, permit="hand",
-            shape="capsule", size=(0.16, 0.42, 0.0), offset=(0.0, 0.0, 0.19), gentle=0.135,
-            speed=0.25, force=30.0, stiffness=2.5e3, drift=0.08, scale=0.5, wary=True,
+            shape="capsule", size=(0.16, 0.42, 0.0), offset=(0.0, 0.0, 0.19), gentle=0.25,
+            speed=0.25, force=75.0, stiffness=2.5e3, drift=0.08, scale=0.5, wary=True, planned=True,
         ),
         # Its plate has 16 cm; how it is turned about its middle nobody knows.
         "bullseye": Docking(

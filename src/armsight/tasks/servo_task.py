@@ -81,7 +81,7 @@ class ServoTask:
         self.dock, self.mode, self.chase = dock, mode, chase
         self.config, self.standoff = config, standoff
         self.perceivers = tuple(eyes)
-        self.detour = Detour(f"way to {dock.name}")
+        self.detour = Detour(f"way to {dock.name}", dock.planned)
         self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
         self.reset()
 
