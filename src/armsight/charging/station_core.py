@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose
+from armsight.charging.cable_way import cable_fault
 from armsight.charging.eye import SeenPort
 from armsight.charging.feeling import Feeling
 from armsight.charging.hand import IN, PlugHand
@@ -26,6 +27,7 @@ from armsight.charging.visit_log import VisitLog
 from armsight.charging.waiting import Waiting
 from armsight.charging.way_out import WayOut
 from armsight.geometry.pose import inverse
+from armsight.geometry.shapes import Solid
 from armsight.motion.intents import PoseIntent
 from armsight.motion.permits import PermitRequest
 from armsight.robots.robot import Robot
@@ -51,6 +53,7 @@ class StationCore:
         contradiction: why the car that is expected cannot have its port at ``T_base_port``, in
             words; empty when it can.
         lid: the finger, and the lid that the car that is expected has; None without either.
+        body: the expected car's, in its port's frame: no cable hangs in it.
         shows: (n,) joints that hold the plug before the standing pair, the best first [rad].
 
     Attributes:
@@ -75,6 +78,7 @@ class StationCore:
         T_flange_near: Pose | None = None,
         contradiction: Callable[[Pose], str] = lambda T_base_port: "",
         lid: LidSetup | None = None,
+        body: Sequence[Solid] = (),
         shows: Sequence[JointVector] = (),
     ) -> None:
         assert robot.tool is not None
@@ -82,7 +86,7 @@ class StationCore:
         self._law_options = replace(o.insert, depth=PORTS[o.plug].depth)
         self._robot, self._stand_by_joints = robot, np.asarray(stand_by, float)
         self.vehicle, self._journal = vehicle, journal
-        self._contradiction = contradiction
+        self._contradiction, self._body = contradiction, tuple(body)
         self._T_tip = robot.tool.T_flange_tcp
         self._weight = None if o.cable is None else GRAVITY * robot.tool.mass + o.cable
         self._T_near = T_flange_near if o.mode == "ours" else None
@@ -308,7 +312,10 @@ class StationCore:
         if away > self.options.reach:
             return f"the port is {away:.2f} m from the base: out of reach"
         other = self._contradiction(T_base_port)
-        return f"not the car that is expected: {other}" if other else ""
+        if other:
+            return f"not the car that is expected: {other}"
+        cable = None if self._robot.tool is None else self._robot.tool.cable
+        return "" if cable is None else cable_fault(cable, T_base_port, self._body)
 
     def _ask(self, seen: Seen) -> PermitRequest | None:
         return self.permission.ask(seen.now, seen.guard)

@@ -149,6 +149,7 @@ class ChargeOptions:
             carried[0].T_mount_camera if carried else None,
             body.contradiction,
             lid,
+            () if vehicle is None else vehicle.solids,
             show_places(cell.robot, lenses, far.T_mount_camera, section.kind),
         )
         station.check.doubt = "asked to look at the plug" if self.show_plug else ""
