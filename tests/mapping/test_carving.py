@@ -104,3 +104,42 @@ def test_large_pictures_of_voxels_are_planned_and_large_grids_are_not(
         small.carve(T, out)
     assert not small.planned
     np.testing.assert_array_equal(found, expected)
+
+
+def test_a_grid_as_high_as_a_plan_can_count_is_freed_alike() -> None:
+    grid = VoxelGrid(np.array([-0.03, -0.03, 0.0]), 0.005, (11, 12, 511))
+    camera = PinholeCamera(160, 120, 50.0, 50.0, 79.2, 60.7)
+    lens = DepthLens(camera, 9.0)
+    depth = np.full((120, 160), 6.0, np.float32)
+    depth[::13] = 2.5
+    lens.tabulate(depth, np.ones(depth.shape, np.uint8))
+    found = np.empty(int(np.prod(grid.shape)), np.uint8)
+    expected = np.empty_like(found)
+    carver = Carver(lens, grid, 0.3, NOISE)
+    for out in (expected, found, found):
+        carver.carve(look_at([3.0, 0.2, 1.2], [0.0, 0.0, 1.2]), out)
+    assert carver.planned
+    np.testing.assert_array_equal(found, expected)
+    assert 0.1 < found.mean() < 0.9
+
+
+@pytest.mark.parametrize("size", [(37, 61), (5, 3), (9, 130)])
+def test_tables_hold_the_least_of_windows_and_the_nearness_of_squares(
+    size: tuple[int, int],
+) -> None:
+    h, w = size  # some pictures are smaller than the windows
+    camera = PinholeCamera(w, h, 40.0, 40.0, 0.5 * w, 0.5 * h)
+    lens = DepthLens(camera, 4.0)
+    depth = np.random.default_rng(3).uniform(0.2, 4.0, size).astype(np.float32)
+    lens.tabulate(depth, np.ones(size, np.uint8))
+    image = lens.least[0]
+    np.testing.assert_allclose(image / lens.units, depth, atol=1.01 / lens.units)
+    squares = 65535 - np.array(
+        [[image[v : v + 8, u : u + 8].max() for u in range(0, w, 8)] for v in range(0, h, 8)]
+    )
+    for table, first in ((lens.least, image), (lens.nearness, squares)):
+        for level in range(len(table)):
+            side = 1 << level
+            rows, columns = (np.arange(n) for n in first.shape)
+            expected = [[first[v : v + side, u : u + side].min() for u in columns] for v in rows]
+            np.testing.assert_array_equal(table[level], expected)

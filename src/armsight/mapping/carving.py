@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from armsight.arrays import Bytes, Floats, Ints32, Pose, Shorts
 from armsight.mapping.kernels.carve import carve
 from armsight.mapping.kernels.carve_plan import (
+    CUBE,
     MOST_VOXELS,
-    NODE,
     ROW,
     carve_as_planned,
     plan_carving,
@@ -17,12 +17,12 @@ from armsight.mapping.kernels.carve_plan import (
 from armsight.mapping.lens import DepthLens
 from armsight.mapping.snapshot import VoxelGrid
 
-Lanes = tuple[NDArray[np.uint32], Bytes, Bytes, Shorts, Ints32]
-Plan = tuple[Ints32, NDArray[np.uint32], Lanes]
-"""Nodes, blocks and lanes, see ``kernels/carve_plan.py``."""
+Lanes = tuple[NDArray[np.uint32], Bytes, Shorts, Shorts, Shorts, Ints32]
+Plan = tuple[Ints32, Ints32, NDArray[np.uint32], Lanes]
+"""Cubes, halves, blocks and lanes, see ``kernels/carve_plan.py``."""
 
 MOST_PLANNED = 4_000_000
-"""Voxels up to which a grid is worth a plan: it takes about 6 bytes a voxel and camera."""
+"""Voxels up to which a grid is worth a plan: it takes about 7 bytes a voxel and camera."""
 
 
 class Carver:
@@ -48,6 +48,7 @@ class Carver:
         self._eye = near, np.asarray(noise, float), sigmas
         self._seen_from = b""
         self._plan: Plan | None = None
+        self._room = (0, 0, 0, 0)
         self._can_plan = self._size <= MOST_PLANNED and max(grid.shape) <= MOST_VOXELS
 
     @property
@@ -71,53 +72,40 @@ class Carver:
         elif self._plan is None and self._can_plan:
             self._plan = self._make_plan(T)
         if self._plan is not None:
-            carve_as_planned(lens.least, lens.most, *self._plan, shaped)
+            carve_as_planned(lens.least, lens.nearness, *self._plan, shaped)
         else:
-            carve(lens.least, lens.most, lens.units, lens.ideal, T, *self._grid, *self._eye, shaped)
+            image = lens.least, lens.nearness, lens.units, lens.ideal
+            carve(*image, T, *self._grid, *self._eye, shaped)
 
     def _make_plan(self, T: Pose) -> Plan | None:
         lens = self._lens
         h, w = lens.least.shape[1:]
-        room = _room(self._size // 8 + 1000, self._size // 64 + 1, self._size)
-        while True:
-            nodes, blocks, lanes = room
-            counts = plan_carving(
-                h, w, lens.units, lens.ideal, T, *self._grid, *self._eye, nodes, blocks, lanes
-            )
-            if counts[0] < 0:
-                self._can_plan = False
-                return None
-            if counts[0] <= len(nodes):
-                return _trimmed(room, *counts)
-            room = _room(*counts)
+        eye = h, w, lens.units, lens.ideal, T, *self._grid, *self._eye
+        plan = _room(*self._room)
+        counts = plan_carving(*eye, *plan)
+        if counts[0] < 0:
+            self._can_plan = False
+            return None
+        if any(n > room for n, room in zip(counts, self._room)):
+            self._room = counts
+            plan = _room(*counts)
+            plan_carving(*eye, *plan)
+        cubes, halves, blocks, lanes = plan
+        return cubes[: counts[0]], halves[: counts[1]], blocks, lanes
 
 
-def _room(nodes: int, blocks: int, lanes: int) -> Plan:
+def _room(cubes: int, halves: int, blocks: int, lanes: int) -> Plan:
     """An empty plan with room for so many of each."""
     return (
-        np.empty((nodes, NODE), np.int32),
+        np.empty((cubes, CUBE), np.int32),
+        np.empty((halves, CUBE), np.int32),
         np.empty((blocks, ROW), np.uint32),
         (
             np.empty(lanes, np.uint32),
             np.empty(lanes, np.uint8),
-            np.empty(lanes, np.uint8),
+            np.empty(lanes, np.uint16),
+            np.empty(lanes, np.uint16),
             np.empty(lanes, np.uint16),
             np.empty(lanes, np.int32),
-        ),
-    )
-
-
-def _trimmed(plan: Plan, nodes: int, blocks: int, lanes: int) -> Plan:
-    """The first so many of each, in memory of their own."""
-    base, across, down, need, target = plan[2]
-    return (
-        plan[0][:nodes].copy(),
-        plan[1][:blocks].copy(),
-        (
-            base[:lanes].copy(),
-            across[:lanes].copy(),
-            down[:lanes].copy(),
-            need[:lanes].copy(),
-            target[:lanes].copy(),
         ),
     )

@@ -8,51 +8,62 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Shorts
 from armsight.geometry.camera import PinholeCamera
-from armsight.mapping.kernels.pooling import LEVELS, build_tables, gather, pool, to_units
+from armsight.mapping.kernels.pooling import (
+    CELL,
+    LEVELS,
+    build_tables,
+    gather,
+    nearness_of_cells,
+    pool,
+    to_units,
+)
+
+CLOSE = 0.02
+"""Nearer than this nothing is projected [m]."""
 
 
 class DepthLens:
     """Rays of a depth lens, and its images pooled as an ideal lens would see them.
 
     A lens with distortion is hard to project a voxel through, exactly and quickly. So its image is
-    laid out anew for an ideal lens first: each ideal pixel takes the least (and the greatest) depth
-    of all real pixels that overlap it, which keeps "seen through" conservative.
+    laid out anew for an ideal lens first: each ideal pixel takes the least depth of all real pixels
+    that overlap it, which keeps "seen through" conservative.
 
     Attributes:
         camera: the lens.
         rays: (h, w, 2) float32 x/z, y/z of each pixel.
         ideal: (4,) fx fy cx cy of the ideal lens.
         units: depth units a metre of the tables.
-        least, most: (5, H, W) uint16 pooled tables; filled by :meth:`tabulate`.
+        least: (5, H, W) uint16 pooled tables of the least depth; filled by :meth:`tabulate`.
+        nearness: (5, h, w) uint16 the same of the nearness, over squares of CELL ideal pixels.
     """
 
     def __init__(self, camera: PinholeCamera, far: float) -> None:
         self.camera = camera
         self.rays, self._index, self._window, self.ideal = _geometry(camera)
         self.units = 65000.0 / far
+        self._bounds = _bounds(camera)
         h, w = camera.height, camera.width
         H, W = (h, w) if self._index is None else self._index.shape
         self.least: Shorts = np.zeros((LEVELS, H, W), np.uint16)
-        self.most: Shorts = np.zeros((LEVELS, H, W), np.uint16)
+        self.nearness: Shorts = np.zeros((LEVELS, -(-H // CELL), -(-W // CELL)), np.uint16)
         self._row: Shorts = np.zeros(max(w, W), np.uint16)
         self._raw: Shorts = np.zeros((h, w), np.uint16)
-        self._pooled: Shorts = np.zeros((2, h, w), np.uint16)
 
     def tabulate(self, depth: Floats32, label: Bytes) -> None:
         """Fill the pooled tables from an image; pixels labelled 0 count as depth 0."""
+        least, nearness = self.least, self.nearness
         if self._index is None:
-            to_units(depth, label, self.units, self.least[0])
-            self.most[0] = self.least[0]
+            to_units(depth, label, self.units, least[0])
         else:
             to_units(depth, label, self.units, self._raw)
-            row = self._row[: depth.shape[1]]
-            for k, (least, table) in enumerate(((True, self.least), (False, self.most))):
-                source = self._raw
-                for _ in range(self._window - 1):
-                    pool(source, 1, least, row, self._pooled[k])
-                    source = self._pooled[k]
-                gather(self._pooled[k], self._index, table[0])
-        build_tables(self.least, self.most, self._row[: self.least.shape[2]])
+            for _ in range(self._window - 1):
+                pool(self._raw, 1, self._row[: depth.shape[1]], self._raw)
+            gather(self._raw, self._index, least[0])
+        row = self._row[: least.shape[2]]
+        build_tables(least, row)
+        nearness_of_cells(least[0], row, nearness[0])
+        build_tables(nearness, row[: nearness.shape[2]])
 
     def rectangles(self, corners: Floats) -> Ints:
         """(m, 4) first and last column, first and last row that can see each of m boxes.
@@ -60,26 +71,17 @@ class DepthLens:
         Args:
             corners: (m, 8, 3) corners of the boxes in the camera frame [m].
         """
-        w, h = self.camera.width, self.camera.height
+        depth = corners[..., 2]
+        flat = corners[..., :2] / np.maximum(depth, CLOSE)[..., None]
+        low, high = flat.min(axis=1), flat.max(axis=1)
         out = np.empty((len(corners), 4), np.int64)
-        for m, box in enumerate(corners):
-            if box[:, 2].max() <= 0.02:
-                out[m] = (0, -1, 0, -1)
-            elif box[:, 2].min() <= 0.02:
-                out[m] = (0, w - 1, 0, h - 1)
-            else:
-                flat = box[:, :2] / box[:, 2:]
-                out[m] = self._pixels(flat.min(axis=0), flat.max(axis=0))
+        for axis, (least, greatest) in enumerate(self._bounds):
+            out[:, 2 * axis] = np.searchsorted(greatest, low[:, axis])
+            out[:, 2 * axis + 1] = np.searchsorted(least, high[:, axis], side="right") - 1
+        # What reaches behind the lens may be anywhere in the picture, what is behind it nowhere.
+        out[depth.min(axis=1) <= CLOSE] = (0, self.camera.width - 1, 0, self.camera.height - 1)
+        out[depth.max(axis=1) <= CLOSE] = (0, -1, 0, -1)
         return out
-
-    def _pixels(self, low: Floats, high: Floats) -> tuple[int, int, int, int]:
-        """Columns and rows between normalised coordinates."""
-        columns, rows = _bounds(self.camera)
-        u0 = int(np.searchsorted(columns[1], low[0]))
-        u1 = int(np.searchsorted(columns[0], high[0], side="right")) - 1
-        v0 = int(np.searchsorted(rows[1], low[1]))
-        v1 = int(np.searchsorted(rows[0], high[1], side="right")) - 1
-        return u0, u1, v0, v1
 
 
 @lru_cache(maxsize=16)

@@ -5,8 +5,9 @@ far side by the noise. Pixels without a return have depth 0: they free nothing. 
 e_i about p projects within X +- sum_i |e_i,x - X e_i,z| / (p_z - sum_i |e_i,z|) of its centre's
 X = p_x / p_z (exact for the cube's corners).
 
-Arguments that recur: ``least``, ``most`` (5, h, w) uint16 pooled tables of an image through an
-ideal lens, ``units`` a metre; ``lens`` (4,) fx fy cx cy of it; ``T`` (4, 4) camera in base;
+Arguments that recur: ``least`` (5, h, w) uint16 pooled tables of an image through an ideal lens,
+``units`` a metre; ``nearness`` the same of the nearness of squares of CELL of its pixels, by which
+cubes are left out that lie behind all; ``lens`` (4,) fx fy cx cy; ``T`` (4, 4) camera in base;
 ``origin`` (3,) lower corner of the grid [m]; ``voxel`` its edge [m]; ``shape`` (3,) voxels along
 each axis; ``near`` the camera's least distance [m]: nothing nearer is judged; ``noise`` (3,) a b c
 of sigma(z) = a + b z + c z^2 [m]; ``eye`` what :func:`eye_of` makes of these.
@@ -20,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Shorts
-from armsight.mapping.kernels.pooling import level_of, window_least, window_most
+from armsight.mapping.kernels.pooling import CELL, FARTHEST, level_of, window_least
 
 TOP = 8
 """Edge of the largest cubes judged, in voxels."""
@@ -249,7 +250,7 @@ def _judge_block(pooled: Shorts, window: Ints32, place: Ints, first: int, free: 
 @njit(cache=True, nogil=True, error_model="numpy")
 def carve(
     least: Shorts,
-    most: Shorts,
+    nearness: Shorts,
     units: float,
     lens: Floats,
     T: Floats,
@@ -300,7 +301,10 @@ def carve(
                             continue
                         if s == 1:
                             continue
-                        if window_most(most, u0, u1, v0, v1) <= seen[7]:
+                        near_of = window_least(
+                            nearness, u0 // CELL, u1 // CELL, v0 // CELL, v1 // CELL
+                        )
+                        if near_of >= FARTHEST - seen[7]:
                             continue
                         if s == BLOCK and whole and i + s <= nx and j + s <= ny and k + s <= nz:
                             eu, ev, level = block_window(eye, seen, s)
