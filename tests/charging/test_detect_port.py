@@ -72,6 +72,9 @@ def test_no_port_is_exit_code_1(tmp_path: Path, capsys) -> None:
         (["PICTURE", "--intrinsics", "1,2"], "expected fx,fy,cx,cy"),
         (["PICTURE", "--intrinsics", "900,900,nan,360"], "a middle at nan, 360 px cannot be"),
         (["PICTURE", "--least-score", "2"], "expected above 0, at most 1"),
+        (["PICTURE", "--intrinsics", "nan,900,640,360"], "focal lengths of nan and 900 px cannot"),
+        (["PICTURE", "--least-score", "0.97"], "one picture scores at most 0.95: give a pair"),
+        (["CUT"], "no picture that can be read"),
         (["TEXT"], "no picture that can be read"),
         (["HUGE"], "no picture that can be read"),
         (["EMPTY"], "no picture that can be read"),
@@ -88,7 +91,8 @@ def test_bad_input(words, message: str, picture: Path, tmp_path: Path, capsys) -
     text = tmp_path / "notes.png"
     text.write_text("no picture")
     names = {"PICTURE": str(picture), "TEXT": str(text), "FOLDER": str(tmp_path)}
-    for name, data in (("HUGE", claims(60000, 60000)), ("EMPTY", b"")):
+    short = picture.read_bytes()[:400]
+    for name, data in (("HUGE", claims(60000, 60000)), ("EMPTY", b""), ("CUT", short)):
         names[name] = str(tmp_path / f"{name}.png")
         Path(names[name]).write_bytes(data)
     for name, shape in (("LONG", (16, 9000)), ("SPECK", (40, 40))):
@@ -105,6 +109,14 @@ def _rows(file: Path, image, capsys, *words: str) -> list[dict]:
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert code == (0 if rows else 1)
     return rows
+
+
+def test_sixteen_bits_and_transparency_are_searched(tmp_path: Path, capsys) -> None:
+    image = paint(PORTS["type2"], facing(0.0, 0.0, 0.5, (0.3, 0.1), 0.1), LENS, 0)
+    deep = image.astype(np.uint16) * 257
+    clear = np.dstack([image] * 3 + [np.full_like(image, 200)])
+    for name, kind in (("deep.png", deep), ("clear.png", clear)):
+        assert [r["port"] for r in _rows(tmp_path / name, kind, capsys)] == ["type2"]
 
 
 def test_two_ports_are_two_lines_each_with_its_type(tmp_path: Path, capsys) -> None:

@@ -63,6 +63,8 @@ def test_what_is_not_understood_exits_2(words, capsys):
             "--seconds is nan; exp",
         ),
         (["charge", "ur10_charging", "--charging", "inf", "--headless"], 2, "never ends"),
+        (["charge", "ur10_charging", "--visits", "-1"], 2, "--visits is -1; expected 0 or more"),
+        (["charge", "ur10_charging", "--headless", "--visits", "0"], 2, "--headless needs --vis"),
         (["charge", "ur10_charging", "--charging", "nan"], 2, "--charging is nan s; expected 0"),
         (["replay", "no.mcap"], 1, "no.mcap: no such recording"),
         (["experiment", "patrol-smook"], 2, 'did you mean "patrol-smoke"'),
