@@ -31,7 +31,6 @@ RELAX = 1.5
 """After seating the law lets the force go down for so long [s]."""
 LED = 0.02
 """Nothing in free air brings the plug so far from the port's axis but the guard [m]."""
-NOT_IN = "plugging in: "
 LOOK_AT_PLUG = "look at it, and start anew with the right one"
 NOT_HEARD = "charges; nothing is heard of the car: end by hand"
 NOT_CHARGED = "plugged in, but the car does not charge: end by hand"
@@ -318,7 +317,7 @@ class Station(StationWatch):
             words = f"{answer.words}; {unkept}" if unkept else answer.words
             self._go(State.CHARGE, seen.now, words)
         elif answer.phase is Phase.FAILED:
-            self._fail(seen, f"{NOT_IN}{answer.words}")
+            self._fail(seen, f"plugging in: {answer.words}")
         return wish
 
     def _charge(self, seen: Seen, car: VehicleStatus | None) -> Wish:
@@ -387,8 +386,6 @@ class Station(StationWatch):
                 self._looked, self._side = 0, self._side + 1
                 self._go(State.LOOK, seen.now, self.words)
             else:
-                if self.outcome.problem.startswith(NOT_IN) and not self.outcome.seated:
-                    self.check.doubt = "the plug did not go in"
                 self._finish(seen)
         return self._hand.straight(seen, goal, self.state.value)
 
