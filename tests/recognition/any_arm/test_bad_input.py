@@ -20,6 +20,8 @@ from armsight.recognition.inference.pictures import Picture
 
 from .test_model import bright_card, bright_network
 
+pytestmark = pytest.mark.usefixtures("without_landmarks")
+
 Asked = Callable[..., tuple[int, list[dict], str]]  # type: ignore[type-arg]
 
 

@@ -48,6 +48,8 @@ from armsight.robots.robot import Robot
 from .test_bad_input import lamp
 from .test_model import bright_card, bright_network
 
+pytestmark = pytest.mark.usefixtures("without_landmarks")
+
 SIDE = 8
 """Places of the features, each way."""
 

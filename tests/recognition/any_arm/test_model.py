@@ -68,6 +68,7 @@ def test_a_look_has_the_sizes_of_the_picture(file: Path) -> None:
     assert len(look.places["ur5"].mean) == 15
 
 
+@pytest.mark.usefixtures("without_landmarks")
 def test_nothing_bright_is_no_arm_and_two_bright_things_are_two(file: Path) -> None:
     recogniser = ArmRecogniser(CropModel(file, 1))
     dark = np.zeros((480, 640, 3), np.uint8)

@@ -18,8 +18,8 @@ CELLS = 4.0
 """Sum of the probabilities that a lump has at least [cells]."""
 APART = 2
 """Cells between two lumps that are one: something stands before an arm."""
-FINER = 384
-"""Longer side of a picture in which nothing was found, looked at once more [px]."""
+LOOKS = (WHOLE, 384, 512)
+"""Longer sides that a picture is looked at with, until an arm is found [px]."""
 MOST = 4
 """Arms that are looked at."""
 

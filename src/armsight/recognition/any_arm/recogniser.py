@@ -13,7 +13,7 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
 from armsight.recognition.any_arm.edges import at_edges
 from armsight.recognition.any_arm.evidence import STRIDE, Evidence
-from armsight.recognition.any_arm.frames import FINER, Lump, find_lumps
+from armsight.recognition.any_arm.frames import LOOKS, Lump, find_lumps
 from armsight.recognition.any_arm.lens_doubt import doubted
 from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.observing import observe
@@ -21,7 +21,7 @@ from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
 from armsight.recognition.any_arm.trust import LEAD, features, read_trust
-from armsight.recognition.any_arm.views import FIRST, WHOLE, Crop, mask_in_picture, take_crop
+from armsight.recognition.any_arm.views import FIRST, Crop, mask_in_picture, take_crop
 from armsight.recognition.inference.intrinsics import check_size
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
@@ -38,9 +38,9 @@ ARM = 0.5
 CLEAR = 0.7
 """Mean probability of these cells below which there is no arm: of 95 held-back crops of empty rooms
 86 were said to be empty without it and 92 are with it, of 122 with an arm four and six."""
-FOUND = 0.42
-"""Mean probability of the landmarks' peaks that an arm must have which only a finer look shows;
-chosen on pictures of the training's renderer."""
+FOUND = (1.0 / 3.0, 0.46, 0.46)
+"""Mean probability of some robot's landmarks' peaks that an arm must have, by the look that shows
+it. Chosen on pictures of both renderers."""
 TYPES = 2
 """Likeliest types that are fitted."""
 RIVAL = 0.05
@@ -118,12 +118,15 @@ class ArmRecogniser:
         h, w = picture.image.shape[:2]
         lens = camera or assumed_lens(w, h)
         check_size(lens, w, h)
-        arms = self._arms(picture.image, lens, find_lumps(self.model, picture.image)[0])
-        if not arms and max(h, w) > WHOLE:
+        arms: list[Arm] = []
+        shown = 0
+        for longest, least in zip(LOOKS, FOUND, strict=True):
             # A small arm is overlooked in the whole; larger, other things look like one, too.
-            arms = self._arms(
-                picture.image, lens, find_lumps(self.model, picture.image, FINER)[0], FOUND
-            )
+            if arms or max(h, w) <= shown:
+                break
+            lumps = find_lumps(self.model, picture.image, longest)[0]
+            arms = self._arms(picture.image, lens, lumps, least)
+            shown = longest
         notes = list(picture.notes)
         if not arms:
             notes.append("no robot arm found")
@@ -179,7 +182,7 @@ class ArmRecogniser:
             least: mean probability of the landmarks below which it is none.
         """
         look, crop = self.looked(image, lens, low, high)
-        if least and self._found(look) < least:
+        if _found(look) < least:
             return None
         return self._judged(look, crop, lens)[0]
 
@@ -268,11 +271,6 @@ class ArmRecogniser:
             return f"I do not know: it may as well be of the type {' or '.join(alike)}; say --robot"
         return f"I do not know: {100 * trust:.0f} % sure that joints are right to 10 cm"
 
-    def _found(self, look: Look) -> float:
-        """How surely the landmarks are seen of the likeliest robot, 0..1."""
-        name = max(self.robots, key=lambda robot: look.types[robot])
-        return float(look.places[name].mass.mean())
-
     def _robot(self, name: str) -> Robot:
         """The robot of a type; what the card says of it is believed only as far as it fits.
 
@@ -324,6 +322,11 @@ def best_outlined(
         if score < least:
             best, least = (drawn, overlap), score
     return best
+
+
+def _found(look: Look) -> float:
+    """How surely the landmarks of any robot are seen, 0..1."""
+    return max(float(places.mass.mean()) for places in look.places.values())
 
 
 def _mask_box(first: Evidence, crop: Crop) -> tuple[Floats, Floats] | None:

@@ -1,0 +1,11 @@
+"""Fixtures of the tests of any arm."""
+
+import pytest
+
+from armsight.recognition.any_arm import recogniser
+
+
+@pytest.fixture
+def without_landmarks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arm needs no landmarks: of a toy network, which sees none."""
+    monkeypatch.setattr(recogniser, "FOUND", (0.0,) * len(recogniser.FOUND))
