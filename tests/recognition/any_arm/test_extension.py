@@ -34,9 +34,9 @@ from armsight.recognition.any_arm.learning.examples import UNSEEN, Examples
 from armsight.recognition.any_arm.learning.extend import Wish, extend
 from armsight.recognition.any_arm.learning.rows import Shots, fit_rows
 from armsight.recognition.any_arm.model import CropModel
-from armsight.recognition.any_arm.recogniser import ArmRecogniser
+from armsight.recognition.any_arm.recogniser import ArmRecogniser, Outlined
 from armsight.recognition.any_arm.solver import Fit
-from armsight.recognition.any_arm.trust import FEATURES
+from armsight.recognition.any_arm.trust import FEATURES, GAP
 from armsight.recognition.data.crews import Batch
 from armsight.recognition.data.generate import generate
 from armsight.recognition.data.order import Order, make_order
@@ -253,7 +253,7 @@ def test_a_tied_type_is_not_believed_unless_it_is_told(
         return [Fit(robot, T, robot.home, 0.0, 1e6 * np.eye(6 + robot.n))]
 
     monkeypatch.setattr(recogniser, "solve", placed)
-    monkeypatch.setattr(recogniser, "best_outlined", lambda fits, *_: (fits[0], 0.9))
+    monkeypatch.setattr(recogniser, "best_outlined", lambda fits, *_: Outlined(fits[0], 0.9, GAP))
     weights = [20.0, *[0.0] * (len(FEATURES) - 1)]  # sure of everything
     card = bright_card() | {"trust": {"weights": weights, "threshold": threshold, "widen": 1.0}}
     network = tmp_path / "crops.onnx"

@@ -1,10 +1,13 @@
 """The fit to an outline, on masks drawn from arms whose pose and joints are known."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from armsight.geometry.pose import inverse, look_at, make_pose
+from armsight.recognition.any_arm import recogniser
 from armsight.recognition.any_arm.known import place_known
 from armsight.recognition.any_arm.landmarks import find_landmarks
 from armsight.recognition.any_arm.outline import (
@@ -12,7 +15,9 @@ from armsight.recognition.any_arm.outline import (
     follow_outline,
     outline_overlap,
 )
-from armsight.recognition.any_arm.solver import Fit, Observations
+from armsight.recognition.any_arm.recogniser import Outlined, best_outlined
+from armsight.recognition.any_arm.solver import Fit, Observations, cost_of
+from armsight.recognition.any_arm.trust import GAP
 from armsight.recognition.any_arm.views import SIDE, Crop
 from armsight.recognition.own_arm.surface import arm_surface, render
 from armsight.robots.catalogue import load_robot
@@ -130,3 +135,48 @@ def test_an_outline_does_not_hold_to_the_edge_of_the_picture() -> None:
     assert away[1] < 0.8 * away[0]
     assert outline_overlap(true, cut, Crop(crop.image, crop.R, crop.f, inside)) > 0.85
     assert outline_overlap(true, cut, crop) < 0.75
+
+
+def _best(true: Fit, starts: list[Fit], pixels: float, k: int) -> Outlined:
+    _, arm, crop = _scene(true.robot.name, k)
+    seen = _landmarks(true, crop, np.random.default_rng([k, 3]), pixels)
+    seen = replace(seen, covariance=recogniser.LOOSE * seen.covariance)
+    found = best_outlined(starts, seen, arm, crop)
+    assert found is not None
+    return found
+
+
+def test_the_best_fits_follow_the_outline_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    errors: dict[int, list[float]] = {0: [], 2: []}
+    for k, name in enumerate(["ur5", "panda", "iiwa", "ur10"] * 2):
+        true = _scene(name, k)[0]
+        start = _moved(true, np.random.default_rng([k, 1]), 0.06, 0.06, 0.12)
+        for again, found in errors.items():
+            monkeypatch.setattr(recogniser, "AGAIN", again)
+            fit = _best(true, [start], 5.0, k).fit
+            found.append(float(np.linalg.norm(fit.joints() - true.joints(), axis=1).mean()))
+    assert np.median(errors[2]) < 0.7 * np.median(errors[0])
+
+
+def test_a_pose_leads_only_others_that_put_the_joints_elsewhere() -> None:
+    true = _scene("ur5", 0)[0]
+    near = _moved(true, np.random.default_rng(0), 0.01, 0.01, 0.01)
+    assert _best(true, [true], 2.0, 0).gap == GAP
+    assert _best(true, [true, near], 2.0, 0).gap == GAP
+    T = true.T_camera_base.copy()
+    T[:3, 3] += 0.3 * T[:3, 3]  # too far by a third: nothing of it lies where it is seen
+    far = Fit(true.robot, T, true.q, 0.0, true.information)
+    nothing = np.zeros((SIDE, SIDE), np.float32)
+    _, _, crop = _scene("ur5", 0)
+    seen = _landmarks(true, crop, np.random.default_rng(0), 2.0)
+    apart = best_outlined([far, true], seen, nothing, crop)
+    assert apart is not None
+    assert apart.fit is true
+    assert 0.0 < apart.gap < cost_of(far, seen)
+
+
+def test_no_fits_have_no_best_one() -> None:
+    _, arm, crop = _scene("ur5", 0)
+    true = _scene("ur5", 0)[0]
+    seen = _landmarks(true, crop, np.random.default_rng(0), 2.0)
+    assert best_outlined([], seen, arm, crop) is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armsight.recognition.any_arm.learning.trusting import WRONG, Judged, choose_trust
-from armsight.recognition.any_arm.trust import FEATURES, LEAD, features, read_trust
+from armsight.recognition.any_arm.trust import FEATURES, GAP, LEAD, features, read_trust
 
 
 def _judged(n: int, shift: float, seed: int) -> Judged:
@@ -32,18 +32,30 @@ def test_the_promise_holds_elsewhere_too() -> None:
 
 
 def test_a_type_that_hardly_leads_says_less_than_one_that_leads_far() -> None:
-    narrow, wide = (features(9.0, 30, 0.8, 0.9, 0.7, 0.05, lead) for lead in (0.0, 5 * LEAD))
-    assert narrow[-1] == -0.5
-    assert wide[-1] == 0.5
-    np.testing.assert_array_equal(narrow[:-1], wide[:-1])
+    narrow, wide = (features(9.0, 30, 0.8, 0.9, 0.7, 0.05, lead, 9.0) for lead in (0.0, 5 * LEAD))
+    at = FEATURES.index("lead")
+    assert (narrow[at], wide[at]) == (-0.5, 0.5)
+    np.testing.assert_array_equal(np.delete(narrow, at), np.delete(wide, at))
 
 
-def test_a_card_from_before_the_last_feature_gives_it_no_weight() -> None:
-    weights = [0.1 * k for k in range(len(FEATURES) - 1)]
+def test_a_pose_beside_another_that_explains_as_much_says_less() -> None:
+    narrow, wide = (features(9.0, 30, 0.8, 0.9, 0.7, 0.05, 5.0, gap) for gap in (0.0, 5 * GAP))
+    at = FEATURES.index("gap")
+    assert (narrow[at], wide[at]) == (-0.5, 0.5)
+    np.testing.assert_array_equal(np.delete(narrow, at), np.delete(wide, at))
+
+
+@pytest.mark.parametrize("fewer", [0, 1, 2])
+def test_a_card_from_before_the_last_features_gives_them_no_weight(fewer: int) -> None:
+    weights = [0.1 * k for k in range(len(FEATURES) - fewer)]
     trust = read_trust({"trust": {"weights": weights, "threshold": 0.5, "widen": 1.5}})
-    assert trust.weights == (*weights, 0.0)
+    assert trust.weights == (*weights, *[0.0] * fewer)
+
+
+@pytest.mark.parametrize("count", [0, len(FEATURES) - 3, len(FEATURES) + 1])
+def test_a_card_with_too_few_or_too_many_weights_is_damaged(count: int) -> None:
     with pytest.raises(ValueError):
-        read_trust({"trust": {"weights": weights[:-1], "threshold": 0.5, "widen": 1.5}})
+        read_trust({"trust": {"weights": [0.1] * count, "threshold": 0.5, "widen": 1.5}})
 
 
 def test_where_no_threshold_keeps_the_promise_nothing_is_believed() -> None:
@@ -68,5 +80,5 @@ def test_where_no_threshold_keeps_the_promise_nothing_is_believed() -> None:
 
 def test_a_network_whose_trust_was_never_chosen_is_not_believed() -> None:
     trust = read_trust({})
-    best = features(0.0, 30, 1.0, 1.0, 1.0, 0.001, LEAD)
+    best = features(0.0, 30, 1.0, 1.0, 1.0, 0.001, LEAD, GAP)
     assert 0.99 < trust.of(best) < trust.threshold

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,13 +14,13 @@ from armsight.geometry.pose import make_pose
 from armsight.recognition.any_arm.edges import at_edges
 from armsight.recognition.any_arm.evidence import STRIDE, Evidence
 from armsight.recognition.any_arm.frames import LOOKS, Lump, find_lumps
-from armsight.recognition.any_arm.lens_doubt import doubted
+from armsight.recognition.any_arm.lens_doubt import RIGHT, doubted
 from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.observing import observe
 from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
-from armsight.recognition.any_arm.trust import LEAD, features, read_trust
+from armsight.recognition.any_arm.trust import GAP, LEAD, features, read_trust
 from armsight.recognition.any_arm.views import FIRST, Crop, mask_in_picture, take_crop
 from armsight.recognition.inference.intrinsics import check_size
 from armsight.recognition.inference.pictures import Picture
@@ -43,10 +43,14 @@ FOUND = (1.0 / 3.0, 0.46, 0.46)
 it. Chosen on pictures of both renderers."""
 TYPES = 2
 """Likeliest types that are fitted."""
-RIVAL = 0.05
-"""Probability of a type below which it is not fitted."""
-COMPARED = 5
-"""Fits of a type whose outlines are drawn."""
+RIVAL = 0.2
+"""Share of the known types' probability below which a second type is not fitted."""
+LOOSE = 3.0
+"""Variance of landmarks and surface points beside an outline, over that which they state: those of
+a link err alike, and many of them outvote it. Chosen, as ``AGAIN``, on pictures of both
+renderers."""
+COMPARED, AGAIN = 5, 2
+"""Fits of a type that follow the outline, and the best of these that do so once more."""
 OUTLINE = 120.0
 """Cost of an outline that overlaps nowhere, against landmarks; chosen on held-back crops of the
 training's renderer."""
@@ -58,6 +62,21 @@ deg, however they are held."""
 
 
 @dataclass(frozen=True)
+class Outlined:
+    """A fit with its outline on the mask's.
+
+    Attributes:
+        fit: itself.
+        overlap: of its outline, 0..1.
+        gap: by how much less it costs than the best other fit that puts the joints elsewhere.
+    """
+
+    fit: Fit
+    overlap: float
+    gap: float
+
+
+@dataclass(frozen=True)
 class _Candidate:
     fit: Fit
     overlap: float
@@ -66,12 +85,15 @@ class _Candidate:
     mass: float
     points: int
     cost: float
+    gap: float
 
     def features(self, lead: float) -> Floats:
         """Of its trust."""
         C = self.fit.joint_covariances()
         sigma = float(np.sqrt(np.trace(C, axis1=1, axis2=2)).mean())
-        return features(self.cost, self.points, self.overlap, self.kind, self.mass, sigma, lead)
+        return features(
+            self.cost, self.points, self.overlap, self.kind, self.mass, sigma, lead, self.gap
+        )
 
 
 class ArmRecogniser:
@@ -291,37 +313,47 @@ class ArmRecogniser:
         """The best fit of a type: landmarks, and of the best ones the outlines."""
         robot, marks = self._robot(name), self.model.landmarks[name]
         seen = observe(look, crop, name, marks)
-        found = best_outlined(solve(robot, marks, seen)[:COMPARED], seen, arm, crop)
+        fits = solve(robot, marks, seen)
+        seen = replace(seen, covariance=LOOSE * seen.covariance)
+        found = best_outlined(fits, seen, arm, crop)
         if found is None:
             return None
-        fit, overlap = found
+        fit, overlap = found.fit, found.overlap
         cost = cost_of(fit, seen)
         mass = float(look.places[name].mass.mean())
         score = cost + OUTLINE * (1.0 - overlap) - KIND * float(np.log(kind + 1e-3))
-        return _Candidate(fit, overlap, score, kind, mass, len(seen.link), cost)
+        return _Candidate(fit, overlap, score, kind, mass, len(seen.link), cost, found.gap)
 
 
 def best_outlined(
-    fits: Sequence[Fit], seen: Observations, arm: Floats32, crop: Crop, known: bool = False
-) -> tuple[Fit, float] | None:
-    """Of fits to landmarks the one that ends up best on the mask, with its overlap.
+    fits: Sequence[Fit], seen: Observations, arm: Floats32, crop: Crop
+) -> Outlined | None:
+    """Of fits to landmarks the one that ends up best on the mask.
 
     Args:
         fits: best first.
         seen: the observations that they explain.
         arm: (side, side) probability of the arm in the crop.
         crop: itself.
-        known: keep the joints.
     """
-    best: tuple[Fit, float] | None = None
-    least = np.inf
-    for fit in fits:
-        drawn = follow_outline(fit, seen, arm, crop, known)
-        overlap = outline_overlap(drawn, arm, crop)
-        score = cost_of(drawn, seen) + OUTLINE * (1.0 - overlap)
-        if score < least:
-            best, least = (drawn, overlap), score
-    return best
+
+    def followed(fit: Fit) -> tuple[float, float, Fit]:
+        end = follow_outline(fit, seen, arm, crop)
+        overlap = outline_overlap(end, arm, crop)
+        return cost_of(end, seen) + OUTLINE * (1.0 - overlap), overlap, end
+
+    ends = sorted(map(followed, fits[:COMPARED]), key=lambda end: end[0])
+    ends[:AGAIN] = [followed(fit) for _, _, fit in ends[:AGAIN]]
+    if not ends:
+        return None
+    (cost, overlap, best), *others = sorted(ends, key=lambda end: end[0])
+    gaps = [end[0] - cost for end in others if _apart(end[2], best) > RIGHT]
+    return Outlined(best, overlap, min(gaps, default=GAP))
+
+
+def _apart(a: Fit, b: Fit) -> float:
+    """Mean distance of the joints of two fits of one robot [m]."""
+    return float(np.linalg.norm(a.joints() - b.joints(), axis=1).mean())
 
 
 def _found(look: Look) -> float:

@@ -31,7 +31,7 @@ class Judged:
     """Answers on crops with truth.
 
     Attributes:
-        features: (m, 7) of each answer; error: (m,) mean joint error [m].
+        features: (m, 8) of each answer; error: (m,) mean joint error [m].
         spread: (m, 4) squared Mahalanobis distances of four joints, NaN where there are fewer.
     """
 
