@@ -11,6 +11,7 @@ from armsight.arrays import ColorImage, Floats
 
 _BONE, _JOINT, _BASE, _PAPER = (255, 255, 255), (230, 40, 40), (200, 0, 200), (20, 20, 20)
 _DOUBT = (150, 150, 150)
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def thickness(image: ColorImage) -> int:
@@ -39,13 +40,27 @@ def draw_skeleton(out: ColorImage, pixels: Floats, believed: bool = True) -> Non
 
 
 def draw_words(out: ColorImage, lines: list[str], width: float) -> None:
-    """Write lines into a picture's upper left corner, at full size in one of this width [px]."""
+    """Write lines into a picture's upper left corner, at full size in one of this width [px].
+
+    What is wider than the picture goes on in the next line.
+    """
     thick = thickness(out)
     scale = max(0.35, out.shape[1] / width)
     step = round(32 * scale) + 2
-    for k, line in enumerate(lines):
+    rows = [row for line in lines for row in _broken(line, out.shape[1] - 12, scale, thick)]
+    for k, row in enumerate(rows):
         place = (6, (k + 1) * step)
         for tint, line_width in ((_PAPER, 3 * thick), (_BONE, thick)):
-            cv2.putText(
-                out, line, place, cv2.FONT_HERSHEY_SIMPLEX, scale, tint, line_width, cv2.LINE_AA
-            )
+            cv2.putText(out, row, place, _FONT, scale, tint, line_width, cv2.LINE_AA)
+
+
+def _broken(line: str, width: float, scale: float, thick: int) -> list[str]:
+    """A line as rows of at most this width [px], broken between words."""
+    rows: list[str] = []
+    for word in line.split():
+        longer = f"{rows[-1]} {word}" if rows else word
+        if rows and cv2.getTextSize(longer, _FONT, scale, thick)[0][0] <= width:
+            rows[-1] = longer
+        else:
+            rows.append(word)
+    return rows
