@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,12 +45,8 @@ TYPES = 2
 """Likeliest types that are fitted."""
 RIVAL = 0.2
 """Share of the known types' probability below which a second type is not fitted."""
-LOOSE = 3.0
-"""Variance of landmarks and surface points beside an outline, over that which they state: those of
-a link err alike, and many of them outvote it. Chosen, as ``AGAIN``, on pictures of both
-renderers."""
-COMPARED, AGAIN = 5, 2
-"""Fits of a type that follow the outline, and the best of these that do so once more."""
+COMPARED = 5
+"""Fits of a type whose outlines are drawn."""
 OUTLINE = 120.0
 """Cost of an outline that overlaps nowhere, against landmarks; chosen on held-back crops of the
 training's renderer."""
@@ -313,9 +309,7 @@ class ArmRecogniser:
         """The best fit of a type: landmarks, and of the best ones the outlines."""
         robot, marks = self._robot(name), self.model.landmarks[name]
         seen = observe(look, crop, name, marks)
-        fits = solve(robot, marks, seen)
-        seen = replace(seen, covariance=LOOSE * seen.covariance)
-        found = best_outlined(fits, seen, arm, crop)
+        found = best_outlined(solve(robot, marks, seen)[:COMPARED], seen, arm, crop)
         if found is None:
             return None
         fit, overlap = found.fit, found.overlap
@@ -336,14 +330,11 @@ def best_outlined(
         arm: (side, side) probability of the arm in the crop.
         crop: itself.
     """
-
-    def followed(fit: Fit) -> tuple[float, float, Fit]:
-        end = follow_outline(fit, seen, arm, crop)
-        overlap = outline_overlap(end, arm, crop)
-        return cost_of(end, seen) + OUTLINE * (1.0 - overlap), overlap, end
-
-    ends = sorted(map(followed, fits[:COMPARED]), key=lambda end: end[0])
-    ends[:AGAIN] = [followed(fit) for _, _, fit in ends[:AGAIN]]
+    ends = []
+    for fit in fits:
+        drawn = follow_outline(fit, seen, arm, crop)
+        overlap = outline_overlap(drawn, arm, crop)
+        ends.append((cost_of(drawn, seen) + OUTLINE * (1.0 - overlap), overlap, drawn))
     if not ends:
         return None
     (cost, overlap, best), *others = sorted(ends, key=lambda end: end[0])
