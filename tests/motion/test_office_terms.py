@@ -300,7 +300,8 @@ def test_the_law_of_somebody_has_what_is_seen_and_of_a_face_all_of_its_region(ki
     made.map = replace(made.map, hazards=seen, hazard_unknown=np.zeros(1, bool))
     law = office.law(made.now, ROBOT.home, permitted(made.map, office.grant))
     lattice = office.grant.region.lattice(made.now, LATTICE)
-    expected = seen if kind == "hand" else np.concatenate([seen, lattice])
+    there = law.middle[None] if kind == "hand" else lattice
+    expected = np.concatenate([seen, there])
     points = law.touchable.blocks.points
     assert sorted(points.tolist()) == sorted(expected.astype(np.float32).tolist())
     assert law.touchable.radius == made.map.hazard_radius

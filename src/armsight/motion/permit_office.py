@@ -240,21 +240,20 @@ class PermitOffice:
             parts, region = grant.touching[self._body.moving], self._felt.of(grant.region)
             held = grant.out is not None
             return ContactSpeed(name, parts, region, when, speed, margin, held, unsure)
+        middle = grant.region.center(when)
         if self.retreat is None and q is not None and permit is not None:
-            middle = grant.region.center(when)
             speed = min(speed, gentle_speed(self._robot, self._config, permit, middle, q))
         touchable: Points = np.empty((0, 3))
         if isinstance(seen, PermittedSnapshot):
             touchable = seen.touchable.astype(float)
-        if grant.ceiling is None:  # a face: the arm may hide it from the map
-            touchable = np.concatenate([touchable, grant.region.lattice(when, LATTICE)])
-        touchable = np.concatenate([touchable, grant.region.center(when)[None]])
+        # The arm may hide them from the map: a face is all of its region, a hand in its middle.
+        face = grant.ceiling is None
+        there = grant.region.lattice(when, LATTICE) if face else middle[None]
+        touchable = np.concatenate([touchable, there])
         radius = 0.0 if seen is None else seen.hazard_radius
-        region, parts = grant.region, grant.touching[self._body.moving]
-        velocity = own_motion(region.velocity, self._force.push)
-        return GentleSpeed(
-            name, Hazards.at(touchable, radius), speed, velocity, parts, region.center(when)
-        )
+        parts = grant.touching[self._body.moving]
+        velocity = own_motion(grant.region.velocity, self._force.push)
+        return GentleSpeed(name, Hazards.at(touchable, radius), speed, velocity, parts, middle)
 
     def _give_way(self, now: float) -> None:
         """What was touched comes back and pushes an arm that has left it: it leaves once more.
