@@ -172,16 +172,15 @@ def register_spheres(
         except CalibrationError as error:
             problem, there[c] = error, False
             continue
-        there[c, np.flatnonzero(there[c])[~good]] = False
         if good.sum() < LEAST_PLACES:
-            problem, there[c] = (
-                CalibrationError(
-                    f"only {good.sum()} of {len(good)} places of the sphere agree with the arm to "
-                    f"{1e3 * tolerance:.0f} mm, at least {LEAST_PLACES} are needed; check that it "
-                    "hangs firmly on the arm and that nothing else looks like it"
-                ),
-                False,
+            there[c] = False
+            problem = CalibrationError(
+                f"only {good.sum()} of {len(good)} places of the sphere agree with the arm to "
+                f"{1e3 * tolerance:.0f} mm, at least {LEAST_PLACES} are needed; check that it "
+                "hangs firmly on the arm and that nothing else looks like it"
             )
+            continue
+        there[c, np.flatnonzero(there[c])[~good]] = False
     if not there.any():
         raise problem or CalibrationError(
             f"no camera saw the sphere in {LEAST_PLACES} places; check that it hangs on the arm, "

@@ -153,9 +153,9 @@ class Station(StationWatch):
             return Wish(JointIntent("stand by", self._stand_by_joints))
         goal = JointIntent(self._goal("show"), self._shows[self._side])
         there = reached(seen, goal.name)
-        if not there and self._in_state(seen) > 0.5 * o.patience:
-            self._other_side(seen, doubt)
         if not there:
+            if self._in_state(seen) > 0.5 * o.patience:
+                self._other_side(seen, doubt)
             return Wish(goal)
         self._hand.feeling.hang()
         self._T_shown = self._hand.plug(seen)

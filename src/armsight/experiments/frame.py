@@ -132,9 +132,8 @@ def print_result(result: Result, console: Console | None = None) -> None:
         verdict = {None: "", True: "[green]met[/]", False: "[red]missed[/]"}[row.met]
         table.add_row(row.key, row.condition, *_cells(row), verdict)
     console = console or Console()
-    if (
-        not console.is_terminal
-    ):  # a file or a pipe has no width: rich's guess of 80 cut the figures off
+    # A file or a pipe has no width: rich's guess of 80 cut the figures off.
+    if not console.is_terminal:
         console.width = max(console.width, _WIDE)
     console.print(table)
     for note in result.outcome.notes:

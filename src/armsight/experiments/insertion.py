@@ -121,35 +121,13 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
     )
     stiff = results["ablation_stiff_tilt_off"]
     for key, what in (("axial_n", "axial"), ("lateral_n", "lateral")):
+        say = f"{what} force without yielding in tilt, 99th percentile of the peaks"
         peaks = [r[key] for r in stiff]
-        rows.append(
-            Row(
-                f"ablation_stiff_tilt_{key}",
-                f"{what} force without yielding in tilt, 99th percentile of the peaks",
-                "5 mm, 5 deg",
-                float(np.percentile(peaks, 99)),
-                "N",
-                len(peaks),
-                low=float(np.median(peaks)),
-                high=float(np.max(peaks)),
-            )
-        )
+        rows.append(_peak(f"ablation_stiff_tilt_{key}", say, "5 mm, 5 deg", peaks))
     for key, what, must, aim in (("axial_n", "axial", 110, 90), ("lateral_n", "lateral", 50, 40)):
+        say = f"{what} force, 99th percentile of the peaks"
         peaks = [r[key] for r in [*off, *search]]
-        rows.append(
-            Row(
-                key,
-                f"{what} force, 99th percentile of the peaks",
-                "5 mm, 5 deg and 8 mm, 3 deg",
-                float(np.percentile(peaks, 99)),
-                "N",
-                len(peaks),
-                low=float(np.median(peaks)),
-                high=float(np.max(peaks)),
-                must=must,
-                aim=aim,
-            )
-        )
+        rows.append(_peak(key, say, "5 mm, 5 deg and 8 mm, 3 deg", peaks, must, aim))
     times = [r["seconds"] for r in off if r["full"] and r["said"]]
     if times:
         rows.append(
@@ -191,6 +169,29 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         )
     )
     return rows
+
+
+def _peak(
+    key: str,
+    say: str,
+    condition: str,
+    peaks: list[float],
+    must: float | None = None,
+    aim: float | None = None,
+) -> Row:
+    """99th percentile of forces [N], with their median and greatest."""
+    return Row(
+        key,
+        say,
+        condition,
+        float(np.percentile(peaks, 99)),
+        "N",
+        len(peaks),
+        low=float(np.median(peaks)),
+        high=float(np.max(peaks)),
+        must=must,
+        aim=aim,
+    )
 
 
 def _share(

@@ -80,9 +80,8 @@ length, holds it there, {KEPT:g} m or more from the arm, and the map shows the w
 permit is one for a hand, in a capsule along the arm as the fixed cameras see it in glove and
 sleeve. Arm, force sensor and contact are the simulated world's, the arm's absolute errors are off.
 Two things are not as in the cell's file: the map is higher, as in all trials here, and reaches
-{FRONT:g} m to the operator's side, to who stands there; and
-hands may be touched up to {HEADS:g} m (`head_height`): a hand at 1.55 m is at
-the height of heads.
+{FRONT:g} m to the operator's side, to who stands there; and hands may be touched up to
+{HEADS:g} m (`head_height`): a hand at 1.55 m is at the height of heads.
 
 *Recorded hands*: a stretch of {PLAYS:g} s of a clip of hands over or placed beside a robot, pelvis
 at rest, mirrored and turned by chance, its mean in V's box; then it slows down and rests. The ball

@@ -86,6 +86,8 @@ class GentleSpeed:
             return bool(slow.all() and self._coming(center, velocity, spin).min() >= 1.0)
 
         share = greatest_share(kept)
+        if share == 1.0:
+            return wanted
         far = body.view(q, wanted, self.touchable, law).share[self.parts].min()
         return wanted if far >= share else np.asarray(along + share * (wanted - along))
 
