@@ -13,6 +13,7 @@ from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.experiments.touch_cell import Target, TouchCell, Toucher
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import make_pose
+from armsight.motion.arm_model import ArmState
 from armsight.motion.contact_limits import MOST, ROTOR, contact_speed, effective_mass, mass_matrix
 from armsight.motion.contact_speed import GentleSpeed
 from armsight.motion.executed import Executed
@@ -260,6 +261,47 @@ def test_what_comes_to_touch_is_as_fast_as_separation_lets_it_be(away):
     assert (view.share >= np.minimum(apart.share, 1.0) - 1e-9).all()
     assert np.allclose(eased, motion) == (away > 1.0)
     assert (view.share[part] >= 1.0) == (away > 1.0)
+
+
+def test_beside_a_hand_the_tool_is_not_faster_while_it_brakes_than_it_may_be():
+    """Two joints cancelled each other at the tool: the first that stood made it twice as fast."""
+    rng = np.random.default_rng(2)
+    brake = ROBOT.limits.acceleration * np.array([1.0, 0.6, 1.0, 0.8, 1.0, 1.0])
+    gate = SeparationMonitor(ROBOT, GuardConfig(), brake)
+    part, kept, lost = len(gate.body.radius) - 1, 0, 0
+    nobody = Hazards.at(np.empty((0, 3)), 0.0)
+    for _ in range(300):
+        q = rng.uniform(-2.0, 2.0, 6)
+        J, twist = gate.body.jacobian(q, part), rng.normal(size=6)
+        twist[:3] *= 0.2 / np.linalg.norm(twist[:3])
+        motion = J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(6), twist)
+        fastest = _fastest_of_stop(gate.body, q, motion, brake, part)
+        at = gate.body.motion(q, motion)[0][part]
+        gate.contact = GentleSpeed("hand", Hazards.at(at[None], 0.0173), fastest[0] * 1.05)
+        others = gate._stays_gentle(gate.contact, ArmState(0.0, q, motion))
+        gentle = gate.contact.gentle(gate.body, q, motion)
+        assert gentle[part]
+        assert not (others & ~gentle).any()
+        if fastest.max() > 1.15 * fastest[0]:
+            lost += 1
+            assert not gate.stops_in_time(ArmState(0.0, q, motion), 0.2, nobody)
+        elif fastest.max() < 1.02 * fastest[0]:
+            kept += 1
+            assert others[part]
+    assert lost > 10
+    assert kept > 10
+
+
+def _fastest_of_stop(body, q, motion, brake, part):
+    """(k,) speed of a sphere's surface in a hard stop, played in steps of a millisecond."""
+    q, motion, out = q.copy(), motion.copy(), []
+    while np.abs(motion).max() > 0.0:
+        _, velocity = body.motion(q, motion)
+        turns = body.turning(q, motion)[part] * body.radius[part]
+        out.append(float(np.linalg.norm(velocity[part]) + turns))
+        slower = np.sign(motion) * np.maximum(np.abs(motion) - 0.001 * brake, 0.0)
+        q, motion = q + 0.0005 * (motion + slower), slower
+    return np.array(out)
 
 
 def test_what_is_above_the_height_of_heads_is_no_part_of_a_permit():

@@ -119,9 +119,27 @@ class SeparationMonitor:
             if not self._cable.stops_in_time(np.asarray(stop, np.float64), state.velocity, *stands):
                 return False
         if isinstance(self.contact, GentleSpeed):
-            fast = ~self.contact.gentle(self.body, state.position, state.velocity)
-            return free(self.contact.touchable, fast)
+            return free(self.contact.touchable, ~self._stays_gentle(self.contact, state))
         return True
+
+    def _stays_gentle(self, contact: GentleSpeed, state: ArmState) -> Mask:
+        """(m,) which spheres keep a permit's speed until they stand, if the arm brakes from here.
+
+        Joints that cancel each other do not stand at the same time, and without the other one the
+        tool is faster than before it braked. Between two joints' ends all joints slow evenly, and
+        no speed is greater than at both of them, but for the bend of the way.
+        """
+        brake, speed = self.body.brake, np.abs(state.velocity)
+        ends = speed / brake
+        kept = contact.gentle(self.body, state.position, state.velocity)
+        for t in np.unique(ends)[:-1]:  # at the last one it stands
+            own = np.minimum(t, ends)
+            q = state.position + (1.0 - 0.5 * brake * own / np.maximum(speed, 1e-9)) * (
+                own * state.velocity
+            )
+            slower = np.sign(state.velocity) * np.maximum(speed - brake * own, 0.0)
+            kept &= contact.gentle(self.body, q, slower)
+        return kept
 
     def protective_distance(self, view: SeparationView, state: ArmState, hazards: Hazards) -> float:
         """S_p of the part nearest to a hazard at the arm's present velocity [m]; 0 without one."""
