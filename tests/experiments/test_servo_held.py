@@ -11,13 +11,18 @@ from armsight.experiments.servo_ball import LIMIT, one_held, waypoints
 from armsight.experiments.servo_eyes import Errors
 from armsight.experiments.servo_held import (
     BEYOND,
+    KEPT,
     RADII,
+    Presses,
     apart,
     demonstrator,
+    first_apart,
     held_setup,
     recorded_holder,
 )
 from armsight.experiments.servo_world import make_eyes, set_up, world_to_base
+from armsight.motion.permits import Permit, PermitState
+from armsight.robots.kinematics import tcp_pose
 from armsight.servoing.docking import Touchable, docking
 from armsight.simulation.skeleton import INDEX
 
@@ -97,6 +102,58 @@ def test_who_stands_between_hides_the_ball_from_a_fixed_camera():
     assert all(seen for seen, hides in zip(left, behind) if not hides)
     beyond = holder.joints(0.0)[INDEX["neck"]] + 2.0 * FRONT
     assert eyes._covered(home, beyond, holder.joints(0.0)[INDEX["neck"]] - 0.5 * FRONT)
+
+
+def test_the_arm_begins_apart_from_somebody_or_as_far_as_there_is_room():
+    """Trial 16 of seed 14 began at home, 0.2 m from who held the ball: nothing else was free."""
+    robot, home = SETUP.robot, np.array(SETUP.robot.home)
+    near, far = home + 0.1 * np.eye(6)[0], home + 0.6 * np.eye(6)[0]
+    skin = tcp_pose(robot, home)[:3, 3] + [[0.0, 0.0, 0.1]]
+    assert apart(robot, near, skin) < apart(robot, far, skin) < KEPT
+    assert first_apart(robot, [near, far, near], skin) is far
+    assert first_apart(robot, [near, far], skin + np.array([3.0, 0.0, 0.0])) is near
+
+
+class Struck:
+    """A cell in which the arm moves as told, and is touched with a force."""
+
+    def __init__(self, speed, forces):
+        self.robot, self.q, self.now = SETUP.robot, np.array(SETUP.robot.home), 0.0
+        self.speed, self.forces, self.contacts = speed, forces, []
+
+    def on(self, permit):
+        presses = Presses()
+        for force in self.forces:
+            self.now += 0.008
+            self.q = self.q + 0.008 * self.speed * np.eye(6)[0]
+            self.contacts = [Felt(force)]
+            presses.look(self, permit)
+        return presses
+
+
+class Felt:
+    def __init__(self, force):
+        self.force = force
+
+
+@pytest.mark.parametrize(
+    ("speed", "state", "harm"),
+    [
+        (0.0, PermitState.REFUSED, False),
+        (0.5, PermitState.REFUSED, True),
+        (0.0, PermitState.GRANTED, True),
+    ],
+)
+def test_who_runs_into_an_arm_that_stands_is_no_harm_of_it(speed, state, harm):
+    permit = Permit("hand", "hand", state, force=25.0)
+    presses = Struck(speed, [0.0] * 8 + [5.0, 60.0, 110.0, 110.0]).on(permit)
+    assert presses.harm == harm
+    assert (presses.force, presses.struck) == ((110.0, 0.0) if harm else (0.0, 110.0))
+
+
+def test_what_a_permit_allows_is_no_harm():
+    permit = Permit("hand", "hand", PermitState.GRANTED, force=25.0)
+    assert not Struck(0.1, [0.0] * 8 + [5.0, 20.0]).on(permit).harm
 
 
 @pytest.mark.slow

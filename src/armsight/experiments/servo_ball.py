@@ -21,8 +21,9 @@ from armsight.experiments.servo_eyes import PAPERS, Errors, Path
 from armsight.experiments.servo_held import (
     FRONT,
     HEADS,
-    apart,
+    KEPT,
     demonstrator,
+    first_apart,
     held_setup,
     recorded_holder,
     touch_held,
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
 
 REACHED = 0.005
 """V: the tip came within this of the surface [m]."""
-KEPT = 0.45
-"""The arm begins at least so far from who holds the ball [m]: nearer its guard would hold it."""
 LIMIT = 12.0
 """A trial is given up after this [s]."""
 BOX = ((0.78, 0.0, 1.30), (0.50, 1.00, 0.50))
@@ -76,9 +75,10 @@ arm's absolute errors).
 
 `held_ball_`: V's own protocol, {HELD} trials: each of the 14 places once, and the corners again;
 somebody of 1.55 to 1.90 m stands on the operator's side, the arm stretched to 90 to 98 % of its
-length, holds it there, {KEPT:g} m or more from the arm, and the map shows the whole of them. The
-permit is one for a hand, in a capsule along the arm as the fixed cameras see it in glove and
-sleeve. Arm, force sensor and contact are the simulated world's, the arm's absolute errors are off.
+length, holds it there, {KEPT:g} m or more from the arm (as far as there is room where no place is
+so far), and the map shows the whole of them. The permit is one for a hand, in a capsule along the
+arm as the fixed cameras see it in glove and sleeve. Arm, force sensor and contact are the simulated
+world's, the arm's absolute errors are off.
 Two things are not as in the cell's file: the map is higher, as in all trials here, and reaches
 {FRONT:g} m to the operator's side, to who stands there; and hands may be touched up to
 {HEADS:g} m (`head_height`): a hand at 1.55 m is at the height of heads.
@@ -113,7 +113,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
         kind = prefix + motion if prefix == "held_" else motion
-        settings = [mode, kind, asdict(errors), shares, 12 if prefix == "held_" else 11]
+        settings = [mode, kind, asdict(errors), shares, 13 if prefix == "held_" else 12]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):
@@ -179,8 +179,7 @@ def one_held(
     else:
         holder = recorded_holder(_in_box(setup, rng), setup, rng)
     starts = (joints_before(setup, place) for place in rng.permutation(places))
-    skin = holder.skin(0.0)
-    start = next((q for q in starts if apart(setup.robot, q, skin) > KEPT), setup.robot.home)
+    start = first_apart(setup.robot, starts, holder.skin(0.0))
     return touch_held(setup, mode, errors, holder, start, seed[1], rng, LIMIT, REACHED)
 
 

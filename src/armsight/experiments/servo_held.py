@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ from armsight.experiments.servo_world import Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse, make_pose, transform
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.permits import Permit
 from armsight.robots.kinematics import sphere_centers, tcp_pose
 from armsight.robots.robot import Robot
 from armsight.simulation.skeleton import INDEX, PARTS, Proportions, bend, standing
@@ -41,6 +44,8 @@ TURNED = math.radians(20.0)
 """... on the operator's side, aside by up to this much [rad]."""
 HEIGHTS = (1.55, 1.90)
 """Of who holds it [m]."""
+KEPT = 0.45
+"""The arm begins at least so far from somebody [m]: nearer its guard would hold it."""
 STAYS = 0.3
 """After the touch a trial goes on for so long [s]."""
 LOOKS = 5
@@ -163,6 +168,62 @@ def apart(robot: Robot, q: JointVector, skin: Points, reach: float = 0.0) -> flo
     return float((away - radius[counts]).min())
 
 
+def first_apart(robot: Robot, starts: Iterable[JointVector], skin: Points) -> JointVector:
+    """(n,) the first joints that keep :data:`KEPT` from somebody's skin (k, 3); else the farthest.
+
+    Args:
+        robot: the arm.
+        starts: (n,) joints each [rad]; home is tried after them.
+        skin: in ``base`` [m].
+    """
+    farthest, most = robot.home, -math.inf
+    for start in chain(starts, (robot.home,)):
+        away = apart(robot, start, skin)
+        if away > KEPT:
+            return start
+        if away > most:
+            farthest, most = start, away
+    return farthest
+
+
+class Presses:
+    """What the arm presses of somebody, and who runs into an arm that stands, which is no harm.
+
+    Attributes:
+        force: greatest of a contact that grew while the arm moved, or might touch [N].
+        struck: greatest of any other: of who ran into an arm that stood [N].
+        granted: greatest that was permitted [N].
+        moves: some part of the arm moved lately.
+    """
+
+    def __init__(self) -> None:
+        self.force = self.struck = self.granted = 0.0
+        self.moves = False
+        self._strongest = 0.0
+        self._were: deque[tuple[float, Points]] = deque(maxlen=LOOKS + 1)
+
+    @property
+    def harm(self) -> bool:
+        """Whether the arm pressed more than it ever might."""
+        return self.force > max(self.granted, 1e-9)
+
+    def look(self, cell: PushedCell, permit: Permit | None) -> None:
+        """At the end of a round."""
+        may = permit is not None and permit.holds
+        self.granted = max(self.granted, permit.force) if permit and may else self.granted
+        center = sphere_centers(cell.robot, cell.q)
+        self._were.append((cell.now, center))
+        since, were = self._were[0]
+        way = float(np.linalg.norm(center - were, axis=1).max())
+        self.moves = way > MOVING * (cell.now - since)
+        strongest = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
+        if strongest > self._strongest and (may or self.moves):
+            self.force = strongest
+        elif strongest > self._strongest:
+            self.struck = strongest
+        self._strongest = strongest
+
+
 def held_setup(setup: Setup) -> Setup:
     """A cell's set-up for these trials, see ``HEADS`` and ``FRONT``."""
     mapping = setup.workcell.mapping
@@ -195,35 +256,26 @@ def touch_held(
     task = make_task(setup, mode, dock="held_ball")
     cell = HeldCell(setup, holder, start, seed)
     status: Any = None
-    granted, gap, nearest, heads, reached = 0.0, math.inf, math.inf, 0, math.inf
-    force, felt, rounds, moves = 0.0, 0.0, 0, False
-    before = sphere_centers(setup.robot, cell.q)
+    presses, gap, nearest, heads, reached, rounds = Presses(), math.inf, math.inf, 0, math.inf, 0
     try:
         while cell.now < min(limit, reached + STAYS):
             eyes.along, eyes.screens = holder.along(cell.now), holder.screens(cell.now)
             status = tick(cell, eyes, task, status)
             permit = status.permit
+            presses.look(cell, permit)
             may = permit is not None and permit.holds
-            granted = max(granted, permit.force) if may else granted
             tip = tcp_pose(cell.robot, cell.q)[:3, 3]
             gap = min(gap, float(np.linalg.norm(tip - cell.place(cell.now))) - RADIUS)
             if gap < near:
                 reached = min(reached, cell.now)
             rounds += 1
             if rounds % LOOKS == 0:
-                centers = sphere_centers(setup.robot, cell.q)
-                way = np.linalg.norm(centers - before, axis=1).max()
-                moves, before = bool(way > MOVING * LOOKS * setup.guard.period), centers
-                if moves:
+                if presses.moves:
                     reach = task.dock.reach if may else 0.0
                     nearest = min(nearest, apart(setup.robot, cell.q, cell.skin(cell.now), reach))
                 if may and permit.region is not None:
                     head = holder.joints(cell.now)[[INDEX["head"]]]
                     heads += bool(permit.region.distance(head, cell.now)[0] < RADII["head"])
-            strongest = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
-            if strongest > felt and (may or moves):  # who runs into an arm that stands is no harm
-                force = strongest
-            felt = strongest
     finally:
         cell.close()
     return {
@@ -231,10 +283,10 @@ def touch_held(
         "seconds": reached if math.isfinite(reached) else limit,
         "iterations": int(task.chase.iterations),
         "away": gap,
-        "force": float(force),
+        "force": float(presses.force),
         "apart": nearest,
         "heads": int(heads),
-        "harm": bool(force > max(granted, 1e-9) or nearest < 0.0),
+        "harm": bool(presses.harm or nearest < 0.0),
         "clip": holder.name,
         "last": cell.log[-1].reason,
         "permit": str(status.permit or ""),

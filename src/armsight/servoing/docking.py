@@ -78,6 +78,8 @@ class Docking:
         scale: of the fixed cameras' colour pictures: a ring of 15 mm needs all of their pixels.
         wary: from what strays from its prediction the tip leaves as soon as it has touched it.
         planned: the guard's planner leads the arm before it, past who holds it.
+        creeps: a tip that stands where the surface should be and feels nothing goes on by this much
+            at most, slowly, until something is felt [m] (:mod:`~armsight.servoing.creeping`).
     """
 
     name: str
@@ -99,6 +101,7 @@ class Docking:
     scale: float = 1.0
     wary: bool = False
     planned: bool = False
+    creeps: float = 0.0
 
     def reserve(self, tip: SprungTip | None = None) -> float:
         """How wrong a prediction of it may be [m]: then it is pressed with half of the force.
@@ -166,7 +169,7 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
         # On a light stand: nobody is beside it.
         "ball": Docking(
             "ball", lambda: Ball(ball_radius), radius=ball_radius, size=(ball_radius, 0.0, 0.0),
-            stiffness=2.5e3, scale=0.5, wary=True,
+            stiffness=2.5e3, scale=0.5, wary=True, creeps=0.015,
         ),
         # The same in somebody's gloved hand, with the arm behind it: as long as the tip needs to be
         # away from the rest of them, and so narrow that beside an arm's length no head is in it.
@@ -174,6 +177,7 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
             "held_ball", lambda: HeldBall(ball_radius), radius=ball_radius, permit="hand",
             shape="capsule", size=(0.16, 0.42, 0.0), offset=(0.0, 0.0, 0.19), gentle=0.25,
             speed=0.25, force=75.0, stiffness=2.5e3, drift=0.08, scale=0.5, wary=True, planned=True,
+            creeps=0.015,
         ),
         # Its plate has 16 cm; how it is turned about its middle nobody knows.
         "bullseye": Docking(

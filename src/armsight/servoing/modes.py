@@ -103,7 +103,8 @@ class Chase(Protocol):
         distance: of the tip from the target's surface, as believed [m]; inf without a target.
         source_number: which sensor leads, for a curve.
         config: may be exchanged between steps, for another stand-off.
-        give: how far the tip gives way to what presses [m]; V's modes, which feel nothing, do not.
+        give: how far the tip gives way to what presses [m], below 0 goes on behind the surface;
+            V's modes, which feel nothing, do neither.
     """
 
     robot: Robot

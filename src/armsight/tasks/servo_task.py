@@ -27,10 +27,11 @@ from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 from armsight.robots.sprung_tip import press_depth
+from armsight.servoing.creeping import STILL, Creeping
 from armsight.servoing.detour import BEFORE, Detour
 from armsight.servoing.docking import Docking
 from armsight.servoing.eyes import Eye, WristEye
-from armsight.servoing.modes import Chase, ChaseConfig, make_chase, tool_direction
+from armsight.servoing.modes import SEEN_WITHIN, Chase, ChaseConfig, make_chase, tool_direction
 from armsight.servoing.sighting import Look, Looks, Sighting
 
 Mode = Literal["ours", "paper", "fixed"]
@@ -82,6 +83,7 @@ class ServoTask:
         self.config, self.standoff = config, standoff
         self.perceivers = tuple(eyes)
         self.detour = Detour(f"way to {dock.name}", dock.planned)
+        self.creeping = Creeping(dock.creeps if standoff == 0.0 else 0.0)
         self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
         self.reset()
 
@@ -89,6 +91,7 @@ class ServoTask:
         """Nothing has been seen."""
         self.chase.reset()
         self.detour.reset()
+        self.creeping.reset()
         self._looks: dict[str, Look] = {}
         self.touches: list[float] = []
         self._touching = False
@@ -117,7 +120,7 @@ class ServoTask:
         self._take(observation)
         if joints is None:
             return Rest("no joint reading yet")
-        self.chase.give = self._give(observation.guard)
+        self.chase.give = self._give(observation.guard) - self._creep(now, observation.guard)
         wish = self.chase.step(now, joints, observation.guard)
         error = self.chase.distance
         touching = error < TOUCH
@@ -185,6 +188,20 @@ class ServoTask:
         bent = press_depth(self._felt, hold, tip) - press_depth(FELT, hold, tip)
         return min(max(bent, 0.0), GIVES)
 
+    def _creep(self, now: float, guard: GuardStatus | None) -> float:
+        """How far the tip goes on behind where the surface should be, until it feels it [m]."""
+        permit, seen = None if guard is None else guard.permit, self.chase.estimate
+        stands = (
+            permit is not None
+            and permit.holds
+            and seen is not None
+            and now - seen.seen < SEEN_WITHIN
+            and math.sqrt(float(seen.velocity @ seen.velocity)) < STILL
+            and self.chase.distance < TOUCH + self.creeping.by
+        )
+        pressed = math.nan if permit is None else permit.pressed
+        return self.creeping.update(now, stands, pressed, FELT)
+
     def face(self) -> Face:
         """What the page shows."""
         return self._face
@@ -223,6 +240,12 @@ class ServoTask:
         if pressed > self.config.tip.seat / 2.0 or self.chase.distance < 0.0:
             self._aside.append(now)
 
+    def _missed(self) -> str:
+        """That nothing was felt where the target should be, in words; empty otherwise."""
+        if not self.creeping.missed:
+            return ""
+        return f"felt nothing {1e3 * self.creeping.by:.0f} mm behind where the surface should be"
+
     def _show(self, robot: Robot, joints: JointState, now: float, touching: bool) -> Face:
         chase = self.chase
         tip = tcp_pose(robot, joints.position)[:3, 3]
@@ -246,7 +269,7 @@ class ServoTask:
         distance = 1e3 * chase.distance
         return Face(
             state="touch" if touching else chase.state,
-            reason=chase.reason,
+            reason=self._missed() or chase.reason,
             figures=(
                 Figure("touches", float(len(self.touches))),
                 Figure("switches", float(chase.switches)),
