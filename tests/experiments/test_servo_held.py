@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from armsight.errors import ArmsightError
-from armsight.experiments.recorded_hands import PLAYS, SLOWS, RecordedHand, recorded_hand
+from armsight.experiments.recorded_hands import (
+    PLAYS,
+    SLOWS,
+    RecordedHand,
+    recorded_hand,
+    recorded_path,
+)
 from armsight.experiments.servo_ball import LIMIT, one_held, waypoints
 from armsight.experiments.servo_eyes import Errors
 from armsight.experiments.servo_held import (
@@ -102,6 +108,15 @@ def test_who_stands_between_hides_the_ball_from_a_fixed_camera():
     assert all(seen for seen, hides in zip(left, behind) if not hides)
     beyond = holder.joints(0.0)[INDEX["neck"]] + 2.0 * FRONT
     assert eyes._covered(home, beyond, holder.joints(0.0)[INDEX["neck"]] - 0.5 * FRONT)
+
+
+def test_a_recorded_hand_rests_where_it_is_asked_to(clips):
+    place, base = np.array([0.7, 0.1, 0.8]), SETUP.workcell.robot.T_world_base
+    path, _, _ = recorded_path(place, base, np.random.default_rng(3), rests=True)
+    about, _, _ = recorded_path(place, base, np.random.default_rng(3))
+    assert path(PLAYS + SLOWS) == pytest.approx(place)
+    assert path(LIMIT) == pytest.approx(place)
+    assert path(1.0) - path(2.0) == pytest.approx(about(1.0) - about(2.0))
 
 
 def test_the_arm_begins_apart_from_somebody_or_as_far_as_there_is_room():

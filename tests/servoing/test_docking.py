@@ -140,6 +140,54 @@ def test_a_palm_that_goes_on_is_waited_for_again():
     assert arm.task.released == np.inf
 
 
+def swung(arm, seconds, speed):
+    """The last intent while a palm swings about below the tip, and the greatest of its speed."""
+    begin, intent = arm.now, None
+    width = 0.1
+    while arm.now < begin + seconds:
+        turn = speed / width * (arm.now - begin)
+        palm = arm.tip - (WAITS + 0.1) * UP + width * np.sin(turn) * np.cross(UP, FRONT)
+        intent = arm.stay(palm, 0.02)
+    return intent
+
+
+def test_nobody_comes_to_a_hand_that_swings_before_it_has_been_calm():
+    """Recorded hands at 1.5 to 3 m/s ran into an arm that had come near in their pauses."""
+    arm = Arm()
+    intent = swung(arm, 1.0, 1.5)
+    assert arm.task.restless
+    assert isinstance(intent, Rest)
+    assert "waits for a calm palm" in intent.reason
+    assert intent.reason == arm.task.face().reason
+    still = arm.tip - (WAITS + 0.1) * UP
+    pause = arm.stay(still, 0.5)
+    assert isinstance(pause, Rest), "it may only have paused"
+    calm = arm.stay(still, 2.0)
+    assert isinstance(calm, VelocityIntent)
+    assert calm.permit is not None
+
+
+def test_an_item_that_slips_while_a_swung_hand_is_waited_for_ends_it_too():
+    arm = Arm()
+    arm.stay(arm.tip - (WAITS + 0.1) * UP, 0.5, (0.04, True))
+    swung(arm, 0.6, 1.5)
+    assert arm.task.restless
+    intent = arm.stay(arm.tip - (WAITS + 0.1) * UP, 0.1, (0.0, False))
+    assert isinstance(intent, Rest)
+    assert "slipped" in intent.reason
+
+
+def test_a_palm_that_wanders_is_come_to_at_once_and_one_that_starts_is_left():
+    arm = Arm()
+    assert swung(arm, 1.0, 0.2).permit is not None
+    assert not arm.task.restless
+    arm.task.chase.reset()
+    arm.stay(arm.tip - WAITS * UP, 1.0)
+    assert arm.task.phase == "lower"
+    assert isinstance(swung(arm, 0.5, 1.5), Rest)
+    assert arm.task.phase == "wait"
+
+
 def test_the_region_of_a_hand_lies_along_its_forearm_where_that_was_seen():
     """A forearm of 27 cm turned by 40 deg from the person's side is in it to its end; the region
     along the person's side leaves it out, and with it the arm could not come near."""

@@ -85,11 +85,19 @@ def recorded_hand(rng: np.random.Generator, turned: float = math.pi) -> Recorded
 
 
 def recorded_path(
-    middle: Vector3, T_world_base: Pose, rng: np.random.Generator
+    place: Vector3, T_world_base: Pose, rng: np.random.Generator, rests: bool = False
 ) -> tuple[Path, str, float]:
-    """The path of a recorded hand about (3,) in ``base`` [m], its clip, greatest speed [m/s]."""
+    """The path of a recorded hand, its clip, greatest speed [m/s].
+
+    Args:
+        place: (3,) its mean in ``base`` [m], or where it comes to rest.
+        T_world_base: of the arm.
+        rng: draws the stretch.
+        rests: the place is where it comes to rest.
+    """
     found, R = recorded_hand(rng), np.asarray(T_world_base)[:3, :3].T
-    return lambda time: middle + R @ found.hand(time), found.name, found.fastest
+    start = place - R @ found.hand(math.inf) if rests else place
+    return lambda time: start + R @ found.hand(time), found.name, found.fastest
 
 
 @cache

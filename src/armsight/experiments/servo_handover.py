@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors
+from armsight.experiments.servo_held import KEPT, Presses, first_apart
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
 from armsight.experiments.servo_trials import gap_row, run_plan, tick
 from armsight.experiments.servo_world import Setup, make_eyes, make_task
@@ -41,16 +43,26 @@ COVERED = 0.5
 """Share of the pair's pictures in which the held item hides the disc, near the palm."""
 BOX = ((0.75, 0.0, 1.09), (0.20, 0.50, 0.10))
 """Centre and edges of where V's 12 places of the hand are drawn from, in this cell's world [m]."""
+HEIGHTS = (0.22, 0.30, 0.38)
+"""Before a recorded hand the arm begins so far above where that comes to rest [m], or at home:
+where it is apart from where the hand begins."""
 RUNS = 24
 
 ABOUT = f"""
 V's fifth experiment: the hand at 12 places, the item held by the gripper from the start (V fetches
 it from a fixed place first). The palm is at rest in a third of the trials; in a third it moves on
 seeded smooth paths with a greatest speed of up to {FASTEST:g} m/s; in a third as a recorded hand
-does for {PLAYS:g} s, until that slows down and rests. It is tilted by up to 10 deg. The item falls
-from where the gripper lets it go, with the gripper's velocity; success: its middle lands within
-{1e3 * LANDS:.0f} mm of the palm's, within {LIMIT:g} s. In {100 * COVERED:.0f} % of the pair's
-pictures from nearer than 0.35 m the item hides the disc.
+does for {PLAYS:g} s, until that slows down and rests at one of V's places (until November 2026 its
+mean lay there, and it rested up to 0.6 m off, in places that the cell does not map or the arm does
+not reach); before those the arm begins {KEPT:g} m or more from where the hand begins, if there is
+such a place. The palm is tilted by up to 10 deg. The item falls from where the gripper lets it go,
+with the gripper's velocity; success: its middle lands within {1e3 * LANDS:.0f} mm of the palm's,
+within {LIMIT:g} s, without harm. In {100 * COVERED:.0f} % of the pair's pictures from nearer than
+0.35 m the item hides the disc.
+
+Recorded hands pick, place and hand over at up to 3 m/s as if no arm were there. A force counts, and
+is harm beyond what is permitted, when it grows while a permit holds or any part of the arm moves;
+`handover_struck_n` is what is left: hands that run into an arm that stands.
 
 Contact of the gripper with the hand (ISO/TS 15066's mass and surface, held by 0.5 N/mm), the force
 sensor, drives and arm are the simulated world's, in steps of 1 ms; the arm's absolute errors are
@@ -86,7 +98,7 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
     T_world_palm = np.asarray(from_rpy(turn, where))
     T = np.asarray(inverse(base) @ T_world_palm)
     if k % 3 == 2:
-        path, clip, speed = recorded_path(T[:3, 3], base, rng)
+        path, clip, speed = recorded_path(T[:3, 3], base, rng, rests=True)
     else:
         speed, clip = 0.0 if k % 3 == 0 else float(rng.uniform(0.1, FASTEST)), ""
         path = path_of(T[:3, 3], speed, rng)
@@ -97,8 +109,13 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
         target_object(TargetSpec("hand", "hand", T_world_palm)),
         mass=region.mass, surface=region.stiffness, hold=500.0, max_speed=10.0,
     )  # fmt: skip
+    hand = _hand(T)
+    start = _start(setup, T, k % 3)
+    if clip:
+        ways = (_start(setup, T, way, height) for height in HEIGHTS for way in range(3))
+        start = first_apart(setup.robot, chain((start,), ways), hand + path(0.0))
     cell = PushedCell(
-        setup, _hand(T), path, _start(setup, T, k % 3), item,
+        setup, hand, path, start, item,
         np.asarray(inverse(item.solid.T_frame_solid) @ T_world_palm), seed=k,
     )  # fmt: skip
     try:
@@ -110,22 +127,21 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
 
 def _watched(cell: PushedCell, eyes: Any, task: ServoTask, T: Pose, speed: float) -> dict[str, Any]:
     status: Any = None
-    off, let_go, granted = math.nan, math.inf, 0.0
+    off, let_go, presses = math.nan, math.inf, Presses()
     up = task.config.vertical
     while cell.now < LIMIT and task.phase != "done":  # type: ignore[attr-defined]
         now = cell.now
         status = tick(cell, eyes, task, status)
-        if status.permit is not None and status.permit.holds:
-            granted = max(granted, status.permit.force)
+        presses.look(cell, status.permit)
         if math.isinf(let_go) and now > task.released + OPENED:  # type: ignore[attr-defined]
             let_go, off = now, _lands(cell, up)
-    force = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
     return {
         "mm": 1e3 * off if math.isfinite(off) else None,
         "seconds": let_go if math.isfinite(let_go) else None,
         "touched": bool(cell.contacts),
-        "force": float(force),
-        "harm": bool(force > max(granted, 1e-9)),
+        "force": float(presses.force),
+        "struck": float(presses.struck),
+        "harm": presses.harm,
         "speed": speed,
         "iterations": int(task.chase.iterations),
         "phase": task.phase,  # type: ignore[attr-defined]
@@ -157,13 +173,13 @@ def _hand(T: Pose) -> Points:
     return np.concatenate([palm, fingers, forearm])
 
 
-def _start(setup: Setup, T: Pose, which: int) -> JointVector:
-    """(n,) joints with the gripper pointing down, 25 to 35 cm from the palm."""
+def _start(setup: Setup, T: Pose, which: int, height: float = 0.22) -> JointVector:
+    """(n,) joints with the gripper pointing down, beside the palm and so far above it [m]."""
     to_base = np.asarray(inverse(setup.workcell.robot.T_world_base))
     up, front = to_base[:3, 2], to_base[:3, 0]
     side = np.cross(up, front)
     ways = (-0.15 * front, 0.2 * side, -0.2 * side)
-    at = T[:3, 3] + 0.22 * up + ways[which]
+    at = T[:3, 3] + height * up + ways[which]
     aim = Aim(at, np.zeros(3), -up, -front)
     return joints_for(setup.robot, aim, setup.robot.home, rounds=300)
 
@@ -189,13 +205,20 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         ]  # fmt: skip
     for say_which, which in (("at rest", 0), ("smooth paths", 1), ("recorded hands", 2)):
         found = results[""][which::3]
-        rows.append(
-            share_row("handover_success_of", say, say_which, [_good(r) for r in found], None)
-        )
+        times = [r["seconds"] for r in found if _good(r)]
+        rows += [
+            share_row("handover_success_of", say, say_which, [_good(r) for r in found], None),
+            median_row("handover_time_s_of", "time to letting go, of the successes", say_which,
+                       times, "s"),
+        ]  # fmt: skip
     forces = [r["force"] for r in results[""]]
     rows.append(
-        Row("handover_force_n", "greatest force of the gripper on the hand, of all trials", "ours",
+        Row("handover_force_n", "greatest force of the arm on the hand, of all trials", "ours",
             max(forces), "N", len(forces), must=10.0, aim=5.0)
+    )  # fmt: skip
+    rows.append(
+        Row("handover_struck_n", "greatest force of a hand that ran into an arm that stood",
+            "ours", max(r["struck"] for r in results[""]), "N", len(forces))
     )  # fmt: skip
     rows.append(gap_row([_good(r) for r in results["paper_"]], 0.75))
     harm = sum(r["harm"] for r in results[""])
@@ -207,15 +230,26 @@ def _notes(results: dict[str, list[dict[str, Any]]]) -> tuple[str, ...]:
     notes = []
     for key, found in results.items():
         bad = [r for r in found if not _good(r)]
-        words = "; ".join(
-            f"{r['mm']:.0f} mm off"
-            if r["mm"] is not None
-            else f"{r['phase']}: {r['permit'] or r['last']}{r['clip'] and ', ' + r['clip']}"
-            for r in bad[:6]
-        )
+        words = "; ".join(_why(r) for r in bad[:6])
         if bad:
             notes.append(f"Failed, {key or 'ours'}: {len(bad)} of {len(found)}: {words}.")
+    struck = [f"{r['struck']:.0f} N ({r['clip']})" for r in results[""] if r["struck"] > 0.0]
+    if struck:
+        notes.append(
+            f"In {len(struck)} of {len(results[''])} trials of ours a hand ran into the arm while "
+            f"that stood: {', '.join(struck)}."
+        )
     return tuple(notes)
+
+
+def _why(trial: dict[str, Any]) -> str:
+    """Why a trial failed."""
+    clip = trial["clip"] and f", {trial['clip']}"
+    if trial["harm"]:
+        return f"pressed with {trial['force']:.0f} N{clip}"
+    if trial["mm"] is not None:
+        return f"{trial['mm']:.0f} mm off"
+    return f"{trial['phase']}: {trial['permit'] or trial['last']}{clip}"
 
 
 EXPERIMENT = Experiment(

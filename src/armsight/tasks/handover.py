@@ -9,6 +9,7 @@ import numpy as np
 
 from armsight.motion.face import Face
 from armsight.motion.intents import Intent, PoseIntent, Rest, VelocityIntent
+from armsight.motion.permits import PermitRequest
 from armsight.motion.task import Observation
 from armsight.robots.kinematics import tcp_pose
 from armsight.tasks.servo_task import ServoTask
@@ -23,6 +24,12 @@ SETTLED = 0.15
 """It comes down when it has been above the palm for so long [s] ..."""
 CALM = 0.25
 """... and the palm is slower than this [m/s]."""
+LIVELY, FORGETS = 0.5, 1.2
+"""A palm that was seen to be faster than this [m/s] is restless until it has been calm: how fast it
+was is forgotten within about so long [s]. From 2 m/s, as hands are swung, that takes 2.5 s:
+who swings pauses, too."""
+BEGINS = 0.3
+"""The first looks at a palm say little of its speed: cameras differ by more than it moves [s]."""
 OPENS = 0.5
 """What the gripper is given to open [s]."""
 JAMMED, OPEN = 2.0, 0.8
@@ -38,6 +45,8 @@ class HandoverTask(ServoTask):
     Attributes:
         opening: width of the open gripper [m].
         phase: wait, lower, let go, leave or done; since: when it began [s].
+        restless: the palm is faster than is come to, or was lately: no permit is asked for, and the
+            arm stands, farther away, until it is calm.
         released: when the gripper was told to open [s]; inf before.
         failed: why nothing was handed over, in words; empty while that is not so.
         unsure: what speaks against that something was, in words; empty where nothing does.
@@ -51,6 +60,8 @@ class HandoverTask(ServoTask):
         self.phase, self.since, self.released = "wait", -math.inf, math.inf
         self.failed, self.unsure, self._held = "", "", False
         self._above = math.inf
+        self.restless, self._fastest, self._told = False, 0.0, -math.inf
+        self._known = math.inf
         self._width = self.opening
         self._height(WAITS)
 
@@ -59,8 +70,11 @@ class HandoverTask(ServoTask):
         now = observation.now
         if self.phase == "done":
             return Rest(self._ended)
+        self._watch(now)
         intent = super().update(observation)
         self._go_on(observation, now)
+        if self.restless and self.phase == "wait":
+            return intent if isinstance(intent, Rest) else Rest(self._waits)
         if self.phase in ("let go", "leave") and isinstance(
             intent, VelocityIntent | PoseIntent | Rest
         ):
@@ -71,7 +85,7 @@ class HandoverTask(ServoTask):
         """What the page shows."""
         face = super().face()
         if self.phase == "wait":
-            return face
+            return replace(face, reason=self._waits) if self.restless else face
         reason = self._ended if self.phase == "done" else self.failed or face.reason
         return replace(face, state=self.phase, reason=reason)
 
@@ -80,11 +94,39 @@ class HandoverTask(ServoTask):
         """What became of the item, in words."""
         return self.failed or self.unsure or "the item has been handed over"
 
+    @property
+    def _waits(self) -> str:
+        """What a restless palm is waited for, in words."""
+        return f"waits for a calm palm: it moved at {self._fastest:.1f} m/s lately"
+
+    def _watch(self, now: float) -> None:
+        """Whether the palm is restless: by what is surely seen of its speed."""
+        passed, self._told = now - self._told, now
+        estimate = self.chase.estimate
+        if estimate is None:
+            self._known = math.inf
+            return
+        self._known = min(self._known, now)
+        if now < self._known + BEGINS:
+            return
+        unsure = math.sqrt(max(float(np.linalg.eigvalsh(estimate.covariance[3:, 3:])[-1]), 0.0))
+        speed = float(np.linalg.norm(estimate.velocity)) - 2.0 * unsure
+        self._fastest = max(speed, self._fastest * math.exp(-passed / FORGETS))
+        self.restless = self._fastest > (CALM if self.restless else LIVELY)
+
+    def _permit(self, observation: Observation) -> PermitRequest | None:
+        """None to a restless palm: the arm keeps its whole distance from who moves so."""
+        if self.restless and self.phase in ("wait", "lower"):
+            return None
+        return super()._permit(observation)
+
     def _go_on(self, observation: Observation, now: float) -> None:
         """The next phase, if this one is over."""
         if self.phase in ("wait", "lower") and self._slipped(observation):
             self.failed = "the item has slipped out of the gripper; give it another one, start anew"
             self._begin("done", WAITS, now)
+        elif self.restless and self.phase in ("wait", "lower"):
+            self._begin("wait", WAITS, now)
         elif self.phase == "wait":
             if not self._over_palm(observation, WAITS):
                 self._above = math.inf
