@@ -17,6 +17,7 @@ from armsight.servoing.docking import Docking, docking
 from armsight.servoing.eyes import Eye, WristEye
 from armsight.servoing.law import LawConfig
 from armsight.servoing.modes import ChaseConfig, make_chase
+from armsight.servoing.patience import STATED
 from armsight.servoing.segments import SegmentConfig
 from armsight.servoing.targets.ball import Ball
 from armsight.tasks.handover import HandoverTask
@@ -43,12 +44,15 @@ class ServoOptions:
             pair on the wrist.
         standoff: how far before the surface the tip stays [m]; 0 touches.
         ball_radius: of the red ball [m].
+        patience: the arm gives up, with the reason, after a permit to touch was refused for so long
+            [s], until the target has moved by 0.1 m; `inf` waits for ever.
     """
 
     target: Literal["ball", "held_ball", "bullseye", "straw", "hand"] = "ball"
     mode: Mode = "ours"
     standoff: float = 0.0
     ball_radius: float = 0.04
+    patience: float = STATED
 
     def make(self, cell: Cell) -> ServoTask:
         """The task for a cell.
@@ -62,10 +66,19 @@ class ServoOptions:
                 f"a standoff of {self.standoff:g} m and a ball_radius of {self.ball_radius:g} m; "
                 "expected 0 or more, and above 0"
             )
-        return servo_task(cell, docking(self.target, self.ball_radius), self.mode, self.standoff)
+        if not self.patience > 0.0:
+            raise UsageError(f"a patience of {self.patience:g} s; expected above 0, or inf")
+        dock = docking(self.target, self.ball_radius)
+        return servo_task(cell, dock, self.mode, self.standoff, self.patience)
 
 
-def servo_task(cell: Cell, dock: Docking, mode: Mode = "ours", standoff: float = 0.0) -> ServoTask:
+def servo_task(
+    cell: Cell,
+    dock: Docking,
+    mode: Mode = "ours",
+    standoff: float = 0.0,
+    patience: float = STATED,
+) -> ServoTask:
     """The task of a docking, one of V's or of your own, for a cell.
 
     Args:
@@ -73,6 +86,7 @@ def servo_task(cell: Cell, dock: Docking, mode: Mode = "ours", standoff: float =
         dock: the target, the way to it, and what may be touched.
         mode: see :class:`ServoOptions`.
         standoff: how far before the surface the tip stays [m]; 0 for what the docking says.
+        patience: a permit that stays refused for so long is given up [s].
 
     Raises:
         UsageError: the cell has no camera with colour, no pair for the paper's mode, or no gripper
@@ -107,11 +121,11 @@ def servo_task(cell: Cell, dock: Docking, mode: Mode = "ours", standoff: float =
                 f"{cell.workcell.name}: no [gripper] that could let anything go; with a "
                 "standoff a hand is followed without one"
             )
-        task = HandoverTask(dock, mode, chase, eyes, config)
+        task = HandoverTask(dock, mode, chase, eyes, config, patience=patience)
         task.opening = cell.gripper.opening
         task.reset()
         return task
-    return ServoTask(dock, mode, chase, eyes, config, standoff)
+    return ServoTask(dock, mode, chase, eyes, config, standoff, patience)
 
 
 def chase_config(

@@ -32,6 +32,7 @@ from armsight.servoing.detour import BEFORE, Detour
 from armsight.servoing.docking import Docking
 from armsight.servoing.eyes import Eye, WristEye
 from armsight.servoing.modes import SEEN_WITHIN, Chase, ChaseConfig, make_chase, tool_direction
+from armsight.servoing.patience import STATED, Patience
 from armsight.servoing.sighting import Look, Looks, Sighting
 
 Mode = Literal["ours", "paper", "fixed"]
@@ -61,6 +62,7 @@ class ServoTask:
         eyes: the perceivers.
         config: of the chase.
         standoff: how far before it the tip stays [m].
+        patience: a permit that stays refused for so long is given up [s].
 
     Attributes:
         touches: when the tip came to touch the target, as far as is known [s].
@@ -78,11 +80,13 @@ class ServoTask:
         eyes: list[Eye | WristEye],
         config: ChaseConfig,
         standoff: float = 0.0,
+        patience: float = STATED,
     ) -> None:
         self.dock, self.mode, self.chase = dock, mode, chase
         self.config, self.standoff = config, standoff
         self.perceivers = tuple(eyes)
         self.detour = Detour(f"way to {dock.name}", dock.planned)
+        self.patience = Patience(patience)
         self.creeping = Creeping(dock.creeps if standoff == 0.0 else 0.0)
         self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
         self.reset()
@@ -92,6 +96,7 @@ class ServoTask:
         self.chase.reset()
         self.detour.reset()
         self.creeping.reset()
+        self.patience.reset()
         self._looks: dict[str, Look] = {}
         self.touches: list[float] = []
         self._touching = False
@@ -127,9 +132,11 @@ class ServoTask:
         if touching and not self._touching:
             self.touches.append(now)
         self._touching = touching
+        answer = None if observation.guard is None else observation.guard.permit
+        gave_up = self.patience.update(now, answer, self.chase.place)
         self._face = self._show(observation.robot, joints, now, touching)
-        if wish is None:
-            return Rest(self._ahead or self.chase.reason)
+        if wish is None or gave_up:
+            return Rest(self._ahead or gave_up or self.chase.reason)
         permit = self._permit(observation)
         around = self._around(now, observation.guard)
         if around is not None:
@@ -268,8 +275,8 @@ class ServoTask:
         )
         distance = 1e3 * chase.distance
         return Face(
-            state="touch" if touching else chase.state,
-            reason=self._missed() or chase.reason,
+            state="gave up" if self.patience.gave_up else "touch" if touching else chase.state,
+            reason=self.patience.gave_up or self._missed() or chase.reason,
             figures=(
                 Figure("touches", float(len(self.touches))),
                 Figure("switches", float(chase.switches)),
