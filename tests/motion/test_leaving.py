@@ -8,7 +8,9 @@ import pytest
 from armsight.devices.data import JointState
 from armsight.geometry.pose import make_pose
 from armsight.geometry.shapes import Solid
+from armsight.mapping.snapshot import OCCUPIED
 from armsight.motion.collision import CollisionModel
+from armsight.motion.depth_kernels import sink
 from armsight.motion.escape import leaves
 from armsight.motion.evasion import RUBS
 from armsight.motion.executed import Executed
@@ -59,6 +61,49 @@ def test_what_is_left_may_be_slid_along(deeper, anywhere, leaving):
     path = moved(q, deeper * out)
     assert leaves(model, path, seen, q) == anywhere
     assert leaves(model, path, seen, q, RUBS) == leaving
+
+
+@pytest.mark.parametrize(("deeper", "leaving"), [(-0.004, True), (0.004, False)])
+def test_a_way_out_does_not_lead_deeper_where_a_centre_is_inside_already(deeper, leaving):
+    """Small parts of a tool were as deep as they are thick, and went on through to the far side."""
+    R = tcp_pose(ROBOT, ROBOT.home)[:3, :3]
+    assert R[2, 2] < -0.999, "the tool looks down, and so is the grid aligned with it"
+    slab = Solid("slab", "box", (0.2, 0.2, 0.14), make_pose(None, TIP - [0.0, 0.0, 0.05]))
+    seen, model = make_snapshot([slab], counts_unknown=False), CollisionModel(ROBOT)
+    grid = seen.grid
+    column = seen.state[tuple(grid.index(TIP[None])[0][:2])]
+    top = grid.origin[2] + grid.voxel * (np.flatnonzero(column == OCCUPIED).max() + 1)
+    q = ROBOT.home
+    for _ in range(3):  # the foremost sphere's middle is 4 mm inside, the next is 8 mm outside
+        q = moved(q, [0.0, 0.0, top - 0.0177 - tcp_pose(ROBOT, q)[2, 3]])[1]
+    clear = model.clearances(q, seen)
+    assert (clear < 0.0).sum() == 1
+    assert leaves(model, moved(q, [0.0, 0.0, -deeper]), seen, q) == leaving
+
+
+@pytest.mark.parametrize("permitted", [False, True])
+def test_how_deep_a_centre_is_in_what_is_solid(permitted):
+    """Against a search over all cubes."""
+    rng = np.random.default_rng(4)
+    solids = [Solid("a", "box", (0.2, 0.3, 0.16), make_pose(None, (0.5, 0.0, 0.4)))]
+    solids.append(Solid("b", "sphere", (0.1, 0.0, 0.0), make_pose(None, (0.1, 0.4, 0.5))))
+    model = CollisionModel(ROBOT)
+    ob = model.obstacles(make_snapshot(solids, counts_unknown=False), ROBOT.home)
+    if permitted:
+        state = np.where(ob.state == 2, np.uint8(4), ob.state)
+        ob = ob._replace(state=state, touching=np.arange(300) % 2 == 0)
+    near = np.argwhere(ob.state >= 2)
+    centers = ob.origin + ob.voxel * (
+        near[rng.integers(len(near), size=300)] + rng.random((300, 3))
+    )
+    out = np.zeros(300)
+    sink(ob, centers, 0.06, out)
+    corner = ob.origin + ob.voxel * np.argwhere(ob.state < 2)
+    for k, center in enumerate(centers):
+        gap = np.maximum(np.maximum(corner - center, center - corner - ob.voxel), 0.0)
+        deep = min(float(np.linalg.norm(gap, axis=1).min()), 0.06)
+        assert -out[k] == pytest.approx(0.0 if permitted and k % 2 == 0 else deep, abs=1e-9)
+    assert (-out).max() > 0.05
 
 
 def test_who_presses_on_unseen_is_left_by_what_is_felt():

@@ -9,6 +9,7 @@ import numpy as np
 from armsight.arrays import Floats, JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
+from armsight.motion.depth_kernels import sink
 from armsight.motion.kernels import body_centers, self_clearance, sphere_clearances
 
 DEPTH = 0.05
@@ -94,4 +95,5 @@ class _Touch:
         body, scratch = self._model.body, self._model.scratch()
         body_centers(body, q, scratch.centers)
         sphere_clearances(self._obstacles, scratch.centers, body.radius, self._now)
+        sink(self._obstacles, scratch.centers, 2.0 * DEPTH, self._now)
         return float(self_clearance(body, scratch.centers))

@@ -198,6 +198,13 @@ def body_motion(body: Body, q: JointVector, dq: JointVector, scratch: Scratch) -
 
 
 @njit(cache=True, nogil=True)
+def is_solid(ob: Obstacles, ix: int, iy: int, iz: int, touching: bool) -> bool:
+    """Whether a voxel is solid; for what is ``touching`` PERMITTED is free."""
+    s = ob.state[ix, iy, iz]
+    return s == 2 or (s == 0 and ob.avoid_unknown) or (s == 4 and not touching)
+
+
+@njit(cache=True, nogil=True)
 def exact_distance(
     ob: Obstacles, x: float, y: float, z: float, limit: float, enough: float, touching: bool
 ) -> float:
@@ -229,8 +236,7 @@ def exact_distance(
             span = np.sqrt(best - dxy)
             iz, z1 = max(0, int(np.floor(gz - span))), min(nz - 1, int(np.floor(gz + span)))
             while iz <= z1:
-                s = ob.state[ix, iy, iz]
-                if s == 2 or (s == 0 and ob.avoid_unknown) or (s == 4 and not touching):
+                if is_solid(ob, ix, iy, iz, touching):
                     dz = max(iz - gz, gz - iz - 1.0, 0.0)
                     d = dxy + dz * dz
                     if d < best:
