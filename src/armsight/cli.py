@@ -33,6 +33,7 @@ from armsight.commands.replay import Replay
 from armsight.commands.robots import Robots
 from armsight.commands.run import RunCommand, run_with
 from armsight.commands.servo import Servo
+from armsight.commands.terminal import FULL, interruptible, last
 from armsight.commands.train import Train
 from armsight.commands.transfer import Transfer
 from armsight.commands.view import ViewCommand
@@ -103,7 +104,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Ours are many small matrices. OpenBLAS's threads, which wait for each other in a busy loop,
     # make a calibration take three times the processor time, and the arm's loop wants the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    code = run(sys.argv[1:] if arguments is None else arguments)
+    last()
+    try:
+        code = run(sys.argv[1:] if arguments is None else arguments)
+    except SystemExit as ended:  # help, or what the parser does not understand
+        code = ended.code if isinstance(ended.code, int) else 1
+    code = _told(code)
     line = sys.modules.get("armsight.devices.line")
     if line is not None and line.left_behind():
         # A thread hangs in a driver: to end in order takes seconds, and what it holds may hang too.
@@ -118,23 +124,24 @@ def run(arguments: Sequence[str]) -> int:
     words = list(arguments)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
-    if words == ["--version"]:
-        print(f"armsight {__version__}")
-        return 0
     if not words:
         words = ["--help"]
     _speak()
     from armsight.errors import ArmsightError
 
     try:
-        command = tyro.cli(
-            _commands(words),
-            prog="armsight",
-            description=DESCRIPTION,
-            args=words,
-            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-        )
-        return int(command.run())
+        if words == ["--version"]:
+            print(f"armsight {__version__}")
+            return 0
+        with interruptible():
+            command = tyro.cli(
+                _commands(words),
+                prog="armsight",
+                description=DESCRIPTION,
+                args=words,
+                config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+            )
+            return int(command.run())
     except ArmsightError as error:
         if debug:
             raise
@@ -146,9 +153,38 @@ def run(arguments: Sequence[str]) -> int:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader has gone (`armsight robots | head`); keep Python from complaining at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _hush()
         return 0
+    except OSError as error:
+        if debug or error.errno not in FULL:
+            raise
+        return _full(error)
+
+
+def _told(code: int) -> int:
+    """Hand on what was printed; an exit code that knows of a disk that takes no more."""
+    if sys.stdout is None:
+        return code
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _hush()
+    except OSError as error:
+        return _full(error)
+    return code
+
+
+def _hush() -> None:
+    """The reader has gone (`armsight robots | head`): keep Python from complaining at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _full(error: OSError) -> int:
+    """Say that there is no room."""
+    _hush()
+    what = error.filename or "what it says"
+    print(f"{what}: cannot be written: {error.strerror}; free some space", file=sys.stderr)
+    return 1
 
 
 def _speak() -> None:

@@ -1,11 +1,13 @@
-"""Names the machine and the commit that a figure was measured with."""
+"""This machine and its processes: cores, names that figures are told with, children's end."""
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import platform
 import shutil
 import subprocess
+import threading
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +17,22 @@ from armsight import __version__
 def usable_cores() -> int:
     """Processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def end_with_parent() -> None:
+    """In a worker process: end when its parent does, by whatever signal.
+
+    A pool's workers wait for work at a pipe of which each holds both ends, so the end of a parent
+    that was killed (memory ran out) is not told them, and they would keep theirs for ever.
+    """
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def processor() -> str:

@@ -127,6 +127,12 @@ def test_new_with_an_arm_of_ones_own(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "other.toml").exists()
 
 
+def test_new_says_what_can_be_typed(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(["new", "--", "-cell.toml"]) == 0
+    assert "armsight check ./-cell.toml" in capsys.readouterr().err
+
+
 def test_new_never_overwrites(tmp_path, capsys):
     file = tmp_path / "cell.toml"
     file.write_text("precious")

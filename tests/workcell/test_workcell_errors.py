@@ -58,6 +58,10 @@ def test_the_smallest_cell_is_good():
         (HEAD + "sped = 0.5", ['robot.sped: unknown key; did you mean "speed"? known: ']),
         (HEAD + "camera = 3", ["robot.camera: unknown key; "]),
         ("camera = 3\n" + HEAD, ["camera: found 3, expected a list"]),
+        (
+            HEAD + CAMERA.replace("[[camera]]", "[camera]"),
+            ["camera: found a table, expected a list of tables; write [[camera]]"],
+        ),
         ("camera = ['x']\n" + HEAD, ['camera[1]: found "x", expected a table']),
         # Types.
         (HEAD + "speed = 'fast'", ['robot.speed: found "fast", expected a number']),
@@ -266,6 +270,8 @@ def test_the_error_carries_its_problems():
         (b"\xef\xbb\xbf", "empty, expected a workcell"),
         (b"[cell\n", "not valid TOML: "),
         (b"a = 1\na = 2\n", "not valid TOML: "),
+        (b"a = " + b"1" * 5000, "not valid TOML: "),
+        (b"[camera]\n[camera]\n", "; write [[camera]] for each of several"),
         (b"\xff\xfe[\x00c\x00", "not UTF-8 text (byte 0)"),
         (b"\x89PNG\r\n\x1a\n\x00\x00", "not UTF-8 text (byte 0)"),
         (b"x = " + b"[" * 100_000, "nested too deeply"),

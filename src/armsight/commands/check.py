@@ -27,22 +27,21 @@ class Check:
 
     def run(self) -> int:
         """Check every file; 1 if any has a problem."""
-        from rich.console import Console
-
+        from armsight.commands.terminal import results
         from armsight.errors import ArmsightError, UsageError
         from armsight.workcell.packaged import load
 
         if not self.files:
             raise UsageError("name at least one file: armsight check FILE")
-        out, bad = Console(soft_wrap=True, highlight=False), 0
+        out, bad = results(), 0
         for file in self.files:
             try:
                 words = described(load(file))
                 out.print("[green]good[/]", end=" ")
-                out.print(f"{file}: {words}", markup=False)
+                out.print(f"{file}: {words}", markup=False, soft_wrap=True)
             except ArmsightError as error:
                 bad += 1
-                out.print(str(error), markup=False)
+                out.print(str(error), markup=False, soft_wrap=True)
         return 1 if bad else 0
 
 

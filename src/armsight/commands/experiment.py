@@ -38,12 +38,14 @@ class ExperimentCommand:
         from rich.console import Console
 
         from armsight.commands.running import progress_bar, say, write_summary
+        from armsight.commands.terminal import results
         from armsight.errors import UsageError
         from armsight.experiments import NAMES, load_experiment
 
         if not self.name:
             for name, title in NAMES.items():
-                Console().print(f"{name:14} {title}", highlight=False)
+                # One line each, for grep as well.
+                results().print(f"{name:24} {title}", markup=False, soft_wrap=True)
             return 0
         from armsight.experiments.frame import print_result, publish, run_experiment
 

@@ -58,7 +58,9 @@ class New:
         # A bad --name or arm is told before anything is written.
         parse_workcell(text, str(file), folder_of_cell)
         write_text(file, text)
-        say(f"wrote {file}; edit it, then: armsight check {shlex.quote(str(file))}")
+        # What begins with a dash would be taken for an option.
+        typed = f"./{file}" if str(file).startswith("-") else str(file)
+        say(f"wrote {file}; edit it, then: armsight check {shlex.quote(typed)}")
         return 0
 
 

@@ -65,22 +65,19 @@ class Listing:
     def run(self) -> int:
         """Print the catalogues."""
         import numpy as np
-        from rich.console import Console
-        from rich.table import Table
+        from rich.table import Column, Table
 
+        from armsight.commands.terminal import results
         from armsight.devices.camera_models import CAMERA_MODELS
         from armsight.devices.port import GROUPS
         from armsight.robots.report import robots_table, tools_table
         from armsight.workcell.drivers import driver_names
         from armsight.workcell.packaged import packaged
 
-        out = Console()
+        out = results()
+        columns = ("camera", "depth", "field of view", "range", "rate")
         cameras = Table(
-            "camera",
-            "depth",
-            "field of view",
-            "range",
-            "rate",
+            *(Column(name, overflow="fold") for name in columns),
             title="Cameras",
             title_justify="left",
         )

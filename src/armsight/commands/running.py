@@ -114,7 +114,11 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
 def _end_recording(recorder: Recorder, session: Session) -> None:
     """A recording that ended early costs the run neither its figures nor its own reason to end."""
     try:
-        say(f"recorded {recorder.close()}")
+        file = recorder.close()
+        if recorder.empty:  # interrupted while it was prepared: the name is free again
+            file.unlink()
+            return
+        say(f"recorded {file}")
     except RecordingError as error:
         session.recording_failure = str(error)
         say(str(error))

@@ -6,7 +6,6 @@ import contextlib
 import gc
 import multiprocessing
 import os
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Progress
+from armsight.machine import end_with_parent
 from armsight.motion.data import GuardMode, GuardStatus
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def run_episodes(
     # in Python 3.11 when a worker's last task was the only one under way.
     for begin in range(0, len(missing), FRESH * workers):
         batch = missing[begin : begin + FRESH * workers]
-        with ProcessPoolExecutor(workers, context, initializer=_end_with_parent) as pool:
+        with ProcessPoolExecutor(workers, context, initializer=end_with_parent) as pool:
             waiting = {pool.submit(_one, episode, seed, run): run for run in batch}
             try:
                 for future in as_completed(waiting):
@@ -91,18 +91,6 @@ def _one(episode: Callable[[int, int], dict[str, Any]], seed: int, run: int) -> 
         return episode(seed, run)
     finally:
         gc.collect()
-
-
-def _end_with_parent() -> None:
-    """In a worker: ends when its parent does, by whatever signal, and does not wait for ever."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def _not_yet() -> dict[str, Any]:

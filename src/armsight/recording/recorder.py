@@ -114,6 +114,11 @@ class Recorder:
         """The file's name once it is closed."""
         return self._kept or self._writer.path
 
+    @property
+    def empty(self) -> bool:
+        """Nothing has been recorded but what is known before the start."""
+        return self._start is None
+
     def attach(self, session: RecordedSession) -> None:
         """Watch a session; its sensing calls :meth:`on_reading`. Again, it was reset."""
         if self._start is not None:

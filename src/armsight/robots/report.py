@@ -17,14 +17,16 @@ def robots_table() -> Table:
     """Every arm: what the maker says, and how well its shapes fit its meshes."""
     table = Table(
         Column("robot", no_wrap=True),
-        "joints",
-        "reach\nmm",
-        "payload\nkg",
-        "joint range\ndeg",
-        "joint speed\ndeg/s",
-        "spheres\ncover, over p50/p95 mm",
-        "capsules\ncover, over p50/p95 mm",
-        Column("licence", no_wrap=True),
+        *_folded(
+            "joints",
+            "reach\nmm",
+            "payload\nkg",
+            "joint range\ndeg",
+            "joint speed\ndeg/s",
+            "spheres\ncover, over p50/p95 mm",
+            "capsules\ncover, over p50/p95 mm",
+            "licence",
+        ),
         title="Robots",
         title_justify="left",
     )
@@ -47,12 +49,9 @@ def robots_table() -> Table:
 def tools_table() -> Table:
     """Every tool: what it is, its mass and tip, and how well its shapes fit."""
     table = Table(
-        "tool",
-        "what",
-        "mass\nkg",
-        "tip\nmm",
-        "spheres\ncover, over p50/p95 mm",
-        "licence",
+        *_folded(
+            "tool", "what", "mass\nkg", "tip\nmm", "spheres\ncover, over p50/p95 mm", "licence"
+        ),
         title="Tools (or none)",
         title_justify="left",
     )
@@ -67,6 +66,11 @@ def tools_table() -> Table:
             sheet.license,
         )
     return table
+
+
+def _folded(*names: str) -> list[Column]:
+    """Columns that lose nothing in a narrow terminal: figures go on in the next line."""
+    return [Column(name, overflow="fold") for name in names]
 
 
 def _fit(count: int, fit: FitReport | None) -> str:

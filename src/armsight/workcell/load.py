@@ -15,7 +15,7 @@ from armsight.robots import tools
 from armsight.robots.catalogue import is_path
 from armsight.workcell import checks
 from armsight.workcell.fields import Section
-from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, path
+from armsight.workcell.problems import Problem, WorkcellFileError, from_validation, not_toml, path
 from armsight.workcell.schema import MappingSection, PatrolSection, Workcell
 from armsight.workcell.schema_devices import CameraSection, RobotSection, StereoSection
 from armsight.workcell.schema_simulation import SimulationSection
@@ -90,8 +90,8 @@ def parse_workcell(text: str, file: str = "workcell.toml", folder: Path | None =
         raise WorkcellError(f"{file}: empty, expected a workcell; 'armsight new FILE' starts one")
     try:
         raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise WorkcellError(f"{file}: not valid TOML: {error}") from None
+    except ValueError as error:  # also a number of more digits than Python takes
+        raise WorkcellError(f"{file}: {not_toml(error, Workcell)}") from None
     except RecursionError:
         raise WorkcellError(f"{file}: nested too deeply, expected a plain workcell file") from None
     _find_own(raw, folder)

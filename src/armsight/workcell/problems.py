@@ -165,11 +165,30 @@ def _what(entry: dict[str, Any], location: tuple[int | str, ...], model: type[Ba
         expected = "a letter, then letters, digits, '_', '-' or '.', at most 64"
     elif kind in ("too_short", "too_long"):
         expected = _how_many(info)
+    if kind == "tuple_type" and isinstance(entry["input"], Mapping):
+        expected = f"a list of tables; write {several(location)}"
     if info is not None and info.annotation == Connection:
         expected = "a string, a number, true or false"
     if expected is None:
         expected = entry["msg"][0].lower() + entry["msg"][1:]
     return f"found {found}, expected {expected}{about}"
+
+
+def several(location: Sequence[int | str]) -> str:
+    """How a table is headed that is given any number of times."""
+    return f"[[{'.'.join(str(step) for step in location)}]]"
+
+
+def not_toml(error: ValueError, model: type[BaseModel]) -> str:
+    """What is wrong with a text that is no TOML; a second `[camera]` wants two brackets more."""
+    twice = re.match(r"Cannot declare \(([^)]*)\) twice", str(error))
+    if twice is None:
+        return f"not valid TOML: {error}"
+    location = re.findall(r"'([^']*)'", twice[1])
+    _, info = describe(model, location)
+    listed = info is not None and get_origin(info.annotation) is tuple
+    hint = f"; write {several(location)} for each of several" if listed else ""
+    return f"not valid TOML: {error}{hint}"
 
 
 def _how_many(info: FieldInfo | None) -> str:

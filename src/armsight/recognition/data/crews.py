@@ -16,6 +16,7 @@ from multiprocessing import get_context
 from typing import Any, Protocol
 
 from armsight.errors import DatasetError
+from armsight.machine import end_with_parent
 from armsight.recognition.data.crops import draw_crops
 from armsight.recognition.data.order import Order
 from armsight.recognition.data.painter import Painter
@@ -102,7 +103,7 @@ class Processes:
         self._workers = workers
         # A forked child would share OpenGL's state with its parent.
         self._pool = ProcessPoolExecutor(
-            workers, mp_context=get_context("spawn"), initializer=_leave_interrupts
+            workers, mp_context=get_context("spawn"), initializer=_begin
         )
 
     def draw(self, order: Order, batches: Iterable[Batch]) -> Iterator[list[Drawn]]:
@@ -189,6 +190,7 @@ class RayCluster:
         return ready[0]
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C is for the parent, which then sends everybody home."""
+def _begin() -> None:
+    """In a worker: Ctrl-C is for the parent, which then sends everybody home; so is its death."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()

@@ -74,7 +74,7 @@ def read_emphasis(path: Path) -> Emphasis:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"{path}: cannot be read ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(f"{path}: is not TOML ({error})") from None
     bins = []
     for name, table in data.items():

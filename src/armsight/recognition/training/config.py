@@ -164,7 +164,7 @@ def read_config(file: Path) -> TrainingConfig:
         data = tomllib.loads(text)
     except OSError as error:
         raise RecognitionError(f"{file}: cannot be read ({error.strerror or error})") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise RecognitionError(f"{file}: is not TOML ({error})") from None
     try:
         return _config(data)

@@ -102,7 +102,7 @@ def parse_calibration(text: str, file: str = "cell.calibration.toml") -> CellCal
         raise WorkcellError(f"{file}: empty, expected a calibration; calibrate again")
     try:
         raw = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise WorkcellError(
             f"{file}: not valid TOML: {error}; half written or edited: restore it, or delete it "
             "and calibrate again"
