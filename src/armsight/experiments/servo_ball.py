@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +14,8 @@ from armsight.experiments.cache import RunCache
 from armsight.experiments.forecast_clips import find_clips
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.recorded_hands import PLAYS, recorded_path
-from armsight.experiments.rows import Row, bootstrap, wilson
-from armsight.experiments.servo_eyes import PAPERS, Errors, Path
+from armsight.experiments.servo_ball_rows import Found, ball_rows, notes, times
+from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes, Path
 from armsight.experiments.servo_held import (
     FRONT,
     HEADS,
@@ -28,9 +26,8 @@ from armsight.experiments.servo_held import (
     recorded_holder,
     touch_held,
 )
-from armsight.experiments.servo_rows import harm_row
+from armsight.experiments.servo_rendered import SHARE, agreement, rendered
 from armsight.experiments.servo_world import (
-    HARM,
     Setup,
     Trial,
     make_eyes,
@@ -43,9 +40,6 @@ from armsight.servoing.aim import Aim, joints_for
 from armsight.servoing.approach import facing
 from armsight.simulation.targets import wander
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 REACHED = 0.005
 """V: the tip came within this of the surface [m]."""
 LIMIT = 12.0
@@ -57,6 +51,8 @@ RUNS = 200
 
 HELD = 22
 """V's waypoints."""
+RENDERED = {"rest": "at rest", "moving": "moving at up to 0.1-0.4 m/s"}
+"""What the ball does in trials that are rendered as well; one is led at 0.6 m/s at most."""
 
 ABOUT = f"""
 V's second experiment: the ball at waypoints of a box of 100 x 50 x 50 cm. V says 22 waypoints,
@@ -87,7 +83,12 @@ Two things are not as in the cell's file: the map is higher, as in all trials he
 at rest, mirrored and turned by chance, its mean in V's box; then it slows down and rests. The ball
 is on a stand and goes where the hand goes, or somebody holds it, whose whole recorded body the map
 shows: V held it still, so that row has no budget. They swing at up to 2.6 m/s, into an arm that
-stands, too, which is not counted as harm. Not in: rendered trials.
+stands, too, which is not counted as harm.
+
+`rendered_`: one in {SHARE} of the trials at rest and moving, with the same place, path and start,
+in the whole cell: rendered pictures of all five cameras and what is found in them, its own map,
+contact physics, `--cell-is-empty`. That cell maps no higher than 1.95 m, and above it nothing is
+seen: the elbow has less room before V's middle and upper places than in the other trials.
 """
 
 
@@ -108,7 +109,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("paper_", "paper", "rest", PAPERS, (0.5, 0.6), max(runs // 2, 1)),
         ("fixed_", "fixed", "rest", PAPERS, (0.5, 0.6), max(runs // 2, 1)),
     ]
-    results: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    results: Found = {}
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
@@ -122,27 +123,29 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
             found.append(cache.get(k, trial))
             done += 1
             progress(f"{mode}, {motion}: {k + 1} of {count}", done / total)
-    rows = [*_ours(results), *_papers(results)]
-    return Outcome(tuple(rows), {"times": lambda: _plot(results)}, _notes(results))
+    rows = ball_rows(results)
+    for motion, where in RENDERED.items():
+        shown = results[("rendered_", motion)] = _rendered(motion, runs, seed, progress)
+        rows += agreement(f"{where}, speed 1, acceleration 1", shown, results[("", motion)])
+    return Outcome(tuple(rows), {"times": lambda: times(results, LIMIT)}, notes(results))
+
+
+def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
+    """The first tenth of a row's trials in the rendered cell; kept as they end."""
+    setup, count = set_up(1.0, 1.0), max(runs // SHARE, 1)
+    cache = RunCache("servo-ball", seed, {"settings": ["rendered", motion, 1]})
+    found = []
+    for k in range(count):
+        progress(f"rendered, {motion}: {k + 1} of {count}", k / count)
+        found.append(cache.get(k, partial(one_rendered, setup, motion, (seed, k))))
+    return found
 
 
 def one(
     setup: Setup, mode: str, motion: str, errors: Errors, seed: tuple[int, int]
 ) -> dict[str, Any]:
     """One trial; what it came to, as JSON values."""
-    rng = np.random.default_rng((*seed, 7))
-    places = waypoints(setup)
-    target, before = rng.choice(len(places), 2, replace=False)
-    place = places[target] + rng.uniform(-0.02, 0.02, 3)
-    eyes = make_eyes(setup, errors, rng)
-    speed = 0.0 if motion == "rest" else float(rng.uniform(0.1, 0.4))
-    clip = ""
-    if motion == "recorded":
-        middle = _in_box(setup, rng)
-        ball, clip, speed = recorded_path(middle, setup.workcell.robot.T_world_base, rng)
-    else:
-        ball = path_of(place, speed, rng)
-    start = joints_before(setup, places[before])
+    eyes, ball, clip, speed, start = _drawn(setup, motion, errors, seed)
     task = make_task(setup, mode)
     trial = Trial(setup, eyes, task, ball, start, seed=seed[1])
     course = trial.run(LIMIT, until=lambda c: c.gap[-1] < REACHED)
@@ -164,6 +167,31 @@ def one(
         "away": float(min(course.gap)),
         "clip": clip,
     }
+
+
+def _drawn(
+    setup: Setup, motion: str, errors: Errors, seed: tuple[int, int]
+) -> tuple[Eyes, Path, str, float, JointVector]:
+    """A trial's cameras, the ball's path, its clip and greatest speed [m/s], the arm's start."""
+    rng = np.random.default_rng((*seed, 7))
+    places = waypoints(setup)
+    target, before = rng.choice(len(places), 2, replace=False)
+    place = places[target] + rng.uniform(-0.02, 0.02, 3)
+    eyes = make_eyes(setup, errors, rng)
+    speed = 0.0 if motion == "rest" else float(rng.uniform(0.1, 0.4))
+    clip = ""
+    if motion == "recorded":
+        middle = _in_box(setup, rng)
+        ball, clip, speed = recorded_path(middle, setup.workcell.robot.T_world_base, rng)
+    else:
+        ball = path_of(place, speed, rng)
+    return eyes, ball, clip, speed, joints_before(setup, places[before])
+
+
+def one_rendered(setup: Setup, motion: str, seed: tuple[int, int]) -> dict[str, Any]:
+    """The same ball and start in the rendered cell; what it came to, as JSON values."""
+    _, ball, _, _, start = _drawn(setup, motion, Errors(), seed)
+    return rendered(setup, ball, start, seed[0] * 1000 + seed[1], LIMIT, REACHED)
 
 
 def one_held(
@@ -217,191 +245,6 @@ def joints_before(setup: Setup, place: Floats) -> JointVector:
     axis = facing(place, up, T[:3, 0])
     aim = Aim(place - 0.09 * axis, np.zeros(3), axis, -up)
     return joints_for(setup.robot, aim, setup.robot.home, rounds=300)
-
-
-def _success(
-    key: str, condition: str, found: Sequence[dict[str, Any]], paper: float | None, ours: bool
-) -> Row:
-    good = sum(r["reached"] for r in found)
-    low, high = wilson(good, len(found))
-    return Row(
-        key,
-        "share of trials in which the tip came within 5 mm of the ball's surface, 95 % by Wilson",
-        condition,
-        good / max(len(found), 1),
-        n=len(found),
-        low=low,
-        high=high,
-        paper=paper,
-        must=(0.95 if key.startswith("held_") else 0.97) if ours else None,
-        aim=0.99 if ours else None,
-        better="higher",
-    )
-
-
-def _time(
-    key: str,
-    condition: str,
-    found: Sequence[dict[str, Any]],
-    paper: float | None,
-    budget: tuple[float, float] | None,
-) -> Row:
-    times = [r["seconds"] for r in found if r["reached"]]
-    low, high = bootstrap(times, np.random.default_rng(0), "median")
-    return Row(
-        key,
-        "median time to within 5 mm, of the trials that got there; 95 % by bootstrap",
-        condition,
-        float(np.median(times)) if times else math.nan,
-        "s",
-        len(times),
-        low,
-        high,
-        paper,
-        None if budget is None else budget[0],
-        None if budget is None else budget[1],
-        why="no trial got there",
-    )
-
-
-def _ours(results: dict[tuple[str, str], list[dict[str, Any]]]) -> list[Row]:
-    rest, moving, t2 = results[("", "rest")], results[("", "moving")], results[("t2", "rest")]
-    hands, near = results[("", "recorded")], [r for r in moving if 0.15 <= r["speed"] <= 0.25]
-    held, led = results[("held_", "rest")], results[("held_", "recorded")]
-    full, less = "speed 1, acceleration 1", "speed 0.5, acceleration 0.6"
-    stands = [*rest, *moving, *hands, *t2]
-    persons = [*held, *led]
-    return [
-        _success("ball_success", f"at rest, {full}", rest, 0.95, True),
-        _success("ball_success", f"moving at up to 0.1-0.4 m/s, {full}", moving, None, True),
-        _success("ball_success", f"recorded hands, {full}", hands, None, True),
-        _success("ball_success", f"at rest, {less}", t2, 0.95, True),
-        _success("held_ball_success", f"held still, {full}", held, 0.95, True),
-        _success("recorded_held_ball_success", f"by people as recorded, {full}", led, None, False),
-        _time("ball_time_s", f"at rest, {full}", rest, 9.0, (4.0, 1.8)),
-        _time("ball_time_s", f"at rest, {less}", t2, 9.0, (4.0, 1.8)),
-        _time("ball_moving_time_s", f"at up to 0.15-0.25 m/s, {full}", near, None, (4.0, 2.5)),
-        _time("held_ball_time_s", f"held still, {full}", held, 9.0, (6.0, 4.0)),
-        harm_row(HARM, "all of ours, on a stand", sum(r["harm"] for r in stands), len(stands)),
-        harm_row(
-            "trials in which the ball was pressed above the permit, or the holder was touched",
-            "all of ours, held",
-            sum(r["harm"] for r in persons),
-            len(persons),
-        ),
-        Row(
-            "held_ball_force_n",
-            "greatest force on the ball, of all trials",
-            "ours, held",
-            max((r["force"] for r in persons), default=math.nan),
-            "N",
-            len(persons),
-        ),
-        Row(
-            "press_mm",
-            "median of the deepest overlap within 0.3 s of the touch: how hard it would press",
-            "ours, at rest",
-            1e3 * float(np.median([max(r["press"], 0.0) for r in rest if r["reached"]] or [0.0])),
-            "mm",
-            len(rest),
-        ),
-    ]
-
-
-def _papers(results: dict[tuple[str, str], list[dict[str, Any]]]) -> list[Row]:
-    paper, fixed = results[("paper_", "rest")], results[("fixed_", "rest")]
-    where = "V's errors, at rest"
-    share = sum(r["reached"] for r in paper) / max(len(paper), 1)
-    rows = [
-        _success("paper_ball_success", where, paper, 0.95, False),
-        _success("fixed_ball_success", where, fixed, 0.68, False),
-        _time("paper_ball_time_s", where, paper, 9.0, None),
-        _time("fixed_ball_time_s", where, fixed, 10.2, None),
-        Row(
-            "paper_mode_gap",
-            "share of successes of V's mode less V's figure, absolute",
-            where,
-            abs(share - 0.95),
-            n=len(paper),
-            must=0.10,
-            aim=0.05,
-        ),
-    ]
-    for key, found, figure in (("paper_", paper, 11.0), ("fixed_", fixed, 12.0)):
-        steps = [float(r["iterations"]) for r in found if r["reached"]]
-        rows.append(
-            Row(
-                f"{key}ball_iterations",
-                "median number of segments",
-                where,
-                float(np.median(steps)) if steps else math.nan,
-                n=len(steps),
-                paper=figure,
-                why="no trial got there",
-            )
-        )
-    return rows
-
-
-def _notes(results: dict[tuple[str, str], list[dict[str, Any]]]) -> tuple[str, ...]:
-    notes = []
-    for (prefix, motion), found in results.items():
-        lost = [r for r in found if not r["reached"]]
-        if lost:
-            words = "; ".join(_why(r) for r in lost[:6])
-            notes.append(
-                f"Not reached, {prefix or 'ours'} {motion}: {len(lost)} of {len(found)}: {words}."
-            )
-    hands = results[("", "recorded")]
-    speeds = sorted(r["speed"] for r in hands) or [math.nan]
-    soon = sum(r["reached"] and r["seconds"] < PLAYS for r in hands)
-    notes.append(
-        f"Recorded hands move at up to {speeds[0]:.1f} to {speeds[-1]:.1f} m/s, "
-        f"{float(np.median(speeds)):.1f} in the median trial; {soon} of {len(hands)} are touched "
-        "before they slow down to rest."
-    )
-    held = [*results[("held_", "rest")], *results[("held_", "recorded")]]
-    nearest = min((r["apart"] for r in held), default=math.nan)
-    heads = sum(r["heads"] > 0 for r in held)
-    notes.append(
-        f"Of who holds the ball the arm came within {nearest:.2f} m at the nearest, the hand that "
-        f"holds it included; in {heads} of {len(held)} trials their head reached into the permit's "
-        "region."
-    )
-    notes.append(
-        "V's arm stopped about a second for each segment; here segments follow each other within "
-        "30 ms, so V's modes take less time than V reports at about as many segments."
-    )
-    return tuple(notes)
-
-
-def _why(trial: dict[str, Any]) -> str:
-    """Why a trial did not get there."""
-    words = trial.get("permit") or trial["last"] or "no reason"
-    clip = f", {trial['clip']}" if trial.get("clip") else ""
-    return f"{1e3 * trial['away']:.0f} mm away ({words}{clip})"
-
-
-def _plot(results: dict[tuple[str, str], list[dict[str, Any]]]) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.0, 3.6))
-    axes = figure.subplots()
-    names = {
-        "": "ours", "held_": "ours, held", "t2": "ours, T2's shares", "paper_": "V's hybrid",
-        "fixed_": "V's, fixed",
-    }  # fmt: skip
-    for (prefix, motion), found in results.items():
-        times = np.sort([r["seconds"] if r["reached"] else np.inf for r in found])
-        share = np.arange(1, len(times) + 1) / len(times)
-        axes.step(times, share, where="post", label=f"{names[prefix]}, {motion}")
-    axes.set_xlim(0, LIMIT)
-    axes.set_ylim(0, 1)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("share of trials that touched")
-    axes.legend(fontsize=8)
-    axes.grid(alpha=0.3)
-    return figure
 
 
 EXPERIMENT = Experiment(

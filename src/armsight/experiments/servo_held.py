@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from armsight.robots.kinematics import sphere_centers, tcp_pose
 from armsight.robots.robot import Robot
 from armsight.simulation.skeleton import INDEX, PARTS, Proportions, bend, standing
 from armsight.simulation.targets import TargetSpec, target_object
-from armsight.simulation.truth import MOVING
+from armsight.simulation.truth import MOVING, Contact
 
 HEADS = 1.8
 """``[guard] head_height`` of these trials [m]: a ball of V's box is held up to 1.57 m, which is the
@@ -186,6 +186,24 @@ def first_apart(robot: Robot, starts: Iterable[JointVector], skin: Points) -> Jo
     return farthest
 
 
+class Touched(Protocol):
+    """An arm, and what it really touched.
+
+    Attributes:
+        robot: the arm; q: (n,) [rad] at ``now`` [s].
+        contacts: of it so far.
+    """
+
+    robot: Robot
+    q: JointVector
+    now: float
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """See above."""
+        ...
+
+
 class Presses:
     """What the arm presses of somebody, and who runs into an arm that stands, which is no harm.
 
@@ -207,7 +225,7 @@ class Presses:
         """Whether the arm pressed more than it ever might."""
         return self.force > max(self.granted, 1e-9)
 
-    def look(self, cell: PushedCell, permit: Permit | None) -> None:
+    def look(self, cell: Touched, permit: Permit | None) -> None:
         """At the end of a round."""
         may = permit is not None and permit.holds
         self.granted = max(self.granted, permit.force) if permit and may else self.granted

@@ -1,0 +1,129 @@
+"""Trials in the rendered cell begin like the others, and are said to agree with them or not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from armsight.experiments.servo_ball import LIMIT, REACHED, _drawn, one_rendered
+from armsight.experiments.servo_ball_rows import _why
+from armsight.experiments.servo_eyes import RADIUS, Errors
+from armsight.experiments.servo_rendered import BALL, Onlooker, _cell, agreement
+from armsight.experiments.servo_world import set_up
+from armsight.geometry.pose import make_pose, transform
+from armsight.workcell import open_cell, simulated_world
+
+SETUP = set_up(1.0, 1.0)
+
+
+def trials(seconds, lost=0):
+    done = [{"reached": True, "seconds": s, "harm": False} for s in seconds]
+    return done + lost * [{"reached": False, "seconds": LIMIT, "harm": False}]
+
+
+@pytest.mark.parametrize(
+    ("shown", "bulk", "agree"),
+    [
+        (trials([1.9, 2.0, 2.1]), trials(np.linspace(1.5, 2.5, 60)), True),
+        (trials([1.9, 2.0, 2.1], lost=3), trials(np.linspace(1.5, 2.5, 60)), False),
+        (trials([5.0, 5.2, 5.4]), trials(np.linspace(1.5, 2.5, 60)), False),
+        (trials([2.0]), trials(np.linspace(1.5, 2.5, 60)), True),
+    ],
+    ids=["as long", "some lost", "slower", "one alone"],
+)
+def test_shares_and_times_have_to_agree_within_their_intervals(shown, bulk, agree):
+    rows = {row.key: row for row in agreement("at rest", shown, bulk)}
+    assert rows["rendered_agrees"].value == agree
+    assert rows["rendered_agrees"].n == len(shown)
+    assert rows["rendered_ball_success"].must is None, "the share of all trials has the budget"
+    assert rows["harm"].value == 0.0
+
+
+@pytest.mark.parametrize("motion", ["rest", "moving"])
+def test_a_rendered_trial_begins_where_the_other_does_and_the_ball_gives_way(motion):
+    _, ball, _, _, start = _drawn(SETUP, motion, Errors(), (64, 3))
+    workcell = _cell(SETUP, ball(0.0), start)
+    with open_cell(workcell, seed=1) as cell:
+        assert cell.robot.home == pytest.approx(start)
+        world = simulated_world(cell)
+        placed = next(m for m in world.movers() if m.name == BALL).T_world_solid[:3, 3]
+        base = SETUP.workcell.robot.T_world_base
+        assert placed == pytest.approx(transform(base, ball(0.0)[None])[0])
+        assert workcell.simulation.contact_pushes
+
+
+def test_a_lost_trial_is_explained_by_what_held_the_arm_not_by_a_permit_that_was_granted():
+    lost = {"away": 0.03, "last": "unseen space 0.55 m from upper_arm_link", "height": 1.3}
+    granted = {**lost, "permit": "contact with ball (thing) granted"}
+    refused = {**lost, "permit": "contact with ball (thing) refused: it is too fast"}
+    assert (
+        _why(granted) == "30 mm away (unseen space 0.55 m from upper_arm_link, the ball at 1.30 m)"
+    )
+    assert "refused: it is too fast" in _why(refused)
+    assert "granted" in _why({**granted, "last": ""})
+
+
+class World:
+    """A tip and a ball."""
+
+    contacts = ()
+
+    def __init__(self):
+        self.truth, self.tip, self.place, self.name = self, np.zeros(3), np.ones(3), BALL
+
+    def tip_position(self):
+        return self.tip
+
+    def movers(self):
+        return [self]
+
+    @property
+    def T_world_solid(self):
+        return make_pose(None, self.place)
+
+    def drag(self, name, place):
+        assert name == BALL
+        self.place = np.array(place)
+
+
+class Session:
+    """Where the arm is, and whether it was stopped."""
+
+    guard, stopped = None, ""
+
+    @property
+    def joints(self):
+        return type("", (), {"position": np.array(SETUP.robot.home)})
+
+    def view(self):
+        return self
+
+    def stop(self, why):
+        self.stopped = why
+
+
+def test_the_onlooker_leads_the_ball_and_ends_the_run_after_the_touch():
+    world, session = World(), Session()
+    base = SETUP.workcell.robot.T_world_base
+    looks = Onlooker(world, lambda t: np.array([0.8, 0.1 * t, 0.7]), SETUP, REACHED)
+    looks.attach(session)
+    for k in range(100):
+        now = 0.008 * k
+        at = transform(base, np.array([[0.8, 0.1 * now, 0.7]]))[0]
+        world.tip = at + np.array([0.0, 0.0, RADIUS + max(0.1 - 0.4 * now, 0.002)])
+        looks.update(now)
+        assert world.place == pytest.approx(at)
+        if session.stopped:
+            break
+    assert looks.gap == pytest.approx(0.002)
+    assert looks.reached == pytest.approx(0.2375, abs=0.009)
+    assert session.stopped == "touched"
+    assert now == pytest.approx(looks.reached + 0.3, abs=0.009)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("gl")
+def test_a_ball_at_rest_is_touched_in_the_rendered_cell_too():
+    found = one_rendered(SETUP, "rest", (64, 3))
+    assert found["reached"]
+    assert not found["harm"]
