@@ -5,10 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armsight.experiments.servo_ball import LIMIT, REACHED, _drawn, one_rendered
+from armsight.experiments.servo_ball import (
+    LIMIT,
+    REACHED,
+    _drawn,
+    joints_before,
+    one_rendered,
+    waypoints,
+)
 from armsight.experiments.servo_ball_rows import _why
 from armsight.experiments.servo_eyes import RADIUS, Errors
-from armsight.experiments.servo_rendered import BALL, Onlooker, _cell, agreement
+from armsight.experiments.servo_rendered import BALL, Onlooker, _cell, agreement, start_below
 from armsight.experiments.servo_world import set_up
 from armsight.geometry.pose import make_pose, transform
 from armsight.workcell import open_cell, simulated_world
@@ -50,6 +57,14 @@ def test_a_rendered_trial_begins_where_the_other_does_and_the_ball_gives_way(mot
         base = SETUP.workcell.robot.T_world_base
         assert placed == pytest.approx(transform(base, ball(0.0)[None])[0])
         assert workcell.simulation.contact_pushes
+
+
+def test_no_rendered_trial_begins_above_what_its_cell_maps():
+    """Before V's upper places the elbow is 13 cm above it: nothing is seen there, and the arm stood
+    where it began for 12 s."""
+    low, high = (joints_before(SETUP, waypoints(SETUP)[k]) for k in (0, 1))
+    assert start_below(SETUP, low) is low
+    assert start_below(SETUP, high) is SETUP.robot.home
 
 
 def test_a_lost_trial_is_explained_by_what_held_the_arm_not_by_a_permit_that_was_granted():

@@ -88,7 +88,8 @@ stands, too, which is not counted as harm.
 `rendered_`: one in {SHARE} of the trials at rest and moving, with the same place, path and start,
 in the whole cell: rendered pictures of all five cameras and what is found in them, its own map,
 contact physics, `--cell-is-empty`. That cell maps no higher than 1.95 m, and above it nothing is
-seen: the elbow has less room before V's middle and upper places than in the other trials.
+seen: the elbow has less room before V's middle and upper places than in the other trials, and where
+it would begin up there the arm begins at home.
 """
 
 
@@ -133,7 +134,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """The first tenth of a row's trials in the rendered cell; kept as they end."""
     setup, count = set_up(1.0, 1.0), max(runs // SHARE, 1)
-    cache = RunCache("servo-ball", seed, {"settings": ["rendered", motion, 1]})
+    cache = RunCache("servo-ball", seed, {"settings": ["rendered", motion, 2]})
     found = []
     for k in range(count):
         progress(f"rendered, {motion}: {k + 1} of {count}", k / count)
