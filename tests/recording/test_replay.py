@@ -334,6 +334,20 @@ def test_a_foreign_recording_is_understood(tmp_path: Path, base: str, moving: bo
                 np.testing.assert_allclose(frame.T_base_camera[:3, 3], T[:3, 3] + [0.01 * i, 0, 0])
             else:
                 assert frame.T_base_camera is None
+    # It has no joints either, and none are waited for: what it shows is in the map.
+    with open_recording(tmp_path / "a.mcap") as cell:
+        seen = run(cell, 0.6)
+    last = seen[max(seen)]
+    assert sum(camera.frames for camera in last.cameras) >= 4
+
+
+def test_a_bag_of_many_topics_without_pictures_is_told_in_a_line(tmp_path: Path) -> None:
+    writer = McapWriter(tmp_path / "a.mcap")
+    for i in range(100):
+        writer.write(f"/t{i}", messages.STRING, messages.encode_string("hello"), 0, 0)
+    writer.close()
+    with pytest.raises(RecordingError, match=r"no depth images.*and 88 more\)$"):
+        open_recording(tmp_path / "a.mcap")
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,9 @@ class Replay:
         summary = map_summary(view)
         for key, value in summary.items():
             say(f"{key.replace('_', ' '):18} {value}")
+        for camera in view.snapshot.cameras if view.snapshot is not None else ():
+            if camera.frames == 0 and camera.dropped:
+                say(f"{camera.name}: nothing that it says is in the map: {camera.reason}")
         if self.json is not None:
             write_summary(self.json, summary)
         if self.map is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, TypeVar
@@ -128,6 +128,13 @@ def _either(topics: Mapping[str, V]) -> dict[str, V]:
     return {**topics, **{small(topic): value for topic, value in topics.items()}}
 
 
+def _listed(topics: Iterable[str], most: int = 12) -> str:
+    """Names in a line that can be read."""
+    names = sorted(topics)
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return (", ".join(names[:most]) or "none") + more
+
+
 def _foreign(reader: McapReader) -> Layout:
     kinds = reader.topics
     first = {topic: _first(reader, topic) for topic in kinds if kinds[topic] == messages.IMAGE}
@@ -139,7 +146,8 @@ def _foreign(reader: McapReader) -> Layout:
     if not depth:
         raise RecordingError(
             f"{reader.path}: no depth images (sensor_msgs/Image, 32FC1 or 16UC1; mono16 where the "
-            f'topic says "depth") among its topics ({", ".join(sorted(kinds)) or "none"})'
+            f'topic says "depth") among its ROS 2 topics ({_listed(kinds)})'
+            + (f"; it was cut short ({reader.contents.cut})" if reader.contents.cut else "")
         )
     tree, moving = _tree(reader)
     base = _base(tree, next(iter(depth.values())))

@@ -7,11 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from armsight.arrays import JointPath
-from armsight.devices.data import GripperState, StereoFrame, Wrench
+from armsight.devices.data import GripperState, JointState, RgbdFrame, StereoFrame, Wrench
 from armsight.devices.recorded import (
     RecordedArm,
     RecordedCamera,
@@ -178,6 +179,7 @@ def _deliveries(
     """Decode a recording from its start."""
     decoder = _Decoder(layout, joint_names, shift)
     topics = [topic for topic in reader.topics if decoder.wants(topic)]
+    none = np.zeros(0)
     for topic, kind, record in reader.messages(topics):
         try:
             item = decoder.take(topic, messages.decode(record.data, kind), record)
@@ -186,6 +188,9 @@ def _deliveries(
             raise RecordingError(
                 f"{reader.path}: what {topic} says at {at:.3f} s cannot be: {error}"
             ) from error
+        if isinstance(item, RgbdFrame) and not joint_names:
+            # No arm, no joints: known at every exposure, or the map would wait for them for ever.
+            yield Delivery(record.log_time - shift, JointState(item.stamp, none, none))
         if item is not None:
             yield Delivery(record.log_time - shift, item)
 
