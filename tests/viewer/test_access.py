@@ -145,6 +145,13 @@ def test_a_port_in_use_is_named(page: LivePage, session: FakeSession) -> None:
             LivePage(session, port=port)
 
 
+@pytest.mark.parametrize("port", [-1, 65536, 80000])
+def test_a_port_that_there_is_not_is_told(session: FakeSession, port: int) -> None:
+    """80000 was served at 14464, its remainder."""
+    with pytest.raises(UsageError, match=f"--port is {port}; expected 0 to 65535"):
+        LivePage(session, port=port)
+
+
 def test_addresses_of_others_are_refused(session: FakeSession) -> None:
     with pytest.raises(ViewerError, match="choose an address of this machine"):
         LivePage(session, "192.0.2.1", 0, TOKEN)

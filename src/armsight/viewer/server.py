@@ -25,6 +25,9 @@ def new_token() -> str:
     return secrets.token_urlsafe(18)
 
 
+LARGEST_PORT = 65535
+
+
 def open_server(host: str, port: int, token: str | None, label: str) -> viser.ViserServer:
     """A viser server that listens on ``host:port`` only, with every request checked.
 
@@ -35,7 +38,7 @@ def open_server(host: str, port: int, token: str | None, label: str) -> viser.Vi
         label: title of the page.
 
     Raises:
-        UsageError: no token beyond loopback, or one that is too short.
+        UsageError: no token beyond loopback, or one that is too short; no such port.
         ViewerError: the port is in use, or the host is none of this machine's.
     """
     if token is None and not is_loopback(host):
@@ -45,6 +48,8 @@ def open_server(host: str, port: int, token: str | None, label: str) -> viser.Vi
         )
     if token is not None and len(token) < LEAST_TOKEN:
         raise UsageError(f"the page's token must have at least {LEAST_TOKEN} characters")
+    if not 0 <= port <= LARGEST_PORT:  # the system would take its remainder, without a word
+        raise UsageError(f"--port is {port}; expected 0 to {LARGEST_PORT} (0 takes a free one)")
     listener = _listen(host, port)
     access = AccessControl(host, listener.getsockname()[1], token)
     try:
