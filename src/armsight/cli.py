@@ -9,6 +9,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any, Union
 
 import tyro
@@ -37,6 +38,7 @@ from armsight.commands.terminal import FULL, interruptible, last
 from armsight.commands.train import Train
 from armsight.commands.transfer import Transfer
 from armsight.commands.view import ViewCommand
+from armsight.kernel_cache import find_place
 
 COMMANDS = (
     Demo,
@@ -104,6 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Ours are many small matrices. OpenBLAS's threads, which wait for each other in a busy loop,
     # make a calibration take three times the processor time, and the arm's loop wants the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    find_place(os.environ, Path(__file__).parent)
     last()
     try:
         code = run(sys.argv[1:] if arguments is None else arguments)
