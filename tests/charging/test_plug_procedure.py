@@ -25,7 +25,7 @@ from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.tools import load_tool
 from armsight.simulation.world import SimulatedWorld
-from armsight.tasks.calibrate_plug import AWAY, _Room
+from armsight.tasks.room import AWAY, Room
 from armsight.workcell import robot_in, world_spec
 from armsight.workcell.packaged import load
 
@@ -130,7 +130,7 @@ def test_an_arm_that_is_held_up_somewhere_looks_elsewhere(monkeypatch):
 
 def test_places_where_somebody_could_be_are_not_gone_to():
     """Unseen space 0.4 m from the elbow, say: the guard would stop the arm on its way there."""
-    room = _Room(ROBOT)
+    room = Room(ROBOT)
     q = np.array([0.0, -1.7, 2.4, -0.7, 1.6, 0.0])
     assert room.left(q) == np.inf
     elbow = sphere_centers(ROBOT, q)[np.asarray(ROBOT.spheres.link) == 3][0]

@@ -14,7 +14,7 @@ from armsight.charging.find import PLUGS, FindOptions
 from armsight.charging.fit import model_points
 from armsight.charging.plane_fit import contact_pixels, paper_pose
 from armsight.charging.ports.table import PORTS
-from armsight.charging.pose import PortPose, locate
+from armsight.charging.pose import PortPose, locate, which_held
 from armsight.charging.rehearsal import rehearse
 from armsight.devices.data import StereoInfo
 from armsight.geometry.camera import PinholeCamera
@@ -113,12 +113,12 @@ class PortEye:
             return PortLook(frame.stamp, info.name, (), empty, wrong)
         left, right = gray(frame.left), gray(frame.right)
         pair = StereoPair(info.left, info.right, info.T_left_right)
-        if self.shown is None:
-            found = locate((left, right), pair, self._options)
-        else:
+        held = None
+        if self.shown is not None:
             T_left_plug = inverse(view.T_base_camera) @ self.shown
-            plugs = [(name, np.asarray(T_left_plug)) for name in PLUGS]
-            found = locate((left, right), pair, SHOWN_PLUGS, expected=plugs)
+            held = which_held((left, right), pair, PLUGS, np.asarray(T_left_plug))
+        options = self._options if self.shown is None else SHOWN_PLUGS
+        found = locate((left, right), pair, options) if held is None else (held,)
         ports = []
         for pose in found:
             T = self._pose(pose, pair)

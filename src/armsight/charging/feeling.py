@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from armsight.arrays import Floats, Pose
+from armsight.arrays import Floats, Pose, Vector3
 from armsight.charging.admittance import Admittance
 from armsight.charging.hanging import hung, tip_twist
 from armsight.charging.visit import Seen
@@ -89,13 +89,19 @@ class Feeling:
         return f"the plug weighs {felt:.0f} N, with its cable {weight:.0f} are expected: {how}"
 
     @property
-    def pull(self) -> float:
-        """All that pulls and presses, weight included, by the newest readings [N]; NaN: unknown."""
+    def force(self) -> Vector3 | None:
+        """(3,) all that acts on the plug, weight included, in the sensor's axes; None: unknown."""
         if not self._readings or self.frozen:
-            return float("nan")
+            return None
         last = self._readings[-1][0]
         recent = [value[:3] for stamp, value in self._readings if stamp > last - BRIEF]
-        return float(np.linalg.norm(np.mean(recent, axis=0)))
+        return np.asarray(np.mean(recent, axis=0))
+
+    @property
+    def pull(self) -> float:
+        """The same without its direction [N]; NaN: unknown."""
+        force = self.force
+        return float("nan") if force is None else float(np.linalg.norm(force))
 
     def zero(self, now: float) -> bool:
         """Take over what is felt now as no contact; False where it cannot be believed."""

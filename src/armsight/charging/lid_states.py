@@ -11,7 +11,8 @@ from armsight.charging.lid_eye import LidLook
 from armsight.charging.lid_finger import OUT, LidFinger
 from armsight.charging.looking import INLETS_OF
 from armsight.charging.moves import apart
-from armsight.charging.station_core import ARRIVED, SAME, StationCore, reached
+from armsight.charging.show_states import ShowStates
+from armsight.charging.station_core import ARRIVED, SAME, reached
 from armsight.charging.vehicle import VehicleStatus
 from armsight.charging.visit import Seen, State, Wish
 from armsight.geometry.pose import inverse
@@ -19,7 +20,7 @@ from armsight.motion.data import GuardMode
 from armsight.motion.intents import PoseIntent, Rest
 
 
-class LidStates(StationCore):
+class LidStates(ShowStates):
     """The states; what they need besides is :class:`LidFinger`."""
 
     def _lid_found(self, seen: Seen, look: LidLook, sigma: float) -> None:
@@ -40,7 +41,7 @@ class LidStates(StationCore):
         if math.isnan(self.outcome.found):
             self.visits.note(port=port, score=look.score, found=seen.now)
         near = self.state is State.FIND and self._T_near is not None
-        self._go(State.LID_LOOK if near else State.LID_BEFORE, seen.now)
+        self._on(seen, State.LID_LOOK if near else State.LID_BEFORE)
 
     def _lid_look(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """From near: the finger has to meet it within millimetres."""

@@ -11,16 +11,18 @@ import math
 
 import numpy as np
 
-from armsight.arrays import Pose
+from armsight.arrays import Pose, Vector3
 from armsight.charging.eye import PortLook
 from armsight.charging.feeling import Feeling
 from armsight.charging.looking import OTHER
 from armsight.charging.ports.table import PORTS
 from armsight.geometry.pose import angle_between
 
-TAKEN, FOR = 0.3, 0.3
-"""Somebody had hold of a plug of which this share of its weight more or less was felt, for so long
-[s]."""
+OFF, FOR = 0.6, 0.5
+"""A plug is off that takes this share of its weight away for so long [s]: a cable that is lifted
+takes less, and a brush pulls aside."""
+AGAIN = 0.15
+"""What hangs there afterwards is the same where it pulls as before, to this share of its weight."""
 SETTLED = 1.0
 """It hangs still after so long at the stand-by; and a sensor that is silent for so long was cut off
 [s]."""
@@ -29,7 +31,7 @@ APART, TURNED = 0.015, math.radians(8.0)
 
 
 class PlugCheck:
-    """Feels whether somebody had hold of the plug, and says what a look at it shows.
+    """Feels whether somebody had the plug off, and says what a look at it shows.
 
     Args:
         plug: its type; weight: with its cable [N], None where nobody knows.
@@ -40,34 +42,74 @@ class PlugCheck:
 
     def __init__(self, plug: str, weight: float | None) -> None:
         self._plug, self._weight = plug, weight
-        self.doubt = ""
+        self._before: Vector3 | None = None  # felt before the doubt, and after it [N]
+        self._after: Vector3 | None = None
+        self.believe()
         self.leave()
+
+    def believe(self) -> None:
+        """It is the right one: it was seen, or somebody says so."""
+        self.doubt, self._asked = "", False
+
+    def ask(self) -> None:
+        """Somebody wants it looked at: without that it is not used."""
+        self.doubt, self._asked = "asked to look at the plug", True
 
     def leave(self) -> None:
         """The arm is not at rest at its stand-by."""
         self._rested = self._since = math.nan
-        self._usual = math.nan
+        self._usual: Vector3 | None = None
 
     def feel(self, feeling: Feeling, now: float) -> None:
         """Another round at rest at the stand-by."""
-        if self._weight is None or self.doubt:
+        if self._weight is None:
             return
         if math.isnan(self._rested):
             self._rested = now
         if now - self._rested < SETTLED:
             return
-        pull = feeling.pull
-        if math.isnan(self._usual):
-            self._usual = pull
-        if feeling.silent(now) > SETTLED and np.isfinite(self._usual):
-            self.doubt = "the force sensor was silent at the stand-by"
-        elif not abs(pull - self._usual) > TAKEN * self._weight:
+        force = feeling.force
+        if self.doubt:
+            self._after = force
+            return
+        if self._usual is None:
+            self._usual = force
+        usual = self._usual
+        if usual is None:
+            return
+        if feeling.silent(now) > SETTLED:
+            self._doubted("the force sensor was silent at the stand-by")
+            return
+        if force is None:
+            return
+        size = float(np.linalg.norm(usual))
+        share = float((usual - force) @ usual) / max(size * self._weight, 1e-9)
+        if share < OFF:
             self._since = math.nan
         elif math.isnan(self._since):
             self._since = now
         elif now - self._since > FOR:
-            felt = f"{pull:.0f} N instead of {self._usual:.0f}"
-            self.doubt = f"somebody had hold of the plug at the stand-by ({felt})"
+            felt = f"{feeling.pull:.0f} N instead of {size:.0f}"
+            self._doubted(f"the plug was off at the stand-by ({felt})")
+
+    def _doubted(self, why: str) -> None:
+        self.doubt, self._before, self._after = why, self._usual, None
+
+    @property
+    def refusal(self) -> str:
+        """Why a plug that could not be looked at is not used, in words; empty where it may be.
+
+        It may where what hangs there pulls as before: one of another type would be refused by its
+        socket, which the law of plugging in feels.
+        """
+        if not self.doubt or self._asked or self._weight is None or self._before is None:
+            return self.doubt if self._asked else ""
+        if self._after is None:
+            return ""
+        if float(np.linalg.norm(self._after - self._before)) < AGAIN * self._weight:
+            return ""
+        now, before = (float(np.linalg.norm(f)) for f in (self._after, self._before))
+        return f"what hangs there pulls otherwise since ({now:.0f} N, {before:.0f} before)"
 
     def wrong(self, look: PortLook, T_base_plug: Pose) -> str | None:
         """Why the plug that a look shows is not the right one, in words; empty where it is.
@@ -92,5 +134,5 @@ class PlugCheck:
                 "where the calibration has it: another plug, or it has moved in its mount; "
                 "calibrate again: armsight calibrate CELL --plug"
             )
-        self.doubt = ""
+        self.believe()
         return ""

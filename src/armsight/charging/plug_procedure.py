@@ -26,16 +26,14 @@ from armsight.charging.calibrate import (
     choose_looks,
     uncalibrated,
 )
-from armsight.charging.coarse_to_fine import blurs_for, fit_at_size
 from armsight.charging.eye import picture_fault
 from armsight.charging.find import FindOptions
 from armsight.charging.hanging import hung
 from armsight.charging.plug_views import expected_noise, plug_views, tour
-from armsight.charging.ports.table import PORTS
-from armsight.charging.pose import PortPose, fit_pose, locate
+from armsight.charging.pose import CLEAR, PortPose, fit_held, fit_pose, locate
 from armsight.devices.data import StereoInfo
 from armsight.errors import CalibrationError
-from armsight.geometry.pose import inverse, log
+from armsight.geometry.pose import inverse
 from armsight.geometry.stereo import StereoPair
 from armsight.robots.robot import Robot
 
@@ -49,10 +47,6 @@ REST = 0.5
 """Before each look: the plug swings in its mount [s]."""
 CARRIES = 3
 """The joints that carry the arm about; the others turn its wrist."""
-CLEAR = 0.7
-"""A look that scores less is not used."""
-SAME_ROLL = float(np.deg2rad(20.0))
-"""A plug that is turned by less than this from where the arm holds it is in no other roll [rad]."""
 ROUNDS = 3
 """Of taking out how the plug hangs about where it was found to be held."""
 RANGE = (0.3, 1.2)
@@ -304,13 +298,9 @@ def read_look(
     lenses, T_lens_ref = (pair.left, pair.right), (np.eye(4), inverse(pair.T_left_right))
     start = inverse(answer.T_base_camera) @ answer.base_tip(looked.joints)
     start = start @ hanging(answer.T_flange_plug, looked.wrench, setup.mount)
-    view = images, lenses, T_lens_ref, PORTS[setup.plug]
-    about = fit_at_size(*view, start).T_ref_port
-    near = fit_at_size(*view, about, blurs_for(*view[1:], about)[0])
-    turned = float(np.linalg.norm(log(inverse(start) @ near.T_ref_port)[3:]))
-    if near.score >= CLEAR and turned < SAME_ROLL:
-        T, six = near.T_ref_port, near.covariance
-        return PortPose(setup.plug, T, six, near.score, np.inf, np.inf, near), ""
+    held = fit_held(images, lenses, T_lens_ref, setup.plug, start)
+    if held is not None:
+        return held, ""
     seen = fit_pose(images, lenses, T_lens_ref, setup.plug, start)
     if seen.score < CLEAR or seen.doubtful:
         found = locate(images, pair, FindOptions((setup.plug,), RANGE))

@@ -6,9 +6,8 @@ import numpy as np
 
 from armsight.arrays import Floats, JointPath, JointVector, Mask, Pose, Poses
 from armsight.calibration.arm import reach_some
-from armsight.calibration.robot_errors import RobotErrors
 from armsight.calibration.views import FreeCheck, travel_seconds
-from armsight.charging.calibrate import PlugCalibration, uncalibrated
+from armsight.charging.calibrate import PlugCalibration
 from armsight.charging.ports.table import PORTS
 from armsight.geometry.pose import from_rpy, inverse, make_pose
 from armsight.geometry.stereo import StereoPair
@@ -20,8 +19,6 @@ DISTANCE = (0.45, 0.85)
 LEAN, MOST = 0.6, 0.7
 """Greatest turn of the plug about each of its axes away from facing the pair, and greatest angle of
 its axis to the line of sight: from farther aside its own sleeve hides its contacts [rad]."""
-PLACES, SOME = 40, 3
-"""Drawn, and kept, of those where a plug is shown once."""
 MARGIN = 1.6
 """Radii of the plug that it keeps from the edges of both pictures."""
 
@@ -76,24 +73,6 @@ def plug_views(
         and not hidden_by_arm(robot, joints[k], answer.T_base_camera, C[k], pair, radius)
     ]
     return joints[keep], C[keep]
-
-
-def show_places(
-    robot: Robot, pair: StereoPair, T_base_camera: Pose, plug: str
-) -> tuple[JointVector, ...]:
-    """Some joints (n,) that hold a robot's plug before a pair, the nearest to its home first [rad].
-
-    Args:
-        robot: the arm, the plug its tool.
-        pair: that looks.
-        T_base_camera: its left lens.
-        plug: type of the plug.
-    """
-    assert robot.tool is not None
-    believed = uncalibrated(T_base_camera, robot.tool.T_flange_tcp, RobotErrors(robot))
-    joints, _ = plug_views(believed, robot, pair, plug, PLACES, np.random.default_rng(0))
-    away = travel_seconds(robot, robot.home, joints, 1.0, 1.0) if len(joints) else np.zeros(0)
-    return tuple(joints[k] for k in np.argsort(away)[:SOME])
 
 
 def hidden_by_arm(

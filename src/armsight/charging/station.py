@@ -31,7 +31,6 @@ RELAX = 1.5
 """After seating the law lets the force go down for so long [s]."""
 LED = 0.02
 """Nothing in free air brings the plug so far from the port's axis but the guard [m]."""
-LOOK_AT_PLUG = "look at it, and start anew with the right one"
 NOT_HEARD = "charges; nothing is heard of the car: end by hand"
 NOT_CHARGED = "plugged in, but the car does not charge: end by hand"
 
@@ -136,7 +135,7 @@ class Station(StationWatch):
             if self.finger is not None:
                 self.finger.begin()
             self.visits.begin(Outcome(began=seen.now))
-            self._go(State.SHOW if self.check.doubt else State.FIND, seen.now, self.check.doubt)
+            self._go(State.FIND, seen.now)
         elif self._wanted and car is None:
             self.words = "waits: nothing is heard of the car"
         elif self._wanted and car is not None and not car.parked:
@@ -144,33 +143,6 @@ class Station(StationWatch):
         # on the way home from a port its dark pocket is still the port's
         permit = None if there else self._ask(seen)
         return Wish(JointIntent("stand by", self._stand_by_joints, permit=permit))
-
-    def _show(self, seen: Seen, car: VehicleStatus | None) -> Wish:
-        """The plug before the standing pair: is it the one that was calibrated?"""
-        o, doubt = self.options, self.check.doubt
-        if self._side >= len(self._shows):
-            self._fail(seen, f"{doubt}, and it cannot be shown to {o.far}: {LOOK_AT_PLUG}")
-            return Wish(JointIntent("stand by", self._stand_by_joints))
-        goal = JointIntent(self._goal("show"), self._shows[self._side])
-        there = reached(seen, goal.name)
-        if not there:
-            if self._in_state(seen) > 0.5 * o.patience:
-                self._other_side(seen, doubt)
-            return Wish(goal)
-        self._hand.feeling.hang()
-        self._T_shown = self._hand.plug(seen)
-        look = self._looker.fresh(seen, o.far, self._begun(seen))
-        if look is not None:
-            self._looked += 1
-            wrong = self.check.wrong(look, self._T_shown)
-            if wrong:
-                self._fail(seen, wrong)
-            elif wrong == "":
-                self._looked = self._side = 0
-                self._go(State.FIND, seen.now)
-            elif self._looked >= o.looks:
-                self._fail(seen, f"{doubt}, and {o.far} does not see it clearly: {LOOK_AT_PLUG}")
-        return Wish(goal, (o.far,))
 
     def _find(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """From afar: which port, and about where."""
@@ -208,7 +180,7 @@ class Station(StationWatch):
         if math.isnan(self.outcome.found):
             self.visits.note(port=port.port, score=port.score, found=seen.now)
         second = self.state is State.FIND and self._T_near is not None
-        self._go(State.LOOK if second else State.APPROACH, seen.now)
+        self._on(seen, State.LOOK if second else State.APPROACH)
 
     def _look(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         """From near and off the axis, where the tilt shows."""

@@ -54,7 +54,8 @@ class StationCore:
             words; empty when it can.
         lid: the finger, and the lid that the car that is expected has; None without either.
         body: the expected car's, in its port's frame: no cable hangs in it.
-        shows: (n,) joints that hold the plug before the standing pair, the best first [rad].
+        shows: asked for (n,) joints that hold the plug before the standing pair, the best first
+            [rad]; answers None until the map knows what stands there.
 
     Attributes:
         state: what it is doing; words: why, or what is wrong.
@@ -79,7 +80,7 @@ class StationCore:
         contradiction: Callable[[Pose], str] = lambda T_base_port: "",
         lid: LidSetup | None = None,
         body: Sequence[Solid] = (),
-        shows: Sequence[JointVector] = (),
+        shows: Callable[[], Sequence[JointVector] | None] = tuple,
     ) -> None:
         assert robot.tool is not None
         self.options = o = options or StationOptions()
@@ -91,7 +92,7 @@ class StationCore:
         self._weight = None if o.cable is None else GRAVITY * robot.tool.mass + o.cable
         self._T_near = T_flange_near if o.mode == "ours" else None
         self._lid_setup = lid
-        self._shows = tuple(shows)
+        self._shows = shows
         self.reset()
 
     def reset(self) -> None:

@@ -138,6 +138,7 @@ class Outcome:
         seated: fully plugged in, as far as the station can tell; charged: and the car had enough.
         out: the plug is out again.
         problem: what went wrong, in words; empty when nothing did.
+        warning: what was not made sure of, in words; the visit went on.
         port: type that was found, or empty; score: of it.
         began, found, approached, plugged, ended: times [s]; NaN where it did not come to that.
         tries: of plugging in.
@@ -148,6 +149,7 @@ class Outcome:
     charged: bool = False
     out: bool = True
     problem: str = ""
+    warning: str = ""
     port: str = ""
     score: float = math.nan
     began: float = math.nan

@@ -30,8 +30,9 @@ class Charge(Working):
         visits: how many; 0: by the page's button alone.
         charging: how long a simulated car charges [s].
         state: the station's file; CELL.station.json in the working folder if left out.
-        show_plug: show the plug to the standing pair before the first visit: is it the one that was
-            calibrated? After somebody had hold of it at the stand-by it is shown anyway.
+        show_plug: show the plug to the standing pair in the first visit: is it the one that was
+            calibrated? Without a look at it nothing is plugged in then. After it was off at the
+            stand-by it is shown anyway.
         seconds: at most, on the cell's clock; 180 a visit and its charging if left out and nobody
             watches.
     """
@@ -121,8 +122,7 @@ def told(outcome: Outcome) -> str:
     words.append("out" if outcome.out else "NOT out")
     if outcome.lid_opened:
         words.append("lid shut" if outcome.lid_shut else "lid NOT shut")
-    if outcome.problem:
-        words.append(outcome.problem)
+    words += [said for said in (outcome.problem, outcome.warning) if said]
     return ", ".join(words)
 
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from scipy.spatial import KDTree
 
-from armsight.arrays import JointVector, Vector3
+from armsight.arrays import Vector3
 from armsight.calibration.robot_errors import RobotErrors
 from armsight.charging.admittance import Admittance
 from armsight.charging.calibrate import PlugLook
@@ -19,17 +18,15 @@ from armsight.charging.plug_procedure import PlugNews, PlugResult, PlugSetup, pl
 from armsight.charging.ports.table import PORTS
 from armsight.errors import CalibrationError
 from armsight.mapping.config import MappingConfig
-from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardMode
 from armsight.motion.face import Curve, EllipsoidMark, Face, Figure, FrameMark, Picture, PointsMark
 from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Subscriptions
-from armsight.robots.kinematics import sphere_centers
-from armsight.robots.robot import Robot
 from armsight.tasks.calibration_cell import free_checks
 from armsight.tasks.calibration_entries import arm_of_errors
 from armsight.tasks.plug_picture import over_arm
 from armsight.tasks.procedure_task import ProcedureTask
+from armsight.tasks.room import Room
 from armsight.workcell.beliefs import robot_in
 from armsight.workcell.calibration_file.reading import BY_PLUG
 from armsight.workcell.calibration_file.schema import (
@@ -47,8 +44,6 @@ NO_SAG = 1e-6
 """The cell's kinematics are those of a stiff arm: sag is not solved [rad]."""
 DELAY = 0.072
 """Of the mount's admittance; the calibration presses on nothing [s]."""
-AWAY = 0.56
-"""From whoever may be somewhere; the guard lets an arm rest at 0.52 m [m]."""
 FOUND = (56, 189, 248)
 WIDE = 480
 """Of the picture with the arm drawn over it [px]."""
@@ -135,7 +130,7 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
             kept: told of every one that counts.
             done: looks of a run that was stopped.
         """
-        self._room, self._sees = _Room(setup.robot), False
+        self._room, self._sees = Room(setup.robot), False
         setup = replace(setup, room=self._room.left)
         self._face, self._told = _PlugFace(setup), told
         super().__init__(
@@ -166,31 +161,6 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
             news = replace(news, problem=f"{news.problem}: {self.held}")
         self._face.told(news)
         self._told(news)
-
-
-class _Room:
-    """Where the guard lets an arm stand: it keeps its distance from whoever may be somewhere.
-
-    Attributes:
-        snapshot: the newest map, or None.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self.snapshot: WorkspaceSnapshot | None = None
-        self._robot, self._moves = robot, np.asarray(robot.spheres.link) > 0
-        self._hazards: tuple[int, KDTree] | None = None
-
-    def left(self, joints: JointVector) -> float:
-        """How much farther than that (n,) [rad] are from all that may be somebody [m]."""
-        snapshot, moves = self.snapshot, self._moves
-        if snapshot is None or not len(snapshot.hazards):
-            return np.inf
-        if self._hazards is None or self._hazards[0] != snapshot.sequence:
-            self._hazards = snapshot.sequence, KDTree(snapshot.hazards)
-        centers = sphere_centers(self._robot, joints)[moves]
-        reach = np.asarray(self._robot.spheres.radius)[moves] + snapshot.hazard_radius + AWAY
-        near, _ = self._hazards[1].query(centers)
-        return float((near - reach).min())
 
 
 class _PlugFace:

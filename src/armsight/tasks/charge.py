@@ -19,7 +19,6 @@ from armsight.charging.lid_eye import LidEye, LidLook
 from armsight.charging.lid_finger import LidSetup
 from armsight.charging.looking import INLETS_OF
 from armsight.charging.moves import before_port
-from armsight.charging.plug_views import show_places
 from armsight.charging.residual import PairsApart
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, Vehicle
@@ -42,6 +41,7 @@ from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.tasks.parked_car import ParkedCarOnMap
+from armsight.tasks.plug_places import PlugPlaces
 from armsight.tasks.vehicles import open_vehicle
 from armsight.workcell.car import check_tool, finger_pose, vehicle_of
 from armsight.workcell.drivers import SIMULATED
@@ -140,6 +140,7 @@ class ChargeOptions:
         )
         far = next(p.info for p in cell.stereo if p.info.name == fixed[0])
         lenses = StereoPair(far.left, far.right, far.T_left_right)
+        places = PlugPlaces(cell.robot, lenses, far.T_mount_camera, section.kind)
         station = Station(
             cell.robot,
             cell.robot.home,
@@ -150,16 +151,17 @@ class ChargeOptions:
             body.contradiction,
             lid,
             () if vehicle is None else vehicle.solids,
-            show_places(cell.robot, lenses, far.T_mount_camera, section.kind),
+            places,
         )
-        station.check.doubt = "asked to look at the plug" if self.show_plug else ""
+        if self.show_plug:
+            station.check.ask()
         eyes: list[PortEye | LidEye] = [PortEye(fixed[0], looked_for, paper=self.mode == "paper")]
         if carried and self.mode == "ours":
             eyes.append(PortEye(carried[0].name, fits, (0.15, 0.8)))
         if lid is not None and lid.shape.lid is not None:
             pairs = [fixed[0], *(info.name for info in carried)]
             eyes += [LidEye(pair, lid.shape.lid) for pair in pairs]
-        return ChargeTask(station, eyes, self.visits, body, workcell.name)
+        return ChargeTask(station, eyes, self.visits, body, places, workcell.name)
 
     def speaker(self, cell: Cell) -> Vehicle:
         """Who speaks for the car.
@@ -191,6 +193,7 @@ class ChargeTask:
         station: that decides.
         eyes: the perceivers; visits: to begin by itself.
         body: says to the cell what the parked car is.
+        places: where the plug is shown; told what the map knows.
         cell: its name, for what is said.
 
     Attributes:
@@ -209,9 +212,11 @@ class ChargeTask:
         eyes: list[PortEye | LidEye],
         visits: int,
         body: ParkedCarOnMap,
+        places: PlugPlaces | None = None,
         cell: str = "CELL",
     ) -> None:
         self.station, self.visits, self.body = station, visits, body
+        self._places = places
         self.park: Callable[[], None] | None = None
         self.apart = PairsApart(station.options.far, station.options.near, cell)
         self.perceivers = tuple(eyes)
@@ -257,6 +262,8 @@ class ChargeTask:
             self.station.begin()
         elif button == "end":
             self.station.end()
+        elif button == "believe":
+            self.station.check.believe()
         elif button == "park" and self.park is not None:
             self.park()
 
@@ -308,6 +315,8 @@ class ChargeTask:
             self.body.found(self.station.port.T_base_port, self.station.port.covariance)
             self.body.lid(self.station.port.T_base_port if self.station.lid_open else None)
         self._objection = self.body.told(observation.snapshot)
+        if self._places is not None:
+            self._places.snapshot = observation.snapshot if self.body.counts else None
 
     def face(self) -> Face:
         """What the page shows."""
@@ -348,10 +357,12 @@ class ChargeTask:
         sigma = 1e3 * float(np.sqrt(np.diag(six)[:3].max())) if port else math.nan
         free, stuck = not station.busy, station.state is State.STUCK
         parking = () if self.park is None else (Button("park", "Park the car anew", free),)
+        told = outcome.problem or outcome.warning
+        doubted = (Button("believe", "The plug is right"),) if station.check.doubt else ()
         good = sum(o.seated and o.out and not o.problem for o in station.outcomes)
         return Face(
             state=station.state.value,
-            reason=self._objection or station.words or outcome.problem or self.apart.words,
+            reason=self._objection or station.words or told or self.apart.words,
             figures=(
                 Figure("visits", float(len(station.outcomes))),
                 Figure("without a fault", float(good)),
@@ -370,6 +381,7 @@ class ChargeTask:
             buttons=(
                 Button("charge", "Charge the car", not station.busy),
                 Button("end", "End and come out", station.busy and not stuck),
+                *doubted,
                 *parking,
             ),
         )

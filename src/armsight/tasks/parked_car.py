@@ -32,6 +32,9 @@ class ParkedCarOnMap:
     Args:
         shape: of the car; None: its side is among the cell's solids, and nothing is to be said.
         T_world_base: of the arm.
+
+    Attributes:
+        counts: whether the map counts its body.
     """
 
     def __init__(self, shape: VehicleShape | None, T_world_base: Pose) -> None:
@@ -44,6 +47,7 @@ class ParkedCarOnMap:
         self._bodies: dict[str, tuple[Solid, ...]] = {}
         self._lid: tuple[str, tuple[Solid, ...]] | None = None
         self._at: Pose | None = None
+        self.counts = self.shape is None
 
     @property
     def standing(self) -> dict[str, tuple[Solid, ...]]:
@@ -104,7 +108,7 @@ class ParkedCarOnMap:
         newest = next(reversed(self._bodies), "") if self._bodies else ""
         mine = declared.get(newest)
         if mine is not None and mine.taken:
-            self._bodies = {newest: self._bodies[newest]}
+            self._bodies, self.counts = {newest: self._bodies[newest]}, True
         elif mine is not None and not mine.waiting:
             return f"the car's side: {mine.reason}"
         lid = None if self._lid is None else declared.get(self._lid[0])
