@@ -2,7 +2,10 @@
 
 import math
 
+from armsight.charging.vehicle import SimulatedCar
+from armsight.charging.visit import State
 from armsight.experiments.charging_rows import agreement_row, fault_rows, visit_rows
+from armsight.experiments.station_bench import StationBench, charging_cell, make_station
 
 
 def visit(full=True, said=True, harm=False, out=True):
@@ -45,3 +48,16 @@ def test_waiting_for_people_is_not_held_to_the_budget_of_an_empty_cell():
     assert "insert_s" not in keys
     assert keys["waited_insert_s"].must is None
     assert keys["seated"].must == 0.95
+
+
+def test_without_its_second_look_a_station_goes_on_to_the_approach():
+    bench = StationBench(charging_cell(), 5)
+    after = []
+    with bench.world:
+        for second_look in (True, False):
+            station = make_station(bench, None, SimulatedCar(), second_look=second_look)
+            station.begin()
+            while station.state in (State.STAND_BY, State.FIND) and bench.now < 20.0:
+                bench.step(station)
+            after.append(station.state)
+    assert after == [State.LOOK, State.APPROACH]

@@ -38,11 +38,15 @@ that it charges. Two ways of looking (`charging-guarded` has a third):
 * *looks drawn* (`bench_`, no budget; a fifth as many): the same cars, but a look is the truth with
   errors drawn (3 mm and 1 deg from afar, 0.8 mm and 0.6 deg from near, standard deviations).
 
+`ablation_no_second_look_`: the first of the same cars, a fifth as many, pictures searched: what the
+standing pair saw from afar is gone in by, and no failed try is followed by another.
+
 The charging paper's two rows: a Type 2 port at 10 and at 30 deg to the standing pair's line of
 sight, five each, same seeds for ours and for `paper_` (one look, equation 1 and a plane through the
 contacts, along Z until a force stops it), pictures searched.
 """
 SEARCHED = "pictures searched, contact physics"
+BLIND = "pictures searched, without the second look"
 DRAWN = "contact physics, looks drawn"
 ANGLES = (10.0, 30.0)
 PAPER_RUNS = 5
@@ -64,6 +68,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         "paper": (2 * PAPER_RUNS, partial(_angled, "paper")),
         "searched": (runs, partial(_visit, True)),
         "searched wrong": (fifth, partial(_fault, True)),
+        "no second look": (fifth, partial(_visit, True, second_look=False)),
         "drawn": (fifth, partial(_visit, False)),
         "drawn wrong": (fifth, partial(_fault, False)),
     }
@@ -77,6 +82,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     rows = [
         *visit_rows(found["searched"], SEARCHED),
         *fault_rows(found["searched wrong"], SEARCHED),
+        *visit_rows(found["no second look"], BLIND, "ablation_no_second_look_"),
         *visit_rows(found["drawn"], DRAWN, "bench_"),
         *fault_rows(found["drawn wrong"], DRAWN, "bench_"),
         agreement_row(found["searched"], found["drawn"], "searched less drawn"),
@@ -87,9 +93,9 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     return Outcome(tuple(rows), {"visits": lambda: _plot(found)}, notes)
 
 
-def _visit(rendered: bool, seed: int, i: int) -> dict[str, Any]:
+def _visit(rendered: bool, seed: int, i: int, second_look: bool = True) -> dict[str, Any]:
     cell = random_cell(np.random.default_rng((seed, 51, i)), TYPES[i % len(TYPES)])
-    return bench_visit(cell, 10_000 * seed + i, rendered)
+    return bench_visit(cell, 10_000 * seed + i, rendered, second_look=second_look)
 
 
 def _fault(rendered: bool, seed: int, i: int) -> dict[str, Any]:

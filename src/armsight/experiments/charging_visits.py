@@ -90,7 +90,11 @@ def fully_in(cell: Workcell, depth: float, tilt: float) -> bool:
 
 
 def bench_visit(
-    cell: Workcell, seed: int, rendered: bool = False, mode: Mode = "ours"
+    cell: Workcell,
+    seed: int,
+    rendered: bool = False,
+    mode: Mode = "ours",
+    second_look: bool = True,
 ) -> dict[str, Any]:
     """A visit in contact physics, scored by the truth.
 
@@ -99,11 +103,12 @@ def bench_visit(
         seed: of everything random.
         rendered: whether the looks are pictures, rendered and searched; else they are drawn.
         mode: of the station.
+        second_look: whether it looks again from near.
     """
     bench = StationBench(cell, seed, rendered, mode)
     with bench.world:
         light_at_random(bench.world, np.random.default_rng((seed, 55)))
-        station = make_station(bench, None, SimulatedCar(seconds=2.0), mode)
+        station = make_station(bench, None, SimulatedCar(seconds=2.0), mode, second_look)
         station.begin()
         said, depth, tilt = False, float("nan"), float("nan")
         while bench.now < SECONDS and station.busy and station.state is not State.STUCK:

@@ -280,12 +280,17 @@ def charging_cell(port: str = "type2") -> Workcell:
 
 
 def make_station(
-    bench: StationBench, file: Path | None, car: Vehicle, mode: Mode = "ours"
+    bench: StationBench,
+    file: Path | None,
+    car: Vehicle,
+    mode: Mode = "ours",
+    second_look: bool = True,
 ) -> Station:
-    """A station of the bench's cell."""
+    """A station of the bench's cell; without a second look it goes in by the standing pair's."""
     cell, plug = bench.workcell, bench.workcell.plug
     assert plug is not None
-    near = next(p.T_mount_camera for p in cell.stereo if p.name == FLANGE)
+    pairs = {p.name: p.T_mount_camera for p in cell.stereo}
+    near = pairs[FLANGE] if second_look else None
     mount = Admittance((1e3 * plug.mount_n_per_mm, plug.mount_nm_per_rad), 0.074)
     law = InsertOptions(admittance=mount, port_depth=0.002)
     options = StationOptions(plug.kind, mode, law, POST, FLANGE, cable=plug.cable_n)
