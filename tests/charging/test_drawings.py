@@ -97,6 +97,7 @@ def test_a_port_of_ones_own_is_found_and_told_from_the_others(known, tmp_path, c
     ("old", "new", "words"),
     [
         ("depth = 30", "depth 30", "not TOML"),
+        ("depth = 30", "depth = 3" + 5000 * "0", "not TOML"),
         ("depth = 30", "depth = nan", "depth: Input should be a finite number"),
         ("depth = 30", "depth = -3", "depth: Input should be greater than 0.5"),
         ("depth = 30", "", "depth: Field required"),

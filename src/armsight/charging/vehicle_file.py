@@ -225,9 +225,10 @@ def load_vehicle(given: str | Path) -> VehicleShape:
         raise UsageError(f"vehicle {file}: {len(data)} bytes; a vehicle's file is short")
     try:
         raw: dict[str, Any] = tomllib.loads(data.decode())
-        return VehicleShape.model_validate(raw)
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also a number of more digits than Python takes
         raise UsageError(f"vehicle {file}: not TOML: {error}") from None
+    try:
+        return VehicleShape.model_validate(raw)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(step) for step in first["loc"])

@@ -170,9 +170,10 @@ def read_drawing(file: Path) -> Port:
         raise UsageError(f"drawing {file}: {len(data)} bytes; a drawing's file is short")
     try:
         raw: dict[str, Any] = tomllib.loads(data.decode())
-        return _Drawing.model_validate(raw).port()
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also a number of more digits than Python takes
         raise UsageError(f"drawing {file}: not TOML: {error}") from None
+    try:
+        return _Drawing.model_validate(raw).port()
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(step) for step in first["loc"])
