@@ -270,7 +270,7 @@ def test_beside_a_hand_the_tool_is_not_faster_while_it_brakes_than_it_may_be():
     gate = SeparationMonitor(ROBOT, GuardConfig(), brake)
     part, kept, lost = len(gate.body.radius) - 1, 0, 0
     nobody = Hazards.at(np.empty((0, 3)), 0.0)
-    for _ in range(300):
+    for _ in range(120):
         q = rng.uniform(-2.0, 2.0, 6)
         J, twist = gate.body.jacobian(q, part), rng.normal(size=6)
         twist[:3] *= 0.2 / np.linalg.norm(twist[:3])

@@ -64,9 +64,7 @@ def angled_cell(rng: np.random.Generator, degrees: float) -> Workcell:
     """
     cell = charging_cell()
     pair = next(p for p in cell.stereo if p.name == POST)
-    eye = np.asarray(pair.T_mount_camera)[:3, 3]
-    T_world_base = cell.robot.T_world_base
-    eye = T_world_base[:3, :3] @ eye + T_world_base[:3, 3]
+    eye = np.asarray(pair.T_mount_camera)[:3, 3]  # of a file: in world
     place = np.array([0.92, 0.05, 0.85]) + rng.uniform(-0.02, 0.02, 3)
     line = eye - place
     yaw = float(np.rad2deg(np.arctan2(line[1], line[0]))) + degrees
