@@ -34,7 +34,7 @@ from armsight.commands.replay import Replay
 from armsight.commands.robots import Robots
 from armsight.commands.run import RunCommand, run_with
 from armsight.commands.servo import Servo
-from armsight.commands.terminal import FULL, interruptible, last
+from armsight.commands.terminal import FULL, interruptible, make_lasting
 from armsight.commands.train import Train
 from armsight.commands.transfer import Transfer
 from armsight.commands.view import ViewCommand
@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # make a calibration take three times the processor time, and the arm's loop wants the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     find_place(os.environ, Path(__file__).parent)
-    last()
+    make_lasting()
     try:
         code = run(sys.argv[1:] if arguments is None else arguments)
     except SystemExit as ended:  # help, or what the parser does not understand

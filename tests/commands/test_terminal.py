@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from armsight.commands.terminal import interruptible, last
+from armsight.commands.terminal import interruptible, make_lasting
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"}
 
@@ -76,7 +76,7 @@ def test_a_terminal_that_goes_takes_nothing_along(monkeypatch):
     with monkeypatch.context() as patched:
         for name in ("stdout", "stderr"):
             patched.setattr(sys, name, open(os.dup(theirs), "w"))  # noqa: SIM115
-        last()
+        make_lasting()
         os.close(theirs)
         print("heard", flush=True)
         os.close(ours)
@@ -97,7 +97,7 @@ def test_what_is_said_on_the_way_is_not_worth_the_run(monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(sys, "stderr", open(writer, "w"))  # noqa: SIM115
         patched.setattr(sys, "stdout", None)
-        last()
+        make_lasting()
         print("anybody?", file=sys.stderr, flush=True)
         sys.stderr.close()
 

@@ -102,9 +102,9 @@ class PlugCheck:
         It may where what hangs there pulls as before: one of another type would be refused by its
         socket, which the law of plugging in feels.
         """
-        if not self.doubt or self._asked or self._weight is None or self._before is None:
-            return self.doubt if self._asked else ""
-        if self._after is None:
+        if self._asked:
+            return self.doubt
+        if not self.doubt or self._weight is None or self._before is None or self._after is None:
             return ""
         if float(np.linalg.norm(self._after - self._before)) < AGAIN * self._weight:
             return ""

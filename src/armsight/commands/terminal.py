@@ -57,7 +57,7 @@ class _Lasting(io.TextIOWrapper):
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
 
 
-def last() -> None:
+def make_lasting() -> None:
     """Make stdout and stderr outlive their terminal, and take every character.
 
     What an encoding lacks (a terminal of another language, a file's name that is no text) is

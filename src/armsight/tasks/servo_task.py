@@ -203,7 +203,7 @@ class ServoTask:
             and permit.holds
             and seen is not None
             and now - seen.seen < SEEN_WITHIN
-            and math.sqrt(float(seen.velocity @ seen.velocity)) < STILL
+            and float(np.linalg.norm(seen.velocity)) < STILL
             and self.chase.distance < TOUCH + self.creeping.by
         )
         pressed = math.nan if permit is None else permit.pressed
