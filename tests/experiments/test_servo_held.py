@@ -13,19 +13,17 @@ from armsight.experiments.recorded_hands import (
     recorded_hand,
     recorded_path,
 )
+from armsight.experiments.servo_apart import KEPT, apart, first_apart
 from armsight.experiments.servo_ball import LIMIT, one_held, waypoints
 from armsight.experiments.servo_eyes import Errors
 from armsight.experiments.servo_held import (
     BEYOND,
-    KEPT,
     RADII,
-    Presses,
-    apart,
     demonstrator,
-    first_apart,
     held_setup,
     recorded_holder,
 )
+from armsight.experiments.servo_presses import Presses
 from armsight.experiments.servo_world import make_eyes, set_up, world_to_base
 from armsight.motion.permits import Permit, PermitState
 from armsight.robots.kinematics import tcp_pose

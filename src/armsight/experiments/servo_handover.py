@@ -14,10 +14,11 @@ from armsight.experiments.forecast_clips import find_clips
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.recorded_hands import PLAYS, recorded_path
 from armsight.experiments.rows import Row
+from armsight.experiments.servo_apart import KEPT, first_apart
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors
-from armsight.experiments.servo_held import KEPT, Presses, first_apart
+from armsight.experiments.servo_presses import Presses
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
 from armsight.experiments.servo_trials import gap_row, run_plan, tick
 from armsight.experiments.servo_world import Setup, make_eyes, make_task

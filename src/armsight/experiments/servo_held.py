@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import chain
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -16,19 +14,18 @@ from armsight.arrays import Floats, JointVector, Points, Vector3
 from armsight.experiments.forecast_clips import RADII
 from armsight.experiments.quick_cell import VOXEL
 from armsight.experiments.recorded_hands import HAND, recorded_hand
+from armsight.experiments.servo_apart import apart
 from armsight.experiments.servo_cell import PushedCell
 from armsight.experiments.servo_eyes import RADIUS, Errors
+from armsight.experiments.servo_presses import LOOKS, STAYS, Presses
 from armsight.experiments.servo_trials import tick
 from armsight.experiments.servo_world import Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse, make_pose, transform
 from armsight.mapping.snapshot import WorkspaceSnapshot
-from armsight.motion.permits import Permit
-from armsight.robots.kinematics import sphere_centers, tcp_pose
-from armsight.robots.robot import Robot
+from armsight.robots.kinematics import tcp_pose
 from armsight.simulation.skeleton import INDEX, PARTS, Proportions, bend, standing
 from armsight.simulation.targets import TargetSpec, target_object
-from armsight.simulation.truth import MOVING, Contact
 
 HEADS = 1.8
 """``[guard] head_height`` of these trials [m]: a ball of V's box is held up to 1.57 m, which is the
@@ -44,12 +41,6 @@ TURNED = math.radians(20.0)
 """... on the operator's side, aside by up to this much [rad]."""
 HEIGHTS = (1.55, 1.90)
 """Of who holds it [m]."""
-KEPT = 0.45
-"""The arm begins at least so far from somebody [m]: nearer its guard would hold it."""
-STAYS = 0.3
-"""After the touch a trial goes on for so long [s]."""
-LOOKS = 5
-"""Rounds from one look at the arm's distance from the person to the next."""
 IN_MAP = tuple(part for part in PARTS if part[0].split("_")[-1] not in ("shin", "foot"))
 """What of a person the map shows, above the bench."""
 
@@ -154,92 +145,6 @@ class HeldCell(PushedCell):
         if self._skin is None or not self.holder.still:
             self._skin = self.holder.skin(time)
         return self._skin
-
-
-def apart(robot: Robot, q: JointVector, skin: Points, reach: float = 0.0) -> float:
-    """Distance of an arm at (n,) [rad] from somebody's skin (k, 3), the ball left out [m].
-
-    So much of the tool, from its tip, may touch and does not count: ``reach`` [m].
-    """
-    center, radius = sphere_centers(robot, q), robot.spheres.radius
-    tip = tcp_pose(robot, q)[:3, 3]
-    counts = np.linalg.norm(center - tip, axis=1) + radius > reach
-    away = np.linalg.norm(skin[:, None] - center[None, counts], axis=2)
-    return float((away - radius[counts]).min())
-
-
-def first_apart(robot: Robot, starts: Iterable[JointVector], skin: Points) -> JointVector:
-    """(n,) the first joints that keep :data:`KEPT` from somebody's skin (k, 3); else the farthest.
-
-    Args:
-        robot: the arm.
-        starts: (n,) joints each [rad]; home is tried after them.
-        skin: in ``base`` [m].
-    """
-    farthest, most = robot.home, -math.inf
-    for start in chain(starts, (robot.home,)):
-        away = apart(robot, start, skin)
-        if away > KEPT:
-            return start
-        if away > most:
-            farthest, most = start, away
-    return farthest
-
-
-class Touched(Protocol):
-    """An arm, and what it really touched.
-
-    Attributes:
-        robot: the arm; q: (n,) [rad] at ``now`` [s].
-        contacts: of it so far.
-    """
-
-    robot: Robot
-    q: JointVector
-    now: float
-
-    @property
-    def contacts(self) -> list[Contact]:
-        """See above."""
-        ...
-
-
-class Presses:
-    """What the arm presses of somebody, and who runs into an arm that stands, which is no harm.
-
-    Attributes:
-        force: greatest of a contact that grew while the arm moved, or might touch [N].
-        struck: greatest of any other: of who ran into an arm that stood [N].
-        granted: greatest that was permitted [N].
-        moves: some part of the arm moved lately.
-    """
-
-    def __init__(self) -> None:
-        self.force = self.struck = self.granted = 0.0
-        self.moves = False
-        self._strongest = 0.0
-        self._were: deque[tuple[float, Points]] = deque(maxlen=LOOKS + 1)
-
-    @property
-    def harm(self) -> bool:
-        """Whether the arm pressed more than it ever might."""
-        return self.force > max(self.granted, 1e-9)
-
-    def look(self, cell: Touched, permit: Permit | None) -> None:
-        """At the end of a round."""
-        may = permit is not None and permit.holds
-        self.granted = max(self.granted, permit.force) if permit and may else self.granted
-        center = sphere_centers(cell.robot, cell.q)
-        self._were.append((cell.now, center))
-        since, were = self._were[0]
-        way = float(np.linalg.norm(center - were, axis=1).max())
-        self.moves = way > MOVING * (cell.now - since)
-        strongest = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
-        if strongest > self._strongest and (may or self.moves):
-            self.force = strongest
-        elif strongest > self._strongest:
-            self.struck = strongest
-        self._strongest = strongest
 
 
 def held_setup(setup: Setup) -> Setup:

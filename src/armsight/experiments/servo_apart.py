@@ -1,0 +1,46 @@
+"""How far an arm is from somebody, and where it may begin before them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import chain
+
+import numpy as np
+
+from armsight.arrays import JointVector, Points
+from armsight.robots.kinematics import sphere_centers, tcp_pose
+from armsight.robots.robot import Robot
+
+KEPT = 0.45
+"""The arm begins at least so far from somebody [m]: nearer its guard would hold it."""
+
+
+def apart(robot: Robot, q: JointVector, skin: Points, reach: float = 0.0) -> float:
+    """Distance of an arm at (n,) [rad] from somebody's skin (k, 3), the ball left out [m].
+
+    So much of the tool, from its tip, may touch and does not count: ``reach`` [m].
+    """
+    center, radius = sphere_centers(robot, q), robot.spheres.radius
+    tip = tcp_pose(robot, q)[:3, 3]
+    counts = np.linalg.norm(center - tip, axis=1) + radius > reach
+    away = np.linalg.norm(skin[:, None] - center[None, counts], axis=2)
+    return float((away - radius[counts]).min())
+
+
+def first_apart(robot: Robot, starts: Iterable[JointVector], skin: Points) -> JointVector:
+    """(n,) the first joints that keep :data:`KEPT` from somebody's skin (k, 3); else the farthest.
+
+    Args:
+        robot: the arm.
+        starts: (n,) joints each [rad]; home is tried after them.
+        skin: in ``base`` [m].
+    """
+    farthest, most = robot.home, -math.inf
+    for start in chain(starts, (robot.home,)):
+        away = apart(robot, start, skin)
+        if away > KEPT:
+            return start
+        if away > most:
+            farthest, most = start, away
+    return farthest
