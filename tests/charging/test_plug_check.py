@@ -163,6 +163,10 @@ def test_another_plug_of_like_weight_ends_the_visit_before_it_begins(look, words
         assert words in hand.station.outcomes[-1].problem
         hand.rest(0.1)
     assert len(hand.station.outcomes) == 2
+    # What a calibration would mend is told apart from what it would only hide.
+    assert (hand.station.check.elsewhere == "") == (look["port"] == "type1_plug")
+    hand.station.check.believe()
+    assert hand.station.check.elsewhere == ""
 
 
 def unclear(hand):

@@ -38,6 +38,8 @@ class PlugCheck:
 
     Attributes:
         doubt: why it has to be looked at before it is used, in words; empty where it is believed.
+        elsewhere: that its tip is not where the calibration has it, in words; empty where nobody
+            saw that.
     """
 
     def __init__(self, plug: str, weight: float | None) -> None:
@@ -49,7 +51,7 @@ class PlugCheck:
 
     def believe(self) -> None:
         """It is the right one: it was seen, or somebody says so."""
-        self.doubt, self._asked = "", False
+        self.doubt, self.elsewhere, self._asked = "", "", False
 
     def ask(self) -> None:
         """Somebody wants it looked at: without that it is not used."""
@@ -129,10 +131,11 @@ class PlugCheck:
         off = float(np.linalg.norm((seen.T_base_port - T_base_plug)[:3, 3]))
         turned = angle_between(seen.T_base_port, T_base_plug)
         if off > APART or turned > TURNED:
-            return (
+            self.elsewhere = (
                 f"the plug's tip is {1e3 * off:.0f} mm and {math.degrees(turned):.0f} deg from "
                 "where the calibration has it: another plug, or it has moved in its mount; "
                 "calibrate again: armsight calibrate CELL --plug"
             )
+            return self.elsewhere
         self.believe()
         return ""

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from armsight.commands.ending import EndsWhen
 from armsight.commands.live import Working
 
 if TYPE_CHECKING:
     from armsight.charging.visit import Outcome
-    from armsight.runtime.session import Session
-    from armsight.tasks.charge import ChargeTask
+    from armsight.commands.charging_runs import ChargeRun
 
 
 @dataclass(frozen=True)
@@ -33,6 +32,9 @@ class Charge(Working):
         show_plug: show the plug to the standing pair in the first visit: is it the one that was
             calibrated? Without a look at it nothing is plugged in then. After it was off at the
             stand-by it is shown anyway.
+        recalibrate: where the plug's tip or the pairs are not where the calibration has them, show
+            the plug and calibrate again by itself, between visits, after the car has left; once a
+            cause. It writes the cell's calibration file, as `armsight calibrate CELL --plug` does.
         seconds: at most, on the cell's clock; 180 a visit and its charging if left out and nobody
             watches.
     """
@@ -43,15 +45,26 @@ class Charge(Working):
     charging: float = 5.0
     state: Path | None = None
     show_plug: bool = False
+    recalibrate: bool = False
 
     def run(self) -> int:
         """Charge; prints how each visit went; 1 where one went wrong."""
-        from dataclasses import replace
+        from armsight.commands.charging_runs import charge_runs
+        from armsight.commands.running import write_summary
+
+        self._check()
+        runs = charge_runs(self)
+        if self.json is not None:
+            write_summary(self.json, self._summary(runs))
+        counted = [outcome for run in runs for outcome in run.counted]
+        good = all(o.seated and o.out and not o.problem for o in counted)
+        return runs[-1].code or int(self.visits > 0 and not (good and len(counted) >= self.visits))
+
+    def _check(self) -> None:
+        """Refuse what could not end or makes no sense."""
         from math import inf
 
-        from armsight.commands.running import exit_code, ran, say, write_summary
         from armsight.errors import UsageError
-        from armsight.tasks.charge import ChargeOptions
 
         if self.visits < 0:
             raise UsageError(f"--visits is {self.visits}; expected 0 or more")
@@ -61,50 +74,22 @@ class Charge(Working):
             raise UsageError(f"--charging is {self.charging:g} s; expected 0 or more")
         if self.headless and self.visits == 0:
             raise UsageError("--headless needs --visits: nobody would press the button")
-        asked = self
-        if self.headless and self.seconds is None:
-            asked = replace(self, seconds=self.visits * (180.0 + self.charging))
-        options = ChargeOptions(
-            self.inlet, self.mode, self.visits, self.charging, self.state, self.show_plug
-        )
-        made: list[ChargeTask] = []
-        ended: list[bool] = []
-        watch = (EndsWhen(lambda: bool(ended), "time"),) if self.headless else ()
 
-        def make(cell: Any) -> tuple[ChargeTask, tuple[Any, ...]]:
-            task = options.make(cell)
-            made.append(task)
-            task.done = lambda: ended.append(True)
-            return task, (_Parking(task), *watch)
-
-        with ran(asked, make) as session:
-            station = made[0].station
-            outcomes = [*station.outcomes]
-            if station.outcome not in outcomes and station.busy:
-                outcomes.append(station.outcome)
-            truth = getattr(session.cell.world, "truth", None)
-            touched = None
-            if truth is not None:
-                touched = [f"{c.owner} {c.part}".strip() for c in truth.moving_contacts]
-            seconds = session.now()
-        for i, outcome in enumerate(outcomes):
-            say(f"visit {i + 1}: {told(outcome)}")
-        if made[0].apart.words:
-            say(made[0].apart.words)
-        if self.json is not None:
-            summary = {
-                "workcell": session.cell.workcell.name,
-                "mode": self.mode,
-                "seed": self.seed,
-                "seconds": round(seconds, 3),
-                "contacts": None if touched is None else len(touched),
-                "touched": touched,
-                "visits": [_finite(asdict(outcome)) for outcome in outcomes],
-            }
-            write_summary(self.json, summary)
-        code = exit_code(session, None if self.headless else self.seconds)
-        good = all(o.seated and o.out and not o.problem for o in outcomes)
-        return code or int(self.visits > 0 and not (good and len(outcomes) >= self.visits))
+    def _summary(self, runs: Sequence[ChargeRun]) -> dict[str, Any]:
+        """Of all runs, for the file."""
+        touched = None
+        if all(run.touched is not None for run in runs):
+            touched = [what for run in runs for what in run.touched or ()]
+        return {
+            "workcell": runs[0].workcell,
+            "mode": self.mode,
+            "seed": self.seed,
+            "seconds": round(sum(run.seconds for run in runs), 3),
+            "contacts": None if touched is None else len(touched),
+            "touched": touched,
+            "visits": [asdict(outcome) for run in runs for outcome in run.outcomes],
+            "calibrations": [run.cause.words for run in runs if run.cause is not None],
+        }
 
 
 def told(outcome: Outcome) -> str:
@@ -124,27 +109,3 @@ def told(outcome: Outcome) -> str:
         words.append("lid shut" if outcome.lid_shut else "lid NOT shut")
     words += [said for said in (outcome.problem, outcome.warning) if said]
     return ", ".join(words)
-
-
-def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    """JSON knows no NaN."""
-    return {k: None if isinstance(v, float) and v != v else v for k, v in values.items()}
-
-
-class _Parking:
-    """Lets the task's button park a simulated car anew."""
-
-    name = "parking"
-    period = 1.0
-
-    def __init__(self, task: ChargeTask) -> None:
-        self._task = task
-
-    def attach(self, session: Session) -> None:
-        """The session is there."""
-        car = getattr(session.cell.world, "car", None)
-        if car is not None:
-            self._task.park = lambda: session.post(car.anew)
-
-    def update(self, now: float) -> None:
-        """Nothing to do."""

@@ -20,6 +20,7 @@ from armsight.charging.lid_finger import LidSetup
 from armsight.charging.looking import INLETS_OF
 from armsight.charging.moves import before_port
 from armsight.charging.residual import PairsApart
+from armsight.charging.stale import Cause, Stale
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, Vehicle
 from armsight.charging.visit import Seen, State, StationOptions
@@ -198,6 +199,8 @@ class ChargeTask:
 
     Attributes:
         apart: whether both pairs see the ports in one place.
+        stale: asked between visits; None: nobody would calibrate. stale_by: why no next visit
+            begins before pair and plug are calibrated again, or None.
         done: told once all visits that were asked for have ended.
         park: parks a simulated car anew; None where that cannot be.
     """
@@ -218,6 +221,8 @@ class ChargeTask:
         self.station, self.visits, self.body = station, visits, body
         self._places = places
         self.park: Callable[[], None] | None = None
+        self.stale: Stale | None = None
+        self.stale_by: Cause | None = None
         self.apart = PairsApart(station.options.far, station.options.near, cell)
         self.perceivers = tuple(eyes)
         self._perceivers = tuple(eye.name for eye in eyes)
@@ -280,7 +285,7 @@ class ChargeTask:
         if joints is None:
             return Rest("no joint reading yet")
         self._begun = max(self._begun, len(station.outcomes))  # one that a killed station left
-        if not station.busy and self._begun < self.visits:
+        if not station.busy and self._begun < self.visits and self.stale_by is None:
             self._begun += 1
             station.begin()
         seen = Seen(
@@ -293,6 +298,7 @@ class ChargeTask:
             None if observation.gripper is None else observation.gripper.width,
         )
         wish = station.step(seen)
+        self.stale_by = None if self.stale is None else self.stale.cause(observation.now)
         for eye in self._lid_eyes:
             eye.expected = station.expected_lid
         for looking in self._port_eyes:
