@@ -21,10 +21,11 @@ from armsight.robots.sprung_tip import SprungTip
 from armsight.runtime.session import Session
 from armsight.servoing.aim_kernels import aimed_joints
 from armsight.servoing.approach import Funnel
+from armsight.servoing.color_kernels import chroma_along, pick_color
 from armsight.servoing.detour import BEFORE
 from armsight.servoing.docking import DOCK_NAMES, docking
 from armsight.servoing.eyes import Eye, WristEye
-from armsight.servoing.kernels import last_steps_down, pick_likely
+from armsight.servoing.kernels import last_steps_down
 from armsight.servoing.modes import ChaseConfig, make_chase
 from armsight.servoing.sighting import Look, Looks, sighting_fault
 from armsight.servoing.targets import ball, bullseye, held_ball, mouth, palm
@@ -153,7 +154,7 @@ def test_eyes_and_task_compile_what_they_need_before_time_begins(name):
     task = task_of(dock=name)
     task.warm_up()
     assert task.chase.estimate is None
-    for kernel in (pick_likely, last_steps_down, aimed_joints):
+    for kernel in (pick_color, chroma_along, last_steps_down, aimed_joints):
         assert kernel.signatures
 
 

@@ -9,22 +9,6 @@ from armsight.arrays import Bytes, Floats, Floats32, Points, Vector3
 
 
 @njit(cache=True, nogil=True)
-def pick_likely(lab: Bytes, brightest: Bytes, out: Bytes) -> None:
-    """Write 255 where a picture's lightness is below what its chroma allows, else 0.
-
-    Args:
-        lab: (h, w, 3) 8-bit CIE Lab, as OpenCV has it.
-        brightest: (256, 256) lightness by a and b below which a pixel is taken.
-        out: (h, w).
-    """
-    rows, columns, _ = lab.shape
-    for v in range(rows):
-        for u in range(columns):
-            taken = lab[v, u, 0] < brightest[lab[v, u, 1], lab[v, u, 2]]
-            out[v, u] = 255 if taken else 0
-
-
-@njit(cache=True, nogil=True)
 def _sampled(signal: Floats32, u: float, v: float) -> float:
     """A picture between its pixels; beyond its border it goes on as it is there."""
     rows, columns = signal.shape

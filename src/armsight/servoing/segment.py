@@ -8,8 +8,9 @@ from functools import cached_property, lru_cache
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, Floats, Floats32, Mask
-from armsight.servoing.kernels import last_steps_down, pick_likely
+from armsight.arrays import Bytes, ColorImage, Floats, Floats32
+from armsight.servoing.color_kernels import chroma_along, pick_color
+from armsight.servoing.kernels import last_steps_down
 
 SPOKES = 72
 """Rays from a region's middle along which its outline is looked for."""
@@ -63,12 +64,11 @@ def lab_of(image: ColorImage) -> Floats32:
     return np.asarray(cv2.cvtColor(light, cv2.COLOR_RGB2LAB), np.float32)
 
 
-def saturation(lab: Floats32, color: LabColor) -> Floats32:
+def saturation(image: ColorImage, color: LabColor) -> Floats32:
     """(h, w) chroma along a colour's hue: large on it, about 0 on grey, negative opposite to it."""
-    hue = np.deg2rad(color.hue_deg)
-    return np.asarray(
-        lab[..., 1] * np.float32(np.cos(hue)) + lab[..., 2] * np.float32(np.sin(hue)), np.float32
-    )
+    out = np.empty(image.shape[:2], np.float32)
+    chroma_along(_compiled_for(image), _hue(color), out)
+    return out
 
 
 def color_mask(image: ColorImage, color: LabColor, opening: int = 3) -> Bytes:
@@ -76,41 +76,36 @@ def color_mask(image: ColorImage, color: LabColor, opening: int = 3) -> Bytes:
 
     Lab of 8 bits, which is cheap, says where the colour may be; the rest is done there alone.
     """
-    lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2LAB), np.uint8)
+    image = _compiled_for(image)
+    quick = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2LAB), np.uint8)
     mask = np.empty(image.shape[:2], np.uint8)
-    pick_likely(lab, _brightest(color), mask)
-    at = mask.ravel().nonzero()[0]
-    if len(at) == 0:
-        return mask
-    mask.ravel()[at] = _has(lab_of(image.reshape(-1, 1, 3)[at])[:, 0], color) * np.uint8(255)
-    if opening > 1:
+    pick_color(
+        image, quick, _brightest(color), _hue(color), np.tan(np.deg2rad(color.width_deg)),
+        color.chroma, color.purity, color.lightness, mask,
+    )  # fmt: skip
+    if opening > 1 and mask.any():
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (opening, opening))
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel), np.uint8)
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, kernel), np.uint8)
     return mask
 
 
-def _has(lab: Floats32, color: LabColor) -> Mask:
-    """(k,) whether (k, 3) CIE Lab has a colour."""
+def _compiled_for(image: ColorImage) -> ColorImage:
+    """As the loops were compiled for: for a turned or read-only one they would be anew."""
+    return np.require(image, np.uint8, ["C", "W"])
+
+
+@lru_cache(maxsize=16)
+def _hue(color: LabColor) -> Floats:
+    """(2,) its cosine and sine."""
     hue = np.deg2rad(color.hue_deg)
-    c, s = np.float32(np.cos(hue)), np.float32(np.sin(hue))
-    along = lab[:, 1] * c + lab[:, 2] * s
-    across = np.abs(lab[:, 2] * c - lab[:, 1] * s)
-    low, high = color.lightness
-    return np.asarray(
-        (along > color.chroma)
-        & (along > np.float32(color.purity) * lab[:, 0])
-        & (across < along * np.float32(np.tan(np.deg2rad(color.width_deg))))
-        & (lab[:, 0] > low)
-        & (lab[:, 0] < high)
-    )
+    return np.array([np.cos(hue), np.sin(hue)])
 
 
 @lru_cache(maxsize=16)
 def _brightest(color: LabColor) -> Bytes:
     """(256, 256) 8-bit lightness by a and b of 8 bits below which a pixel may have a colour."""
-    hue = np.deg2rad(color.hue_deg)
-    c, s = np.cos(hue), np.sin(hue)
+    c, s = _hue(color)
     a, b = np.mgrid[:256, :256] - 128.0
     slack = ROUNDED * (abs(c) + abs(s))
     along = a * c + b * s + slack

@@ -13,7 +13,6 @@ from armsight.servoing.segment import (
     LabColor,
     Region,
     color_mask,
-    lab_of,
     outline,
     regions,
     saturation,
@@ -57,8 +56,7 @@ def _outlined(
         u, v = region.corner
         h, w = region.mask.shape
         u0, v0 = max(u - PAD, 0), max(v - PAD, 0)
-        part = np.ascontiguousarray(image[v0 : v + h + PAD, u0 : u + w + PAD])
-        signal = saturation(lab_of(part), color)
+        signal = saturation(image[v0 : v + h + PAD, u0 : u + w + PAD], color)
         inside = Region(region.mask, (u - u0, v - v0), region.center - (u0, v0), region.area)
         edge = outline(signal, inside) + np.array([u0, v0])
         if len(edge) >= 8:
