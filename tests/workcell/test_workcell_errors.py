@@ -233,12 +233,23 @@ def test_the_smallest_cell_is_good():
             + SOLID.replace("[0.0, 0.0, -0.5]", "[0.0, 0.0, 0.6]"),
             ["robot.home_deg: link ", 'inside solid "s", expected a free configuration'],
         ),
+        (
+            HEAD + "[patrol.goals_deg]\nA = [0, -90, 90, -90, -90, 0]\nB = [0, 60, 0, 0, 0, 0]",
+            ["patrol.goals_deg.B: link ", "cm below the floor (z = 0), expected a free"],
+        ),
     ],
 )
 def test_problems_name_key_found_and_expected(text, expected):
     told = "\n".join(problems(text))
     for words in expected:
         assert words in told
+
+
+def test_a_goal_below_the_floor_is_free_where_there_is_none_or_the_arm_stands_higher():
+    goals = "[patrol.goals_deg]\nA = [0, -90, 90, -90, -90, 0]\nB = [0, 60, 0, 0, 0, 0]\n"
+    assert problems(HEAD + goals)
+    parse_workcell(HEAD + goals + "[simulation]\nfloor = false\n")
+    parse_workcell(HEAD + "position = [0.0, 0.0, 1.2]\n" + goals)
 
 
 def test_all_problems_come_at_once_one_line_each():

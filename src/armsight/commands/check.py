@@ -54,6 +54,9 @@ def described(workcell: Workcell) -> str:
         (len(workcell.simulation.person), "simulated person"),
     )
     parts = [f"{n} {word}{'s' if n != 1 else ''}" for n, word in counts if n]
+    file = workcell.calibration_file
+    if workcell.cell.calibration and file is not None and not file.is_file():
+        parts.append(f"not calibrated yet: {file} is not there")
     return ", ".join([f"{workcell.name}, {workcell.robot.model}", *parts]).replace(
         "persons", "people"
     )

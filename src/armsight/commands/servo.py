@@ -16,7 +16,8 @@ class Servo(Working):
 
     Attributes:
         task: what to follow: touch the `ball`, or a `held_ball` in a gloved hand, dock with the
-            `bullseye`, bring a `straw` to a mouth, or an item above a `hand`.
+            `bullseye`, bring a `straw` to a mouth, or an item above a `hand`. A task of your own:
+            `armsight run WORKCELL --task my_module:MyTask`.
         mode: `ours`; `paper`: the Master and the segments of V; `fixed`: those without the pair.
         standoff: how far before the surface the tip stays [m]; 0 touches.
     """

@@ -345,8 +345,9 @@ def check_clear(
     joints_deg: Sequence[float],
     robot: RobotSection,
     solids: Sequence[SolidSection],
+    floor: bool,
 ) -> Iterator[Problem]:
-    """No moving link stands inside a declared solid at these joints."""
+    """No moving link stands inside a declared solid, or in the floor, at these joints."""
     model = robot_of(robot)
     if len(joints_deg) != model.n:
         return
@@ -354,16 +355,18 @@ def check_clear(
     centers = sphere_centers(model, q) @ T[:3, :3].T + T[:3, 3]
     # The base and the first link stand on or hang from something.
     moving = model.spheres.link >= 2
-    for section in solids:
-        depth = model.spheres.radius - section.solid.distance(centers)
-        depth = np.where(moving, depth, -np.inf)
+    within = [(f'inside solid "{s.name}"', s.solid.distance(centers)) for s in solids]
+    if floor:
+        within.append(("below the floor (z = 0)", centers[:, 2]))
+    for what, away in within:
+        depth = np.where(moving, model.spheres.radius - away, -np.inf)
         worst = int(np.argmax(depth))
         if depth[worst] > ENTERS:
             link = model.link_names[int(model.spheres.link[worst])]
             yield Problem(
                 where,
-                f"link {link} stands {depth[worst] * 100:.0f} cm inside solid "
-                f'"{section.name}", expected a free configuration',
+                f"link {link} stands {depth[worst] * 100:.0f} cm {what}, expected a free "
+                "configuration",
             )
 
 

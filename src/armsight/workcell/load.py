@@ -169,18 +169,22 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
             *_names(simulation, "target", "simulation."),
         ]
     )
-    yield from _in_collision(robot, [s for _, s in solids], patrol)
+    floor = settings is None or settings.floor
+    yield from _in_collision(robot, [s for _, s in solids], patrol, floor)
 
 
 def _in_collision(
-    robot: RobotSection | None, solids: list[SolidSection], patrol: PatrolSection | None
+    robot: RobotSection | None,
+    solids: list[SolidSection],
+    patrol: PatrolSection | None,
+    floor: bool,
 ) -> Iterator[Problem]:
     if robot is None or any(checks.check_robot(robot)):
         return
     if robot.home_deg is not None:
-        yield from checks.check_clear("robot.home_deg", robot.home_deg, robot, solids)
+        yield from checks.check_clear("robot.home_deg", robot.home_deg, robot, solids, floor)
     for name, goal in (patrol.goals_deg if patrol is not None else {}).items():
-        yield from checks.check_clear(f"patrol.goals_deg.{name}", goal, robot, solids)
+        yield from checks.check_clear(f"patrol.goals_deg.{name}", goal, robot, solids, floor)
 
 
 def _one(model: type[SectionT], raw: Any) -> SectionT | None:
