@@ -7,8 +7,13 @@ from painted_ports import LENS, PAIR, facing, paint
 from armsight.charging import pairs
 from armsight.charging.find import FindOptions, find_ports, search
 from armsight.charging.kernels.edges import edge_search
+from armsight.charging.matches import match
+from armsight.charging.pairs import find_in_pair
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import LARGER, edges_of, pyramid
+from armsight.devices.camera_models import stereo_pair
+from armsight.experiments.port_cases import port_views
+from armsight.experiments.port_pictures import Album
 from armsight.geometry.pose import inverse
 
 
@@ -72,3 +77,21 @@ def test_a_lone_picture_needs_evidence_beside_its_score() -> None:
     image = paint(PORTS["type2"], T, LENS, 2)
     (seen,) = find_ports(image, LENS)
     assert find_ports(image, LENS, FindOptions(least_evidence=seen.match.evidence + 0.1)) == ()
+
+
+def test_a_plug_whose_pins_are_three_pixels_apart_is_found_by_both_pictures(gl, tmp_path):
+    """Fitted in the picture as it was taken, each edge took the next one's place."""
+    pair, view = stereo_pair(), port_views(123, 3003)[-1]
+    assert view.port == "type2_plug"
+    assert 1.4 < view.distance < 1.5
+    album = Album(pair, samples=0, folder=tmp_path)
+    picture = album.picture(view)
+    album.close()
+    T = picture.T_camera_port[0]
+    (found,) = find_in_pair(picture.images, pair)
+    assert found.port == "type2_plug"
+    assert np.linalg.norm(found.T_left_port[:3, 3] - T[:3, 3]) < 0.02
+    at = pair.left.fx * PORTS[view.port].radius / T[2, 3]
+    assert 16.0 < at < 32.0  # the mouth's radius [px]: as large as any is fitted first
+    right = inverse(pair.T_left_right) @ T
+    assert match(pyramid(picture.images[1]), pair.right, view.port, right).evidence > 1.0

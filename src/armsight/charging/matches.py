@@ -61,7 +61,7 @@ class Match:
 def match(
     levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose, near: bool = False
 ) -> Match:
-    """Fit a type where its mouth has a radius of 16 to 32 px.
+    """Fit a type where its mouth has a radius of 16 to 32 px; a small one larger as well.
 
     Args:
         levels: of the picture.
@@ -70,7 +70,10 @@ def match(
         T: start.
         near: the start is good to a pixel or two: what is farther is another edge.
     """
-    return _match(levels, lens, name, T, size_for(lens, name, T), NEAR if near else FIRST)
+    i, reaches = size_for(lens, name, T), NEAR if near else FIRST
+    # where a plug's pins are 3 px apart, one takes the next one's edge for its own
+    tried = [_match(levels, lens, name, T, k, reaches) for k in {i, -1 if i == 0 else i}]
+    return max(tried, key=lambda t: t.evidence)
 
 
 def refined(levels: Sequence[Level], lens: PinholeCamera, m: Match) -> Match:

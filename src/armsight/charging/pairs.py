@@ -26,9 +26,10 @@ FIRST = 0.4
 """What a picture alone scores less is not looked for in the other."""
 PARTNERS = 3
 """How many of the fits in the other picture go on."""
-CLEARLY, HARDLY = 0.3, -0.7
+CLEARLY, HARDLY = 0.4, 0.3
 """Evidence for what scores less than is asked; and below which no score is enough: a wheel's nuts
-may have half of a port's edges by their number, but not rim by rim."""
+may have half of a port's edges by their number, but not rim by rim. On tuning seeds (3001 to 3003)
+five of six false alarms had less, in 900 empty pairs, and one of 184 ports."""
 LENIENT = 0.08
 """How much less it may score then."""
 WEAKER = 0.3
