@@ -19,7 +19,7 @@ EXACT = Errors(*[0.0] * 10)
 def test_exact_cameras_say_what_is_so_and_say_it_late():
     setup = set_up()
     eyes = make_eyes(setup, EXACT, np.random.default_rng(0))
-    place = world_to_base(setup, [[0.8, 0.0, 1.2]])[0]
+    place = world_to_base(setup, [[0.8, 0.1, 1.2]])[0]
     for k in range(60):
         eyes.expose(0.008 * k, setup.robot.home, lambda t: place)
     assert eyes.arrived(0.05) == ()

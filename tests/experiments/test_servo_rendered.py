@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,9 +17,20 @@ from armsight.experiments.servo_ball import (
 )
 from armsight.experiments.servo_ball_rows import _why
 from armsight.experiments.servo_eyes import RADIUS, Errors
-from armsight.experiments.servo_rendered import BALL, Onlooker, _cell, agreement, start_below
-from armsight.experiments.servo_world import set_up
+from armsight.experiments.servo_rendered import BALL, Onlooker, _cell, agreement
+from armsight.experiments.servo_world import (
+    Trial,
+    make_eyes,
+    make_task,
+    set_up,
+    start_below,
+    world_to_base,
+)
 from armsight.geometry.pose import make_pose, transform
+from armsight.mapping.snapshot import FREE, OCCUPIED
+from armsight.robots.kinematics import sphere_centers
+from armsight.runtime.config import SessionMode
+from armsight.runtime.session import Session
 from armsight.workcell import open_cell, simulated_world
 
 SETUP = set_up(1.0, 1.0)
@@ -59,12 +72,22 @@ def test_a_rendered_trial_begins_where_the_other_does_and_the_ball_gives_way(mot
         assert workcell.simulation.contact_pushes
 
 
-def test_no_rendered_trial_begins_above_what_its_cell_maps():
-    """Before V's upper places the elbow is 13 cm above it: nothing is seen there, and the arm stood
-    where it began for 12 s."""
+def test_no_trial_begins_above_what_its_cell_maps():
+    """Before V's upper places the elbow was 13 cm above it: nothing is seen there, and the arm
+    stood where it began for 12 s."""
     low, high = (joints_before(SETUP, waypoints(SETUP)[k]) for k in (0, 1))
-    assert start_below(SETUP, low) is low
-    assert start_below(SETUP, high) is SETUP.robot.home
+    mapping = SETUP.workcell.mapping
+    flat = mapping.model_copy(update={"upper": (*mapping.upper[:2], 1.95)})
+    lower = replace(SETUP, workcell=SETUP.workcell.model_copy(update={"mapping": flat}))
+    assert start_below(lower, low) is low
+    assert start_below(lower, high) is SETUP.robot.home
+
+
+def test_the_map_reaches_above_the_elbow_before_every_place_of_v():
+    """The rendered cell's ended 30 cm below it, the other trials' 80 cm above."""
+    for place in waypoints(SETUP):
+        start = joints_before(SETUP, place)
+        assert start_below(SETUP, start) is start
 
 
 def test_a_lost_trial_is_explained_by_what_held_the_arm_not_by_a_permit_that_was_granted():
@@ -101,7 +124,7 @@ class World:
         self.place = np.array(place)
 
 
-class Session:
+class Stoppable:
     """Where the arm is, and whether it was stopped."""
 
     guard, stopped = None, ""
@@ -118,7 +141,7 @@ class Session:
 
 
 def test_the_onlooker_leads_the_ball_and_ends_the_run_after_the_touch():
-    world, session = World(), Session()
+    world, session = World(), Stoppable()
     base = SETUP.workcell.robot.T_world_base
     looks = Onlooker(world, lambda t: np.array([0.8, 0.1 * t, 0.7]), SETUP, REACHED)
     looks.attach(session)
@@ -134,6 +157,41 @@ def test_the_onlooker_leads_the_ball_and_ends_the_run_after_the_touch():
     assert looks.reached == pytest.approx(0.2375, abs=0.009)
     assert session.stopped == "touched"
     assert now == pytest.approx(looks.reached + 0.3, abs=0.009)
+
+
+def test_the_other_trials_have_the_map_of_the_rendered_cell():
+    """Theirs was 1.1 m higher and had neither bench nor column, and the law knew of no ceiling."""
+    place = waypoints(SETUP)[0]
+    eyes = make_eyes(SETUP, Errors(), np.random.default_rng(0))
+    task = make_task(SETUP, "ours")
+    cell = Trial(SETUP, eyes, task, lambda time: place, SETUP.robot.home).cell
+    mapping = SETUP.workcell.mapping
+    edges = np.array(cell.grid.shape) * cell.grid.voxel
+    assert edges == pytest.approx(np.subtract(mapping.upper, mapping.lower), abs=cell.grid.voxel)
+    assert task.chase.config.law.ceiling is not None
+    there = world_to_base(SETUP, [[0.85, 0.0, 0.74], [0.0, 0.0, 2.1], [0.85, 0.0, 1.3]])
+    state = [cell.state[tuple(index)] for index in cell.grid.index(there)]
+    assert state == [OCCUPIED, OCCUPIED, FREE]
+    reach = [cell.field[tuple(index)] for index in cell.grid.index(there)]
+    assert reach == pytest.approx([0.0, 0.0, 0.3], abs=1e-6)
+
+
+@pytest.mark.usefixtures("gl")
+def test_at_home_nothing_unseen_is_so_near_that_it_holds_the_arm():
+    """It was 0.52 m away, where the arm stands for good: cameras hung at the height of the elbow,
+    and looked past the bench's edge and the front border from one side alone."""
+    place = world_to_base(SETUP, [[0.85, 0.0, 1.15]])[0]
+    workcell = _cell(SETUP, place, SETUP.robot.home).model_copy(update={"stereo": ()})
+    with open_cell(workcell, seed=5) as cell:
+        session = Session(cell, None, seed=5, mode=SessionMode(cell_is_empty=True))
+        session.run(0.3)
+        snapshot = session.snapshot()
+    moves = np.asarray(SETUP.robot.spheres.link) > 1  # base and shoulder stay where they are
+    center = sphere_centers(SETUP.robot, SETUP.robot.home)[moves]
+    unseen = snapshot.hazards[snapshot.hazard_unknown]
+    unseen = unseen[np.linalg.norm(unseen - place, axis=1) > 0.3]  # the ball hides some, too
+    away = np.linalg.norm(unseen[:, None] - center[None], axis=2)
+    assert (away - SETUP.robot.spheres.radius[moves]).min() > 0.9
 
 
 @pytest.mark.slow

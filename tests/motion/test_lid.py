@@ -22,7 +22,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def hanging_cell():
-    setup = set_up()
+    setup = set_up(cell="ur10_straw")  # whose map ends 5 cm above the base
     return QuickCell([], robot=setup.robot, config=setup.guard, box=mapped_box(setup))
 
 

@@ -1,8 +1,7 @@
 """Trials of ``servo-ball`` in the whole rendered cell, and whether the others agree with them.
 
 What the other trials draw from a model is rendered here: pictures, looks, the map; and the ball is
-touched by contact physics. The same seed gives the same place, path and start; from a start above
-what the cell maps the arm begins at home.
+touched by contact physics. The same seed gives the same place, path and start.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy as np
 from armsight.arrays import JointVector, Vector3
 from armsight.experiments.rows import Row, bootstrap, wilson
 from armsight.experiments.servo_eyes import RADIUS, Path
-from armsight.experiments.servo_held import STAYS, Presses
+from armsight.experiments.servo_presses import STAYS, Presses
 from armsight.experiments.servo_rows import harm_row
 from armsight.experiments.servo_world import Setup
 from armsight.geometry.pose import transform
@@ -99,7 +98,7 @@ def rendered(
     from armsight.tasks.servo import ServoOptions
     from armsight.workcell import open_cell, simulated_world
 
-    with open_cell(_cell(setup, path(0.0), start_below(setup, start)), seed) as cell:
+    with open_cell(_cell(setup, path(0.0), start), seed) as cell:
         looks = Onlooker(simulated_world(cell), path, setup, near)
         task = ServoOptions().make(cell)
         mode = SessionMode(cell_is_empty=True)
@@ -118,18 +117,6 @@ def rendered(
             "height": float(transform(setup.workcell.robot.T_world_base, path(0.0)[None])[0, 2]),
             "factor": float(session.realtime_factor),
         }
-
-
-def start_below(setup: Setup, start: JointVector) -> JointVector:
-    """(n,) a start [rad], or home if some part is above what the cell maps: it would be stuck."""
-    from armsight.servoing.docking import docking
-    from armsight.tasks.servo import chase_config
-
-    config = chase_config(setup.workcell, setup.workcell.robot.T_world_base, docking(BALL))
-    ceiling, robot = config.law.ceiling, setup.robot
-    if ceiling is None or ceiling.above(robot).under(robot, start) >= 0.0:
-        return start
-    return robot.home
 
 
 def _cell(setup: Setup, place: Vector3, start: JointVector) -> Workcell:

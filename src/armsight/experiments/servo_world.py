@@ -15,9 +15,12 @@ import numpy as np
 
 from armsight.arrays import Floats, JointVector, Pose, Vector3
 from armsight.devices.data import JointState
-from armsight.experiments.quick_cell import HALF, Ball, QuickCell, felt
+from armsight.experiments.quick_cell import VOXEL, Ball, QuickCell, felt
 from armsight.experiments.servo_eyes import RADIUS, Errors, Eyes, ModelCamera, ModelPair, Path
 from armsight.geometry.pose import exp, inverse
+from armsight.mapping.distance_field import bounded_distance
+from armsight.mapping.snapshot import OCCUPIED
+from armsight.mapping.static_geometry import rasterise
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.task import Observation
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
@@ -33,6 +36,8 @@ from armsight.workcell.schema import Workcell
 CELL = "ur10_servoing"
 MOVING = 0.05
 """A contact counts when the tip is faster than this [m/s]."""
+FAR = 0.3
+"""A declared solid farther from a voxel than this counts as this far from it [m]."""
 STAND = 2e3
 """Stiffness of what holds the ball [N/m], that of a simulated one."""
 HARM = (
@@ -131,8 +136,14 @@ class Trial:
         self.eyes, self.task, self.ball = eyes, task, ball
         balls = [Ball(ball, RADIUS)] if mapped else []
         self.cell = QuickCell(
-            balls, robot=setup.robot, config=setup.guard, seed=seed, rate=60.0, box=_wide(setup)
+            balls,
+            robot=setup.robot,
+            config=setup.guard,
+            seed=seed,
+            rate=60.0,
+            box=mapped_box(setup),
         )
+        declare(self.cell, setup)
         self.cell.q = np.array(start, float)
         self.course = Course()
         self.tip = None if setup.robot.tool is None else setup.robot.tool.tip
@@ -225,8 +236,6 @@ def make_task(
 
     chosen = docking(dock, RADIUS)
     config = chase_config(setup.workcell, setup.workcell.robot.T_world_base, chosen, standoff)
-    if dock == "ball":  # V's box is higher than what the cell maps, and so is a trial's map
-        config = replace(config, law=replace(config.law, ceiling=None))
     config = replace(config, **chase)
     names = [c.name for c in setup.workcell.camera]
     wrist = "" if mode == "fixed" else "wrist"
@@ -245,10 +254,26 @@ def mapped_box(setup: Setup) -> tuple[Vector3, Vector3] | None:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _wide(setup: Setup) -> tuple[Vector3, Vector3] | None:
-    """The same, and no less than the cube that is mapped without pictures otherwise."""
-    box = mapped_box(setup)
-    return box and (np.minimum(box[0], -HALF), np.maximum(box[1], HALF))
+def declare(cell: QuickCell, setup: Setup) -> None:
+    """Put what the cell's file declares into a trial's map, as the cell's own map has it."""
+    T = inverse(setup.workcell.robot.T_world_base)
+    declared = (section.solid for section in setup.workcell.solid)
+    solids = [replace(s, T_frame_solid=T @ s.T_frame_solid) for s in declared]
+    filled = rasterise(solids, cell.grid, 0.0).filled
+    cell.state[filled != 0] = OCCUPIED
+    cell.field = bounded_distance(filled, VOXEL, FAR)
+
+
+def start_below(setup: Setup, start: JointVector) -> JointVector:
+    """(n,) a start [rad], or home if some part is above what the cell maps: it would be stuck."""
+    from armsight.servoing.docking import docking
+    from armsight.tasks.servo import chase_config
+
+    config = chase_config(setup.workcell, setup.workcell.robot.T_world_base, docking("ball"))
+    ceiling, robot = config.law.ceiling, setup.robot
+    if ceiling is None or ceiling.above(robot).under(robot, start) >= 0.0:
+        return start
+    return robot.home
 
 
 def world_to_base(setup: Setup, points: Sequence[Sequence[float]]) -> Floats:
