@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.any_arm import presence
 from armsight.recognition.any_arm import recogniser as module
 from armsight.recognition.any_arm.frames import Lump
 from armsight.recognition.any_arm.model import CropModel, Look
@@ -50,7 +51,7 @@ def _asked(
         return ([BOX] if longest == shown_at else []), np.zeros((4, 4), np.float32)
 
     monkeypatch.setattr(module, "find_lumps", lumps)
-    monkeypatch.setattr(module, "_found", lambda _: mass)
+    monkeypatch.setattr(presence, "landmarks_found", lambda _: mass)
     w, h = size
     lens = PinholeCamera(w, h, 500.0, 500.0, w / 2, h / 2)
     found = recogniser.recognise(Picture("p", np.full((h, w, 3), 90, np.uint8)), lens)

@@ -8,6 +8,7 @@ from armsight.geometry.pose import inverse, look_at, make_pose
 from armsight.recognition.any_arm.known import place_known
 from armsight.recognition.any_arm.landmarks import find_landmarks
 from armsight.recognition.any_arm.outline import (
+    drawn_into,
     edge_distance,
     follow_outline,
     outline_overlap,
@@ -157,6 +158,19 @@ def test_a_pose_leads_only_others_that_put_the_joints_elsewhere() -> None:
     assert apart is not None
     assert apart.fit is true
     assert 0.0 < apart.gap < cost_of(far, seen)
+
+
+def test_a_fit_that_agrees_with_the_mask_decides_what_the_mask_is_unsure_about() -> None:
+    true, arm, crop = _scene("ur5", 3)
+    row, column = np.argwhere(arm > 0.99)[len(np.argwhere(arm > 0.99)) // 2]
+    unsure, wrong = arm.copy(), arm.copy()
+    unsure[row, column], wrong[row, column] = 0.4, 0.1
+    assert drawn_into(unsure, true, 0.9, crop)[row, column] > 0.5
+    assert drawn_into(wrong, true, 0.9, crop)[row, column] < 0.5
+    assert drawn_into(unsure, true, 0.6, crop) is unsure
+    beyond = np.argwhere(arm == 0.0)[0]
+    unsure[tuple(beyond)] = 0.6
+    assert drawn_into(unsure, true, 0.9, crop)[tuple(beyond)] < 0.5
 
 
 def test_no_fits_have_no_best_one() -> None:

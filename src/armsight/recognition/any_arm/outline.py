@@ -30,6 +30,10 @@ ALONG = 30.0
 """Standard deviation along an edge, which tells nothing there [px of the crop]."""
 ARM = 0.5
 FEWEST = 12
+SHARE = 0.2
+"""Of the drawn arm in the mask."""
+AGREES = 0.7
+"""Overlap of a fit's outline with the mask from which it has a say in it."""
 
 
 def follow_outline(
@@ -70,6 +74,26 @@ def outline_overlap(fit: Fit, arm: Floats32, crop: Crop) -> float:
     inside = within(crop, side)
     either = (drawn | seen) & inside
     return float((drawn & seen & inside).sum() / max(either.sum(), 1))
+
+
+def drawn_into(arm: Floats32, fit: Fit, overlap: float, crop: Crop) -> Floats32:
+    """The mask with the fitted arm drawn into it, if that overlaps well enough to be believed.
+
+    What the network is unsure about, kinematics decides; what it is sure about it keeps.
+
+    Args:
+        arm: (side, side) probability of the arm in the crop.
+        fit: to it.
+        overlap: of the fit's outline, 0..1.
+        crop: itself.
+    """
+    if overlap < AGREES:
+        return arm
+    surface, side = arm_surface(fit.robot), crop.side
+    middle = 0.5 * (side - 1)
+    lens = np.array([crop.f, crop.f, middle, middle, 0, 0, 0, 0, 0.0])
+    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side)).mask
+    return np.asarray((1.0 - SHARE) * arm + SHARE * drawn, np.float32)
 
 
 def within(crop: Crop, side: int) -> Mask:

@@ -17,7 +17,8 @@ from armsight.recognition.any_arm.frames import LOOKS, Lump, find_lumps
 from armsight.recognition.any_arm.lens_doubt import RIGHT, doubted
 from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.observing import observe
-from armsight.recognition.any_arm.outline import follow_outline, outline_overlap
+from armsight.recognition.any_arm.outline import drawn_into, follow_outline, outline_overlap
+from armsight.recognition.any_arm.presence import ARM, FOUND, is_arm, may_be_arm
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
 from armsight.recognition.any_arm.trust import GAP, LEAD, features, read_trust
@@ -33,14 +34,6 @@ MARGIN = 1.3
 """Side of a crop over the arm's box."""
 GOES_ON = 0.25 * FIRST / STRIDE
 """How far an arm that the crop's edge cuts is thought to go on beyond it [cells]."""
-ARM = 0.5
-"""Probability from which a cell is the arm's."""
-CLEAR = 0.7
-"""Mean probability of these cells below which there is no arm: of 95 held-back crops of empty rooms
-86 were said to be empty without it and 92 are with it, of 122 with an arm four and six."""
-FOUND = (1.0 / 3.0, 0.46, 0.46)
-"""Mean probability of some robot's landmarks' peaks that an arm must have, by the look that shows
-it. Chosen on pictures of both renderers."""
 TYPES = 2
 """Likeliest types that are fitted."""
 RIVAL = 0.2
@@ -137,14 +130,17 @@ class ArmRecogniser:
         lens = camera or assumed_lens(w, h)
         check_size(lens, w, h)
         arms: list[Arm] = []
+        doubtful: list[tuple[Look, Crop]] = []
         shown = 0
         for longest, least in zip(LOOKS, FOUND, strict=True):
             # A small arm is overlooked in the whole; larger, other things look like one, too.
             if arms or max(h, w) <= shown:
                 break
             lumps = find_lumps(self.model, picture.image, longest)[0]
-            arms = self._arms(picture.image, lens, lumps, least)
+            arms = self._arms(picture.image, lens, lumps, least, doubtful)
             shown = longest
+        if not arms and doubtful:
+            arms = [self._judged(*doubtful[0], lens)[0]]
         notes = list(picture.notes)
         if not arms:
             notes.append("no robot arm found")
@@ -170,39 +166,26 @@ class ArmRecogniser:
         )
 
     def _arms(
-        self, image: ColorImage, lens: PinholeCamera, lumps: Sequence[Lump], least: float = 0.0
+        self,
+        image: ColorImage,
+        lens: PinholeCamera,
+        lumps: Sequence[Lump],
+        least: float,
+        doubtful: list[tuple[Look, Crop]],
     ) -> list[Arm]:
-        """The arms in lumps of a picture, each once."""
+        """The arms in lumps of a picture, each once; what may be one is added to ``doubtful``."""
         arms: list[Arm] = []
         for lump in lumps:
             if lump.strength < FAINT * lumps[0].strength:
                 break
-            arm = self.arm_in(image, lens, lump.low, lump.high, least)
-            if arm is not None and not any(_same(arm, other) for other in arms):
-                arms.append(arm)
+            look, crop = self.looked(image, lens, lump.low, lump.high)
+            if is_arm(look, least):
+                arm = self._judged(look, crop, lens)[0]
+                if not any(_same(arm, other) for other in arms):
+                    arms.append(arm)
+            elif may_be_arm(look, lump.strength):
+                doubtful.append((look, crop))
         return arms
-
-    def arm_in(
-        self,
-        image: ColorImage,
-        lens: PinholeCamera,
-        low: Floats,
-        high: Floats,
-        least: float = 0.0,
-    ) -> Arm | None:
-        """The arm in a box of a picture, or None.
-
-        Args:
-            image: the picture.
-            lens: that took it.
-            low: (2,) upper left corner of the box [px].
-            high: (2,) lower right one.
-            least: mean probability of the landmarks below which it is none.
-        """
-        look, crop = self.looked(image, lens, low, high)
-        if _found(look) < least:
-            return None
-        return self._judged(look, crop, lens)[0]
 
     def looked(
         self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
@@ -223,24 +206,29 @@ class ArmRecogniser:
     def examined(
         self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
     ) -> tuple[Arm, Floats] | None:
-        """As :meth:`arm_in`, with the features of its trust; None where no pose was found."""
-        arm, features = self._judged(*self.looked(image, lens, low, high), lens)
-        return None if arm is None or features is None else (arm, features)
+        """The arm in a box of a picture and the features of its trust; None where there is no pose.
 
-    def _judged(
-        self, look: Look, crop: Crop, lens: PinholeCamera
-    ) -> tuple[Arm | None, Floats | None]:
+        Args:
+            image: the picture.
+            lens: that took it.
+            low: (2,) upper left corner of the box [px].
+            high: (2,) lower right one.
+        """
+        look, crop = self.looked(image, lens, low, high)
+        if not is_arm(look):
+            return None
+        arm, features = self._judged(look, crop, lens)
+        return None if features is None else (arm, features)
+
+    def _judged(self, look: Look, crop: Crop, lens: PinholeCamera) -> tuple[Arm, Floats | None]:
         types = look.types
-        seen = look.arm > ARM
-        if look.empty or not seen.any() or look.arm[seen].mean() < CLEAR:
-            return None, None
         sharp = at_edges(look.arm, crop.image)
-        mask = mask_in_picture(crop, sharp, lens)
-        nobody = Arm(
-            "unknown", types, mask, None, np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)),
-            0.0, 0.0, False, "an arm that is none of the known ones",
-        )  # fmt: skip
         if look.stranger and not self._told:
+            mask = mask_in_picture(crop, sharp, lens)
+            nobody = Arm(
+                "unknown", types, mask, None, np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)),
+                0.0, 0.0, False, "an arm that is none of the known ones",
+            )  # fmt: skip
             return nobody, None
         known = sorted(self.robots, key=lambda name: -types[name])[:TYPES]
         share = sum(types[name] for name in self.robots)
@@ -253,6 +241,7 @@ class ArmRecogniser:
             if found is not None:
                 candidates.append((name, found))
         if not candidates:
+            mask = mask_in_picture(crop, sharp, lens)
             nothing = Arm(
                 known[0], types, mask, None, np.empty(0), np.empty((0, 3)),
                 np.empty((0, 3, 3)), 0.0, 0.0, False, "too little of the arm is seen for a pose",
@@ -271,6 +260,7 @@ class ArmRecogniser:
         believed = trust >= self.trust.threshold and not alike
         problem = "" if believed else self._doubt(trust, alike)
         T = np.asarray(turned @ found.fit.T_camera_base)
+        mask = mask_in_picture(crop, drawn_into(sharp, found.fit, found.overlap, crop), lens)
         arm = Arm(
             name, types, mask, T, found.fit.q, joints, covariance, found.overlap, trust,
             believed, problem, alike,
@@ -345,11 +335,6 @@ def best_outlined(
 def _apart(a: Fit, b: Fit) -> float:
     """Mean distance of the joints of two fits of one robot [m]."""
     return float(np.linalg.norm(a.joints() - b.joints(), axis=1).mean())
-
-
-def _found(look: Look) -> float:
-    """How surely the landmarks of any robot are seen, 0..1."""
-    return max(float(places.mass.mean()) for places in look.places.values())
 
 
 def _mask_box(first: Evidence, crop: Crop) -> tuple[Floats, Floats] | None:

@@ -1,0 +1,55 @@
+"""Whether what a network sees in a crop is an arm at all."""
+
+from __future__ import annotations
+
+from armsight.recognition.any_arm.model import Look
+
+ARM = 0.5
+"""Probability from which a cell is the arm's."""
+CLEAR = 0.7
+"""Mean probability of these cells below which there is no arm: of 95 held-back crops of empty rooms
+86 were said to be empty without it and 92 are with it, of 122 with an arm four and six."""
+FOUND = (1.0 / 3.0, 0.46, 0.46)
+"""Mean probability of some robot's landmarks' peaks that an arm must have, by the look at the whole
+picture that shows it. Chosen on pictures of both renderers."""
+TOGETHER, SOME, LARGE = 1.75, 0.15, 40.0
+"""Sum of the two and of the probability of the known types from which there may be an arm as well;
+mean probability of the landmarks' peaks that it must have then, since a disc has no joints; and
+cells that the lump must have, since lamps and handles are small."""
+
+
+def is_arm(look: Look, least: float = 0.0) -> bool:
+    """Whether a crop surely shows an arm.
+
+    Args:
+        look: at the crop.
+        least: mean probability of some robot's landmarks that an arm has.
+    """
+    return clearness(look) >= CLEAR and landmarks_found(look) >= least
+
+
+def may_be_arm(look: Look, strength: float) -> bool:
+    """Whether it is one if the picture shows no other.
+
+    Something large is of one of the known types so surely that cells or landmarks may be doubtful.
+    What looks like an arm in an empty room is mostly small, or called unknown.
+
+    Args:
+        look: at the crop.
+        strength: of the lump in the whole picture that the crop is of [cells].
+    """
+    clear, found = clearness(look), landmarks_found(look)
+    if clear == 0.0 or found < SOME or strength < LARGE:
+        return False
+    return clear + found + 1.0 - look.types["none"] - look.types["unknown"] >= TOGETHER
+
+
+def clearness(look: Look) -> float:
+    """Mean probability of the arm's cells; 0 where there are none or it is said to be empty."""
+    seen = look.arm > ARM
+    return 0.0 if look.empty or not seen.any() else float(look.arm[seen].mean())
+
+
+def landmarks_found(look: Look) -> float:
+    """How surely the landmarks of any robot are seen, 0..1."""
+    return max(float(places.mass.mean()) for places in look.places.values())

@@ -1,0 +1,50 @@
+"""What in a crop is an arm: cells, landmarks and type decide together."""
+
+import numpy as np
+import pytest
+
+from armsight.recognition.any_arm.evidence import Surface
+from armsight.recognition.any_arm.heat import Places
+from armsight.recognition.any_arm.model import Look
+from armsight.recognition.any_arm.presence import is_arm, may_be_arm
+
+
+def _look(clear: float, found: float, none: float, unknown: float) -> Look:
+    """A look whose arm's cells, landmarks and types are as sure as that."""
+    links = np.zeros((10, 12, 12), np.float32)
+    links[0] = 1.0
+    links[0, 4:8, 4:8], links[1, 4:8, 4:8] = 1.0 - clear, clear
+    surface = Surface(links, np.zeros((12, 12, 3), np.float32), np.ones((12, 12), np.float32))
+    places = Places(np.zeros((5, 2)), np.tile(np.eye(2), (5, 1, 1)), np.full(5, found))
+    types = {"ur5": 1.0 - none - unknown, "none": none, "unknown": unknown}
+    return Look(surface, {}, types, {"ur5": places})
+
+
+@pytest.mark.parametrize(("clear", "found", "none", "unknown"), [
+    (0.66, 0.38, 0.11, 0.09),  # in four numbers, arms of tuning frames that were overlooked
+    (0.86, 0.23, 0.02, 0.14),
+    (0.72, 0.28, 0.04, 0.13),
+    (0.80, 0.27, 0.01, 0.07),
+])  # fmt: skip
+def test_a_large_thing_of_a_sure_type_may_be_an_arm_with_doubtful_cells_or_landmarks(
+    clear: float, found: float, none: float, unknown: float
+) -> None:
+    seen = _look(clear, found, none, unknown)
+    assert not is_arm(seen, 1.0 / 3.0)
+    assert may_be_arm(seen, 60.0)
+    assert not may_be_arm(seen, 20.0)  # as small as a lamp
+
+
+@pytest.mark.parametrize(("clear", "found", "none", "unknown"), [
+    (0.68, 0.25, 0.07, 0.35),  # what empty rooms of tuning sets look like
+    (0.63, 0.11, 0.11, 0.35),
+    (0.76, 0.28, 0.13, 0.69),
+    (0.95, 0.60, 0.60, 0.05),  # the network says that there is none
+    (0.95, 0.10, 0.02, 0.02),  # a disc: all arm, no joints
+])  # fmt: skip
+def test_what_only_looks_a_little_like_one_is_none(
+    clear: float, found: float, none: float, unknown: float
+) -> None:
+    seen = _look(clear, found, none, unknown)
+    assert not is_arm(seen, 1.0 / 3.0)
+    assert not may_be_arm(seen, 60.0)
