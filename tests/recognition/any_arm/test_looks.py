@@ -79,3 +79,19 @@ def test_a_thing_on_which_no_robots_landmarks_are_seen_is_no_arm(
 ) -> None:
     # A striped disc fills a crop with "arm" (0.9 in the mean), and none of the joints is found.
     assert _asked(recogniser, monkeypatch, (640, 480), shown_at, mass)[1] == arm
+
+
+def test_what_may_be_an_arm_is_one_only_where_no_look_shows_a_surer_one(
+    recogniser: ArmRecogniser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "may_be_arm", lambda *_: True)
+    assert _asked(recogniser, monkeypatch, (640, 480), 256, 0.3) == ([256, 384, 512], True)
+    # A lamp beside an arm, or one that a coarser look shows, takes nothing from the arm.
+    masses = iter([0.3, 0.6])
+    other = Lump(np.array([200.0, 200.0]), np.array([300.0, 300.0]), 30.0)
+    monkeypatch.setattr(presence, "landmarks_found", lambda _: next(masses))
+    monkeypatch.setattr(module, "find_lumps", lambda *_: ([BOX, other], None))
+    lens = PinholeCamera(640, 480, 500.0, 500.0, 320.0, 240.0)
+    found = recogniser.recognise(Picture("p", np.full((480, 640, 3), 90, np.uint8)), lens)
+    assert len(found.arms) == 1
+    assert found.arms[0].mask[220:280, 220:280].max() > 0.5
