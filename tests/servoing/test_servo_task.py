@@ -75,7 +75,7 @@ def test_half_a_second_of_the_rendered_cell():
         assert session.task_failure == ""
         begin = chase.distance
         session.run(0.4)
-        assert chase.distance < begin - 0.02
+        assert chase.distance < begin - 0.01
 
 
 def test_a_cell_without_colour_is_refused():
