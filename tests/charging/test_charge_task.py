@@ -13,7 +13,7 @@ from armsight.charging.journal import Entry, Journal
 from armsight.charging.vehicle import SimulatedCar, VehicleStatus
 from armsight.charging.vehicle_file import load_vehicle
 from armsight.charging.visit import Outcome
-from armsight.commands.charge import told
+from armsight.commands.charging_runs import told
 from armsight.devices.camera_models import stereo_pair
 from armsight.devices.data import JointState, Wrench
 from armsight.errors import TaskError, UsageError

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal
 from armsight.commands.live import Working
 
 if TYPE_CHECKING:
-    from armsight.charging.visit import Outcome
     from armsight.commands.charging_runs import ChargeRun
 
 
@@ -90,22 +89,3 @@ class Charge(Working):
             "visits": [asdict(outcome) for run in runs for outcome in run.outcomes],
             "calibrations": [run.cause.words for run in runs if run.cause is not None],
         }
-
-
-def told(outcome: Outcome) -> str:
-    """How a visit went, in words."""
-    words = []
-    if outcome.port:
-        words.append(f"{outcome.port} found ({100 * outcome.score:.0f} %)")
-    if outcome.lid_opened:
-        words.append("lid opened")
-    if outcome.seated:  # NaN: before the station that took the plug out was started
-        after = outcome.plugged - outcome.began
-        words.append("seated" if after != after else f"seated after {after:.1f} s")
-    if outcome.charged:
-        words.append("charged")
-    words.append("out" if outcome.out else "NOT out")
-    if outcome.lid_opened:
-        words.append("lid shut" if outcome.lid_shut else "lid NOT shut")
-    words += [said for said in (outcome.problem, outcome.warning) if said]
-    return ", ".join(words)

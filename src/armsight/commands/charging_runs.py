@@ -95,7 +95,6 @@ def _rest(asked: Charge, runs: list[ChargeRun]) -> Charge:
 def _run(asked: Charge, settled: list[Kind]) -> ChargeRun:
     """One session."""
     from armsight.charging.stale import Stale
-    from armsight.commands.charge import told
     from armsight.commands.running import exit_code, ran, say
     from armsight.tasks.charge import ChargeOptions
 
@@ -137,6 +136,25 @@ def _run(asked: Charge, settled: list[Kind]) -> ChargeRun:
     cause = task.stale_by if session.ended_by == "time" else None
     code = exit_code(session, None if asked.headless else asked.seconds)
     return ChargeRun(name, tuple(outcomes), touched, seconds, code, cause)
+
+
+def told(outcome: Outcome) -> str:
+    """How a visit went, in words."""
+    words = []
+    if outcome.port:
+        words.append(f"{outcome.port} found ({100 * outcome.score:.0f} %)")
+    if outcome.lid_opened:
+        words.append("lid opened")
+    if outcome.seated:  # NaN: before the station that took the plug out was started
+        after = outcome.plugged - outcome.began
+        words.append("seated" if after != after else f"seated after {after:.1f} s")
+    if outcome.charged:
+        words.append("charged")
+    words.append("out" if outcome.out else "NOT out")
+    if outcome.lid_opened:
+        words.append("lid shut" if outcome.lid_shut else "lid NOT shut")
+    words += [said for said in (outcome.problem, outcome.warning) if said]
+    return ", ".join(words)
 
 
 class _Parking:
