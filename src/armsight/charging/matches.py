@@ -72,8 +72,7 @@ def match(
     """
     i, reaches = size_for(lens, name, T), NEAR if near else FIRST
     # where a plug's pins are 3 px apart, one takes the next one's edge for its own
-    tried = [_match(levels, lens, name, T, k, reaches) for k in {i, -1 if i == 0 else i}]
-    return max(tried, key=lambda t: t.evidence)
+    return _clearest(levels, lens, name, T, {i, -1 if i == 0 else i}, reaches)
 
 
 def refined(levels: Sequence[Level], lens: PinholeCamera, m: Match) -> Match:
@@ -83,14 +82,26 @@ def refined(levels: Sequence[Level], lens: PinholeCamera, m: Match) -> Match:
     of it, but through less noise. What shows more of it stays.
     """
     i = max(size_for(lens, m.port, m.T_camera_port) - 1, -1)
-    tried = [_match(levels, lens, m.port, m.T_camera_port, k, THEN) for k in {i, max(i, 0)}]
-    return max(tried, key=lambda t: t.evidence)
+    return _clearest(levels, lens, m.port, m.T_camera_port, {i, max(i, 0)}, THEN)
 
 
 def size_for(lens: PinholeCamera, name: str, T: Pose) -> int:
     """The size of a picture in which a mouth has a radius of 16 to 32 px; -1 is made larger."""
     radius = lens.fx * PORTS[name].radius / max(T[2, 3], 0.05)
     return max(int(np.floor(np.log2(max(radius, 1.0) / 16.0))), -1)
+
+
+def _clearest(
+    levels: Sequence[Level],
+    lens: PinholeCamera,
+    name: str,
+    T: Pose,
+    sizes: set[int],
+    reaches: Floats,
+) -> Match:
+    """Of the fits at these sizes of the picture the one that shows most."""
+    tried = [_match(levels, lens, name, T, i, reaches) for i in sizes]
+    return max(tried, key=lambda t: t.evidence)
 
 
 def _match(

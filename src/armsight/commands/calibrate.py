@@ -102,12 +102,12 @@ class Calibrate:
             return calibrate_recorded(self)
         assert self.workcell is not None
         if self.plug:
-            from armsight.commands.calibrate_plug import PlugOptions, calibrate_plug
+            from armsight.commands.calibrate_plug import LOOKS, PlugOptions, calibrate_plug
 
             options = PlugOptions(
                 self.out,
                 self.camera,
-                min(self.views, 26),
+                min(self.views, LOOKS),
                 self.write,
                 self.fresh,
                 self.seed,

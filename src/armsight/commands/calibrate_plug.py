@@ -12,6 +12,8 @@ from armsight.commands.serving import Page
 if TYPE_CHECKING:
     from armsight.charging.plug_procedure import PlugNews, PlugResult, PlugSetup
 
+LOOKS = 26
+"""At most, as many as the paper's."""
 PATIENCE = 120.0
 """A look may take this long to be searched on a slow machine before the task is given up [s]."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from armsight.commands.ending import EndsWhen
@@ -15,11 +14,6 @@ if TYPE_CHECKING:
     from armsight.commands.charge import Charge
     from armsight.runtime.session import Session
     from armsight.tasks.charge import ChargeTask
-
-LOOKS = 26
-"""Of a calibration by the plug, as many as the paper's."""
-OUT = Path("calibration")
-"""Where its looks and its picture are kept, as those of ``armsight calibrate``."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +47,8 @@ def charge_runs(asked: Charge) -> list[ChargeRun]:
 
     A calibration that fails is said, and is the end: the last run's code is not 0.
     """
-    from armsight.commands.calibrate_plug import PlugOptions, calibrate_plug
+    from armsight.commands.calibrate import Calibrate
+    from armsight.commands.calibrate_plug import LOOKS, PlugOptions, calibrate_plug
     from armsight.commands.running import say
 
     runs: list[ChargeRun] = []
@@ -67,7 +62,16 @@ def charge_runs(asked: Charge) -> list[ChargeRun]:
         settled.append(run.cause.kind)
         say(f"calibrates pair and plug again: {run.cause.words}")
         page = None if asked.headless else asked.page
-        options = PlugOptions(OUT, None, LOOKS, True, True, asked.seed, asked.cell_is_empty, page)
+        options = PlugOptions(
+            Calibrate.out,
+            pair=None,
+            looks=LOOKS,
+            write=True,
+            fresh=True,
+            seed=asked.seed,
+            cell_is_empty=asked.cell_is_empty,
+            page=page,
+        )
         try:
             code = calibrate_plug(asked.workcell, options)
         except CalibrationError as error:

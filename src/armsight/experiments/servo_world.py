@@ -30,6 +30,7 @@ from armsight.runtime.config import SessionConfig
 from armsight.runtime.configure import guard_config
 from armsight.simulation.arm_errors import true_geometry
 from armsight.workcell import load_workcell, robot_in
+from armsight.workcell.build import solids_in_base
 from armsight.workcell.packaged import packaged
 from armsight.workcell.schema import Workcell
 
@@ -256,10 +257,7 @@ def mapped_box(setup: Setup) -> tuple[Vector3, Vector3] | None:
 
 def declare(cell: QuickCell, setup: Setup) -> None:
     """Put what the cell's file declares into a trial's map, as the cell's own map has it."""
-    T = inverse(setup.workcell.robot.T_world_base)
-    declared = (section.solid for section in setup.workcell.solid)
-    solids = [replace(s, T_frame_solid=T @ s.T_frame_solid) for s in declared]
-    filled = rasterise(solids, cell.grid, 0.0).filled
+    filled = rasterise(solids_in_base(setup.workcell), cell.grid, 0.0).filled
     cell.state[filled != 0] = OCCUPIED
     cell.field = bounded_distance(filled, VOXEL, FAR)
 

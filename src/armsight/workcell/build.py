@@ -197,7 +197,7 @@ def open_cell(
                 cameras.get(c.name) or keep(open_camera(workcell, c, clock, believe))
                 for c in workcell.camera
             ),
-            tuple(_in_base(s.solid, workcell.robot.T_world_base) for s in workcell.solid),
+            solids_in_base(workcell),
             world,
             stereo=tuple(
                 pairs.get(s.name) or keep(open_stereo(workcell, s, clock, believe_pair))
@@ -233,5 +233,8 @@ def simulated_world(cell: Cell) -> SimulatedWorld:
     return cell.world
 
 
-def _in_base(solid: Solid, T_world_base: Pose) -> Solid:
-    return replace(solid, T_frame_solid=inverse(T_world_base) @ solid.T_frame_solid)
+def solids_in_base(workcell: Workcell) -> tuple[Solid, ...]:
+    """What the cell's file declares, placed in ``base``."""
+    T = inverse(workcell.robot.T_world_base)
+    declared = (section.solid for section in workcell.solid)
+    return tuple(replace(s, T_frame_solid=T @ s.T_frame_solid) for s in declared)

@@ -15,7 +15,7 @@ from armsight.arrays import Floats, Floats32, Mask
 from armsight.geometry.pose import transform
 from armsight.recognition.any_arm.solver import Fit, Observations, again
 from armsight.recognition.any_arm.views import Crop
-from armsight.recognition.own_arm.surface import arm_surface, render
+from armsight.recognition.own_arm.surface import Rendered, arm_surface, render
 from armsight.robots.kinematics import link_poses
 
 GRID = 2
@@ -65,11 +65,8 @@ def outline_overlap(fit: Fit, arm: Floats32, crop: Crop) -> float:
 
     Beyond the picture nobody knows.
     """
-    surface = arm_surface(fit.robot)
-    side = crop.side // GRID
-    f, middle = crop.f / GRID, 0.5 * (side - 1)
-    lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
-    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side)).mask
+    drawn = _drawn(fit, crop, GRID).mask
+    side = len(drawn)
     seen = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA) > ARM
     inside = within(crop, side)
     either = (drawn | seen) & inside
@@ -89,11 +86,15 @@ def drawn_into(arm: Floats32, fit: Fit, overlap: float, crop: Crop) -> Floats32:
     """
     if overlap < AGREES:
         return arm
-    surface, side = arm_surface(fit.robot), crop.side
-    middle = 0.5 * (side - 1)
-    lens = np.array([crop.f, crop.f, middle, middle, 0, 0, 0, 0, 0.0])
-    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side)).mask
-    return np.asarray((1.0 - SHARE) * arm + SHARE * drawn, np.float32)
+    return np.asarray((1.0 - SHARE) * arm + SHARE * _drawn(fit, crop).mask, np.float32)
+
+
+def _drawn(fit: Fit, crop: Crop, grid: int = 1) -> Rendered:
+    """A fitted arm as a crop shows it, of which one pixel is ``grid`` pixels wide."""
+    surface, side = arm_surface(fit.robot), crop.side // grid
+    f, middle = crop.f / grid, 0.5 * (side - 1)
+    lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
+    return render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side))
 
 
 def within(crop: Crop, side: int) -> Mask:
@@ -116,11 +117,8 @@ def _pulls(
     fit: Fit, distance: Floats, slope: Floats, crop: Crop, reach: float
 ) -> Observations | None:
     """Points of the outline and where on the mask's edge they should be."""
-    surface, side = arm_surface(fit.robot), crop.side // GRID
-    f, middle = crop.f / GRID, 0.5 * (side - 1)
-    lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
-    drawn = render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side))
-    mask = drawn.mask
+    drawn, f = _drawn(fit, crop, GRID), crop.f / GRID
+    mask, side = drawn.mask, crop.side // GRID
     rim = mask & ~cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     # An outline at the crop's own edge is none.
     rim[[0, -1]], rim[:, [0, -1]] = False, False
