@@ -7,7 +7,7 @@ import pytest
 from painted_ports import LENS, PAIR, facing, paint
 
 from armsight.charging.find import FindOptions, find_ports
-from armsight.charging.pairs import _enough, find_in_pair
+from armsight.charging.pairs import _by_one, _enough, find_in_pair
 from armsight.charging.ports.table import PORTS
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse
@@ -48,6 +48,32 @@ def test_what_one_picture_hardly_shows_is_found_by_the_other(left) -> None:
     away = np.abs(seen.T_left_port - T)[:3, 3]
     assert away[:2].max() < 1e-3
     assert away[2] < 0.012
+
+
+def test_what_one_picture_shows_clearly_the_pair_does_not_refuse(left) -> None:
+    """Nothing of the port is left in the right picture: dirt, or a lamp in the glass."""
+    right = _right()
+    u, v = PAIR.right.project((T_RIGHT_LEFT @ T)[None, :3, 3])[0].astype(int)
+    right[v - 90 : v + 90, u - 90 : u + 90] = 118
+    (alone,) = find_ports(left, LENS, ONLY)
+    (seen,) = find_in_pair((left, right), PAIR, ONLY)
+    assert seen.port == "type2"
+    assert len(seen.matches) == 1
+    assert np.allclose(seen.T_left_port, alone.T_camera_port, atol=2e-3)
+
+
+def test_one_picture_has_to_be_clearer_where_the_other_looks_there(left) -> None:
+    (alone,) = find_ports(left, LENS, ONLY)
+
+    def judged(score, evidence, other=()):
+        match = replace(alone.match, score=score, evidence=evidence)
+        seen = replace(alone, score=score, match=match)
+        return _by_one(((seen,), other), PAIR, ONLY)
+
+    assert judged(0.65, 2.0)
+    assert not judged(0.65, 1.0)  # enough where only one of them looks
+    assert not judged(0.57, 2.0)
+    assert not judged(0.65, 2.0, (alone,))  # the other shows one of its own, elsewhere
 
 
 def test_a_thing_of_another_size_is_no_port_however_alike(left) -> None:
