@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import threading
 from functools import cache
@@ -33,6 +34,12 @@ def end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, name="parent", daemon=True).start()
+
+
+def begin_worker() -> None:
+    """In a pool's worker: Ctrl-C is for the parent, which sends everybody home; so is its end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
 
 
 def processor() -> str:

@@ -26,6 +26,7 @@ if torch:
         held_back,
     )
     from armsight.recognition.any_arm.learning.export import answers, check_parity, to_onnx
+    from armsight.recognition.any_arm.learning.feeding import feed
     from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
     from armsight.recognition.any_arm.learning.plan import Plan, read_plan
     from armsight.recognition.any_arm.learning.shipping import make_card
@@ -123,6 +124,36 @@ def test_foreign_weights_are_refused(tmp_path: Path) -> None:
     file.write_bytes(b"cos\nsystem\n(S'true'\ntR.")  # a hostile pickle
     with pytest.raises(RecognitionError, match="EfficientNet-Lite0"):
         load_pretrained(Trunk(), file)
+
+
+def test_other_processes_make_the_batches_that_would_have_been_made_here() -> None:
+    data, plan = _crops(), _plan(updates=6)
+    alone = list(feed(data, data.part(validation=False), plan, 2, workers=0, pinned=False))
+    ahead = list(feed(data, data.part(validation=False), plan, 2, workers=2, pinned=False))
+    assert len(alone) == len(ahead) == 4
+    for one, other in zip(alone, ahead, strict=True):
+        for a, b in zip(one, other, strict=True):
+            torch.testing.assert_close(a, b, rtol=0, atol=0, equal_nan=True)
+
+
+def test_a_cell_holds_the_share_of_each_link() -> None:
+    data = _crops(3)
+    batch = make_batch(data, np.arange(3), None, 0, Changes(size=64, zoom=(1.0, 1.0)))
+    for k in range(3):
+        ids = cv2.warpAffine(data.links[k], _moved(data.links[k]), (64, 64), flags=0)
+        for link in range(10):
+            cells = (ids == link).reshape(16, 4, 16, 4).mean((1, 3))
+            np.testing.assert_allclose(batch.links[k, link], cells, atol=1e-6)
+
+
+def _moved(links: np.ndarray) -> np.ndarray:
+    """What puts an unchanged crop's arm into the middle."""
+    row, column = np.nonzero(links)
+    A = np.eye(2, 3)
+    if len(row):
+        ends = [(v.min() + v.max()) / 2 for v in (column, row)]
+        A[:, 2] = [31.5 - e for e in ends]
+    return A
 
 
 def test_landmarks_move_with_the_picture() -> None:

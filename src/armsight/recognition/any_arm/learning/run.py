@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 from armsight.errors import RecognitionError
+from armsight.machine import usable_cores
 from armsight.recognition.any_arm.learning.adopting import adopt, find_origin
 from armsight.recognition.any_arm.learning.examples import pack_shards, read_examples
 from armsight.recognition.any_arm.learning.network import OTHERS, CropNet
@@ -26,7 +27,6 @@ from armsight.recognition.training.run import Say, Wanted, prepare
 from armsight.writing import write_text
 
 _LINE_SECONDS, _CURVE_SECONDS = 2.0, 600.0
-_GPU_WORKERS = 12
 
 
 def train_crops(
@@ -63,7 +63,7 @@ def train_crops(
             adopt(network, origin)
 
     wanted.out.mkdir(parents=True, exist_ok=True)
-    workers = _GPU_WORKERS if device.type == "cuda" else 0
+    workers = usable_cores() - 1 if device.type == "cuda" else 0
     trainer = CropTrainer(plan, data, wanted.out, device, start, workers, origin)
     say(
         f"{len(trainer.learned)} crops to learn from, {len(trainer.held)} held back; "
@@ -98,7 +98,7 @@ def packed_folder(folder: Path, say: Say) -> Path:
     def told(done: int, whole: int) -> None:
         say(f"packing shard {done} of {whole}")
 
-    pack_shards(folder, place, told)
+    pack_shards(folder, place, told, usable_cores())
     return place
 
 

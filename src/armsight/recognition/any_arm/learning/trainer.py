@@ -8,7 +8,6 @@ import json
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
@@ -20,13 +19,12 @@ from torch import nn
 
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.learning.adopting import Origin
-from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples
+from armsight.recognition.any_arm.learning.feeding import Fed, feed
 from armsight.recognition.any_arm.learning.losses import loss_terms, total, whose
-from armsight.recognition.any_arm.learning.measure import measure, truth_of
+from armsight.recognition.any_arm.learning.measure import measure
 from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
 from armsight.recognition.any_arm.learning.plan import Plan
-from armsight.recognition.training.batches import Batches
 from armsight.recognition.training.checkpoint import (
     Progress,
     load_checkpoint,
@@ -57,7 +55,7 @@ class CropTrainer:
         folder: for checkpoints.
         device: where to compute.
         start: gives the new network its first weights.
-        workers: threads that make batches ahead; 0 makes them in between.
+        workers: processes that make batches ahead; 0 makes them in between.
         origin: the network that these weights are of, where it is a finished one.
 
     Raises:
@@ -132,44 +130,31 @@ class CropTrainer:
         """
         begun = saved = time.monotonic()
         spent = self.progress.seconds
-        batches = Batches(len(self.learned), self.plan.batch, self.plan.seed, 0)
-        with ThreadPoolExecutor(max(self._workers, 1)) as pool:
-            ahead: dict[int, Future[Batch]] = {}
-            while self.progress.update < self.plan.updates and not self._idle():
-                now = time.monotonic()
-                if now - begun > 60.0 * minutes:
-                    break
-                if now - saved > CHECKPOINT_SECONDS:
-                    self._save()
-                    saved = now
-                update = self.progress.update
-                for k in range(update, update + self._workers):
-                    if k not in ahead:
-                        ahead[k] = pool.submit(self._batch, batches, k)
-                made = ahead.pop(update).result() if ahead else self._batch(batches, update)
-                self._step(made)
-                self.progress.seconds = spent + time.monotonic() - begun
-                if self.progress.update % self.plan.validate == 0:
-                    self._check()
-                if self.progress.update % NOTED == 0:
-                    told(self.progress)
-            for future in ahead.values():
-                future.cancel()
+        fed = feed(
+            self.data,
+            self.learned,
+            self.plan,
+            self.progress.update,
+            workers=self._workers,
+            pinned=self.device.type == "cuda",
+        )
+        for batch in fed:
+            now = time.monotonic()
+            if now - begun > 60.0 * minutes or self._idle():
+                break
+            if now - saved > CHECKPOINT_SECONDS:
+                self._save()
+                saved = now
+            self._step(batch)
+            self.progress.seconds = spent + time.monotonic() - begun
+            if self.progress.update % self.plan.validate == 0:
+                self._check()
+            if self.progress.update % NOTED == 0:
+                told(self.progress)
         self._save()
         return self.progress.update >= self.plan.updates or self._idle()
 
-    def _batch(self, batches: Batches, update: int) -> Batch:
-        first = update * self.plan.batch
-        numbers = np.arange(first, first + self.plan.batch)
-        return make_batch(
-            self.data,
-            self.learned[batches[update]],
-            numbers,
-            self.plan.seed,
-            Changes(size=self.plan.size),
-        )
-
-    def _step(self, batch: Batch) -> None:
+    def _step(self, batch: Fed) -> None:
         plan, at = self.plan, self.progress
         self.network.train()
         share = plan.rate_at(at.update)
@@ -182,17 +167,12 @@ class CropTrainer:
             if self.precision == "bfloat16"
             else nullcontext()
         )
-        truth = truth_of(batch, self.device)
+        images, truth = batch.on(self.device)
         robot = whose(truth.type, truth.type < len(plan.robots))
         with context:
-            seen = self.network(torch.from_numpy(batch.images).to(self.device), robot)
+            seen = self.network(images, robot)
         terms = loss_terms(seen, truth, len(plan.robots))
         loss = total(terms)
-        if not bool(torch.isfinite(loss)):
-            raise RecognitionError(
-                f"the loss is {float(loss.detach())} at update {at.update + 1}: lower rate and "
-                f"trunk_rate; {self._file.name} is of an earlier update"
-            )
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self._moving(), _CLIP)
@@ -203,10 +183,15 @@ class CropTrainer:
             for slow, fast in zip(self.mean.parameters(), self.network.parameters(), strict=True):
                 if fast.requires_grad:
                     slow.lerp_(fast, 1.0 - kept)
+        # A GPU is asked once an update, when all of it is under way: each question makes it wait.
+        said = torch.stack([loss.detach(), *(v.detach() for v in terms.values())]).tolist()
+        if not math.isfinite(said[0]):
+            raise RecognitionError(
+                f"the loss is {said[0]} at update {at.update + 1}: lower rate and "
+                f"trunk_rate; {self._file.name} is of an earlier update"
+            )
         at.update += 1
-        at.pending.append(
-            {"loss": float(loss.detach())} | {k: float(v.detach()) for k, v in terms.items()}
-        )
+        at.pending.append(dict(zip(("loss", *terms), said, strict=True)))
         if at.update % NOTED == 0:
             names = at.pending[0]
             record: dict[str, Any] = {

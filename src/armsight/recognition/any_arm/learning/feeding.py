@@ -1,0 +1,92 @@
+"""Batches for a training, one after the other, made ahead by other processes where there are any.
+
+A GPU learns from thousands of crops a second, and a core changes some hundreds: threads of one
+process wait for each other there. Each batch follows from the plan and its number alone, so the
+same ones come in the same order however many make them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import cv2
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from armsight.arrays import Ints
+from armsight.recognition.any_arm.learning.changes import Changes, make_batch
+from armsight.recognition.any_arm.learning.examples import Examples
+from armsight.recognition.any_arm.learning.losses import Truth
+from armsight.recognition.any_arm.learning.plan import Plan
+from armsight.recognition.training.batches import Batches
+
+_AHEAD = 3
+"""Batches that each process may be ahead."""
+
+
+class Fed(NamedTuple):
+    """A batch as tensors; see :class:`armsight...changes.Batch`. A tuple, so that it is pinned."""
+
+    images: Tensor
+    links: Tensor
+    coordinates: Tensor
+    known: Tensor
+    points: Tensor
+    type: Tensor
+
+    def on(self, device: torch.device) -> tuple[Tensor, Truth]:
+        """Images and targets on a device."""
+        images, *truth = (part.to(device, non_blocking=True) for part in self)
+        return images, Truth(*truth)
+
+
+def feed(
+    data: Examples, learned: Ints, plan: Plan, update: int, workers: int, pinned: bool
+) -> Iterable[Fed]:
+    """The batches from an update to the plan's end.
+
+    Args:
+        data: crops.
+        learned: (n,) which of them are learned from.
+        plan: of the training.
+        update: of the first batch.
+        workers: processes that make batches ahead; 0 makes them in between.
+        pinned: where a GPU fetches them from by itself.
+    """
+    updates = range(update, max(plan.updates, update))
+    made = _Updates(data, learned, plan)
+    loader: DataLoader[Fed] = DataLoader(
+        made,
+        batch_size=None,
+        sampler=updates,
+        num_workers=workers,
+        prefetch_factor=_AHEAD if workers else None,
+        worker_init_fn=_alone,
+        pin_memory=pinned,
+        # Forked, they share the crops; none of them touches the GPU.
+        multiprocessing_context="fork" if workers else None,
+    )
+    return loader
+
+
+class _Updates(Dataset[Fed]):
+    """The batch of each update."""
+
+    def __init__(self, data: Examples, learned: Ints, plan: Plan) -> None:
+        self._data, self._learned, self._plan = data, learned, plan
+        self._how = Changes(size=plan.size)
+        self._batches = Batches(len(learned), plan.batch, plan.seed, 0)
+
+    def __getitem__(self, update: int) -> Fed:
+        size, seed = self._plan.batch, self._plan.seed
+        numbers = torch.arange(update * size, (update + 1) * size).numpy()
+        chosen = self._learned[self._batches[update]]
+        batch = make_batch(self._data, chosen, numbers, seed, self._how)
+        return Fed(*(torch.from_numpy(getattr(batch, name)) for name in Fed._fields))
+
+
+def _alone(worker: int) -> None:
+    """A process that is one of many uses one core."""
+    cv2.setNumThreads(0)
