@@ -55,6 +55,38 @@ def test_a_third_of_the_outline_hidden_moves_the_centre_little():
     assert np.linalg.norm(found[0].position - center) < 0.002
 
 
+def behind_a_limb(center, over, turn, rng):
+    """A ball whose outline a grey limb 30 cm before it covers, ``over`` its centre by so much."""
+    far = look_at((1.9, 1.5, 2.6), (0.3, 0.0, 1.2))
+    to = center - far[:3, 3]
+    away = np.linalg.norm(to)
+    a = np.cross(to / away, [0.0, 0.0, 1.0])
+    a /= np.linalg.norm(a)
+    b = np.cross(to / away, a)
+    side, along = np.cos(turn) * a + np.sin(turn) * b, np.cos(turn) * b - np.sin(turn) * a
+    middle = center - 0.3 * to / away + side * (0.055 - over) * (1.0 - 0.3 / away)
+    limb = [(middle + s * along, 0.055, (120, 120, 125)) for s in np.arange(-0.3, 0.31, 0.015)]
+    return frame([(center, 0.04, COLOR), *limb], far, rng, wall=3.5)
+
+
+def test_half_a_ball_behind_an_arm_is_where_the_whole_one_is_or_is_not_seen():
+    """Until November 2026 the arm's edge was taken for the ball's: up to 40 mm off, said to be 1.
+
+    A ball at rest was taken for one at 1.2 m/s when the arm moved before it.
+    """
+    seen = 0
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        center = np.array([0.52, -0.5, 1.54]) + rng.uniform(-0.1, 0.1, 3)
+        over = rng.uniform(-0.03, 0.01)
+        for one in BALL.in_frame(behind_a_limb(center, over, rng.uniform(0, 2 * np.pi), rng)):
+            error = one.position - center
+            assert np.linalg.norm(error) < 0.012
+            assert error @ np.linalg.solve(one.covariance + 0.0015**2 * np.eye(3), error) < 16.3
+            seen += 1
+    assert seen > 12
+
+
 @pytest.mark.parametrize(
     ("radius", "distance"), [(0.02, 2.1), (0.08, 2.1), (0.08, 1.2)], ids=["small", "large", "near"]
 )

@@ -8,7 +8,7 @@ picture of one, the stylus' own tip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -18,11 +18,16 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import transform
 from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.servoing.planes import plane_sweep
-from armsight.servoing.segment import LabColor, Region
+from armsight.servoing.segment import SPOKES, LabColor, Region
 from armsight.servoing.sighting import Sighting
 from armsight.servoing.sphere_fit import BallFit, Cone, Outline, fit_ball, tangent_cone
 from armsight.servoing.targets.rehearsal import Disc, rehearse
-from armsight.servoing.targets.seen import outlines_in_frame, outlines_in_pair, points_of
+from armsight.servoing.targets.seen import (
+    outlines_in_frame,
+    outlines_in_pair,
+    own_outline,
+    points_of,
+)
 
 RED = LabColor(hue_deg=36.0, width_deg=24.0)
 """Of the ball, and of the mark on the stylus."""
@@ -32,6 +37,9 @@ DEPTH_SIGMA = 0.004
 """Of a depth camera's point on a curved surface [m]; its systematic error is the filter's bias."""
 SIZE = 0.22
 """A ball's size may contradict its distance by this share."""
+PARTLY = 1.0
+"""An outline lies off by a part of a pixel all around, which moves no centre while it is whole: of
+one of which a share is hidden the centre is unsure by this times that share [px]."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +107,7 @@ class Ball:
             return []
         found = []
         for region, rays in outlines_in_frame(frame.color, lens, self.color):
-            seen = self._fit_one(T, lens, rays, points_of(view, region))
+            seen = self._fit_one(view, region, rays)
             if seen is not None:
                 found.append(seen)
         found.sort(key=lambda seen: -seen.fit.share)
@@ -132,18 +140,18 @@ class Ball:
         frame = view.frame
         return [self._sighting(s, frame.camera, frame.stamp, True) for s, _ in found]
 
-    def _fit_one(self, T: Pose, lens: PinholeCamera, rays: Points, points: Points) -> Seen | None:
+    def _fit_one(self, view: PosedFrame, region: Region, rays: Points) -> Seen | None:
         """From one lens's outline and what depth there is inside it."""
-        sigma = OUTLINE_SIGMA / lens.fx
-        if len(points) < 4:
+        lens, T, points = view.color_lens, view.T_base_color, points_of(view, region)
+        if lens is None or T is None or len(points) < 4:
             return None
-        cone = tangent_cone(rays, sigma)
-        if cone is None:
-            return None
-        eye = T[:3, 3]
-        by_size = self.radius / np.sin(cone.half)
+        sigma, eye = OUTLINE_SIGMA / lens.fx, T[:3, 3]
         middle = np.median(points, axis=0)
         by_depth = float(np.linalg.norm(middle - eye)) + 0.75 * self.radius
+        cone = tangent_cone(rays[own_outline(view, region, rays, by_depth - self.radius)], sigma)
+        if cone is None:
+            return None
+        by_size = self.radius / np.sin(cone.half)
         # An outline of a few pixels says little of the size.
         pixels = cone.half * lens.fx
         if abs(by_size / by_depth - 1.0) > max(SIZE, 1.2 / pixels):
@@ -163,6 +171,9 @@ class Ball:
         )
         if fit is None or fit.share < 0.5 or fit.misfit > 2.5:
             return None
+        hidden = max(1.0 - len(cone.rays) / SPOKES, 0.0)
+        unsure = (PARTLY * hidden / lens.fx * by_depth) ** 2
+        fit = replace(fit, covariance=fit.covariance + unsure * np.eye(3))
         return Seen(fit, points.mean(axis=0))
 
     def _fit_two(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, Floats, Points
+from armsight.arrays import Bytes, ColorImage, Floats, Mask, Points
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
 from armsight.motion.perception import PosedFrame
@@ -24,6 +24,9 @@ LEAST, LEAST_PAIR = 12.0, 60.0
 """Fewer pixels are no region: in a fixed camera, in the pair."""
 PAD = 12
 """Pixels around a region in which its outline is looked for."""
+BEFORE, BESIDE = 0.03, 2.0
+"""What is nearer than a target by this much [m], and so near to its outline [px], hides a part of
+it: the outline there is that of the other thing."""
 
 
 def rays_of(lens: PinholeCamera, pixels: Floats) -> Points:
@@ -90,19 +93,7 @@ def points_of(view: PosedFrame, region: Region) -> Points:
     assert view.color_lens is not None
     assert view.T_base_camera is not None
     corner, (h, w) = region.corner, region.mask.shape
-    window = _depth_window(view, region)
-    if window is None:
-        return np.empty((0, 3))
-    rows, columns = window
-    depth = view.frame.depth[rows, columns]
-    good = np.isfinite(depth)
-    z, rays = depth[good].astype(float), view.info.depth.rays[rows, columns][good]
-    model = view.info.depth_model
-    if model is not None:
-        v, u = np.nonzero(good)
-        at_pixel = np.column_stack([u + columns.start, v + rows.start]).astype(float)
-        z = z - model.error(z, at_pixel, view.info.depth)
-    points = np.column_stack([rays * z[:, None], z])
+    points = _depth_points(view, corner, (h, w))
     pixels = view.color_lens.project(transform(inverse(view.info.T_depth_color), points))
     at = np.rint(np.nan_to_num(pixels, nan=-9.0) - corner).astype(int)
     inside = (at[:, 0] >= 0) & (at[:, 0] < w) & (at[:, 1] >= 0) & (at[:, 1] < h)
@@ -114,11 +105,53 @@ def points_of(view: PosedFrame, region: Region) -> Points:
     return transform(view.T_base_camera, points)
 
 
-def _depth_window(view: PosedFrame, region: Region) -> tuple[slice, slice] | None:
-    """Rows and columns of the depth picture that may show what a colour region shows."""
+def own_outline(view: PosedFrame, region: Region, rays: Points, nearest: float) -> Mask:
+    """(k,) which of the (k, 3) rays of a region's outline are its own.
+
+    The others end at something before it, as half a ball does at an arm.
+
+    Args:
+        view: of a fixed camera.
+        region: of a colour.
+        rays: of its outline, unit.
+        nearest: distance of the target's nearest point from the colour lens [m].
+    """
+    lens = view.color_lens
+    assert lens is not None
+    pad, (u, v), (h, w) = int(BESIDE) + 2, region.corner, region.mask.shape
+    points = _depth_points(view, (u - pad, v - pad), (h + 2 * pad, w + 2 * pad))
+    points = transform(inverse(view.info.T_depth_color), points)
+    before = points[np.einsum("ij,ij->i", points, points) < max(nearest - BEFORE, 0.0) ** 2]
+    if not len(before):
+        return np.ones(len(rays), bool)
+    away = np.linalg.norm(lens.project(rays)[:, None] - lens.project(before)[None], axis=2)
+    return np.asarray(~(away < BESIDE).any(axis=1))
+
+
+def _depth_points(view: PosedFrame, corner: tuple[int, int], shape: tuple[int, int]) -> Points:
+    """(k, 3) points of the depth lens's frame that may show a window of the colour picture."""
+    window = _depth_window(view, corner, shape)
+    if window is None:
+        return np.empty((0, 3))
+    rows, columns = window
+    depth = view.frame.depth[rows, columns]
+    good = np.isfinite(depth)
+    z, rays = depth[good].astype(float), view.info.depth.rays[rows, columns][good]
+    model = view.info.depth_model
+    if model is not None:
+        v, u = np.nonzero(good)
+        at_pixel = np.column_stack([u + columns.start, v + rows.start]).astype(float)
+        z = z - model.error(z, at_pixel, view.info.depth)
+    return np.column_stack([rays * z[:, None], z])
+
+
+def _depth_window(
+    view: PosedFrame, corner: tuple[int, int], shape: tuple[int, int]
+) -> tuple[slice, slice] | None:
+    """Rows and columns of the depth picture that may show a window (h, w) of the colour picture."""
     lens, info = view.color_lens, view.info
     assert lens is not None
-    (u, v), (h, w) = region.corner, region.mask.shape
+    (u, v), (h, w) = corner, shape
     box = np.array([[u, v], [u + w, v], [u, v + h], [u + w, v + h]], float)
     rays = np.column_stack([lens.normalise(box), np.ones(4)])
     near, far = info.range
