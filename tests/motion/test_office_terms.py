@@ -11,10 +11,9 @@ from armsight.mapping.tracked import SHELL, SURE
 from armsight.motion.executed import Executed
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import MovingBody
-from armsight.motion.permit_law import gentle_speed, pressing_speed
+from armsight.motion.permit_law import ARM_ERROR, gentle_speed, pressing_speed
 from armsight.motion.permit_office import (
     AGAIN,
-    ARM_ERROR,
     FREE,
     LATTICE,
     PRESSED_ON,

@@ -66,7 +66,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     ]
     found: dict[str, list[Any]] = {}
     for i, (name, part) in enumerate(parts):
-        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 11})
+        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 12})
         found[name] = []
         for k in range(runs):
             found[name].append(cache.get(k, partial(part, seed, k)))

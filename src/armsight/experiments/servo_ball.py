@@ -121,7 +121,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
         kind = prefix + motion if prefix == "held_" else motion
-        settings = [mode, kind, asdict(errors), shares, 14 if prefix == "held_" else 13]
+        settings = [mode, kind, asdict(errors), shares, 15 if prefix == "held_" else 14]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):
@@ -140,7 +140,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """The first tenth of a row's trials in the rendered cell; kept as they end."""
     setup, count = set_up(1.0, 1.0), max(runs // SHARE, 1)
-    cache = RunCache("servo-ball", seed, {"settings": ["rendered", motion, 3]})
+    cache = RunCache("servo-ball", seed, {"settings": ["rendered", motion, 4]})
     found = []
     for k in range(count):
         progress(f"rendered, {motion}: {k + 1} of {count}", k / count)

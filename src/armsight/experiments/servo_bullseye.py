@@ -72,7 +72,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     for i, (prefix, mode, errors, shares) in enumerate(plan):
         setup = set_up(*shares)
         cache = RunCache(
-            "servo-bullseye", seed, {"settings": [mode, asdict(errors), shares, 4, prefix]}
+            "servo-bullseye", seed, {"settings": [mode, asdict(errors), shares, 5, prefix]}
         )
         results[prefix] = []
         for k in range(runs):

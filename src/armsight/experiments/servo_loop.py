@@ -57,7 +57,7 @@ of all trials.
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` steps, and one run of the rendered cell."""
     setup = set_up(1.0, 1.0)
-    cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF, "version": 8})
+    cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF, "version": 9})
     steps = []
     for k in range(runs):
         steps.append(cache.get(k, lambda k=k: one(setup, (seed, k))))  # type: ignore[misc]

@@ -40,7 +40,7 @@ def run_plan(
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, errors, count in plan:
         setup = set_up(1.0, 1.0, cell)
-        cache = RunCache(name, seed, {"settings": [mode, asdict(errors), 8]})
+        cache = RunCache(name, seed, {"settings": [mode, asdict(errors), 9]})
         results[prefix] = []
         for k in range(count):
             results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))

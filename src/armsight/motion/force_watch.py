@@ -188,6 +188,7 @@ class ForceWatch:
         permit: Permit,
         deeper: float = 0.0,
         gives: tuple[float, SprungTip] | None = None,
+        foretold: bool = True,
     ) -> str:
         """What of the newest readings is above a permit, in words; empty when nothing is.
 
@@ -199,11 +200,15 @@ class ForceWatch:
             deeper: so much farther the tip is pressed in until the arm can stand [m].
             gives: stiffness of what is touched [N/m], and the tip on springs that alone may touch
                 it; None where nothing of the arm gives way.
+            foretold: what will be pressed counts, too; else what is pressed alone, since nothing
+                that may be touched is so near.
         """
-        grows = LEAD * self._rate
+        rate = self._rate if foretold else 0.0
+        grows = LEAD * rate
         if permit.kind == "hand":
-            lasting = max(min((rate for _, rate, _ in self._rates), default=0.0), 0.0)
-            grows = max(GIVING * self._rate, LEAD * lasting)
+            lasting = min((rate for _, rate, _ in self._rates), default=0.0)
+            lasting = max(lasting, 0.0) if foretold else 0.0
+            grows = max(GIVING * rate, LEAD * lasting)
             held = min((force for _, _, force in self._rates), default=0.0)
             if held + LEAD * lasting > held_force(permit.force):
                 return (
@@ -215,7 +220,8 @@ class ForceWatch:
             if gives is None:
                 soon = force + max(grows, 0.0)
             else:
-                soon = pressing_force(press_depth(force, *gives) + deeper, *gives)
+                more = deeper if foretold else 0.0
+                soon = pressing_force(press_depth(force, *gives) + more, *gives)
             if soon > permit.force:
                 says = f", soon {soon:.1f}" if force <= permit.force else ""
                 return f"pressed with {force:.1f} N{says}; at most {permit.force:g}"

@@ -8,16 +8,21 @@ of the drives, and what gives way pushes back by its stiffness all the way.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from armsight.arrays import JointVector, Vector3
 from armsight.geometry.body_regions import BODY_REGIONS
+from armsight.mapping.tracked import SURE
 from armsight.motion.contact_limits import contact_speed, effective_mass
-from armsight.motion.force_watch import FELT, STALE, held_force
+from armsight.motion.force_watch import FELT, LEAD, STALE, held_force
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.nearest import MovingBody
 from armsight.motion.permits import Permit, PermitRequest
+from armsight.motion.permitted import Grant
+from armsight.motion.retreat import CLEAR
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
 from armsight.robots.sprung_tip import SprungTip, press_depth
@@ -27,6 +32,10 @@ MUSCLES = 1000.0
 UNSEEN = 0.01
 """Arm and target may come together faster than is counted by this [m/s]: drives overshoot by
 5 mm/s, and a hand that sways (0.07 m/s2) is another 5 mm/s faster than when it was seen."""
+ARM_ERROR = 0.003
+"""A part that comes to touch, slowly, is this close to where the joints say [m]."""
+STEPS = np.linspace(0.0, 1.0, 8)
+"""At these shares of ``LEAD`` it is looked where parts are that go on."""
 SHARE = 0.6
 """Share of the force that may be left to be used up while the arm stops."""
 SLOWS = 2.0
@@ -59,6 +68,42 @@ def stopping_way(config: GuardConfig, now: float, then: float) -> float:
     now, then = max(now, 0.0), max(then, 0.0)
     before = 0.5 * (now + then) * config.start_delay + then * config.period
     return before + then**2 / (2.0 * SLOWS)
+
+
+def within_reach(
+    body: MovingBody,
+    grant: Grant,
+    q: JointVector,
+    rates: Sequence[JointVector],
+    now: float,
+    unsure: float = 0.0,
+) -> bool:
+    """Whether the parts that may touch are so near to what they may that it could be pressed.
+
+    A press is foretold for ``LEAD``: what they do not come to in that time, going on as they go or
+    are told to, is not touched now and will not be by then. What is felt is the arm's own inertia.
+
+    Args:
+        body: the arm's moving parts.
+        grant: what may be touched.
+        q: (n,) where the arm is [rad].
+        rates: (n,) joint velocities that it has or is told [rad/s].
+        now: time [s].
+        unsure: the region may come faster than it is told to by this [m/s].
+    """
+    region, parts = grant.region, np.flatnonzero(grant.touching[body.moving])
+    if not len(parts):
+        return False
+    margin = ARM_ERROR + SURE * region.deviation(now) + CLEAR + LEAD * unsure
+    for rate in rates:
+        center, velocity = (found[parts] for found in body.motion(q, rate))
+        way = LEAD * (velocity - region.velocity)
+        places = center + STEPS[:, None, None] * way
+        away = region.distance(places.reshape(-1, 3), now).reshape(len(STEPS), -1)
+        between = 0.5 * float(STEPS[1]) * np.linalg.norm(way, axis=1)
+        if float((away - body.radius[parts] - between).min()) < margin:
+            return True
+    return False
 
 
 def pressing_speed(

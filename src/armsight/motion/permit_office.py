@@ -20,7 +20,14 @@ from armsight.motion.force_watch import FELT, ForceWatch
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards, MovingBody
 from armsight.motion.permit_grounds import followed, jump, seen_against
-from armsight.motion.permit_law import floating, gentle_speed, pressing_speed, stopping_way
+from armsight.motion.permit_law import (
+    ARM_ERROR,
+    floating,
+    gentle_speed,
+    pressing_speed,
+    stopping_way,
+    within_reach,
+)
 from armsight.motion.permits import (
     Permit,
     PermitRequest,
@@ -38,8 +45,6 @@ from armsight.motion.tool_motion import ToolMotion
 from armsight.robots.robot import Robot
 from armsight.robots.sprung_tip import SprungTip
 
-ARM_ERROR = 0.003
-"""A part that comes to touch, slowly, is this close to where the joints say [m]."""
 FREE = 0.5
 """More than this share of what is asked for must not be felt before it is granted."""
 LATTICE = 0.03
@@ -302,8 +307,10 @@ class PermitOffice:
         self._waiting = []
         self._force.take(readings, self._q, self._near(now), self._pull)
         retreat, permit, gives = self.retreat, self.permit, self._gives()
+        reaches = self._reaches(now, joints, command)
         if self.grant is not None:
-            self._felt.take(joints, self.grant.region.velocity, self._force.push, gives, command)
+            push = self._force.push if reaches else None
+            self._felt.take(joints, self.grant.region.velocity, push, gives, command)
         if retreat is not None and retreat.stands is not None:
             reason = self._force.excess(retreat.stands)
             if reason:  # it cannot stand there: out, along the one way
@@ -316,9 +323,19 @@ class PermitOffice:
             else (self._force.fault(now))
         )
         deeper = stopping_way(self._config, *self._felt.closing)
-        reason = silent or self._force.excess(permit, deeper, gives)
+        reason = silent or self._force.excess(permit, deeper, gives, reaches)
         if reason:
             self.withdraw(reason, now)
+
+    def _reaches(self, now: float, joints: JointState, command: JointVector | None) -> bool:
+        """Whether what is felt, and grows, may become a press of what may be touched."""
+        grant, q = self.grant, self._q
+        if grant is None or q is None or self.retreat is not None:
+            return True
+        if not self._force.pressed > FELT or self._touches(now):
+            return True
+        rates = [np.asarray(joints.velocity, float), *([] if command is None else [command])]
+        return within_reach(self._body, grant, q, rates, now, self._told.unsure(now))
 
     def _gives(self) -> tuple[float, SprungTip] | None:
         """Stiffness of the thing that may be touched [N/m], and the tip on springs that may."""
