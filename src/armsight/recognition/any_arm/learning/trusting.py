@@ -22,6 +22,8 @@ GOOD = 0.1
 """Mean joint error of a good answer, below [m]."""
 WRONG = 0.1
 """Share of the answers that are believed which may be none."""
+PARTS = 10
+"""Parts of the answers, each judged by weights that were fitted to the others."""
 _INSIDE_90 = 6.251
 """Of chi squared with three degrees of freedom, 90 %."""
 
@@ -123,7 +125,8 @@ def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust
     """Weights, threshold and widening; and figures for the card.
 
     The threshold is the lowest from which at most :data:`WRONG` of the answers above it are wrong,
-    of the crops and of those from elsewhere alike.
+    of the crops and of those from elsewhere alike, each answer judged by weights that it was not
+    fitted to: a fit promises more on its own answers than it keeps on others.
 
     Args:
         judged: answers on held-back crops.
@@ -131,11 +134,12 @@ def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust
     """
     sets = [judged] if elsewhere is None else [judged, elsewhere]
     every = Judged(*(np.concatenate([getattr(j, k) for j in sets]) for k in vars(judged)))
-    weights = logistic(every.features, every.error < GOOD)
-    trust = Trust(tuple(float(v) for v in weights), 0.5, 1.0)
-    threshold = max(_lowest(trust, j) for j in sets)
-    p = np.array([trust.of(f) for f in every.features])
-    good, sure = every.error < GOOD, p >= threshold
+    good = every.error < GOOD
+    weights = logistic(every.features, good)
+    p = _unknown(every.features, good)
+    ends = np.cumsum([len(j.error) for j in sets])[:-1]
+    threshold = max(map(_lowest, np.split(p, ends), np.split(good, ends)))
+    sure = p >= threshold
     inside = every.spread[sure] if sure.any() else every.spread
     inside = inside[np.isfinite(inside)]
     widen = float(np.sqrt(np.quantile(inside, 0.9) / _INSIDE_90)) if inside.size else 2.0
@@ -146,13 +150,25 @@ def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust
         "believed": float(sure.mean()) if len(sure) else 0.0,
         "believed_wrong": float((~good[sure]).mean()) if sure.any() else 0.0,
     }
-    return Trust(trust.weights, threshold, float(np.clip(widen, 1.0, 20.0))), figures
+    widen = float(np.clip(widen, 1.0, 20.0))
+    return Trust(tuple(float(v) for v in weights), threshold, widen), figures
 
 
-def _lowest(trust: Trust, judged: Judged) -> float:
+def _unknown(x: Floats, good: Mask) -> Floats:
+    """(n,) probability of each answer, by weights fitted to the other parts of the answers.
+
+    Parts are runs of answers: neighbours are of one room.
+    """
+    part = np.arange(len(x)) * PARTS // max(len(x), 1)
+    p = np.empty(len(x))
+    for k in np.unique(part):
+        trust = Trust(tuple(float(v) for v in logistic(x[part != k], good[part != k])))
+        p[part == k] = [trust.of(f) for f in x[part == k]]
+    return p
+
+
+def _lowest(p: Floats, good: Mask) -> float:
     """The lowest threshold that keeps its promise on some answers; 1 where none does."""
-    good = judged.error < GOOD
-    p = np.array([trust.of(f) for f in judged.features])
     order = np.argsort(-p)
     share = np.cumsum(~good[order]) / np.arange(1, len(p) + 1)
     kept = np.flatnonzero(share <= WRONG)
