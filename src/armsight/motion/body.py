@@ -82,7 +82,7 @@ def make_body(robot: Robot, inflate: float = 0.0) -> Body:
         [turns[int(k)].T @ c for k, c in zip(link, np.asarray(robot.spheres.center)[order])]
     )
     radius = np.asarray(robot.spheres.radius, float)[order] + inflate
-    lever = np.array([_levers(k, c, rotation, offset) for k, c in zip(link, center)])
+    lever = np.array([levers(k, c, rotation, offset) for k, c in zip(link, center)])
 
     turns_by = lever.max(axis=1)
     fixed = turns_by <= STILL
@@ -137,7 +137,7 @@ def _z_to(axis: Floats) -> Floats:
     return np.column_stack([x, np.cross(a, x), a])
 
 
-def _levers(link: int, center: Floats, rotation: Floats, offset: Floats) -> Floats:
+def levers(link: int, center: Floats, rotation: Floats, offset: Floats) -> Floats:
     """(n,) greatest distance of a point from each joint's axis, over all configurations.
 
     Turning a point about an axis makes a circle; we carry outwards the cylinder ring

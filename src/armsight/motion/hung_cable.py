@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Mask, Points
+from armsight.arrays import Floats, JointVector, Mask, Points, Vector3
 from armsight.geometry.pose import transform
 from armsight.motion.hazard_kernels import in_reach, scan
 from armsight.motion.separation_kernels import Law
@@ -34,14 +34,18 @@ class DraggedCable:
     """The cable of one robot, as spheres that move with its joints.
 
     Attributes:
+        root: (3,) where it leaves the tool, in the last link's frame [m].
+        hanger: (3,) where it hangs, in ``base`` [m].
+        length: from the tool to there [m].
         radius: (k,) of its spheres [m].
     """
 
     def __init__(self, robot: Robot, tool: Tool, cable: HungCable) -> None:
         T_last_tip = robot.T_last_flange @ tool.T_flange_tcp
         self._robot, self._cable = robot, cable
-        self._hanger = np.array(cable.hanger, float)
-        self._root = np.ascontiguousarray(transform(T_last_tip, np.array([cable.root])))
+        self.hanger = np.array(cable.hanger, float)
+        self.root: Vector3 = np.ascontiguousarray(transform(T_last_tip, np.array([cable.root]))[0])
+        self.length = cable.length
         self._link = np.array([robot.n])
         self._mount = tool.mount
         self.feel(None)
@@ -66,9 +70,9 @@ class DraggedCable:
         end, lead = np.empty((1, 3)), np.empty((1, 3))
         poses = chain_poses(np.ascontiguousarray(q, float), robot.T_link_joint, robot.axis)
         rates = np.ascontiguousarray(q_dot, float)
-        carried_motion_into(poses, robot.axis, self._link, self._root, rates, end, lead)
+        carried_motion_into(poses, robot.axis, self._link, self.root[None], rates, end, lead)
         center, velocity = np.empty((PIECES, 3)), np.empty((PIECES, 3))
-        dragged(end[0], lead[0], self._hanger, self._cable.length, center, velocity)
+        dragged(end[0], lead[0], self.hanger, self.length, center, velocity)
         return center, velocity
 
     def limit(

@@ -181,9 +181,7 @@ class SeparationPlanner:
         total = 0.0
         for k in range(count):
             t = (k + 0.5) * step
-            view = self._gate.body.view(
-                trajectory.position(t), trajectory.velocity(t), hazards, self._gate.law
-            )
+            view = self._gate.judge(trajectory.position(t), trajectory.velocity(t), hazards)
             total += step / min(max(view.allowed, SLOWEST), 1.0)
         return total
 

@@ -17,6 +17,7 @@ from numba import njit
 
 from armsight.arrays import Floats, Floats32, Ints, JointPath, JointVector, Points
 from armsight.motion.body import Body
+from armsight.motion.cable_kernels import NO_CABLE, CableWay, cable_free
 
 OCCUPIED = 2
 PERMITTED = 4
@@ -41,6 +42,7 @@ class Obstacles(NamedTuple):
         floor: a clearance below this is a collision [m].
         points, rows: solid points besides the cubes, see :class:`~armsight.motion.detail.Detail`.
         touching: (m,) bool, moving spheres for which PERMITTED voxels are free; (0,) for none.
+        cable: that the arm drags, among the same things; for the planner's edges alone.
     """
 
     origin: Floats
@@ -54,6 +56,7 @@ class Obstacles(NamedTuple):
     points: Floats32
     rows: Ints
     touching: np.ndarray
+    cable: CableWay = NO_CABLE
 
 
 class Scratch(NamedTuple):
@@ -499,11 +502,16 @@ def config_free(body: Body, ob: Obstacles, q: JointVector, scratch: Scratch) -> 
 def edge_free(
     body: Body, ob: Obstacles, q0: JointVector, q1: JointVector, scratch: Scratch
 ) -> bool:
-    """Whether the straight motion from q0 to q1 is proven free, ends included."""
+    """Whether the straight motion from q0 to q1 is proven free, ends included.
+
+    A cable is looked at in steps (:mod:`armsight.motion.cable_kernels`).
+    """
     _set_edge_bounds(body, q0, q1, scratch)
     # Two proofs: the body seldom comes near itself, so that one needs a few looks only.
-    return _edge_proven(body, ob, q0, q1, scratch, False) and _edge_proven(
-        body, ob, q0, q1, scratch, True
+    return (
+        _edge_proven(body, ob, q0, q1, scratch, False)
+        and _edge_proven(body, ob, q0, q1, scratch, True)
+        and cable_free(ob.cable, q0, q1, scratch.looks)
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from armsight.arrays import JointPath, JointVector
 from armsight.mapping.danger import ALPHA
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.cable_kernels import CableWay
 from armsight.motion.collision import CollisionModel
 from armsight.motion.cost import danger_of
 from armsight.motion.cost_kernels import Danger, path_cost_kernel
@@ -24,6 +25,7 @@ from armsight.motion.data import PlanRequest
 from armsight.motion.escape import escape
 from armsight.motion.improve_kernels import improve
 from armsight.motion.kernels import Obstacles, edge_free, path_free
+from armsight.motion.led_cable import LedCable, first_touch
 from armsight.motion.plan import Plan, failed, refusal
 from armsight.motion.planner_kernels import (
     FULL,
@@ -106,6 +108,7 @@ class RrtConnectPlanner:
             robot, replace(given, margin=given.margin + room, excuse=given.excuse - room)
         )
         self._forest: Forest = make_forest(self.config.nodes, robot.n)
+        self._cable = LedCable.of(robot)
 
     def plan(
         self,
@@ -135,12 +138,15 @@ class RrtConnectPlanner:
             return fail(reason)
         here = way_out[0] if len(way_out) else start
         ob = self._roomy.obstacles(snapshot, here)
+        if self._cable is not None:
+            ob = self._cable.among(ob, start, goal)
         end = None
         if self.config.wall_limit is not None:
             end = began + self.config.wall_limit * time_limit
         first, spent = self._first(ob, start, goal, request.warm, time_limit, rng, end)
         if first is None:
-            return fail(f"no path found within {time_limit:g} s; {_extent(self._forest)}")
+            led = "" if self._cable is None else "; its cable is led round things, too"
+            return fail(f"no path found within {time_limit:g} s; {_extent(self._forest)}{led}")
         found = self._clock()
         danger = danger_of(snapshot, self.config.alpha)
         left = max(0.0, time_limit - spent / self.config.looks_per_second)
@@ -148,7 +154,7 @@ class RrtConnectPlanner:
         if self.config.wall_limit is not None:
             end = found + self.config.wall_limit * seconds
         path, cost, count = self._cheapest(ob, danger, first, seconds, rng, end)
-        motion, escape_s = self._motion(path, way_out, snapshot, here)
+        motion, escape_s = self._motion(path, way_out, snapshot, here, ob.cable)
         return Plan(
             request.sequence,
             np.concatenate([way_out, path]),
@@ -168,11 +174,15 @@ class RrtConnectPlanner:
         way_out: JointPath,
         snapshot: WorkspaceSnapshot,
         here: JointVector,
+        cable: CableWay,
     ) -> tuple[Trajectory, float]:
         """The proven motion along a path, after the way out; and how long that takes [s]."""
-        motion = time_parameterise(
-            path, self.limits, lambda t: self.model.first_blocked_time(t, snapshot, at=here)
-        )
+
+        def blocked(t: Trajectory) -> float | None:
+            when = self.model.first_blocked_time(t, snapshot, at=here)
+            return first_touch(cable, t) if when is None else when
+
+        motion = time_parameterise(path, self.limits, blocked)
         if len(way_out) == 0:
             return motion, 0.0
         out = straight(way_out[0], path[0], self.limits)
