@@ -19,6 +19,7 @@ from armsight.charging.moves import before_port
 from armsight.charging.vehicle_file import load_vehicle
 from armsight.geometry.pose import from_rpy, inverse, make_pose, transform
 from armsight.geometry.shapes import Solid
+from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import PlanRequest
 from armsight.motion.ik import solve_ik
@@ -44,12 +45,13 @@ BODY = MovingBody(ROBOT, ROBOT.limits.acceleration)
 
 @dataclass(frozen=True)
 class Way:
-    """From ``start`` to ``goal``, (n,) [rad], past ``solids`` and a post."""
+    """From ``start`` to ``goal``, (n,) [rad], among what stands there, past a post or without."""
 
     start: np.ndarray
     goal: np.ndarray
-    solids: list[Solid]
     post: Solid
+    past: WorkspaceSnapshot
+    free: WorkspaceSnapshot
 
 
 def curve(q: np.ndarray) -> np.ndarray:
@@ -104,7 +106,7 @@ def ways(wanted: int) -> Iterator[Way]:
             post = post_for(start, goal, rng)
             if post is not None and wanted > 0:
                 wanted -= 1
-                yield Way(start, goal, solids + car, post)
+                yield Way(start, goal, post, snapshot_of([*solids, *car, post]), empty)
 
 
 def main() -> None:
@@ -123,10 +125,7 @@ def main() -> None:
     warm = True
     for way in ways(wanted):
         request = PlanRequest(1, way.start, JointIntent("goal", way.goal))
-        for kind, scene in (
-            ("ms", snapshot_of([*way.solids, way.post])),
-            ("free_ms", snapshot_of(way.solids)),
-        ):
+        for kind, scene in (("ms", way.past), ("free_ms", way.free)):
             for name, planner in planners.items():
                 for _ in range(2 if warm else 1):
                     begin = time.thread_time()
