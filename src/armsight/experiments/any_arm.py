@@ -55,8 +55,8 @@ NOTE = (
     "joints, is off by more than any bound. Frames are the second renderer's (a path tracer with "
     "rooms, materials, tools and lenses of its own); the network learned from crops of MuJoCo's "
     "renderer alone. Trust, threshold and the factor of the covariances come from crops of that "
-    "renderer that were held back from training, and from 105 tuning frames of the second one "
-    "(other seeds). `known_` keys have box and joint angles given. "
+    "renderer that were held back from training, and from tuning frames of the second one (other "
+    "seeds; the network's card says how many). `known_` keys have box and joint angles given. "
     "`baseline_` keys are the multi-objective network of T7, trained on rooms, on the same frames. "
     "The picture shows the first two frames of each robot, angles unknown above and given below."
 )

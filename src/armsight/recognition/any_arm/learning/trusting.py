@@ -175,7 +175,7 @@ def _lowest(p: Floats, good: Mask) -> float:
     return max(float(p[order][kept[-1]]), 0.3) if len(kept) else 1.0
 
 
-def logistic(x: Floats, y: Mask, hold: float = 1.0) -> Floats:
+def logistic(x: Floats, y: Mask, hold: float = 0.1) -> Floats:
     """Weights of a logistic regression of (n, k) features on (n,) truth, by Newton's steps.
 
     Args:
