@@ -1,5 +1,6 @@
 """The crop network's training, small: what it starts from, what it is taught, how it goes on."""
 
+import multiprocessing
 from pathlib import Path
 from typing import cast
 
@@ -33,6 +34,7 @@ if torch:
     from armsight.recognition.any_arm.learning.trainer import CropTrainer
     from armsight.recognition.any_arm.learning.trunk import Trunk, load_pretrained
     from armsight.recognition.any_arm.learning.trusting import Judged, logistic
+    from armsight.recognition.training.checkpoint import Progress
 
 NAMES = ("ur5", "iiwa", "none", "unknown")
 
@@ -134,6 +136,18 @@ def test_other_processes_make_the_batches_that_would_have_been_made_here() -> No
     for one, other in zip(alone, ahead, strict=True):
         for a, b in zip(one, other, strict=True):
             torch.testing.assert_close(a, b, rtol=0, atol=0, equal_nan=True)
+
+
+def test_a_process_that_is_killed_is_said_in_words(tmp_path: Path) -> None:
+    def kill(progress: Progress) -> None:
+        for child in multiprocessing.active_children():
+            child.kill()
+
+    plan = _plan(updates=400, validate=400)
+    trainer = CropTrainer(plan, _crops(), tmp_path, torch.device("cpu"), _started, workers=1)
+    with pytest.raises(RecognitionError, match="was killed"):
+        trainer.run(told=kill)
+    assert trainer.progress.update < 400
 
 
 def test_a_cell_holds_the_share_of_each_link() -> None:

@@ -7,7 +7,9 @@ same ones come in the same order however many make them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import signal
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import cv2
@@ -16,6 +18,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from armsight.arrays import Ints
+from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.learning.changes import Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples
 from armsight.recognition.any_arm.learning.losses import Truth
@@ -55,12 +58,10 @@ def feed(
         workers: processes that make batches ahead; 0 makes them in between.
         pinned: where a GPU fetches them from by itself.
     """
-    updates = range(update, max(plan.updates, update))
-    made = _Updates(data, learned, plan)
     loader: DataLoader[Fed] = DataLoader(
-        made,
+        _Updates(data, learned, plan),
         batch_size=None,
-        sampler=updates,
+        sampler=range(update, max(plan.updates, update)),
         num_workers=workers,
         prefetch_factor=_AHEAD if workers else None,
         worker_init_fn=_alone,
@@ -69,6 +70,24 @@ def feed(
         multiprocessing_context="fork" if workers else None,
     )
     return loader
+
+
+@contextmanager
+def killed_in_words() -> Iterator[None]:
+    """While processes make batches: torch says of one that is gone wherever the main thread is.
+
+    Raises:
+        RecognitionError: one of them was killed, as happens when memory runs out.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if "DataLoader worker" not in str(error):
+            raise
+        raise RecognitionError(
+            "a process that makes batches was killed (is memory short?); run the same command "
+            "again, it goes on from its last checkpoint"
+        ) from None
 
 
 class _Updates(Dataset[Fed]):
@@ -88,5 +107,6 @@ class _Updates(Dataset[Fed]):
 
 
 def _alone(worker: int) -> None:
-    """A process that is one of many uses one core."""
+    """One of many uses one core, and leaves Ctrl-C to the parent, which sends everybody home."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(0)

@@ -20,7 +20,7 @@ from torch import nn
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.learning.adopting import Origin
 from armsight.recognition.any_arm.learning.examples import Examples
-from armsight.recognition.any_arm.learning.feeding import Fed, feed
+from armsight.recognition.any_arm.learning.feeding import Fed, feed, killed_in_words
 from armsight.recognition.any_arm.learning.losses import loss_terms, total, whose
 from armsight.recognition.any_arm.learning.measure import measure
 from armsight.recognition.any_arm.learning.network import CropNet, Shape, build
@@ -126,8 +126,15 @@ class CropTrainer:
             whether it is finished; a checkpoint is left either way.
 
         Raises:
-            RecognitionError: the loss is no number any more, or a checkpoint cannot be written.
+            RecognitionError: the loss is no number any more, a process that makes batches was
+                killed, or a checkpoint cannot be written.
         """
+        with killed_in_words():
+            self._go_on(minutes, told)
+        self._save()
+        return self.progress.update >= self.plan.updates or self._idle()
+
+    def _go_on(self, minutes: float, told: Callable[[Progress], None]) -> None:
         begun = saved = time.monotonic()
         spent = self.progress.seconds
         fed = feed(
@@ -151,8 +158,6 @@ class CropTrainer:
                 self._check()
             if self.progress.update % NOTED == 0:
                 told(self.progress)
-        self._save()
-        return self.progress.update >= self.plan.updates or self._idle()
 
     def _step(self, batch: Fed) -> None:
         plan, at = self.plan, self.progress
