@@ -13,13 +13,14 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 import cv2
+import numpy as np
 import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from armsight.arrays import Ints
 from armsight.errors import RecognitionError
-from armsight.recognition.any_arm.learning.changes import Changes, make_batch
+from armsight.recognition.any_arm.learning.changes import Batch, Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples
 from armsight.recognition.any_arm.learning.losses import Truth
 from armsight.recognition.any_arm.learning.plan import Plan
@@ -38,6 +39,11 @@ class Fed(NamedTuple):
     known: Tensor
     points: Tensor
     type: Tensor
+
+    @classmethod
+    def of(cls, batch: Batch) -> Fed:
+        """The same arrays, not copied."""
+        return cls(*(torch.from_numpy(getattr(batch, name)) for name in cls._fields))
 
     def on(self, device: torch.device) -> tuple[Tensor, Truth]:
         """Images and targets on a device."""
@@ -100,10 +106,9 @@ class _Updates(Dataset[Fed]):
 
     def __getitem__(self, update: int) -> Fed:
         size, seed = self._plan.batch, self._plan.seed
-        numbers = torch.arange(update * size, (update + 1) * size).numpy()
+        numbers = np.arange(update * size, (update + 1) * size)
         chosen = self._learned[self._batches[update]]
-        batch = make_batch(self._data, chosen, numbers, seed, self._how)
-        return Fed(*(torch.from_numpy(getattr(batch, name)) for name in Fed._fields))
+        return Fed.of(make_batch(self._data, chosen, numbers, seed, self._how))
 
 
 def _alone(worker: int) -> None:

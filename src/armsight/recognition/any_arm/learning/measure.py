@@ -9,7 +9,8 @@ from armsight.arrays import Ints
 from armsight.recognition.any_arm.heat import read_heat
 from armsight.recognition.any_arm.learning.changes import STRIDE, Changes, make_batch
 from armsight.recognition.any_arm.learning.examples import Examples
-from armsight.recognition.any_arm.learning.losses import Truth, loss_terms
+from armsight.recognition.any_arm.learning.feeding import Fed
+from armsight.recognition.any_arm.learning.losses import loss_terms
 from armsight.recognition.any_arm.learning.network import CropNet
 
 _BATCH = 32
@@ -33,8 +34,8 @@ def measure(
     for first in range(0, len(chosen), _BATCH):
         batch = make_batch(data, chosen[first : first + _BATCH], None, 0, Changes(size=size))
         with torch.no_grad():
-            seen = network(torch.from_numpy(batch.images).to(device))
-            truth = truth_of(batch, device)
+            images, truth = Fed.of(batch).on(device)
+            seen = network(images)
             for name, value in loss_terms(seen, truth, robots).items():
                 sums[name] = sums.get(name, 0.0) + float(value) * len(batch.images)
         right += int((seen.type.argmax(1) == truth.type).sum())
@@ -64,9 +65,3 @@ def measure(
         "within_4": float((every < 4).mean()),
         "type_right": right / max(len(chosen), 1),
     }
-
-
-def truth_of(batch: object, device: torch.device) -> Truth:
-    """A batch's targets on a device."""
-    names = ("links", "coordinates", "known", "points", "type")
-    return Truth(*(torch.from_numpy(getattr(batch, n)).to(device) for n in names))
