@@ -49,8 +49,14 @@ def draw_table_things(stand: Stand, count: int, rng: np.random.Generator) -> lis
     return groups
 
 
-def draw_person(room: Room, rng: np.random.Generator) -> Group:
-    """Someone made of capsules, standing anywhere, arms hanging or raised."""
+def draw_person(room: Room, rng: np.random.Generator, spot: Floats | None = None) -> Group:
+    """Someone made of capsules, arms hanging or raised.
+
+    Args:
+        room: to stand in.
+        rng: source of randomness.
+        spot: (2,) where on the floor [m]; anywhere if None.
+    """
     p = Proportions(float(rng.uniform(1.5, 1.95)))
     joints = standing(p)
     for side in ("left", "right"):
@@ -62,8 +68,9 @@ def draw_person(room: Room, rng: np.random.Generator) -> Group:
             joints[INDEX[f"{side}_elbow"]], joints[INDEX[f"{side}_wrist"]] = elbow, wrist
             joints[INDEX[f"{side}_hand"]] = wrist + p.hand * fore
     (x0, y0, _), (x1, y1, _) = room.corners
-    spot = rng.uniform([x0 + 0.4, y0 + 0.4], [x1 - 0.4, y1 - 0.4])
-    T = yaw_pose(rng.uniform(-np.pi, np.pi), (*spot, 0.0))
+    anywhere = rng.uniform([x0 + 0.4, y0 + 0.4], [x1 - 0.4, y1 - 0.4])
+    x, y = anywhere if spot is None else spot
+    T = yaw_pose(rng.uniform(-np.pi, np.pi), (x, y, 0.0))
     joints = joints @ T[:3, :3].T + T[:3, 3]
     tone = rng.uniform(0.3, 0.9)
     skin = Surface((float(tone), float(0.78 * tone), float(0.66 * tone)), specular=0.1)

@@ -41,6 +41,7 @@ class Recipe:
         repaint: probability that an arm has other colours than the maker's, one of ``paints``.
         stickers: probability that worn paint carries labels and letters, too.
         grey: probability of a picture without colour.
+        decoy: probability that a picture without a robot has something else where one might stand.
         tint: spread of hue and brightness of the maker's colours.
         jitter: greatest error of each link's length [m].
         exposure: standard deviation of the exposure [stops].
@@ -92,6 +93,7 @@ class Recipe:
     paints: tuple[str, ...] = ("white", "grey", "dark")
     stickers: float = 0.0
     grey: float = 0.0
+    decoy: float = 0.0
 
 
 PAPER_LIKE = Recipe(
@@ -179,6 +181,7 @@ CROPS = replace(
     stickers=0.5,
     foreign_arm=0.2,
     grey=0.05,
+    decoy=0.6,
     center_shift=0.0,
     distortion=0.0,
 )

@@ -17,6 +17,7 @@ from armsight.errors import DatasetError
 from armsight.recognition.data import clutter, fittings
 from armsight.recognition.data.arms import Arm, catalogue_arm, made_up_arm
 from armsight.recognition.data.configuration import draw_configuration
+from armsight.recognition.data.decoys import draw_decoy
 from armsight.recognition.data.framing import View, draw_view
 from armsight.recognition.data.lighting import Light, draw_light
 from armsight.recognition.data.paintwork import draw_paintwork
@@ -69,7 +70,7 @@ class Setting:
         centers, radii: the arm as spheres in world [m].
         kept: the same of what furniture must leave free: more, in a recording.
         view: the recording's camera, None where the sample has its own.
-        robot_things: the arm alone. worn: tool and cable.
+        robot_things: the arm alone. worn: tool and cable, or what stands there instead of an arm.
         textures: of the scene.
         standing, people: groups that stay where they neither touch nor hide the arm.
         words: what the statistics tell of the scene.
@@ -153,6 +154,8 @@ def draw_setting(
     if robot != NO_ROBOT:
         robot_things = _painted(recipe, arm, T_world_link, textures, words, streams)
         worn = _worn(recipe, arm, T_world_link, words, streams)
+    elif (rng := streams.of_scene("decoy")).random() < recipe.decoy:
+        worn = draw_decoy(room, stand.T_world_base, rng)
     return Setting(
         robot,
         arm,

@@ -29,6 +29,7 @@ TOPICS = (
     "emphasis",
     "sweep",
     "grey",
+    "decoy",
 )
 Stream = Callable[[str], np.random.Generator]
 

@@ -17,8 +17,6 @@ from armsight.recognition.any_arm.learning.examples import HALF, SCALE, UNSEEN, 
 from armsight.recognition.any_arm.views import GREY
 
 STRIDE = 4
-EMPTY = "none"
-"""Name of the pictures without an arm."""
 _LINKS = 10
 _SHRUNK = 0.75
 """Scale below which single pixels of an image would alias."""
@@ -185,12 +183,11 @@ def _surrounded(
     """
     if rng.random() >= how.surrounded:
         return image
-    empty = np.flatnonzero(np.array(data.names)[data.robot] == EMPTY)
     h, w = data.images.shape[1:3]
     inside = cv2.warpAffine(np.ones((h, w), np.uint8), A[:2], (how.size, how.size))
-    if inside.all() or not len(empty):
+    if inside.all() or not len(data.empty):
         return image
-    other = data.images[int(rng.choice(empty))]
+    other = data.images[int(rng.choice(data.empty))]
     B = _anywhere(max(h, w), rng, how)
     beyond = _bytes(cv2.warpAffine(other, B[:2], (how.size, how.size)))
     return np.where(inside[..., None] > 0, image, beyond)
@@ -202,10 +199,9 @@ def _elsewhere(
     """The arm cut out, before a picture that has none: no room goes with a type."""
     if rng.random() >= how.elsewhere or not links.any():
         return image
-    empty = np.flatnonzero(np.array(data.names)[data.robot] == EMPTY)
-    if not len(empty):
+    if not len(data.empty):
         return image
-    other = data.images[int(rng.choice(empty))]
+    other = data.images[int(rng.choice(data.empty))]
     B = _anywhere(max(data.images.shape[1:3]), rng, how)
     room = cv2.warpAffine(other, B[:2], (how.size, how.size), borderMode=cv2.BORDER_REFLECT)
     arm = cv2.GaussianBlur((links > 0).astype(np.float32), (0, 0), 0.6)[..., None]
@@ -270,7 +266,8 @@ def _recoloured(image: Bytes, rng: np.random.Generator, how: Changes) -> Bytes:
     if rng.random() < how.blur:
         image = _bytes(cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.4, 1.4))))
     if rng.random() < how.noise:
-        grain = rng.normal(0.0, rng.uniform(1.0, 9.0), image.shape)
+        strength = np.float32(rng.uniform(1.0, 9.0))
+        grain = strength * rng.standard_normal(image.shape, np.float32)
         image = np.clip(image + grain, 0, 255).astype(np.uint8)
     if rng.random() < how.jpeg:
         quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 90))]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from armsight.recognition.any_arm.landmarks import SLOTS, Landmarks, find_landma
 from armsight.recognition.data.labelled_set import LabelledSet, read_shard
 from armsight.recognition.data.manifest import read_manifest, shard_folder
 from armsight.recognition.data.order import NO_MESHES
-from armsight.recognition.data.sample import Sample
+from armsight.recognition.data.sample import NO_ROBOT, Sample
 from armsight.recognition.own_arm.surface import ArmSurface, arm_surface, render
 from armsight.recognition.training.tensors_file import read_tensors, write_tensors
 from armsight.robots.catalogue import load_robot
@@ -64,6 +64,12 @@ class Examples:
 
     def __len__(self) -> int:
         return len(self.images)
+
+    @cached_property
+    def empty(self) -> Ints:
+        """Indices of the pictures without an arm."""
+        number = self.names.index(NO_ROBOT) if NO_ROBOT in self.names else -1
+        return np.flatnonzero(self.robot == number).astype(np.int64)
 
     def part(self, validation: bool) -> Ints:
         """Indices of what is learned from, or of the rooms held back."""
