@@ -12,11 +12,11 @@ CLEAR = 0.7
 FOUND = (1.0 / 3.0, 0.5, 0.5)
 """Mean probability of some robot's landmarks' peaks that an arm must have, by the look at the whole
 picture that shows it. Chosen on pictures of both renderers."""
-TOGETHER, SOME, LARGE = 1.85, 0.15, 40.0
+TOGETHER, SOME, LARGE = 1.75, 0.15, 40.0
 """Sum of the two and of the probability of the known types from which there may be an arm as well;
 mean probability of the landmarks' peaks that it must have then, since a disc has no joints; and
-cells that the lump must have, since lamps and handles are small. On tuning frames of the second
-renderer no arm has less than 1.90, and no empty room more than 1.82."""
+cells that the lump must have, since lamps and handles are small. Of 240 arms on tuning
+pictures of both renderers six are found by it alone, and four of 110 empty rooms are lost."""
 
 
 def is_arm(look: Look, least: float = 0.0) -> bool:
