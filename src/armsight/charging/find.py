@@ -57,7 +57,8 @@ class FindOptions:
             (:mod:`armsight.charging.pairs`).
         seeds: per size of the picture; rings, climbs (of each type), guesses, fits: how many go
             on to each stage.
-        tilts: at which rings are tried [deg], and about how many axes.
+        tilts: at which rings are tried [deg], and about how many axes; beside: and beside the
+            places that were voted for, too.
         least_rough: what a type scores less at a ring does not climb; behind: nor what promises
             less than this share of the best of all types.
     """
@@ -73,11 +74,12 @@ class FindOptions:
     guesses: int = 10
     fits: int = 3
     tilts: tuple[tuple[float, int], ...] = ((27.0, 4), (42.0, 6))
+    beside: bool = False
     least_rough: float = 0.1
     behind: float = 0.35
 
     def thorough(self) -> FindOptions:
-        """The same, searched about three times as long: for where there seems to be nothing."""
+        """The same, searched about four times as long: for where there seems to be nothing."""
         return replace(
             self,
             rings=3 * self.rings,
@@ -85,6 +87,7 @@ class FindOptions:
             guesses=2 * self.guesses,
             fits=2 * self.fits,
             tilts=((20.0, 4), (32.0, 6), (44.0, 8)),
+            beside=True,
             least_rough=0.0,
             behind=0.0,
         )
@@ -183,7 +186,7 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
     # a window holds fewer things that are no port
     share = float(np.clip(3.0 * levels[0].gx.size / WHOLE, 0.3, 1.0))
     seeds, most = round(share * options.seeds), round(share * options.rings)
-    rings = find_rings(levels, largest, seeds, most, options.tilts)
+    rings = find_rings(levels, largest, seeds, most, options.tilts, options.beside)
     climbs = Climbs(
         round(share * options.climbs),
         round(max(share, 0.5) * options.guesses),

@@ -25,6 +25,9 @@ FIRST = np.array([5.0, 4.5, 3.5, 3.0, 2.5])
 NEAR = np.array([3.0, 2.6, 2.3, 2.0])
 THEN = np.array([3.5, 3.0, 2.5])
 """Reaches of the search along the normals, one an iteration [px]."""
+CROWDED = 24.0
+"""Of a mouth with a smaller radius a plug's pins are 3 px apart, and one takes the next one's edge
+for its own: it is fitted one size finer as well [px]."""
 POINTS = 110
 """About as many points are looked for on a type's edges."""
 
@@ -71,8 +74,8 @@ def match(
         near: the start is good to a pixel or two: what is farther is another edge.
     """
     i, reaches = size_for(lens, name, T), NEAR if near else FIRST
-    # where a plug's pins are 3 px apart, one takes the next one's edge for its own
-    return _clearest(levels, lens, name, T, {i, -1 if i == 0 else i}, reaches)
+    crowded = i == 0 or (i > 0 and _mouth(lens, name, T) < CROWDED * 2.0**i)
+    return _clearest(levels, lens, name, T, {i, i - crowded}, reaches)
 
 
 def refined(levels: Sequence[Level], lens: PinholeCamera, m: Match) -> Match:
@@ -87,8 +90,12 @@ def refined(levels: Sequence[Level], lens: PinholeCamera, m: Match) -> Match:
 
 def size_for(lens: PinholeCamera, name: str, T: Pose) -> int:
     """The size of a picture in which a mouth has a radius of 16 to 32 px; -1 is made larger."""
-    radius = lens.fx * PORTS[name].radius / max(T[2, 3], 0.05)
-    return max(int(np.floor(np.log2(max(radius, 1.0) / 16.0))), -1)
+    return max(int(np.floor(np.log2(max(_mouth(lens, name, T), 1.0) / 16.0))), -1)
+
+
+def _mouth(lens: PinholeCamera, name: str, T: Pose) -> float:
+    """Radius of a type's mouth in a picture [px]."""
+    return float(lens.fx * PORTS[name].radius / max(T[2, 3], 0.05))
 
 
 def _clearest(

@@ -22,6 +22,9 @@ RING_RADII = np.geomspace(8.5, 21.0, 10)
 """Rings that are voted for, and then tried, at every size of the picture [px]."""
 RING_SHARE = 0.76
 """Inner rim over outer rim: 0.73 (Type 2), 0.78 (Type 1), 0.76 (Type 2 plug)."""
+BESIDE = np.array([[0, 0], [2, 0], [-2, 0], [0, 2], [0, -2]], np.float32)
+"""Where else about a seed a close search looks: lit from one side a slanted port draws the votes
+aside, by up to a third of its radius [px of the size that was voted in]."""
 LEAST_VOTES = 80
 LEAST_RING = 0.2
 CROWD = 12
@@ -34,6 +37,7 @@ def find_rings(
     seeds: int,
     most: int,
     tilts: tuple[tuple[float, int], ...],
+    beside: bool = False,
 ) -> Floats:
     """The best double rings of a picture.
 
@@ -43,6 +47,7 @@ def find_rings(
         seeds: most places that are tried at half the picture's size; fewer at smaller sizes.
         most: rings to return.
         tilts: that are tried [deg], and about how many axes.
+        beside: whether rings are tried beside the seeds, too.
 
     Returns:
         (n, 6) score, u, v [px], tilt along x and y [rad], radius of the outer ring [px].
@@ -51,7 +56,10 @@ def find_rings(
     for i in range(1, len(levels)):
         if VOTE_RADII[0] / levels[i].scale > largest:
             break
-        rows.append(_rings_of(levels[i], levels[i - 1], max(seeds // i, 8), _leans(tilts)))
+        about = _seeds(levels[i], max(seeds // i, 8))
+        if beside:
+            about = np.concatenate([about + off for off in BESIDE])
+        rows.append(_rings_about(about, levels[i - 1], _leans(tilts)))
     every = np.concatenate(rows)
     every = every[np.argsort(-every[:, 0], kind="stable")]
     return np.asarray(every[distinct(every, most, max(most // CROWD, 1))])
@@ -62,9 +70,8 @@ def level_for(radius: Floats, levels: int) -> Ints:
     return np.clip(np.floor(np.log2(np.maximum(radius, 1.0) / 14.0)), 0, levels - 1).astype(int)
 
 
-def _rings_of(level: Level, finer: Level, most: int, leans: Floats) -> Floats:
-    """Rings about the seeds of one size of the picture; rows as in :func:`find_rings`."""
-    seeds = _seeds(level, most)
+def _rings_about(seeds: Floats32, finer: Level, leans: Floats) -> Floats:
+    """Rings about seeds, in the next finer size of the picture; rows as in :func:`find_rings`."""
     found = best_rings(
         finer.field,
         2.0 * seeds,
