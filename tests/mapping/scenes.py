@@ -13,6 +13,8 @@ from armsight.robots.kinematics import link_poses
 from armsight.robots.robot import Capsules, JointLimits, Robot, Spheres
 
 NO_NOISE = DepthNoise(0.0, 0.0, 0.0)
+FLYING, LOST = 0.45, 0.25
+"""Shares of the pixels at a border that report a mixture of both sides, or nothing."""
 
 
 def two_link_arm() -> Robot:
@@ -158,6 +160,21 @@ def add_noise(
     out = depth + rng.standard_normal(depth.shape) * noise.sigma(depth)
     out[rng.random(depth.shape) < holes] = np.nan
     return out.astype(np.float32)
+
+
+def with_borders(depth: np.ndarray, noise: DepthNoise, rng: np.random.Generator) -> np.ndarray:
+    """A noisy depth image of a time-of-flight camera, with what comes of pixels beside a jump."""
+    other = depth.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            beside = np.roll(depth, step, axis)
+            other = np.where(np.abs(beside - depth) > 0.05, beside, other)
+    border = other != depth
+    share = rng.random(depth.shape)
+    flying = border & (rng.random(depth.shape) < FLYING)
+    out = np.where(flying, share * depth + (1.0 - share) * other, depth)
+    out[border & (rng.random(depth.shape) < LOST)] = np.nan
+    return add_noise(out, noise, rng)
 
 
 def resting(q: np.ndarray, until: float = 10.0, step: float = 0.01) -> JointHistory:

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from armsight.devices.data import DepthNoise
+from armsight.mapping.config import MappingConfig
 from armsight.mapping.kernels.pixels import NOTHING, ROBOT, VALID, trusted
+from armsight.mapping.snapshot import OCCUPIED
+from armsight.mapping.workspace_map import WorkspaceMap
+
+from . import scenes
 
 LIKE, EXACT, NEED = 0.05, 0.03, 3
 
@@ -22,7 +28,9 @@ def by_the_words(depth, label, v, u):
                     yield dy, dx, depth[v + dy, u + dx], label[v + dy, u + dx]
 
     beside = [d for _, _, d, _ in pixels(1)]
-    if sum(abs(d - z) <= LIKE for d in beside) < NEED:
+    mixed = any(z - d > LIKE for d in beside)
+    alike = [what for _, _, d, what in pixels(1) if abs(d - z) <= LIKE]
+    if sum(not (mixed and what == ROBOT) for what in alike) < NEED:
         return False
     if any(d - z > LIKE for d in beside) and any(z - d > LIKE for d in beside):
         return False
@@ -73,6 +81,57 @@ def judged(values):
     """Which pixels of the middle row are trusted, from the third on."""
     depth, label = column(values)
     return [trusted(depth, label, 4, u, LIKE, EXACT, NEED) for u in range(2, 6)]
+
+
+def before_the_arm(*rows):
+    """A picture of the arm (R, at 1.5 m) behind something nearer (N), and what is said between."""
+    depth, label = np.full((9, 9), 1.5, np.float32), np.full((9, 9), ROBOT, np.uint8)
+    depth[:, 5:], label[:, 5:] = 1.0, VALID
+    for v, row in enumerate(rows):
+        for u, value in enumerate(row):
+            if value is not None:
+                depth[3 + v, 3 + u], label[3 + v, 3 + u] = value, VALID
+    return lambda v, u: trusted(depth, label, 3 + v, 3 + u, LIKE, EXACT, NEED)
+
+
+def test_a_mixture_of_the_arm_and_of_what_is_before_it_is_not_trusted():
+    """It is of a depth like the arm's, which bears no witness for it."""
+    seen = before_the_arm((None, 1.47), (None, 1.2), (None, 1.46))
+    assert not any(seen(v, 1) for v in range(3))
+
+
+def test_a_fingertip_that_comes_from_behind_something_before_the_arm_is_trusted():
+    """Four pixels of it bear witness for each other."""
+    seen = before_the_arm((1.46, 1.46), (1.46, 1.46))
+    assert all(seen(v, u) for v in range(2) for u in range(2))
+    alone = before_the_arm((1.46, None), (None, None))
+    assert alone(0, 0), "nothing nearer is beside it: it is no mixture"
+
+
+def test_the_border_of_a_post_before_the_arm_leaves_nothing_in_the_map():
+    """A single voxel beside an arm holds it: in a trial of the servoing cell for 3.5 s."""
+    noise = DepthNoise(1.5e-3, -0.5e-3, 0.3e-3)
+    info = scenes.camera_info("a", (1.5, 1.05, 1.4), size=(512, 424), noise=noise, rate=15.0)
+    robot, q = scenes.two_link_arm(), np.array([-0.6, -0.3])
+    declared = [
+        scenes.box("table", (0, 0, -0.05), (4.0, 4.0, 0.1)),
+        scenes.box("post", (0.6, 0.3, 0.5), (0.1, 0.1, 1.0)),
+    ]
+    depth = scenes.ray_cast(
+        info.depth, info.T_mount_camera, [*declared, *scenes.arm_solids(robot, q)]
+    )
+    aligned = {"calibration_m": 0.003, "calibration_rad": 0.002}
+    config = MappingConfig((-0.8, -0.8, -0.1), (0.8, 0.8, 0.9), align=False, **aligned)
+    world, rng = WorkspaceMap(robot, [info], declared, config), np.random.default_rng(0)
+    found = 0
+    for k in range(36):
+        stamp = 0.1 + k / 15
+        frame = scenes.frame(info, stamp, scenes.with_borders(depth, noise, rng), k)
+        snapshot = world.update([frame], scenes.resting(q, until=3.0), stamp + 0.005)
+        solid = snapshot.grid.center(np.argwhere(snapshot.state == OCCUPIED))
+        away = np.min([thing.distance(solid) for thing in declared], axis=0)
+        found += int((away > snapshot.grid.voxel).sum())
+    assert found == 0
 
 
 def test_a_surface_behind_the_outline_is_seen_up_to_it():

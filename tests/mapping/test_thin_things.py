@@ -15,25 +15,8 @@ from . import scenes
 CONFIG = MappingConfig(lower=(-0.8, -0.8, -0.1), upper=(0.8, 0.8, 0.9), align=False)
 TABLE = scenes.box("table", (0, 0, -0.05), (4.0, 4.0, 0.1))
 KINECT = DepthNoise(1.5e-3, -0.5e-3, 0.3e-3)
-FLYING, LOST = 0.45, 0.25
-"""Shares of the pixels at a border that report a mixture of both sides, or nothing."""
 Q = np.array([2.5, -0.3])
 PERIOD = 1 / 15
-
-
-def with_borders(depth, rng):
-    """What becomes of the pixels beside a jump in depth."""
-    other = depth.copy()
-    for axis in (0, 1):
-        for step in (-1, 1):
-            beside = np.roll(depth, step, axis)
-            other = np.where(np.abs(beside - depth) > 0.05, beside, other)
-    border = other != depth
-    share = rng.random(depth.shape)
-    flying = border & (rng.random(depth.shape) < FLYING)
-    out = np.where(flying, share * depth + (1.0 - share) * other, depth)
-    out[border & (rng.random(depth.shape) < LOST)] = np.nan
-    return scenes.add_noise(out, KINECT, rng)
 
 
 @pytest.mark.parametrize(("diameter", "known"), [(0.02, 0.1), (0.01, 1.4), (0.005, np.inf)])
@@ -50,7 +33,7 @@ def test_a_cable_is_kept(diameter, known):
     world = WorkspaceMap(robot, [info], [TABLE], CONFIG)
     for k in range(36):
         stamp = 0.1 + k * PERIOD
-        frame = scenes.frame(info, stamp, with_borders(depth, rng), k)
+        frame = scenes.frame(info, stamp, scenes.with_borders(depth, KINECT, rng), k)
         snapshot = world.update([frame], scenes.resting(Q, until=3.0), stamp + 0.005)
         places = np.column_stack([np.full(20, 0.4), np.zeros(20), np.linspace(0.14, 0.56, 20)])
         around = [

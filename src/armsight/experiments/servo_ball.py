@@ -140,7 +140,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """The first tenth of a row's trials in the rendered cell; kept as they end."""
     setup, count = set_up(1.0, 1.0), max(runs // SHARE, 1)
-    cache = RunCache("servo-ball", seed, {"settings": ["rendered", motion, 4]})
+    cache = RunCache("servo-ball", seed, {"settings": ["rendered", motion, 5]})
     found = []
     for k in range(count):
         progress(f"rendered, {motion}: {k + 1} of {count}", k / count)

@@ -43,7 +43,9 @@ def trusted(
     At the border of something near, a pixel may see both it and what is behind, and report a depth
     in between where nothing is ("flying" pixels). A pixel is not trusted if
 
-    * fewer than ``need`` of its 8 neighbours lie within ``like`` [m] of its depth, or
+    * fewer than ``need`` of its 8 neighbours lie within ``like`` [m] of its depth. Those of the
+      arm do not count where something nearer is beside the pixel: it may be that thing's border,
+      with more of the arm behind it in it, or
     * one neighbour is nearer and another farther than that (0, a negative or an infinite depth is
       no return, as NaN is: it is neither), or
     * the arm is seen beside it, nearer than it, unless the two pixels on the other side continue to
@@ -54,6 +56,7 @@ def trusted(
     h, w = depth.shape
     z = depth[v, u]
     found = 0
+    arm = 0
     nearer = False
     farther = False
     for y in range(max(v - 1, 0), min(v + 2, h)):
@@ -64,10 +67,13 @@ def trusted(
             d = there - z
             if abs(d) <= like:
                 found += 1
+                arm += label[y, x] == ROBOT
             elif d > like:
                 farther = True
             elif d < -like:
                 nearer = True
+    if nearer:
+        found -= arm
     if found <= need or (nearer and farther):  # the pixel itself was counted
         return False
     for y in range(max(v - 2, 0), min(v + 3, h)):
