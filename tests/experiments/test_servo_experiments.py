@@ -67,6 +67,14 @@ def test_a_ball_that_turns_as_the_tip_comes_is_not_pushed_through_the_spring(tri
     assert found["press"] < 0.030  # the spring's travel
 
 
+@pytest.mark.usefixtures("shared_data")
+def test_a_hand_that_was_swung_about_is_not_chased_in_its_first_pause():
+    """It was, at 0.2 m/s; it came back, the permit ended, and the tip pushed on for 5 ticks."""
+    found = one(set_up(1.0, 1.0), "ours", "recorded", Errors(), (14, 46))
+    assert found["reached"]
+    assert found["harm"] == 0
+
+
 def test_the_box_of_v_has_fourteen_places_that_the_arm_can_stand_before():
     setup = set_up()
     places = waypoints(setup)

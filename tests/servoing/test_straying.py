@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from armsight.robots.sprung_tip import SprungTip
 from armsight.servoing.docking import DOCK_NAMES, docking
 from armsight.servoing.modes import BRAKES, LATE, LEAST_BRAKES, MEETS, meeting_speed
-from armsight.servoing.straying import Straying
+from armsight.servoing.straying import FADES, OFF, WILD, Straying
 
 
 @dataclass
@@ -117,3 +118,33 @@ def test_an_error_fades_and_only_what_gives_way_has_a_reserve():
     assert [name for name in DOCK_NAMES if np.isfinite(docking(name).reserve())] == BALLS
     assert docking("ball").reserve() == pytest.approx(0.002)
     assert docking("held_ball").reserve() == pytest.approx(0.015)
+
+
+def swung(t):
+    """Two swings of 1.5 m/s within 0.4 s, and a pause of 2.6 s between them."""
+    rest = min(max(t - 1.0, 0.0), 0.4) + min(max(t - 4.0, 0.0), 0.4)
+    return np.array([0.3 * np.sin(rest / 0.4 * np.pi) ** 2, 0.0, 0.1])
+
+
+def test_what_was_swung_about_is_not_believed_to_be_calm_in_its_first_pause():
+    """A recorded hand paused for half a second: chased at 0.2 m/s, it came back into the tip."""
+    reserve = docking("ball").reserve(SprungTip(200.0, 0.03, 1.0))
+    errors, offs = follow(swung, reserve, seconds=3.9, ahead=0.142)
+    assert errors.max() > 0.05
+    half, second = (int((1.4 + pause) / 0.008) for pause in (0.5, 1.0))
+    assert offs[half] > 0.0
+    assert errors[second] > reserve
+    less, offs = follow(lambda t: 0.08 * swung(t), reserve, seconds=3.9, ahead=0.142)
+    assert 0.01 < less.max() < OFF
+    assert less[second] < 0.3 * less.max(), "what is less is soon forgotten"
+
+
+def test_the_first_predictions_say_nothing_of_how_a_target_moves():
+    for first, kept in ((0.1, False), (1.0, True)):
+        watch = Straying(0.022)
+        watch.predicted(0.1, np.zeros(3))
+        watch.predicted(max(first, 0.2), np.zeros(3))
+        stamp, axis = max(first, 0.2) + 0.01, np.array([1.0, 0.0, 0.0])
+        watch.seen(Known(stamp, stamp, np.array([0.08, 0.0, 0.0]), np.zeros(3)), axis)
+        watch.seen(Known(stamp + 1.2, stamp + 1.2, np.zeros(3), np.zeros(3)), axis)
+        assert watch.error == pytest.approx(0.08 * np.exp(-1.2 / (WILD if kept else FADES)))

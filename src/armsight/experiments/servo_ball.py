@@ -49,6 +49,8 @@ BOX = ((0.78, 0.0, 1.30), (0.50, 1.00, 0.50))
 """Centre and edges of V's box in this cell's world [m]: depth, width, height; lower or nearer, and
 a corner of it is out of the arm's reach."""
 RUNS = 200
+VERSIONS = {"rest": 14, "moving": 15, "recorded": 15, "held_rest": 15, "held_recorded": 16}
+"""Of what the trials of a row measure, by what the ball does."""
 
 HELD = 22
 """V's waypoints."""
@@ -121,7 +123,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     for prefix, mode, motion, errors, shares, count in plan:
         setup = set_up(*shares)
         kind = prefix + motion if prefix == "held_" else motion
-        settings = [mode, kind, asdict(errors), shares, 15 if prefix == "held_" else 14]
+        settings = [mode, kind, asdict(errors), shares, VERSIONS[kind]]
         cache = RunCache("servo-ball", seed, {"settings": settings})
         found = results.setdefault((prefix, motion), [])
         for k in range(count):

@@ -2,7 +2,8 @@
 
 The arm acts a sixth of a second after an exposure. What shakes, or turns, has gone elsewhere by
 then, and a tip that stays at its surface is pressed: it stays off by about what predictions were
-wrong by lately, is brought to touch by the very errors, and leaves at once.
+wrong by lately, is brought to touch by the very errors, and leaves at once. What was swung about
+and pauses is not believed to be calm so soon.
 """
 
 from __future__ import annotations
@@ -13,8 +14,11 @@ from collections import deque
 from armsight.arrays import Vector3
 from armsight.servoing.estimate import TargetEstimate
 
-FADES = 0.6
-"""An error of a prediction is remembered for about this long [s]."""
+FADES, WILD = 0.6, 2.0
+"""An error of a prediction is remembered for about this long [s]; one so great that no standing off
+is enough for longer: hands pause for a second or two between two swings."""
+KNOWN = 0.5
+"""Until so long after the first prediction nobody knows yet how the target moves [s]."""
 KEPT = 64
 """Predictions that wait for what they were of to be seen."""
 TOUCHED = 0.003
@@ -43,13 +47,15 @@ class Straying:
     """
 
     def __init__(self, reserve: float) -> None:
-        self.error = self.speed = 0.0
+        self.error = self.speed = self._wild = 0.0
         self._reserve = reserve
         self._waiting: deque[tuple[float, Vector3]] = deque(maxlen=KEPT)
         self._told = self._touched = -math.inf
+        self._known = math.inf
 
     def predicted(self, time: float, place: Vector3) -> None:
         """A place (3,) [m] was predicted for a time [s]; times come in order."""
+        self._known = min(self._known, time + KNOWN)
         self._waiting.append((time, place))
 
     def seen(self, estimate: TargetEstimate, axis: Vector3) -> None:
@@ -60,7 +66,8 @@ class Straying:
         if estimate.seen <= self._told:
             return
         fades = math.exp(-(estimate.seen - self._told) / FADES)
-        self.error *= fades
+        self._wild *= math.exp(-(estimate.seen - self._told) / WILD)
+        self.error = max(self.error * fades, self._wild)
         self._told = estimate.seen
         speed = math.sqrt(float(estimate.velocity @ estimate.velocity))
         self.speed = max(speed, self.speed * fades)
@@ -71,7 +78,10 @@ class Straying:
             return
         time, place = newest
         off = place + (estimate.stamp - time) * estimate.velocity - estimate.position
-        self.error = max(self.error, abs(float(off @ axis)))
+        error = abs(float(off @ axis))
+        self.error = max(self.error, error)
+        if error > max(self._reserve, OFF) and time > self._known:
+            self._wild = max(self._wild, error)
 
     def turns(self, ahead: float) -> float:
         """Acceleration [m/s^2] that predictions over a time [s] lately did not know of."""
