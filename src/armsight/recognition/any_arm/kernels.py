@@ -48,6 +48,7 @@ def weak_perspective(
     bx, by = bx / total, by / total
     for k in range(p):
         power += weight[k] * ((at[k, 0] - bx) ** 2 + (at[k, 1] - by) ** 2)
+    spread, mixed = np.empty((3, 3)), np.empty((3, 2))
     for i in range(n):
         cost[i] = np.inf
         mx, my, mz = 0.0, 0.0, 0.0
@@ -56,17 +57,34 @@ def weak_perspective(
             my += weight[k] * shapes[i, k, 1]
             mz += weight[k] * shapes[i, k, 2]
         mx, my, mz = mx / total, my / total, mz / total
+        # Second moments: a view then costs as much as three landmarks, however many there are.
+        spread[:] = 0.0
+        mixed[:] = 0.0
+        for k in range(p):
+            px, py, pz = shapes[i, k, 0] - mx, shapes[i, k, 1] - my, shapes[i, k, 2] - mz
+            ux, uy, w = at[k, 0] - bx, at[k, 1] - by, weight[k]
+            spread[0, 0] += w * px * px
+            spread[0, 1] += w * px * py
+            spread[0, 2] += w * px * pz
+            spread[1, 1] += w * py * py
+            spread[1, 2] += w * py * pz
+            spread[2, 2] += w * pz * pz
+            mixed[0, 0] += w * px * ux
+            mixed[0, 1] += w * px * uy
+            mixed[1, 0] += w * py * ux
+            mixed[1, 1] += w * py * uy
+            mixed[2, 0] += w * pz * ux
+            mixed[2, 1] += w * pz * uy
         for d in range(frames.shape[0]):
             f = frames[d]
             re, im, size = 0.0, 0.0, 1e-9
-            for k in range(p):
-                px, py, pz = shapes[i, k, 0] - mx, shapes[i, k, 1] - my, shapes[i, k, 2] - mz
-                ax = f[0, 0] * px + f[0, 1] * py + f[0, 2] * pz
-                ay = f[1, 0] * px + f[1, 1] * py + f[1, 2] * pz
-                ux, uy, w = at[k, 0] - bx, at[k, 1] - by, weight[k]
-                re += w * (ax * ux + ay * uy)
-                im += w * (ax * uy - ay * ux)
-                size += w * (ax * ax + ay * ay)
+            for a in range(3):
+                fx, fy = f[0, a], f[1, a]
+                re += fx * mixed[a, 0] + fy * mixed[a, 1]
+                im += fx * mixed[a, 1] - fy * mixed[a, 0]
+                size += (fx * fx + fy * fy) * spread[a, a]
+                for b in range(a + 1, 3):
+                    size += 2.0 * (fx * f[0, b] + fy * f[1, b]) * spread[a, b]
             left = power - (re * re + im * im) / size
             # The base's axis points up in most pictures, down in some, aside in few.
             length = np.sqrt(re * re + im * im) + 1e-12
@@ -139,43 +157,54 @@ def equations(
     cost = 0.0
     J = np.zeros((3, size))
     row = np.zeros((2, size))
+    # Links, and the joints' axes and origins, in the camera's axes about the base's origin.
+    M = np.empty((n + 1, 3, 4))
+    z = np.empty((n, 3))
+    for L in range(n + 1):
+        for i in range(3):
+            for j in range(4):
+                M[L, i, j] = R[i, 0] * T[L, 0, j] + R[i, 1] * T[L, 1, j] + R[i, 2] * T[L, 2, j]
+    for j in range(n):
+        for i in range(3):
+            m = M[j + 1, i]
+            z[j, i] = m[0] * axis[j, 0] + m[1] * axis[j, 1] + m[2] * axis[j, 2]
     for k in range(link.shape[0]):
         L = link[k]
-        b = T[L, :3, :3] @ point[k] + T[L, :3, 3]
-        c = R @ b
-        X = c + t
-        if X[2] < 0.05:
+        p0, p1, p2 = point[k, 0], point[k, 1], point[k, 2]
+        c0 = M[L, 0, 0] * p0 + M[L, 0, 1] * p1 + M[L, 0, 2] * p2 + M[L, 0, 3]
+        c1 = M[L, 1, 0] * p0 + M[L, 1, 1] * p1 + M[L, 1, 2] * p2 + M[L, 1, 3]
+        c2 = M[L, 2, 0] * p0 + M[L, 2, 1] * p1 + M[L, 2, 2] * p2 + M[L, 2, 3]
+        depth = c2 + t[2]
+        if depth < 0.05:
             cost += CORE * CORE * np.log(1.0 + 1e6)
             continue
-        x, y = X[0] / X[2], X[1] / X[2]
+        x, y = (c0 + t[0]) / depth, (c1 + t[1]) / depth
         ex, ey = x - at[k, 0], y - at[k, 1]
         rx = whiten[k, 0, 0] * ex + whiten[k, 0, 1] * ey
         ry = whiten[k, 1, 0] * ex + whiten[k, 1, 1] * ey
         square = (rx * rx + ry * ry) / (CORE * CORE)
         cost += CORE * CORE * np.log(1.0 + square)
         weight = 1.0 / (1.0 + square)
-        J[:] = 0.0
-        J[0, 1], J[0, 2] = c[2], -c[1]
-        J[1, 0], J[1, 2] = -c[2], c[0]
-        J[2, 0], J[2, 1] = c[1], -c[0]
+        J[0, 1], J[0, 2] = c2, -c1
+        J[1, 0], J[1, 2] = -c2, c0
+        J[2, 0], J[2, 1] = c1, -c0
         J[0, 3], J[1, 4], J[2, 5] = 1.0, 1.0, 1.0
         for j in range(L):
-            z = T[j + 1, :3, :3] @ axis[j]
-            o = b - T[j + 1, :3, 3]
-            s0 = z[1] * o[2] - z[2] * o[1]
-            s1 = z[2] * o[0] - z[0] * o[2]
-            s2 = z[0] * o[1] - z[1] * o[0]
-            for i in range(3):
-                J[i, 6 + j] = R[i, 0] * s0 + R[i, 1] * s1 + R[i, 2] * s2
-        inverse = 1.0 / X[2]
-        for j in range(size):
+            o0, o1, o2 = c0 - M[j + 1, 0, 3], c1 - M[j + 1, 1, 3], c2 - M[j + 1, 2, 3]
+            J[0, 6 + j] = z[j, 1] * o2 - z[j, 2] * o1
+            J[1, 6 + j] = z[j, 2] * o0 - z[j, 0] * o2
+            J[2, 6 + j] = z[j, 0] * o1 - z[j, 1] * o0
+        # Joints beyond the link do not move it.
+        moving = 6 + L
+        inverse = 1.0 / depth
+        for j in range(moving):
             dx = (J[0, j] - x * J[2, j]) * inverse
             dy = (J[1, j] - y * J[2, j]) * inverse
             row[0, j] = whiten[k, 0, 0] * dx + whiten[k, 0, 1] * dy
             row[1, j] = whiten[k, 1, 0] * dx + whiten[k, 1, 1] * dy
-        for i in range(size):
+        for i in range(moving):
             g[i] += weight * (row[0, i] * rx + row[1, i] * ry)
-            for j in range(i, size):
+            for j in range(i, moving):
                 H[i, j] += weight * (row[0, i] * row[0, j] + row[1, i] * row[1, j])
     for j in range(n):
         over = max(q[j] - limits[j, 1], 0.0) + min(q[j] - limits[j, 0], 0.0)

@@ -51,9 +51,12 @@ def follow_outline(
     distance = edge_distance(arm)
     down, right = np.gradient(distance)
     slope = np.stack([down, right], -1)
+    # Where the picture ends the mask does, too, and the arm does not.
+    inside = within(crop, len(distance)).astype(np.uint8)
+    away = cv2.erode(inside, np.ones((5, 5), np.uint8)) > 0
     best = fit
     for reach in REACH:
-        pulls = _pulls(best, distance, slope, crop, reach * crop.side)
+        pulls = _pulls(best, distance, slope, away, crop, reach * crop.side)
         if pulls is None:
             break
         best = again(best, _joined(seen, pulls), known)
@@ -114,31 +117,30 @@ def edge_distance(arm: Floats32) -> Floats:
 
 
 def _pulls(
-    fit: Fit, distance: Floats, slope: Floats, crop: Crop, reach: float
+    fit: Fit, distance: Floats, slope: Floats, away: Mask, crop: Crop, reach: float
 ) -> Observations | None:
     """Points of the outline and where on the mask's edge they should be."""
     drawn, f = _drawn(fit, crop, GRID), crop.f / GRID
-    mask, side = drawn.mask, crop.side // GRID
+    mask, side = drawn.mask, len(distance)
     rim = mask & ~cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     # An outline at the crop's own edge is none.
     rim[[0, -1]], rim[:, [0, -1]] = False, False
-    row, column = drawn.at[:, 0], drawn.at[:, 1]
+    of_rim = rim[drawn.at[:, 0], drawn.at[:, 1]]
+    drawn_at, owner, base = drawn.at[of_rim], drawn.owner[of_rim], drawn.points[of_rim]
+    row, column = drawn_at[:, 0], drawn_at[:, 1]
     # A drawn pixel at the rim has its middle half a pixel within the edge.
     off = distance[row, column] + 0.5
-    taken = rim[row, column] & (np.abs(off) * GRID < reach)
     normal = slope[row, column]
-    length = np.linalg.norm(normal, axis=1)
-    taken &= length > 0.3
-    # Where the picture ends the mask does, too, and the arm does not.
-    away = cv2.erode(within(crop, side).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    edge = drawn.at - off[:, None] * normal / np.maximum(length, 0.3)[:, None]
+    length = np.hypot(normal[:, 0], normal[:, 1])
+    taken = (np.abs(off) * GRID < reach) & (length > 0.3)
+    edge = drawn_at - off[:, None] * normal / np.maximum(length, 0.3)[:, None]
     edge = np.clip(np.round(edge).astype(int), 0, side - 1)
     taken &= away[row, column] & away[edge[:, 0], edge[:, 1]]
     if taken.sum() < FEWEST:
         return None
     taken[np.flatnonzero(taken)[np.arange(taken.sum()) % ALIKE > 0]] = False
     off, normal = off[taken], normal[taken] / length[taken, None]
-    link, base = drawn.owner[taken], drawn.points[taken]
+    link, base = owner[taken], base[taken]
     T = link_poses(fit.robot, fit.q)[link]
     point = (np.swapaxes(T[:, :3, :3], 1, 2) @ (base - T[:, :3, 3])[:, :, None])[..., 0]
     now = transform(fit.T_camera_base, base)

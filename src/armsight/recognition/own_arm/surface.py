@@ -9,7 +9,7 @@ import numpy as np
 
 from armsight.arrays import DepthImage, Floats, Ints, JointVector, Mask, Points, Pose, Poses
 from armsight.geometry.pose import inverse, look_at, transform
-from armsight.recognition.own_arm.kernels import rasterise
+from armsight.recognition.own_arm.kernels import carried, rasterise
 from armsight.robots.kinematics import link_poses
 from armsight.robots.meshes import Triangles, join_triangles, read_mesh
 from armsight.robots.robot import Robot
@@ -41,13 +41,13 @@ class ArmSurface:
 
     def posed(self, q: JointVector) -> Points:
         """(v, 3) corners in ``base`` at (n,) joint angles [rad]."""
-        return _moved(link_poses(self.robot, q), self.link, self.vertices)
+        return carried(link_poses(self.robot, q), self.link, self.vertices)
 
     def posed_points(self, q: JointVector) -> tuple[Points, Points]:
         """(m, 3) points [m] and (m, 3) normals in ``base`` at (n,) joint angles [rad]."""
         T = link_poses(self.robot, q)
         normals = (T[self.owner, :3, :3] @ self.normals[:, :, None])[..., 0]
-        return _moved(T, self.owner, self.points), np.asarray(normals)
+        return carried(T, self.owner, self.points), np.asarray(normals)
 
 
 @dataclass(frozen=True)
@@ -193,10 +193,3 @@ def _outside(triangles: Triangles) -> tuple[Points, Points]:
 def _normals(a: Points, b: Points, c: Points) -> Points:
     n = np.cross(b - a, c - a)
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-15))
-
-
-def _moved(T: Poses, link: Ints, points: Points) -> Points:
-    """Points of links, which come link by link, in the frame that the (n, 4, 4) links are in."""
-    ends = np.searchsorted(link, np.arange(len(T) + 1))
-    parts = [points[a:b] @ M[:3, :3].T + M[:3, 3] for M, a, b in zip(T, ends, ends[1:])]
-    return np.concatenate(parts)
