@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from armsight.arrays import DepthImage, Floats, Ints, JointVector, Mask, Points, Pose, Poses
+from armsight.arrays import DepthImage, Floats, Ints, JointVector, Mask, Points, Pose
 from armsight.geometry.pose import inverse, look_at, transform
 from armsight.recognition.own_arm.kernels import carried, rasterise
 from armsight.robots.kinematics import link_poses
