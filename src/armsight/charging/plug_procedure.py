@@ -16,7 +16,7 @@ import numpy as np
 from armsight.arrays import Bytes, Floats, Ints, JointPath, JointVector, Mask, Pose, Poses
 from armsight.calibration.live.seen import LookAt, Looked, MoveTo, Request
 from armsight.calibration.robot_errors import RobotErrors
-from armsight.calibration.views import FreeCheck
+from armsight.calibration.views import FreeCheck, travel_seconds
 from armsight.charging.admittance import Admittance
 from armsight.charging.calibrate import (
     LEAST_VIEWS,
@@ -29,7 +29,7 @@ from armsight.charging.calibrate import (
 from armsight.charging.eye import picture_fault
 from armsight.charging.find import FindOptions
 from armsight.charging.hanging import hung
-from armsight.charging.plug_views import expected_noise, plug_views, tour
+from armsight.charging.plug_views import expected_noise, plug_views
 from armsight.charging.pose import CLEAR, PortPose, fit_held, fit_pose, locate
 from armsight.devices.data import StereoInfo
 from armsight.errors import CalibrationError
@@ -65,7 +65,8 @@ class PlugSetup:
         mount: in which it hangs; None for a rigid one.
         free: whether the arm may stand at joint angles.
         room: how much farther than the guard asks for the arm would be there from whoever could be
-            somewhere, as far as is known now [m].
+            somewhere, as far as is known now [m]; on_way: and at least on the way there.
+        here: (n,) where the arm is [rad], where somebody says so.
         looks: how many are taken, with those that are there already.
         speed, acceleration: shares of the arm's limits.
     """
@@ -80,6 +81,8 @@ class PlugSetup:
     speed: float = 0.5
     acceleration: float = 0.5
     room: Callable[[JointVector], float] = lambda joints: np.inf
+    on_way: Callable[[JointVector], float] = lambda joints: np.inf
+    here: Callable[[], JointVector | None] = lambda: None
 
     @property
     def lenses(self) -> StereoPair:
@@ -161,6 +164,7 @@ def plug_procedure(
     taken = _Taken(setup, told, kept, list(done))
     looks, dropped = taken.looks, taken.dropped
     answer, goals = setup.believed, np.zeros((0, setup.robot.n))
+    closed = False
     most = setup.looks + setup.looks // 2
     for stage, until in (("look about", FIRST), ("look where it tells most", setup.looks)):
         while (left := min(until, setup.looks) - len(looks)) > 0 and taken.tried < most:
@@ -170,18 +174,14 @@ def plug_procedure(
                 with suppress(CalibrationError):  # more looks may tell; the end decides
                     answer = _solved(setup, looks, rng)
             joints, C = _places(setup, answer, rng)
-            keep = _promising(setup, taken, joints)
+            keep = _promising(setup, taken, joints, closed)
             joints, C = joints[keep], C[keep]
             goals = np.vstack([joints[rng.permutation(len(joints))[:GOALS]], setup.robot.home])
             wanted = min(left, most - taken.tried)
             chosen = choose_looks(answer, joints, C, expected_noise(C), goals, wanted, looks)
-            way = joints[chosen]
-            order, _ = tour(setup.robot, taken.here, way, setup.speed, setup.acceleration)
             before = taken.tried
-            for index in order:
-                near, free = way[index : index + 1], setup.room(way[index]) > 0.0
-                if taken.tried == before or (free and taken.promising(near)[0]):
-                    yield from taken.look(way[index], stage, answer)
+            yield from taken.round(joints[chosen], stage, answer)
+            closed = taken.tried - before < len(chosen)
     if len(looks) < LEAST_VIEWS and dropped:
         raise CalibrationError(
             f"plug calibration: {len(looks)} good looks of {len(looks) + len(dropped)}, at least "
@@ -224,7 +224,34 @@ class _Taken:
 
         return np.asarray(away(self._reached) <= away(self._held))
 
-    def look(
+    def round(
+        self, places: JointPath, stage: str, answer: PlugCalibration
+    ) -> Generator[Request, bool | Looked, None]:
+        """Go to (c, n) [rad], to the nearest first to which there is a way by the newest map.
+
+        Whatever is behind a place that the arm must keep from waits until it is somewhere else; at
+        least one is gone to.
+        """
+        setup, before = self._setup, self.tried
+        robot, speed, acceleration = setup.robot, setup.speed, setup.acceleration
+        left = list(places)
+        while left:
+            here = setup.here()
+            start = self.here if here is None else here
+            order = np.argsort(travel_seconds(robot, start, np.array(left), speed, acceleration))
+            ways = (int(k) for k in order if self._open(left[k]))
+            k = next(ways, int(order[0]) if self.tried == before else None)
+            if k is None:
+                return
+            yield from self._look(left.pop(k), stage, answer)
+
+    def _open(self, goal: JointVector) -> bool:
+        """Whether the guard lets the arm go to (n,) [rad] and stand there, as far as is known."""
+        setup = self._setup
+        free = setup.room(goal) > 0.0 and bool(self.promising(goal[None])[0])
+        return free and setup.on_way(goal) >= 0.0
+
+    def _look(
         self, goal: JointVector, stage: str, answer: PlugCalibration
     ) -> Generator[Request, bool | Looked, None]:
         """Go there and look."""
@@ -257,10 +284,16 @@ class _Taken:
         self._told(PlugNews(count, self._setup.looks, picture, seen, problem, joints, answer))
 
 
-def _promising(setup: PlugSetup, taken: _Taken, joints: JointPath) -> Ints:
-    """Of (c, n) configurations those that the guard lets the arm stand at; else the roomiest."""
+def _promising(setup: PlugSetup, taken: _Taken, joints: JointPath, closed: bool) -> Ints:
+    """Of (c, n) configurations those that the guard lets the arm stand at; else the roomiest.
+
+    Where ways to others were ``closed``, those that it can go to from where it is.
+    """
     room = np.array([setup.room(q) for q in joints])
     good = np.flatnonzero(taken.promising(joints) & (room > 0.0))
+    if closed:
+        near = good[[setup.on_way(joints[k]) >= 0.0 for k in good]]
+        good = near if len(near) >= LEAST_VIEWS else good
     if len(good) >= LEAST_VIEWS:
         return good
     return np.argsort(-room, kind="stable")[: 2 * LEAST_VIEWS]

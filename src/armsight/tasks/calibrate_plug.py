@@ -131,7 +131,8 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
             done: looks of a run that was stopped.
         """
         self._room, self._sees = Room(setup.robot), False
-        setup = replace(setup, room=self._room.left)
+        room = self._room
+        setup = replace(setup, room=room.left, on_way=room.on_way, here=lambda: room.here)
         self._face, self._told = _PlugFace(setup), told
         super().__init__(
             (),
@@ -151,6 +152,8 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
         if observation.snapshot is None or guard is None:
             return Rest("there is no map yet")
         self._room.snapshot = observation.snapshot
+        if observation.joints is not None:
+            self._room.here = observation.joints.position
         self._sees = self._sees or guard.mode is not GuardMode.STOPPED
         if not self._sees:  # what the cameras have not looked at yet is no place to keep away from
             return Rest(f"the cell is not seen yet: {guard.reason}")
