@@ -3,7 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from scipy.ndimage import binary_dilation
 
 from armsight.geometry.pose import inverse, look_at, make_pose
 from armsight.recognition.any_arm.known import place_known
@@ -18,7 +17,7 @@ from armsight.recognition.any_arm.recogniser import Outlined, best_outlined
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of
 from armsight.recognition.any_arm.trust import GAP
 from armsight.recognition.any_arm.views import SIDE, Crop
-from armsight.recognition.own_arm.surface import arm_skin, arm_surface, render
+from armsight.recognition.own_arm.surface import arm_surface, render
 from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import link_poses
 
@@ -179,19 +178,3 @@ def test_no_fits_have_no_best_one() -> None:
     true = _scene("ur5", 0)[0]
     seen = _landmarks(true, crop, np.random.default_rng(0), 2.0)
     assert best_outlined([], seen, arm, crop) is None
-
-
-@pytest.mark.parametrize("name", ["ur5", "panda", "fr3"])
-def test_the_skin_that_is_drawn_small_is_the_arms_surface(name: str) -> None:
-    """Its outline lies within a pixel of the fine one's, however few its triangles."""
-    robot = load_robot(name)
-    q = 0.5 * (robot.limits.lower + robot.limits.upper) + 0.3
-    T = inverse(look_at(np.array([1.6, 0.7, 0.9]), np.array([0.0, 0.0, 0.4])))
-    lens = np.array([110.0, 110, 47.5, 47.5, 0, 0, 0, 0, 0])
-    fine, small = (
-        render(s, s.posed(q), T, lens, (96, 96)).mask for s in (arm_surface(robot), arm_skin(robot))
-    )
-    assert len(arm_skin(robot).faces) <= len(arm_surface(robot).faces)
-    assert fine.sum() > 200
-    assert not (small & ~binary_dilation(fine, np.ones((3, 3)))).any()
-    assert not (fine & ~binary_dilation(small, np.ones((3, 3)))).any()

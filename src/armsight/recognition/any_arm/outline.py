@@ -15,7 +15,7 @@ from armsight.arrays import Floats, Floats32, Mask
 from armsight.geometry.pose import transform
 from armsight.recognition.any_arm.solver import Fit, Observations, again
 from armsight.recognition.any_arm.views import Crop
-from armsight.recognition.own_arm.surface import Rendered, arm_skin, render
+from armsight.recognition.own_arm.surface import Rendered, arm_surface, render
 from armsight.robots.kinematics import link_poses
 
 GRID = 2
@@ -94,7 +94,7 @@ def drawn_into(arm: Floats32, fit: Fit, overlap: float, crop: Crop) -> Floats32:
 
 def _drawn(fit: Fit, crop: Crop, grid: int = 1) -> Rendered:
     """A fitted arm as a crop shows it, of which one pixel is ``grid`` pixels wide."""
-    surface, side = arm_skin(fit.robot), crop.side // grid
+    surface, side = arm_surface(fit.robot), crop.side // grid
     f, middle = crop.f / grid, 0.5 * (side - 1)
     lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
     return render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side))

@@ -38,9 +38,8 @@ TYPES = 2
 """Likeliest types that are fitted."""
 RIVAL = 0.2
 """Share of the known types' probability below which a second type is not fitted."""
-COMPARED, DRAWN = 5, 3
-"""Fits of a type whose outlines are compared with the mask, and of these the best that are drawn
-to it."""
+COMPARED = 5
+"""Fits of a type whose outlines are drawn."""
 OUTLINE = 120.0
 """Cost of an outline that overlaps nowhere, against landmarks; chosen on held-back crops of the
 training's renderer."""
@@ -321,16 +320,14 @@ def best_outlined(
         arm: (side, side) probability of the arm in the crop.
         crop: itself.
     """
-
-    def judged(fit: Fit) -> tuple[float, float, Fit]:
-        overlap = outline_overlap(fit, arm, crop)
-        return cost_of(fit, seen) + OUTLINE * (1.0 - overlap), overlap, fit
-
-    if not fits:
+    ends = []
+    for fit in fits:
+        drawn = follow_outline(fit, seen, arm, crop)
+        overlap = outline_overlap(drawn, arm, crop)
+        ends.append((cost_of(drawn, seen) + OUTLINE * (1.0 - overlap), overlap, drawn))
+    if not ends:
         return None
-    begun = sorted(map(judged, fits), key=lambda end: end[0])
-    drawn = [judged(follow_outline(fit, seen, arm, crop)) for *_, fit in begun[:DRAWN]]
-    (cost, overlap, best), *others = sorted(drawn + begun[DRAWN:], key=lambda end: end[0])
+    (cost, overlap, best), *others = sorted(ends, key=lambda end: end[0])
     gaps = [end[0] - cost for end in others if _apart(end[2], best) > RIGHT]
     return Outlined(best, overlap, min(gaps, default=GAP))
 

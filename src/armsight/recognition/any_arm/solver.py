@@ -22,8 +22,8 @@ from armsight.robots.robot import Robot
 
 SHAPES = 1500
 VIEWS = 120
-STARTS = 30
-FOLLOWED = 10
+STARTS = 14
+FOLLOWED = 5
 """Starts that are followed to the end."""
 ALIKE = 0.02
 """Joints of two fits that are one lie within this [m]."""

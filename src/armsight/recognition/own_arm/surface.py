@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -21,36 +21,27 @@ NEAR = 0.1
 
 
 @dataclass(frozen=True)
-class Skin:
-    """An arm, with its tool, as it is drawn.
+class ArmSurface:
+    """What of an arm, with its tool, meets the eye.
 
     Attributes:
         robot: whose.
         vertices: (v, 3) corners of the triangles in their links' frames [m]; link: (v,) of each.
         faces: (f, 3) triangles.
+        points, normals: (m, 3) spread over the outside, in the links' frames; owner: (m,) links.
     """
 
     robot: Robot
     vertices: Points
     link: Ints
     faces: Ints
+    points: Points
+    normals: Points
+    owner: Ints
 
     def posed(self, q: JointVector) -> Points:
         """(v, 3) corners in ``base`` at (n,) joint angles [rad]."""
         return carried(link_poses(self.robot, q), self.link, self.vertices)
-
-
-@dataclass(frozen=True)
-class ArmSurface(Skin):
-    """What of an arm, with its tool, meets the eye.
-
-    Attributes:
-        points, normals: (m, 3) spread over the outside, in the links' frames; owner: (m,) links.
-    """
-
-    points: Points
-    normals: Points
-    owner: Ints
 
     def posed_points(self, q: JointVector) -> tuple[Points, Points]:
         """(m, 3) points [m] and (m, 3) normals in ``base`` at (n,) joint angles [rad]."""
@@ -90,7 +81,7 @@ class Rendered:
 
 
 def render(
-    surface: Skin,
+    surface: ArmSurface,
     corners: Points,
     T_camera_base: Pose,
     lens: Floats,
@@ -123,17 +114,8 @@ def render(
 
 def arm_surface(robot: Robot) -> ArmSurface:
     """The surface of an arm with the tool that it carries; remembered for the last few arms."""
-    return _surface(_named(robot))
-
-
-def arm_skin(robot: Robot) -> Skin:
-    """The same to be drawn small: within 2 mm of it, in a fifth of the triangles."""
-    return _skin(_named(robot))
-
-
-def _named(robot: Robot) -> _Named:
     tool = robot.tool.name if robot.tool is not None else ""
-    return _Named(robot, f"{robot.name}/{tool}/{len(robot.meshes)}")
+    return _surface(_Named(robot, f"{robot.name}/{tool}/{len(robot.meshes)}"))
 
 
 @dataclass(frozen=True)
@@ -152,44 +134,26 @@ class _Named:
 
 @lru_cache(maxsize=8)
 def _surface(named: _Named) -> ArmSurface:
-    parts = _triangles(named.robot, coarse=False)
-    spread = [_outside(part) for part in parts]
-    skin = _joined(named.robot, parts)
-    return ArmSurface(
-        skin.robot,
-        skin.vertices,
-        skin.link,
-        skin.faces,
-        np.concatenate([p for p, _ in spread]),
-        np.concatenate([n for _, n in spread]),
-        np.concatenate([np.full(len(p), k) for k, (p, _) in enumerate(spread)]).astype(np.int64),
-    )
-
-
-@lru_cache(maxsize=8)
-def _skin(named: _Named) -> Skin:
-    return _joined(named.robot, _triangles(named.robot, coarse=True))
-
-
-def _triangles(robot: Robot, coarse: bool) -> list[Triangles]:
-    """Of each link, of the last one with the tool; coarse: smaller files where there are any."""
+    robot = named.robot
     parts: list[list[Triangles]] = [[] for _ in range(robot.n + 1)]
     for mesh in robot.meshes:
-        small = mesh.path.parent / "coarse" / mesh.path.name
-        taken = replace(mesh, path=small) if coarse and small.is_file() else mesh
-        parts[mesh.link].append(read_mesh(taken))
+        parts[mesh.link].append(read_mesh(mesh))
     if robot.tool is not None:
         for mesh in robot.tool.meshes:
             vertices, faces = read_mesh(mesh)
             parts[robot.n].append((transform(robot.T_last_flange, vertices), faces))
-    return [join_triangles(p) for p in parts]
-
-
-def _joined(robot: Robot, links: list[Triangles]) -> Skin:
+    links = [join_triangles(p) for p in parts]
     vertices, faces = join_triangles(links)
     link = np.concatenate([np.full(len(v), k) for k, (v, _) in enumerate(links)])
-    return Skin(
-        robot, np.ascontiguousarray(vertices), link.astype(np.int64), np.ascontiguousarray(faces)
+    spread = [_outside(part) for part in links]
+    return ArmSurface(
+        robot,
+        np.ascontiguousarray(vertices),
+        link.astype(np.int64),
+        np.ascontiguousarray(faces),
+        np.concatenate([p for p, _ in spread]),
+        np.concatenate([n for _, n in spread]),
+        np.concatenate([np.full(len(p), k) for k, (p, _) in enumerate(spread)]).astype(np.int64),
     )
 
 
