@@ -7,10 +7,9 @@ install that finds joints of an unknown arm without its angles; the parts say wh
 
 from __future__ import annotations
 
+import tempfile
 from itertools import cycle
-
-import cv2
-import numpy as np
+from pathlib import Path
 
 from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.any_arm.edges import at_edges
@@ -19,7 +18,8 @@ from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.observing import observe
 from armsight.recognition.any_arm.recogniser import COMPARED, ArmRecogniser, best_outlined
 from armsight.recognition.any_arm.solver import solve
-from armsight.recognition.data.crews import draw_batch
+from armsight.recognition.data.generate import generate
+from armsight.recognition.data.labelled_set import LabelledSet
 from armsight.recognition.data.order import make_order
 from armsight.recognition.data.sample import KNOWN_ROBOTS
 from armsight.recognition.inference.model import network_file
@@ -35,12 +35,10 @@ def main() -> None:
     """Measure everything."""
     report = Report("recognition", __doc__)
     order = make_order("wild", dict.fromkeys(KNOWN_ROBOTS, 3), SEED, SIZE)
-    frames = []
-    for drawn in draw_batch(order, list(range(order.manifest.count))):
-        image = cv2.imdecode(np.frombuffer(drawn.image, np.uint8), cv2.IMREAD_COLOR_RGB)
-        K = np.asarray(drawn.row.K, float).reshape(3, 3)
-        lens = PinholeCamera(*SIZE, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(drawn.row.distortion))
-        frames.append((Picture("frame", np.asarray(image, np.uint8)), lens))
+    with tempfile.TemporaryDirectory() as folder:
+        generate(order, Path(folder))
+        made = LabelledSet.open(Path(folder))
+        frames = [(Picture("frame", s.image), s.camera) for s in made]
     rounds = report.rounds(3 * len(frames))
     for name, threads in (("image_ms", 0), ("image_one_thread_ms", 1)):
         recogniser = ArmRecogniser(CropModel(network_file("arms"), threads))

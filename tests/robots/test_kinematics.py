@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from armsight.geometry.pose import from_rpy, inverse, make_pose, transform
 from armsight.robots import ROBOT_NAMES, load_robot, load_tool, robot_sheet
-from armsight.robots.kernels import chain_poses_into, compose, joint_screws
+from armsight.robots.kernels import carried_points, chain_poses_into, compose, joint_screws
 from armsight.robots.kinematics import (
     flange_jacobian,
     flange_pose,
@@ -163,3 +163,12 @@ def test_wrong_shapes_are_refused():
         point_jacobian(robot, robot.home, 7, np.zeros(3))
     with pytest.raises(ValueError, match="6 joints"):
         path_sphere_centers(robot, np.zeros((3, 5)))
+
+
+def test_points_are_carried_by_their_links_as_by_matrices() -> None:
+    rng = np.random.default_rng(8)
+    T = np.tile(np.eye(4), (5, 1, 1))
+    T[:, :3] = rng.normal(size=(5, 3, 4))
+    link, points = rng.integers(0, 5, 40), rng.normal(size=(40, 3))
+    expected = [(T[k] @ [*p, 1.0])[:3] for k, p in zip(link, points, strict=True)]
+    assert np.allclose(carried_points(T, link, points), expected)

@@ -60,7 +60,7 @@ class Frame:
 
 def try_frame(recogniser: ArmRecogniser, sample: Sample) -> Frame:
     """One frame, its box not given and its intrinsics known."""
-    lens = lens_of(sample)
+    lens = sample.camera
     begun = time.process_time()
     found = recogniser.recognise(Picture("frame", sample.image), lens)
     cpu = time.process_time() - begun
@@ -86,7 +86,7 @@ def try_frame(recogniser: ArmRecogniser, sample: Sample) -> Frame:
 def baseline_frame(recogniser: Recogniser, sample: Sample) -> Frame:
     """One of the papers' networks on the same frame."""
     begun = time.process_time()
-    found = recogniser.recognise(Picture("frame", sample.image), lens_of(sample))
+    found = recogniser.recognise(Picture("frame", sample.image), sample.camera)
     cpu = time.process_time() - begun
     n = len(sample.joints_camera)
     error = NOTHING
@@ -99,14 +99,6 @@ def baseline_frame(recogniser: Recogniser, sample: Sample) -> Frame:
         sample.robot, found.robot or "none", iou, error, NOTHING, found.robot is not None,
         float("nan"), np.empty(0), cpu, float(np.linalg.norm(sample.base_camera)),
     )  # fmt: skip
-
-
-def lens_of(sample: Sample) -> PinholeCamera:
-    """The lens of a labelled picture."""
-    K = sample.K
-    h, w = sample.mask.shape
-    k1, k2, p1, p2, k3 = (float(v) for v in sample.distortion)
-    return PinholeCamera(w, h, K[0, 0], K[1, 1], K[0, 2], K[1, 2], (k1, k2, p1, p2, k3))
 
 
 def joint_error(found: Sighting, sample: Sample) -> tuple[float, float]:

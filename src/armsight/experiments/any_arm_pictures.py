@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armsight.experiments.any_arm_frames import NOTHING, given_box, joint_error, lens_of
+from armsight.experiments.any_arm_frames import NOTHING, given_box, joint_error
 from armsight.recognition.any_arm.drawing import draw
 from armsight.recognition.any_arm.recogniser import ArmRecogniser
 from armsight.recognition.data import LabelledSet
@@ -46,7 +46,7 @@ def skeletons(recogniser: ArmRecogniser, held: LabelledSet, chosen: Sequence[int
 
 
 def _unknown(ax: Axes, recogniser: ArmRecogniser, sample: Sample) -> None:
-    found = recogniser.recognise(Picture("", sample.image), lens_of(sample))
+    found = recogniser.recognise(Picture("", sample.image), sample.camera)
     error, _ = joint_error(found, sample)
     said = found.arms[0].robot if found.arms else "none"
     sure = bool(found.arms) and found.arms[0].believed
@@ -55,7 +55,7 @@ def _unknown(ax: Axes, recogniser: ArmRecogniser, sample: Sample) -> None:
 
 
 def _known(ax: Axes, recogniser: ArmRecogniser, sample: Sample) -> None:
-    given = given_box(recogniser, sample, lens_of(sample))
+    given = given_box(recogniser, sample, sample.camera)
     image = np.ascontiguousarray(sample.image).copy()
     if given.places is not None:
         draw_skeleton(

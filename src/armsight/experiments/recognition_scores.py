@@ -35,7 +35,7 @@ from armsight.recognition.inference.no_robot import robot_share
 from armsight.recognition.networks.architecture import Architecture
 from armsight.recognition.training.figures import Answer, Scores, score
 from armsight.recognition.training.packed_set import PackedSet
-from armsight.recognition.training.packing import pack_in_memory, sample_camera
+from armsight.recognition.training.packing import pack_in_memory
 from armsight.recognition.training.tensors_file import Array
 
 RECORDINGS, ROOMS = "paper-like", "paper-rooms"
@@ -169,7 +169,7 @@ def mask_shares(model: Model, labelled: LabelledSet, samples: Ints) -> Floats:
     found = []
     for i in samples:
         sample = labelled[int(i)]
-        image = view_through(sample.image, sample_camera(sample), model.K, a.width, a.height).image
+        image = view_through(sample.image, sample.camera, model.K, a.width, a.height).image
         found.append(robot_share(model.run(image).mask))
     return np.array(found)
 

@@ -6,7 +6,6 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import exp, inverse, look_at, transform
 from armsight.recognition.own_arm.kernels import (
     agreement,
-    carried,
     lens_array,
     normal_equations,
     project,
@@ -105,12 +104,3 @@ def test_normal_equations_follow_the_cost() -> None:
         down = terms(exp(-d[:6]) @ T, -d[6])[2]
         # Within the weights' own change, which a reading this rough makes small.
         assert np.isclose((up - down) / (2 * step), 2 * g.sum(0)[k], rtol=0.05, atol=2.0)
-
-
-def test_points_are_carried_by_their_links_as_by_matrices() -> None:
-    rng = np.random.default_rng(8)
-    T = np.tile(np.eye(4), (5, 1, 1))
-    T[:, :3] = rng.normal(size=(5, 3, 4))
-    link, points = rng.integers(0, 5, 40), rng.normal(size=(40, 3))
-    expected = [(T[k] @ [*p, 1.0])[:3] for k, p in zip(link, points, strict=True)]
-    assert np.allclose(carried(T, link, points), expected)

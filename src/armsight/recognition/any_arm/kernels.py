@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Floats, Floats32, Ints, Points, Poses
-from armsight.robots.kernels import chain_poses
+from armsight.robots.kernels import carried_points, chain_poses, compose, joint_screws
 
 CORE = 2.0
 """Whitened distance at which a landmark counts half (Cauchy)."""
@@ -48,33 +48,25 @@ def weak_perspective(
     bx, by = bx / total, by / total
     for k in range(p):
         power += weight[k] * ((at[k, 0] - bx) ** 2 + (at[k, 1] - by) ** 2)
-    spread, mixed = np.empty((3, 3)), np.empty((3, 2))
+    middle, spread, mixed = np.empty(3), np.empty((3, 3)), np.empty((3, 2))
     for i in range(n):
         cost[i] = np.inf
-        mx, my, mz = 0.0, 0.0, 0.0
-        for k in range(p):
-            mx += weight[k] * shapes[i, k, 0]
-            my += weight[k] * shapes[i, k, 1]
-            mz += weight[k] * shapes[i, k, 2]
-        mx, my, mz = mx / total, my / total, mz / total
+        for a in range(3):
+            middle[a] = 0.0
+            for k in range(p):
+                middle[a] += weight[k] * shapes[i, k, a]
+            middle[a] /= total
         # Second moments: a view then costs as much as three landmarks, however many there are.
         spread[:] = 0.0
         mixed[:] = 0.0
         for k in range(p):
-            px, py, pz = shapes[i, k, 0] - mx, shapes[i, k, 1] - my, shapes[i, k, 2] - mz
-            ux, uy, w = at[k, 0] - bx, at[k, 1] - by, weight[k]
-            spread[0, 0] += w * px * px
-            spread[0, 1] += w * px * py
-            spread[0, 2] += w * px * pz
-            spread[1, 1] += w * py * py
-            spread[1, 2] += w * py * pz
-            spread[2, 2] += w * pz * pz
-            mixed[0, 0] += w * px * ux
-            mixed[0, 1] += w * px * uy
-            mixed[1, 0] += w * py * ux
-            mixed[1, 1] += w * py * uy
-            mixed[2, 0] += w * pz * ux
-            mixed[2, 1] += w * pz * uy
+            ux, uy = at[k, 0] - bx, at[k, 1] - by
+            for a in range(3):
+                pa = weight[k] * (shapes[i, k, a] - middle[a])
+                mixed[a, 0] += pa * ux
+                mixed[a, 1] += pa * uy
+                for b in range(a, 3):
+                    spread[a, b] += pa * (shapes[i, k, b] - middle[b])
         for d in range(frames.shape[0]):
             f = frames[d]
             re, im, size = 0.0, 0.0, 1e-9
@@ -97,8 +89,8 @@ def weak_perspective(
                 found[i, 1] = re / size
                 found[i, 2] = im / size
                 cx, cy = found[i, 1], found[i, 2]
-                gx = f[0, 0] * mx + f[0, 1] * my + f[0, 2] * mz
-                gy = f[1, 0] * mx + f[1, 1] * my + f[1, 2] * mz
+                gx = f[0, 0] * middle[0] + f[0, 1] * middle[1] + f[0, 2] * middle[2]
+                gy = f[1, 0] * middle[0] + f[1, 1] * middle[1] + f[1, 2] * middle[2]
                 found[i, 3] = bx - (cx * gx - cy * gy)
                 found[i, 4] = by - (cx * gy + cy * gx)
 
@@ -157,23 +149,16 @@ def equations(
     cost = 0.0
     J = np.zeros((3, size))
     row = np.zeros((2, size))
-    # Links, and the joints' axes and origins, in the camera's axes about the base's origin.
-    M = np.empty((n + 1, 3, 4))
-    z = np.empty((n, 3))
+    # All in the camera's axes, about the base's origin.
+    turned = np.zeros((4, 4))
+    turned[:3, :3] = R
     for L in range(n + 1):
-        for i in range(3):
-            for j in range(4):
-                M[L, i, j] = R[i, 0] * T[L, 0, j] + R[i, 1] * T[L, 1, j] + R[i, 2] * T[L, 2, j]
-    for j in range(n):
-        for i in range(3):
-            m = M[j + 1, i]
-            z[j, i] = m[0] * axis[j, 0] + m[1] * axis[j, 1] + m[2] * axis[j, 2]
+        T[L] = compose(turned, T[L])
+    screws = joint_screws(T, axis)
+    carried = carried_points(T, link, point)
     for k in range(link.shape[0]):
         L = link[k]
-        p0, p1, p2 = point[k, 0], point[k, 1], point[k, 2]
-        c0 = M[L, 0, 0] * p0 + M[L, 0, 1] * p1 + M[L, 0, 2] * p2 + M[L, 0, 3]
-        c1 = M[L, 1, 0] * p0 + M[L, 1, 1] * p1 + M[L, 1, 2] * p2 + M[L, 1, 3]
-        c2 = M[L, 2, 0] * p0 + M[L, 2, 1] * p1 + M[L, 2, 2] * p2 + M[L, 2, 3]
+        c0, c1, c2 = carried[k, 0], carried[k, 1], carried[k, 2]
         depth = c2 + t[2]
         if depth < 0.05:
             cost += CORE * CORE * np.log(1.0 + 1e6)
@@ -190,10 +175,11 @@ def equations(
         J[2, 0], J[2, 1] = c1, -c0
         J[0, 3], J[1, 4], J[2, 5] = 1.0, 1.0, 1.0
         for j in range(L):
-            o0, o1, o2 = c0 - M[j + 1, 0, 3], c1 - M[j + 1, 1, 3], c2 - M[j + 1, 2, 3]
-            J[0, 6 + j] = z[j, 1] * o2 - z[j, 2] * o1
-            J[1, 6 + j] = z[j, 2] * o0 - z[j, 0] * o2
-            J[2, 6 + j] = z[j, 0] * o1 - z[j, 1] * o0
+            z0, z1, z2 = screws[j, 0], screws[j, 1], screws[j, 2]
+            o0, o1, o2 = c0 - screws[j, 3], c1 - screws[j, 4], c2 - screws[j, 5]
+            J[0, 6 + j] = z1 * o2 - z2 * o1
+            J[1, 6 + j] = z2 * o0 - z0 * o2
+            J[2, 6 + j] = z0 * o1 - z1 * o0
         # Joints beyond the link do not move it.
         moving = 6 + L
         inverse = 1.0 / depth

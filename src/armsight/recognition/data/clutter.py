@@ -45,7 +45,7 @@ def draw_table_things(stand: Stand, count: int, rng: np.random.Generator) -> lis
         kind = rng.choice(["box", "cylinder", "ellipsoid"])
         if kind == "cylinder":
             size[1] = size[0]
-        groups.append([Thing(kind, _triple(size), T, draw_surface(rng))])
+        groups.append([Thing(kind, triple(size), T, draw_surface(rng))])
     return groups
 
 
@@ -126,7 +126,7 @@ def draw_occluder(
     if kind in ("cylinder", "capsule"):
         size[:2] *= 0.5
         size[1] = size[0]
-    thing = Thing(kind, _triple(size), make_pose(R, place), draw_surface(rng))
+    thing = Thing(kind, triple(size), make_pose(R, place), draw_surface(rng))
     gap = np.linalg.norm(centers - place, axis=1) - radii
     if gap.min() < _bound(thing) or np.linalg.norm(place - eye) < _bound(thing) + 0.1:
         return None
@@ -205,12 +205,12 @@ def _bound(thing: Thing) -> float:
 
 def _cabinet(T: Pose, rng: np.random.Generator) -> Group:
     half = rng.uniform([0.15, 0.15, 0.2], [0.6, 0.35, 1.0])
-    body = turned_box(T @ make_pose(None, (0, 0, half[2])), _triple(half), draw_surface(rng))
+    body = turned_box(T @ make_pose(None, (0, 0, half[2])), triple(half), draw_surface(rng))
     group = [body]
     if rng.random() < 0.5:
         size = rng.uniform(0.05, 0.15, 3)
         T_top = T @ make_pose(None, (*rng.uniform(-0.1, 0.1, 2), 2 * half[2] + size[2]))
-        group.append(turned_box(T_top, _triple(size), draw_surface(rng)))
+        group.append(turned_box(T_top, triple(size), draw_surface(rng)))
     return group
 
 
@@ -224,7 +224,7 @@ def _shelf(T: Pose, rng: np.random.Generator) -> Group:
         for x in rng.uniform(-half, half, int(rng.integers(0, 4))):
             size = rng.uniform(0.03, 0.11, 3)
             T_thing = T @ make_pose(None, (x, 0, 0.06 + k * step + size[2]))
-            group.append(turned_box(T_thing, _triple(size), draw_surface(rng)))
+            group.append(turned_box(T_thing, triple(size), draw_surface(rng)))
     for sx in (-1, 1):
         for sy in (-1, 1):
             a = (T @ [sx * half, sy * 0.17, 0.0, 1.0])[:3]
@@ -290,7 +290,7 @@ def _boxes(T: Pose, rng: np.random.Generator) -> Group:
     for _ in range(int(rng.integers(1, 4))):
         size = rng.uniform(0.08, 0.3, 3)
         T_box = T @ yaw_pose(rng.uniform(-0.4, 0.4), (*rng.uniform(-0.05, 0.05, 2), z + size[2]))
-        group.append(turned_box(T_box, _triple(size), draw_surface(rng)))
+        group.append(turned_box(T_box, triple(size), draw_surface(rng)))
         z += 2 * size[2]
     return group
 
@@ -311,5 +311,6 @@ def _spin(rng: np.random.Generator) -> Floats:
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ upright
 
 
-def _triple(size: Floats) -> tuple[float, float, float]:
+def triple(size: Floats) -> tuple[float, float, float]:
+    """The (3,) half sizes of a thing."""
     return float(size[0]), float(size[1]), float(size[2])

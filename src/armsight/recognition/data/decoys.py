@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from armsight.arrays import Pose, Vector3
-from armsight.geometry.pose import make_pose
-from armsight.recognition.data.clutter import Group, draw_person, draw_surface
+from armsight.geometry.pose import make_pose, transform
+from armsight.recognition.data.clutter import Group, draw_person, draw_surface, triple
 from armsight.recognition.data.room import Room
 from armsight.recognition.data.things import Surface, Thing, rod, turned_box, yaw_pose
 
@@ -87,7 +87,7 @@ def _hoist(T: Pose, rng: np.random.Generator) -> Group:
         group.append(_limb(T, np.array([far, 0.0, tall]), hook, 0.006, other))
         size = rng.uniform(0.03, 0.1, 3)
         at = T @ make_pose(None, hook - np.array([0.0, 0.0, size[2]]))
-        group.append(turned_box(at, (float(size[0]), float(size[1]), float(size[2])), other))
+        group.append(turned_box(at, triple(size), other))
     return group
 
 
@@ -104,7 +104,7 @@ def _tripod(T: Pose, rng: np.random.Generator) -> Group:
     group.append(_limb(T, crown, end, 1.3 * radius, surface))
     size = rng.uniform([0.03, 0.02, 0.02], [0.25, 0.08, 0.2])
     at = T @ make_pose(None, end + np.array([0.0, 0.0, size[2]]))
-    group.append(turned_box(at, (float(size[0]), float(size[1]), float(size[2])), top))
+    group.append(turned_box(at, triple(size), top))
     return group
 
 
@@ -134,7 +134,7 @@ def _plate(T: Pose, rng: np.random.Generator, surface: Surface) -> Thing:
 
 
 def _limb(T: Pose, a: Vector3, b: Vector3, radius: float, surface: Surface) -> Thing:
-    start, end = (T[:3, :3] @ p + T[:3, 3] for p in (a, b))
+    start, end = transform(T, np.stack([a, b]))
     return rod(start, end, radius, surface)
 
 

@@ -9,6 +9,7 @@ from pathlib import PurePath
 import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats, JointVector, Mask, Points, Pose, Vector3
+from armsight.geometry.camera import PinholeCamera
 from armsight.robots.catalogue import ROBOT_NAMES, is_path
 
 KNOWN_ROBOTS: tuple[str, ...] = ("ur3", "ur5", "ur10", "iiwa", "panda")
@@ -86,3 +87,11 @@ class Sample:
     def base_camera(self) -> Vector3:
         """(3,) origin of the robot's base in the camera's frame [m]."""
         return np.asarray(self.T_camera_base[:3, 3])
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """The lens that the labels name."""
+        height, width = self.image.shape[:2]
+        fx, fy, cx, cy = (float(self.K[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        k1, k2, p1, p2, k3 = (float(k) for k in self.distortion)
+        return PinholeCamera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))

@@ -9,7 +9,6 @@ import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats
 from armsight.errors import DatasetError, UsageError
-from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.data.labelled_set import LabelledSet
 from armsight.recognition.data.sample import Sample
 from armsight.writing import write_atomically
@@ -103,17 +102,7 @@ def _tinted(sample: Sample) -> Bytes:
 
 def _skeleton(picture: ColorImage, sample: Sample, factor: int) -> None:
     """Line from the base through the joints."""
-    k = sample.K
-    lens = PinholeCamera(
-        sample.image.shape[1],
-        sample.image.shape[0],
-        float(k[0, 0]),
-        float(k[1, 1]),
-        float(k[0, 2]),
-        float(k[1, 2]),
-        tuple(float(d) for d in sample.distortion),  # type: ignore[arg-type]
-    )
-    points = lens.project(np.vstack([sample.base_camera, sample.joints_camera]))
+    points = sample.camera.project(np.vstack([sample.base_camera, sample.joints_camera]))
     if not np.isfinite(points).all() or np.abs(points).max() > 1e5:
         return
     line = np.array([_place(p, factor) for p in points], np.int32)

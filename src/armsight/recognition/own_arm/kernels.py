@@ -32,23 +32,6 @@ def project(x: float, y: float, lens: Floats) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True)
-def carried(T: Poses, link: Ints, points: Points) -> Points:
-    """(n, 3) points of links in the frame that the links' poses are in.
-
-    Args:
-        T: (l, 4, 4) of the links.
-        link: (n,) that carries each point.
-        points: (n, 3) in their links' frames.
-    """
-    out = np.empty((len(points), 3))
-    for k in range(len(points)):
-        M, p = T[link[k]], points[k]
-        for i in range(3):
-            out[k, i] = M[i, 0] * p[0] + M[i, 1] * p[1] + M[i, 2] * p[2] + M[i, 3]
-    return out
-
-
-@njit(cache=True, nogil=True)
 def rasterise(
     vertices: Points, faces: Ints, lens: Floats, near: float, depth: DepthImage, face: Ints32
 ) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 
 from armsight.arrays import DepthImage, Floats, Ints, JointVector, Mask, Points, Pose
 from armsight.geometry.pose import inverse, look_at, transform
-from armsight.recognition.own_arm.kernels import carried, rasterise
+from armsight.recognition.own_arm.kernels import rasterise
+from armsight.robots.kernels import carried_points
 from armsight.robots.kinematics import link_poses
 from armsight.robots.meshes import Triangles, join_triangles, read_mesh
 from armsight.robots.robot import Robot
@@ -41,13 +42,13 @@ class ArmSurface:
 
     def posed(self, q: JointVector) -> Points:
         """(v, 3) corners in ``base`` at (n,) joint angles [rad]."""
-        return carried(link_poses(self.robot, q), self.link, self.vertices)
+        return carried_points(link_poses(self.robot, q), self.link, self.vertices)
 
     def posed_points(self, q: JointVector) -> tuple[Points, Points]:
         """(m, 3) points [m] and (m, 3) normals in ``base`` at (n,) joint angles [rad]."""
         T = link_poses(self.robot, q)
         normals = (T[self.owner, :3, :3] @ self.normals[:, :, None])[..., 0]
-        return carried(T, self.owner, self.points), np.asarray(normals)
+        return carried_points(T, self.owner, self.points), np.asarray(normals)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import numpy as np
 
 from armsight.arrays import Floats
 from armsight.errors import RecognitionError
-from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.data.labelled_set import LabelledSet
 from armsight.recognition.data.sample import Sample
 from armsight.recognition.inference.intrinsics import view_through
@@ -121,14 +120,6 @@ def pack_in_memory(
     return PackedSet(**stacked, robots=tuple(robots), source=about)
 
 
-def sample_camera(sample: Sample) -> PinholeCamera:
-    """The camera that a sample's labels name."""
-    height, width = sample.image.shape[:2]
-    fx, fy, cx, cy = (float(sample.K[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    k1, k2, p1, p2, k3 = (float(k) for k in sample.distortion)
-    return PinholeCamera(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
-
-
 def _columns(
     sample: Sample, robots: Sequence[str], width: int, height: int, K: Floats | None = None
 ) -> list[Array]:
@@ -139,7 +130,7 @@ def _columns(
         image, shown = fit(sample.image, width, height), fit(shown, width, height)
         K = fit_K(sample.K, columns, rows, width, height)
     else:
-        camera = sample_camera(sample)
+        camera = sample.camera
         image = view_through(sample.image, camera, K, width, height).image
         shown = view_through(shown, camera, K, width, height).image
     mask = shown >= 128

@@ -68,8 +68,7 @@ class Examples:
     @cached_property
     def empty(self) -> Ints:
         """Indices of the pictures without an arm."""
-        number = self.names.index(NO_ROBOT) if NO_ROBOT in self.names else -1
-        return np.flatnonzero(self.robot == number).astype(np.int64)
+        return np.flatnonzero(np.array(self.names)[self.robot] == NO_ROBOT).astype(np.int64)
 
     def part(self, validation: bool) -> Ints:
         """Indices of what is learned from, or of the rooms held back."""

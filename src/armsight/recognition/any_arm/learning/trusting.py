@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats, Mask
-from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.any_arm.frames import find_lumps
 from armsight.recognition.any_arm.learning.examples import held_back
 from armsight.recognition.any_arm.model import CropModel
@@ -94,11 +93,7 @@ class _Seen:
 
     def look(self, sample: Sample, low: Floats, high: Floats) -> None:
         """At a box of a picture; where nothing is found there is nothing to be judged."""
-        h, w = sample.mask.shape
-        K, d = sample.K, [float(v) for v in sample.distortion]
-        bend = (d[0], d[1], d[2], d[3], d[4])
-        lens = PinholeCamera(w, h, K[0, 0], K[1, 1], K[0, 2], K[1, 2], bend)
-        found = self._recogniser.examined(sample.image, lens, low, high)
+        found = self._recogniser.examined(sample.image, sample.camera, low, high)
         if found is None:
             return
         arm, features = found
