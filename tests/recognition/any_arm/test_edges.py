@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from armsight.recognition.any_arm.edges import COLUMNS, ROWS, _solved, at_edges
+from armsight.recognition.any_arm.edges import COLUMNS, ROWS, at_edges
+from armsight.recognition.any_arm.pixel_kernels import guided
 
 SIDE, CELL = 160, 4
 
@@ -52,10 +53,19 @@ def test_nothing_stays_nothing() -> None:
     assert at_edges(none, _picture(_disc(30.0), 80)).max() < 1e-3
 
 
-def test_systems_of_three_are_solved_as_lapack_solves_them() -> None:
+def test_a_window_is_fitted_as_least_squares_fit_it() -> None:
+    """Of many colours and a mask the moments; the line through them is numpy's."""
     rng = np.random.default_rng(5)
-    half = rng.normal(size=(7, 9, 3, 3))
-    whole = half @ np.swapaxes(half, 2, 3) + 1e-3 * np.eye(3)
-    right = rng.normal(size=(7, 9, 3)).astype(np.float32)
-    found = _solved(whole[..., ROWS, COLUMNS], right)
-    np.testing.assert_allclose(found, np.linalg.solve(whole, right[..., None])[..., 0], rtol=1e-4)
+    colours = rng.uniform(size=(4, 5, 60, 3))
+    mask = colours @ [0.5, -0.3, 0.2] + 0.1 + 0.05 * rng.normal(size=(4, 5, 60))
+    mean, mean_p = colours.mean(2), mask.mean(2)
+    pairs = (colours[..., ROWS] * colours[..., COLUMNS]).mean(2)
+    products = (colours * mask[..., None]).mean(2)
+    slope, offset = np.empty((4, 5, 3), np.float32), np.empty((4, 5), np.float32)
+    moments = [x.astype(np.float32) for x in (mean, mean_p, pairs, products)]
+    guided(*moments, 0.0, slope, offset)
+    for row, column in np.ndindex(4, 5):
+        design = np.hstack([colours[row, column], np.ones((60, 1))])
+        true = np.linalg.lstsq(design, mask[row, column], rcond=None)[0]
+        np.testing.assert_allclose(slope[row, column], true[:3], atol=1e-4)
+        np.testing.assert_allclose(offset[row, column], true[3], atol=1e-4)

@@ -3,16 +3,18 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from armsight.geometry.pose import inverse, look_at, make_pose
 from armsight.recognition.any_arm.known import place_known
 from armsight.recognition.any_arm.landmarks import find_landmarks
 from armsight.recognition.any_arm.outline import (
+    Edge,
     drawn_into,
-    edge_distance,
     follow_outline,
     outline_overlap,
 )
+from armsight.recognition.any_arm.pixel_kernels import rim_pulls
 from armsight.recognition.any_arm.recogniser import Outlined, best_outlined
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of
 from armsight.recognition.any_arm.trust import GAP
@@ -49,8 +51,6 @@ def _scene(name: str, seed: int) -> tuple[Fit, np.ndarray, Crop]:
 
 
 def _moved(true: Fit, rng: np.random.Generator, shift: float, turn: float, joints: float) -> Fit:
-    from scipy.spatial.transform import Rotation
-
     R = Rotation.from_rotvec(turn * rng.normal(size=3)).as_matrix()
     T = true.T_camera_base
     t = T[:3, 3] + shift * rng.normal(size=3) * [0.5, 0.5, 2.0]
@@ -75,11 +75,12 @@ def test_an_outline_brings_a_fit_nearer(known: bool) -> None:
         rng = np.random.default_rng([k, 1])
         start = _moved(true, rng, 0.03, 0.03, 0.0 if known else 0.06)
         seen = _landmarks(true, crop, rng, 5.0)
-        found = follow_outline(start, seen, arm, crop, known)
+        edge = Edge.of(arm, crop)
+        found = follow_outline(start, seen, edge, known)
         for fit, errors in ((start, before), (found, after)):
             away = np.linalg.norm(fit.joints() - true.joints(), axis=1)
             errors.append(1e3 * float(away.mean()))
-        assert outline_overlap(found, arm, crop) > outline_overlap(start, arm, crop)
+        assert outline_overlap(found, edge) > outline_overlap(start, edge)
         if known:
             np.testing.assert_allclose(found.q, true.q, atol=1e-4)
     assert np.median(before) > 40.0
@@ -89,13 +90,14 @@ def test_an_outline_brings_a_fit_nearer(known: bool) -> None:
 def test_without_an_edge_a_fit_stays_as_it_is() -> None:
     true, arm, crop = _scene("ur5", 0)
     seen = _landmarks(true, crop, np.random.default_rng(0), 5.0)
-    assert follow_outline(true, seen, np.zeros_like(arm), crop) is true
+    assert follow_outline(true, seen, Edge.of(np.zeros_like(arm), crop)) is true
 
 
 def test_distances_to_an_edge_are_signed_and_in_pixels() -> None:
-    arm = np.zeros((SIDE, SIDE), np.float32)
+    _, arm, crop = _scene("ur5", 0)
+    arm[:] = 0.0
     arm[:, : SIDE // 2] = 1.0
-    distance = edge_distance(arm)
+    distance = Edge.of(arm, crop).distance
     half = len(distance) // 2
     np.testing.assert_allclose(distance[5, half:], np.arange(half) + 0.5, atol=1.0)
     np.testing.assert_allclose(distance[5, :half], np.arange(-half, 0) + 0.5, atol=1.0)
@@ -128,11 +130,11 @@ def test_an_outline_does_not_hold_to_the_edge_of_the_picture() -> None:
     seen = _landmarks(true, crop, np.random.default_rng(0), 2.0)
     away = []
     for known in (crop, Crop(crop.image, crop.R, crop.f, inside)):
-        fit = follow_outline(true, seen, cut, known)
+        fit = follow_outline(true, seen, Edge.of(cut, known))
         away.append(np.linalg.norm(fit.joints() - true.joints(), axis=1).mean())
     assert away[1] < 0.8 * away[0]
-    assert outline_overlap(true, cut, Crop(crop.image, crop.R, crop.f, inside)) > 0.85
-    assert outline_overlap(true, cut, crop) < 0.75
+    assert outline_overlap(true, Edge.of(cut, Crop(crop.image, crop.R, crop.f, inside))) > 0.85
+    assert outline_overlap(true, Edge.of(cut, crop)) < 0.75
 
 
 def _best(true: Fit, starts: list[Fit], pixels: float, k: int) -> Outlined:
@@ -178,3 +180,55 @@ def test_no_fits_have_no_best_one() -> None:
     true = _scene("ur5", 0)[0]
     seen = _landmarks(true, crop, np.random.default_rng(0), 2.0)
     assert best_outlined([], seen, arm, crop) is None
+
+
+def test_pulls_lead_from_the_drawn_rim_to_the_edge_of_the_mask() -> None:
+    """Each by plain numpy: a drawn disc beside the disc of a mask, on one link that is turned."""
+    n, f, sharp, along = 48, 60.0, 0.02, 0.5
+    middle = 0.5 * (n - 1)
+    v, u = np.mgrid[:n, :n]
+    face = np.where(np.hypot(u - 22, v - 24) < 12, 1, -1).astype(np.int32)
+    depth = np.where(face >= 0, 1.5 + 0.01 * u, np.inf).astype(np.float32)
+    distance = np.hypot(u - 24.0, v - 25.0) - 13.0
+    away = u < 30
+    T = make_pose(Rotation.from_rotvec([0.3, -0.4, 0.2]).as_matrix(), np.array([0.1, -0.2, 1.4]))
+    poses = np.stack([np.eye(4), np.eye(4), T])
+    owner = np.array([0, 2])
+    arguments = (depth, face, owner, poses, f, distance, away, 6.0, sharp, along)
+    found, link, point, at, covariance = rim_pulls(*arguments, 1)
+    drawn = face >= 0
+    rim = drawn & (cv2.erode(drawn.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0) & away
+    down, right = np.gradient(distance)
+    k = 0
+    for row, column in np.argwhere(rim):
+        off = distance[row, column] + 0.5
+        normal = np.array([right[row, column], down[row, column]])
+        normal /= np.linalg.norm(normal)
+        edge = np.clip(np.round([column, row] - off * normal).astype(int), 0, n - 1)
+        if abs(off) >= 6.0 or not away[edge[1], edge[0]]:
+            continue
+        z = depth[row, column]
+        ray = np.array([(column - middle) / f, (row - middle) / f, 1.0])
+        assert link[k] == 2
+        np.testing.assert_allclose(T[:3, :3] @ point[k] + T[:3, 3], z * ray, rtol=1e-6)
+        np.testing.assert_allclose(at[k], ray[:2] - off * normal / f, rtol=1e-9)
+        tangent = np.array([-normal[1], normal[0]])
+        true = sharp**2 * np.outer(normal, normal) + along**2 * np.outer(tangent, tangent)
+        np.testing.assert_allclose(covariance[k], true, rtol=1e-6, atol=1e-12)
+        k += 1
+    assert k == found == len(link) > 20
+    # Of neighbours one in three, and all are counted.
+    counted, _, some, *_ = rim_pulls(*arguments, 3)
+    assert counted == found
+    np.testing.assert_array_equal(some, point[::3])
+
+
+def test_threads_do_not_change_which_fit_is_best() -> None:
+    true, arm, crop = _scene("ur5", 0)
+    seen = _landmarks(true, crop, np.random.default_rng(0), 4.0)
+    starts = [_moved(true, np.random.default_rng(k), 0.05, 0.05, 0.1) for k in range(5)]
+    one, two = (best_outlined(starts, seen, arm, crop, threads) for threads in (1, 2))
+    assert one is not None
+    assert two is not None
+    assert (one.overlap, one.gap) == (two.overlap, two.gap)
+    np.testing.assert_array_equal(one.fit.q, two.fit.q)

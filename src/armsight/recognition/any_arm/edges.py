@@ -7,11 +7,12 @@ from typing import cast
 import cv2
 import numpy as np
 
-from armsight.arrays import ColorImage, Floats, Floats32
+from armsight.arrays import ColorImage, Floats32
+from armsight.recognition.any_arm.pixel_kernels import guided
 
 RADIUS, SMOOTH = 8, 1e-4
 """Of the filter: half its window [px], and variance of the picture that counts as none."""
-ROWS, COLUMNS, DIAGONAL = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2], [0, 3, 5]
+ROWS, COLUMNS = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
 """Of the upper half of a symmetric matrix of three, row by row."""
 EDGE = 0.45
 """Filtered probability at an arm's edge: what is thinner than a cell never fills one. Chosen on
@@ -31,26 +32,11 @@ def at_edges(arm: Floats32, image: ColorImage) -> Floats32:
     h, w = image.shape[:2]
     p = cv2.resize(arm, (w, h), interpolation=cv2.INTER_LINEAR).astype(np.float32)
     guide = (cv2.GaussianBlur(image, (0, 0), 0.7) / np.float32(255)).astype(np.float32)
-    mean, mean_p = _boxed(guide), _boxed(p)
-    pairs = _boxed(guide[..., ROWS] * guide[..., COLUMNS])
-    spread = (pairs - mean[..., ROWS] * mean[..., COLUMNS]).astype(np.float64)
-    spread[..., DIAGONAL] += SMOOTH
-    along = _boxed(guide * p[..., None]) - mean * mean_p[..., None]
-    slope = _solved(spread, along)
-    offset = mean_p - (slope * mean).sum(-1)
+    slope, offset = np.empty_like(guide), np.empty_like(p)
+    pairs, products = _boxed(guide[..., ROWS] * guide[..., COLUMNS]), _boxed(guide * p[..., None])
+    guided(_boxed(guide), _boxed(p), pairs, products, SMOOTH, slope, offset)
     found = (_boxed(slope) * guide).sum(-1) + _boxed(offset)
     return np.asarray(np.clip(found, 0, 1) ** (np.log(0.5) / np.log(EDGE)), np.float32)
-
-
-def _solved(spread: Floats, along: Floats32) -> Floats32:
-    """(h, w, 3) solutions of symmetric systems of three, by cofactors: faster than LAPACK."""
-    a, b, c, d, e, f = np.moveaxis(spread, -1, 0)
-    x, y, z = np.moveaxis(along, -1, 0)
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    whole = a * A + b * B + c * C
-    found = (A * x + B * y + C * z, B * x + D * y + E * z, C * x + E * y + F * z)
-    return np.stack([v / whole for v in found], -1).astype(np.float32)
 
 
 def _boxed(x: Floats32) -> Floats32:

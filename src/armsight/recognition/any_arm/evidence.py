@@ -127,7 +127,9 @@ def _joined(first: Surface, second: Surface, moved: _Moved) -> Surface:
 
 def _mean(a: Floats32, b: Floats32) -> Floats32:
     """Log of the mean of two probabilities, of their logs."""
-    return np.asarray(np.logaddexp(a, b) - np.log(2.0), np.float32)
+    # As np.logaddexp has it, of functions that are compiled for many numbers at once.
+    less = np.log(1.0 + np.exp(-np.abs(a - b)))
+    return np.asarray(np.maximum(a, b) + less - np.float32(np.log(2.0)), np.float32)
 
 
 def _softmax(x: Floats32) -> Floats:

@@ -14,12 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armsight.arrays import Floats, Floats32, JointVector, Mask, Pose
-from armsight.geometry.pose import make_pose
+from armsight.geometry.pose import make_pose, transform
 from armsight.recognition.any_arm.landmarks import Landmarks
-from armsight.recognition.any_arm.outline import follow_outline, outline_overlap, within
+from armsight.recognition.any_arm.outline import Edge, follow_outline, outline_overlap, within
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, far_starts, solve
 from armsight.recognition.any_arm.views import Crop
-from armsight.recognition.own_arm.surface import arm_surface, render
+from armsight.recognition.own_arm.surface import arm_surface, drawn
 from armsight.robots.robot import Robot
 
 CELLS = 40
@@ -74,7 +74,8 @@ def place_known(
     fits = solve(robot, marks, seen, known=q)
     if not fits:
         return None
-    score = _Score(fits[0], seen, arm, crop)
+    edge = Edge.of(arm, crop)
+    score = _Score(fits[0], seen, arm, edge)
     poses = [fit.T_camera_base for fit in fits]
     poses += [make_pose(R, t) for R, t, _ in far_starts(robot, marks, seen, q)[:STARTS]]
     best = [(score(T), T) for T in poses]
@@ -82,19 +83,20 @@ def place_known(
     for step in ROUNDS:
         tried = [score.moved(T, step, rng) for _, T in best for _ in range(step.tries)]
         best = _apart([*best, *((score(T), T) for T in tried)], 0.5 * step.turn, step.kept)
-    ends = [follow_outline(score.fit(T), seen, arm, crop, known=True) for _, T in best[:ENDS]]
+    ends = [follow_outline(score.fit(T), seen, edge, known=True) for _, T in best[:ENDS]]
     found = max(ends, key=lambda fit: score.last(fit))
-    return found, outline_overlap(found, arm, crop)
+    return found, outline_overlap(found, edge)
 
 
 class _Score:
     """How well a pose explains a crop."""
 
-    def __init__(self, fit: Fit, seen: Observations, arm: Floats32, crop: Crop) -> None:
-        self._fit, self._seen, self._arm, self._crop = fit, seen, arm, crop
+    def __init__(self, fit: Fit, seen: Observations, arm: Floats32, edge: Edge) -> None:
+        self._fit, self._seen, self._edge = fit, seen, edge
         self._surface = arm_surface(fit.robot)
         self._corners = self._surface.posed(fit.q)
         self._middle = self._corners.mean(axis=0)
+        crop = edge.crop
         f, middle = crop.f * CELLS / crop.side, 0.5 * (CELLS - 1)
         self._lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
         small = cv2.resize(arm, (CELLS, CELLS), interpolation=cv2.INTER_AREA)
@@ -107,8 +109,9 @@ class _Score:
     def __call__(self, T: Pose) -> float:
         if float((T[:3, :3] @ self._middle + T[:3, 3])[2]) < 0.2:
             return -np.inf
-        drawn = render(self._surface, self._corners, T, self._lens, (CELLS, CELLS)).mask
-        mine = (drawn & self._inside).astype(float)
+        seen = transform(T, self._corners)
+        mask = drawn(self._surface, seen, self._lens, (CELLS, CELLS))[1] >= 0
+        mine = (mask & self._inside).astype(float)
         overlap = np.minimum(mine, self._wanted).sum() / max(
             np.maximum(mine, self._wanted).sum(), 1.0
         )
@@ -116,7 +119,7 @@ class _Score:
 
     def last(self, fit: Fit) -> float:
         """The same of a pose at its outline, in the finer picture."""
-        return outline_overlap(fit, self._arm, self._crop) - self._contradiction(fit)
+        return outline_overlap(fit, self._edge) - self._contradiction(fit)
 
     def _contradiction(self, fit: Fit) -> float:
         return WEIGHT * cost_of(fit, self._seen) / max(len(self._seen.link), 1)

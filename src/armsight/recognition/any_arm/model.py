@@ -98,6 +98,7 @@ class CropModel:
         card: what it was trained on and how good it is.
         robots: names of the robots that it knows, those that were added behind the others.
         landmarks: of each.
+        threads: of the CPU that it runs on; 0 for onnxruntime's own choice.
     """
 
     def __init__(self, file: Path, threads: int = 0, extensions: Sequence[Extension] = ()) -> None:
@@ -131,6 +132,7 @@ class CropModel:
             extension.check_robot()
             self.landmarks[extension.robot] = extension.landmarks
         self.robots = tuple(self.landmarks)
+        self.threads = threads
         self._session = open_session(file, data, threads)
         self._names = [o.name for o in self._session.get_outputs()]
         self._read = [n for n in self._names if self._extensions or n not in BENEATH]

@@ -8,14 +8,17 @@ search), together with the landmarks, and again from there.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
-from armsight.arrays import Floats, Floats32, Mask
-from armsight.geometry.pose import transform
+from armsight.arrays import DepthImage, Floats, Floats32, Ints, Ints32, Mask, Poses
+from armsight.recognition.any_arm.pixel_kernels import rim_pulls
 from armsight.recognition.any_arm.solver import Fit, Observations, again
 from armsight.recognition.any_arm.views import Crop
-from armsight.recognition.own_arm.surface import Rendered, arm_surface, render
+from armsight.recognition.own_arm.surface import arm_surface, drawn
+from armsight.robots.kernels import carried_points
 from armsight.robots.kinematics import link_poses
 
 GRID = 2
@@ -36,44 +39,62 @@ AGREES = 0.7
 """Overlap of a fit's outline with the mask from which it has a say in it."""
 
 
-def follow_outline(
-    fit: Fit, seen: Observations, arm: Floats32, crop: Crop, known: bool = False
-) -> Fit:
+@dataclass(frozen=True)
+class Edge:
+    """Of a mask in a crop, on a grid of :data:`GRID` pixels.
+
+    Attributes:
+        crop: the mask is in.
+        mask: (n, n) itself; inside: (n, n) where the crop lies within the picture.
+        distance: (n, n) signed distance to its edge, above 0 outside [pixels of the grid].
+        away: (n, n) where the picture's own edge is far: there the mask ends, and the arm does not.
+    """
+
+    crop: Crop
+    mask: Mask
+    inside: Mask
+    distance: Floats
+    away: Mask
+
+    @classmethod
+    def of(cls, arm: Floats32, crop: Crop) -> Edge:
+        """Of a (side, side) probability of the arm."""
+        side = len(arm) // GRID
+        mask = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA) > ARM
+        seen = mask.astype(np.uint8)
+        far = cv2.distanceTransform(1 - seen, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        deep = cv2.distanceTransform(seen, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        inside = within(crop, side)
+        away = cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        distance = np.where(mask, 0.5 - deep, far - 0.5).astype(np.float64)
+        return cls(crop, np.asarray(mask), inside, distance, np.asarray(away))
+
+
+def follow_outline(fit: Fit, seen: Observations, edge: Edge, known: bool = False) -> Fit:
     """The fit with its outline on the mask's; the fit itself where there is no edge to hold to.
 
     Args:
         fit: that explains the landmarks.
         seen: these.
-        arm: (side, side) probability of the arm in the crop.
-        crop: itself.
+        edge: of the mask.
         known: keep the joints.
     """
-    distance = edge_distance(arm)
-    down, right = np.gradient(distance)
-    slope = np.stack([down, right], -1)
-    # Where the picture ends the mask does, too, and the arm does not.
-    inside = within(crop, len(distance)).astype(np.uint8)
-    away = cv2.erode(inside, np.ones((5, 5), np.uint8)) > 0
     best = fit
     for reach in REACH:
-        pulls = _pulls(best, distance, slope, away, crop, reach * crop.side)
+        pulls = _pulls(best, edge, reach * edge.crop.side)
         if pulls is None:
             break
         best = again(best, _joined(seen, pulls), known)
     return best
 
 
-def outline_overlap(fit: Fit, arm: Floats32, crop: Crop) -> float:
-    """Intersection over union of a fitted arm, drawn small, with its (side, side) mask.
+def outline_overlap(fit: Fit, edge: Edge) -> float:
+    """Intersection over union of a fitted arm, drawn small, with its mask.
 
     Beyond the picture nobody knows.
     """
-    drawn = _drawn(fit, crop, GRID).mask
-    side = len(drawn)
-    seen = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA) > ARM
-    inside = within(crop, side)
-    either = (drawn | seen) & inside
-    return float((drawn & seen & inside).sum() / max(either.sum(), 1))
+    mine, mask = _drawn(fit, edge.crop, GRID).mask & edge.inside, edge.mask & edge.inside
+    return float((mine & mask).sum() / max((mine | mask).sum(), 1))
 
 
 def drawn_into(arm: Floats32, fit: Fit, overlap: float, crop: Crop) -> Floats32:
@@ -92,12 +113,36 @@ def drawn_into(arm: Floats32, fit: Fit, overlap: float, crop: Crop) -> Floats32:
     return np.asarray((1.0 - SHARE) * arm + SHARE * _drawn(fit, crop).mask, np.float32)
 
 
-def _drawn(fit: Fit, crop: Crop, grid: int = 1) -> Rendered:
+@dataclass(frozen=True)
+class _Drawn:
+    """An arm as a crop shows it.
+
+    Attributes:
+        depth, face: see :func:`~armsight.recognition.own_arm.surface.drawn`.
+        poses: (links, 4, 4) ``T_crop_link``.
+        owner: (triangles,) link of each.
+    """
+
+    depth: DepthImage
+    face: Ints32
+    poses: Poses
+    owner: Ints
+
+    @property
+    def mask(self) -> Mask:
+        """(h, w) where the arm is."""
+        return np.asarray(self.face >= 0)
+
+
+def _drawn(fit: Fit, crop: Crop, grid: int = 1) -> _Drawn:
     """A fitted arm as a crop shows it, of which one pixel is ``grid`` pixels wide."""
     surface, side = arm_surface(fit.robot), crop.side // grid
     f, middle = crop.f / grid, 0.5 * (side - 1)
     lens = np.array([f, f, middle, middle, 0, 0, 0, 0, 0.0])
-    return render(surface, surface.posed(fit.q), fit.T_camera_base, lens, (side, side))
+    poses = np.ascontiguousarray(fit.T_camera_base @ link_poses(fit.robot, fit.q))
+    seen = carried_points(poses, surface.link, surface.vertices)
+    depth, face = drawn(surface, seen, lens, (side, side))
+    return _Drawn(depth, face, poses, surface.face_link)
 
 
 def within(crop: Crop, side: int) -> Mask:
@@ -106,58 +151,16 @@ def within(crop: Crop, side: int) -> Mask:
     return np.asarray(small > 0)
 
 
-def edge_distance(arm: Floats32) -> Floats:
-    """(n, n) signed distance to the mask's edge, above 0 outside [pixels of the grid]."""
-    side = len(arm) // GRID
-    small = cv2.resize(arm, (side, side), interpolation=cv2.INTER_AREA)
-    inside = (small > ARM).astype(np.uint8)
-    far = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    deep = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(np.where(inside > 0, 0.5 - deep, far - 0.5), np.float64)
-
-
-def _pulls(
-    fit: Fit, distance: Floats, slope: Floats, away: Mask, crop: Crop, reach: float
-) -> Observations | None:
+def _pulls(fit: Fit, edge: Edge, reach: float) -> Observations | None:
     """Points of the outline and where on the mask's edge they should be."""
-    drawn, f = _drawn(fit, crop, GRID), crop.f / GRID
-    mask, side = drawn.mask, len(distance)
-    rim = mask & ~cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
-    # An outline at the crop's own edge is none.
-    rim[[0, -1]], rim[:, [0, -1]] = False, False
-    of_rim = rim[drawn.at[:, 0], drawn.at[:, 1]]
-    drawn_at, owner, base = drawn.at[of_rim], drawn.owner[of_rim], drawn.points[of_rim]
-    row, column = drawn_at[:, 0], drawn_at[:, 1]
-    # A drawn pixel at the rim has its middle half a pixel within the edge.
-    off = distance[row, column] + 0.5
-    normal = slope[row, column]
-    length = np.hypot(normal[:, 0], normal[:, 1])
-    taken = (np.abs(off) * GRID < reach) & (length > 0.3)
-    edge = drawn_at - off[:, None] * normal / np.maximum(length, 0.3)[:, None]
-    edge = np.clip(np.round(edge).astype(int), 0, side - 1)
-    taken &= away[row, column] & away[edge[:, 0], edge[:, 1]]
-    if taken.sum() < FEWEST:
+    drawn_fit, crop = _drawn(fit, edge.crop, GRID), edge.crop
+    found, link, point, at, covariance = rim_pulls(
+        drawn_fit.depth, drawn_fit.face, drawn_fit.owner, drawn_fit.poses, crop.f / GRID,
+        edge.distance, edge.away, reach / GRID, SHARP / crop.f, ALONG / crop.f, ALIKE,
+    )  # fmt: skip
+    if found < FEWEST:
         return None
-    taken[np.flatnonzero(taken)[np.arange(taken.sum()) % ALIKE > 0]] = False
-    off, normal = off[taken], normal[taken] / length[taken, None]
-    link, base = owner[taken], base[taken]
-    T = link_poses(fit.robot, fit.q)[link]
-    point = (np.swapaxes(T[:, :3, :3], 1, 2) @ (base - T[:, :3, 3])[:, :, None])[..., 0]
-    now = transform(fit.T_camera_base, base)
-    across = normal[:, ::-1]
-    at = now[:, :2] / now[:, 2:] - off[:, None] * across / f
-    along = np.stack([-across[:, 1], across[:, 0]], 1)
-    wide, narrow = (ALONG / crop.f) ** 2, (SHARP / crop.f) ** 2
-    covariance = narrow * across[:, :, None] * across[:, None] + wide * (
-        along[:, :, None] * along[:, None]
-    )
-    return Observations(
-        link.astype(np.int64),
-        np.ascontiguousarray(point),
-        np.ascontiguousarray(at),
-        covariance,
-        np.full(len(link), -1.0),
-    )
+    return Observations(link, point, at, covariance, np.full(len(link), -1.0))
 
 
 def _joined(a: Observations, b: Observations) -> Observations:

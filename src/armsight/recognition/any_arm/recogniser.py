@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,14 @@ from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.errors import RecognitionError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
+from armsight.machine import usable_cores
 from armsight.recognition.any_arm.edges import at_edges
 from armsight.recognition.any_arm.evidence import STRIDE, Evidence
 from armsight.recognition.any_arm.frames import LOOKS, Lump, find_lumps
 from armsight.recognition.any_arm.lens_doubt import RIGHT, doubted
 from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.observing import observe
-from armsight.recognition.any_arm.outline import drawn_into, follow_outline, outline_overlap
+from armsight.recognition.any_arm.outline import Edge, drawn_into, follow_outline, outline_overlap
 from armsight.recognition.any_arm.presence import ARM, FOUND, is_arm, may_be_arm
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
@@ -299,7 +301,8 @@ class ArmRecogniser:
         """The best fit of a type: landmarks, and of the best ones the outlines."""
         robot, marks = self._robot(name), self.model.landmarks[name]
         seen = observe(look, crop, name, marks)
-        found = best_outlined(solve(robot, marks, seen)[:COMPARED], seen, arm, crop)
+        fits = solve(robot, marks, seen)[:COMPARED]
+        found = best_outlined(fits, seen, arm, crop, self.model.threads)
         if found is None:
             return None
         fit, overlap = found.fit, found.overlap
@@ -310,7 +313,7 @@ class ArmRecogniser:
 
 
 def best_outlined(
-    fits: Sequence[Fit], seen: Observations, arm: Floats32, crop: Crop
+    fits: Sequence[Fit], seen: Observations, arm: Floats32, crop: Crop, threads: int = 1
 ) -> Outlined | None:
     """Of fits to landmarks the one that ends up best on the mask.
 
@@ -319,14 +322,19 @@ def best_outlined(
         seen: the observations that they explain.
         arm: (side, side) probability of the arm in the crop.
         crop: itself.
+        threads: that follow them; 0 for as many as there are cores.
     """
-    ends = []
-    for fit in fits:
-        drawn = follow_outline(fit, seen, arm, crop)
-        overlap = outline_overlap(drawn, arm, crop)
-        ends.append((cost_of(drawn, seen) + OUTLINE * (1.0 - overlap), overlap, drawn))
-    if not ends:
+    if not fits:
         return None
+    edge = Edge.of(arm, crop)
+
+    def end(fit: Fit) -> tuple[float, float, Fit]:
+        drawn = follow_outline(fit, seen, edge)
+        overlap = outline_overlap(drawn, edge)
+        return cost_of(drawn, seen) + OUTLINE * (1.0 - overlap), overlap, drawn
+
+    with ThreadPoolExecutor(threads or usable_cores()) as pool:
+        ends = list(pool.map(end, fits))
     (cost, overlap, best), *others = sorted(ends, key=lambda end: end[0])
     gaps = [end[0] - cost for end in others if _apart(end[2], best) > RIGHT]
     return Outlined(best, overlap, min(gaps, default=GAP))

@@ -291,6 +291,10 @@ def _views() -> Floats32:
 
 
 def _whitening(covariance: Floats) -> Floats:
-    """(m, 2, 2) W with W^T W the inverse of each covariance."""
-    information = np.linalg.inv(covariance)
-    return np.ascontiguousarray(np.swapaxes(np.linalg.cholesky(information), 1, 2))
+    """(m, 2, 2) W with W^T W the inverse of each covariance, in closed form."""
+    a, b, c = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    W = np.zeros_like(covariance)
+    W[:, 0, 0] = np.sqrt(c / (a * c - b * b))
+    W[:, 1, 1] = 1.0 / np.sqrt(c)
+    W[:, 0, 1] = -W[:, 0, 0] * b / c
+    return W

@@ -9,6 +9,8 @@ import numpy as np
 
 from armsight.arrays import ColorImage, Floats, Floats32, Mask, Points, Rotation3
 from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.any_arm.pixel_kernels import crop_map
+from armsight.recognition.own_arm.kernels import lens_array
 
 FIRST, SIDE = 160, 192
 """Of a crop [px]: of one that only shows where the arm is, and of the one that it is measured in.
@@ -18,6 +20,10 @@ WHOLE = 256
 GREY = 127
 NARROWEST = 0.01
 """Tangent of half a crop's angle, at least."""
+GRAIN = 8
+"""Pixels of a mask's map for one of which its place in the crop is worked out."""
+BEHIND = 0.02
+"""Depth of what is behind the crop's camera: it lies far beside the crop."""
 
 
 @dataclass(frozen=True)
@@ -102,26 +108,33 @@ def take_crop(
 def _seen(
     image: ColorImage, lens: PinholeCamera, R: Rotation3, f: float, side: int
 ) -> tuple[ColorImage, Mask]:
-    # Shrunk by area first: taking single pixels of a large picture would alias.
-    share = min(1.0, 1.2 * f / lens.fx)
-    if share < 0.75:
-        size = (max(1, round(share * lens.width)), max(1, round(share * lens.height)))
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    sx, sy = image.shape[1] / lens.width, image.shape[0] / lens.height
-    line = (np.arange(side) - 0.5 * (side - 1)) / f
-    x, y = np.meshgrid(line, line)
-    points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], 1) @ R.T
-    pixels = np.full((x.size, 2), -1e4)
-    front = points[:, 2] > 0.05
-    pixels[front] = lens.project(points[front])
-    u = ((pixels[:, 0] + 0.5) * sx - 0.5).astype(np.float32).reshape(side, side)
-    v = ((pixels[:, 1] + 0.5) * sy - 0.5).astype(np.float32).reshape(side, side)
+    u, v = crop_map(np.ascontiguousarray(R), f, side, lens_array(lens))
+    h, w = image.shape[:2]
+    inside = (u > -0.5) & (v > -0.5) & (u < w - 0.5) & (v < h - 0.5)
+    if inside.any():
+        # What is seen of it, and a little more for what the pixels at its edge are mixed from.
+        more = 2.0 + 2.0 * lens.fx / f
+        left, right = _span(u[inside], more, w)
+        top, bottom = _span(v[inside], more, h)
+        part, scale = image[top:bottom, left:right], np.ones(2)
+        share = min(1.0, 1.2 * f / lens.fx)
+        if share < 0.75:
+            # Shrunk by area first: taking single pixels of a large picture would alias.
+            size = [max(1, round(share * n)) for n in (right - left, bottom - top)]
+            scale = np.array(size) / [right - left, bottom - top]
+            part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8)
+        u = ((u - left + 0.5) * scale[0] - 0.5).astype(np.float32)
+        v = ((v - top + 0.5) * scale[1] - 0.5).astype(np.float32)
+    else:
+        part = image[:1, :1]
     grey = (GREY, GREY, GREY)
-    seen = cv2.remap(
-        image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=grey
-    )
-    inside = (u > -0.5) & (v > -0.5) & (u < image.shape[1] - 0.5) & (v < image.shape[0] - 0.5)
+    seen = cv2.remap(part, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=grey)
     return np.asarray(seen, np.uint8), inside
+
+
+def _span(at: Floats32, more: float, size: int) -> tuple[int, int]:
+    """First and last but one of the pixels from the least to the greatest, and some more."""
+    return max(int(at.min() - more), 0), min(int(at.max() + more) + 1, size)
 
 
 @dataclass(frozen=True)
@@ -163,13 +176,21 @@ def looking_along(ray: Floats) -> Rotation3:
 def mask_in_picture(crop: Crop, arm: Floats32, lens: PinholeCamera) -> Floats32:
     """(h, w) a crop's (k, k) map at the picture's own size; 0 where the crop does not reach."""
     h, w = lens.height, lens.width
-    # The map is smooth on this scale: worked out on a coarse grid, then made large.
+    # The map is smooth on this scale, and where it lies is smooth on the next one: worked out on
+    # coarse grids, then made large.
     step = max(1, min(h, w) // 240)
-    u, v = np.meshgrid(np.arange(0, w, step), np.arange(0, h, step))
-    rays = lens.normalise(np.stack([u.ravel(), v.ravel()], 1).astype(float))
+    rows, columns = -(-h // step), -(-w // step)
+    grain = GRAIN * step
+    # A ring of coarse pixels more, since nothing is known beyond the outermost middles.
+    y, x = (grain * (np.arange(-1, -(-n // GRAIN) + 1) + 0.5) - 0.5 for n in (rows, columns))
+    rays = lens.normalise(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
     p = np.hstack([rays, np.ones((len(rays), 1))]) @ crop.R
-    p[:, 2] = np.where(p[:, 2] > 0.02, p[:, 2], np.nan)
-    cells = (crop.f * p[:, :2] / p[:, 2:] + 0.5 * crop.side) * (len(arm) / crop.side) - 0.5
-    at = np.nan_to_num(cells, nan=-9.0).astype(np.float32).reshape(*u.shape, 2)
+    cells = crop.f * p[:, :2] / np.maximum(p[:, 2:], BEHIND) + 0.5 * crop.side
+    coarse = (cells * (len(arm) / crop.side) - 0.5).astype(np.float32)
+    size = (GRAIN * len(x), GRAIN * len(y))
+    at = cv2.resize(coarse.reshape(len(y), len(x), 2), size)[
+        GRAIN : GRAIN + rows, GRAIN : GRAIN + columns
+    ]
     found = cv2.remap(arm, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    return np.asarray(cv2.resize(found, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
+    whole = cv2.resize(found, (columns * step, rows * step), interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(whole[:h, :w], np.float32)

@@ -46,15 +46,22 @@ def rasterise(
         face: (h, w) index of the triangle seen, written; begin with -1.
     """
     h, w = depth.shape
-    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    # Pixel and one over the depth, which is linear over a triangle in the picture.
+    seen = np.zeros((vertices.shape[0], 3))
+    for i in range(vertices.shape[0]):
+        if vertices[i, 2] >= near:
+            nearness = 1.0 / vertices[i, 2]
+            seen[i, 0] = lens[0] * vertices[i, 0] * nearness + lens[2]
+            seen[i, 1] = lens[1] * vertices[i, 1] * nearness + lens[3]
+            seen[i, 2] = nearness
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        za, zb, zc = vertices[a, 2], vertices[b, 2], vertices[c, 2]
-        if za < near or zb < near or zc < near:
+        ia, ib, ic = seen[a, 2], seen[b, 2], seen[c, 2]
+        if ia == 0.0 or ib == 0.0 or ic == 0.0:
             continue
-        ua, va = fx * vertices[a, 0] / za + cx, fy * vertices[a, 1] / za + cy
-        ub, vb = fx * vertices[b, 0] / zb + cx, fy * vertices[b, 1] / zb + cy
-        uc, vc = fx * vertices[c, 0] / zc + cx, fy * vertices[c, 1] / zc + cy
+        ua, va, ub, vb, uc, vc = (
+            seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1],
+        )  # fmt: skip
         area = (ub - ua) * (vc - va) - (vb - va) * (uc - ua)
         # v runs down: a triangle that faces the camera turns the other way round.
         if area >= 0.0:
@@ -68,7 +75,7 @@ def rasterise(
                 wc = area - wa - wb
                 if wa > 0.0 or wb > 0.0 or wc > 0.0:
                     continue
-                z = area / (wa / za + wb / zb + wc / zc)
+                z = area / (wa * ia + wb * ib + wc * ic)
                 if z < depth[v, u]:
                     depth[v, u] = z
                     face[v, u] = f

@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from armsight.arrays import DepthImage, Floats, Ints, JointVector, Mask, Points, Pose
+from armsight.arrays import DepthImage, Floats, Ints, Ints32, JointVector, Mask, Points, Pose
 from armsight.geometry.pose import inverse, look_at, transform
 from armsight.recognition.own_arm.kernels import rasterise
 from armsight.robots.kernels import carried_points
@@ -39,6 +39,11 @@ class ArmSurface:
     points: Points
     normals: Points
     owner: Ints
+
+    @cached_property
+    def face_link(self) -> Ints:
+        """(f,) link of each triangle."""
+        return np.ascontiguousarray(self.link[self.faces[:, 0]])
 
     def posed(self, q: JointVector) -> Points:
         """(v, 3) corners in ``base`` at (n,) joint angles [rad]."""
@@ -97,20 +102,34 @@ def render(
         lens: its nine numbers; the distortion is left out.
         size: width, height [px].
     """
-    depth = np.full((size[1], size[0]), np.inf, np.float32)
-    face = np.full((size[1], size[0]), -1, np.int32)
-    seen = transform(T_camera_base, corners)
-    rasterise(seen, surface.faces, lens, NEAR, depth, face)
+    depth, face = drawn(surface, transform(T_camera_base, corners), lens, size)
     at = np.argwhere(face >= 0)
     row, column = at[:, 0], at[:, 1]
     z = depth[row, column].astype(float)
     x, y = (column - lens[2]) / lens[0] * z, (row - lens[3]) / lens[1] * z
     points = transform(inverse(T_camera_base), np.stack([x, y, z], 1))
     seen_faces = surface.faces[face[row, column]]
-    owner = surface.link[seen_faces[:, 0]]
+    owner = surface.face_link[face[row, column]]
     link = np.full(face.shape, -1, np.int64)
     link[row, column] = owner
     return Rendered(depth, link, points, at, owner, np.asarray(corners[seen_faces], np.float64))
+
+
+def drawn(
+    surface: ArmSurface, seen: Points, lens: Floats, size: tuple[int, int]
+) -> tuple[DepthImage, Ints32]:
+    """(h, w) depth [m] of an arm, infinite where it is not, and the triangle there, -1 for none.
+
+    Args:
+        surface: of the arm.
+        seen: (v, 3) corners of its triangles in the camera's frame [m].
+        lens: its nine numbers; the distortion is left out.
+        size: width, height [px].
+    """
+    depth = np.full((size[1], size[0]), np.inf, np.float32)
+    face = np.full((size[1], size[0]), -1, np.int32)
+    rasterise(seen, surface.faces, lens, NEAR, depth, face)
+    return depth, face
 
 
 def arm_surface(robot: Robot) -> ArmSurface:
