@@ -13,10 +13,10 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Floats, Ints, JointVector, Points, Poses
+from armsight.mapping.snapshot import OCCUPIED
 from armsight.robots.cable_kernels import hang
 from armsight.robots.kernels import chain_poses
 
-OCCUPIED = 2
 STEP = 0.08
 """The cable's end moves by no more than this between two looks [m]: less than a sphere's radius."""
 COST = 2

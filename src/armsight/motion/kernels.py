@@ -16,12 +16,13 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Floats, Floats32, Ints, JointPath, JointVector, Points
+from armsight.mapping.snapshot import OCCUPIED, UNKNOWN
 from armsight.motion.body import Body
 from armsight.motion.cable_kernels import NO_CABLE, CableWay, cable_free
 
-OCCUPIED = 2
 PERMITTED = 4
-"""A solid voxel in a region that some parts may touch: solid for all others."""
+"""A solid voxel in a region that some parts may touch: solid for all others. No state of the map's:
+it stands beside those of :mod:`armsight.mapping.snapshot` in what kernels read."""
 QUEUE = 4096
 """Intervals that one proof may hold open; a motion that needs more is refused."""
 CHUNK = 8
@@ -204,7 +205,8 @@ def body_motion(body: Body, q: JointVector, dq: JointVector, scratch: Scratch) -
 def is_solid(ob: Obstacles, ix: int, iy: int, iz: int, touching: bool) -> bool:
     """Whether a voxel is solid; for what is ``touching`` PERMITTED is free."""
     s = ob.state[ix, iy, iz]
-    return s == 2 or (s == 0 and ob.avoid_unknown) or (s == 4 and not touching)
+    unseen = s == UNKNOWN and ob.avoid_unknown
+    return s == OCCUPIED or unseen or (s == PERMITTED and not touching)
 
 
 @njit(cache=True, nogil=True)
