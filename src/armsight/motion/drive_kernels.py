@@ -53,20 +53,39 @@ def drive_ahead(
 
 
 @njit(cache=True, nogil=True)
+def braked(
+    q: JointVector, q_dot: JointVector, brake: JointVector, times: Floats
+) -> tuple[Points, Points]:
+    """(k, n) positions and velocities while every joint brakes as hard as it can.
+
+    Args:
+        q: (n,) positions where it begins [rad].
+        q_dot: (n,) velocities there [rad/s].
+        brake: (n,) ramp of the stop [rad/s^2].
+        times: (k,) from its beginning [s].
+    """
+    n = q.shape[0]
+    at, speed = np.empty((times.shape[0], n)), np.empty((times.shape[0], n))
+    for k in range(times.shape[0]):
+        for j in range(n):
+            own = min(times[k], abs(q_dot[j]) / brake[j])
+            slow = brake[j] if q_dot[j] > 0.0 else -brake[j]
+            at[k, j] = q[j] + q_dot[j] * own - 0.5 * slow * own * own
+            left = max(abs(q_dot[j]) - brake[j] * own, 0.0)
+            speed[k, j] = left if q_dot[j] > 0.0 else -left
+    return at, speed
+
+
+@njit(cache=True, nogil=True)
 def stop_path(q: JointVector, q_dot: JointVector, brake: JointVector, pieces: int) -> Points:
     """(pieces + 1, n) positions while every joint brakes as hard as it can, ends included."""
-    n = q.shape[0]
     longest = 0.0
-    for j in range(n):
+    for j in range(q.shape[0]):
         longest = max(longest, abs(q_dot[j]) / brake[j])
-    out = np.empty((pieces + 1, n))
+    times = np.empty(pieces + 1)
     for k in range(pieces + 1):
-        t = longest * k / pieces
-        for j in range(n):
-            own = min(t, abs(q_dot[j]) / brake[j])
-            slow = brake[j] if q_dot[j] > 0.0 else -brake[j]
-            out[k, j] = q[j] + q_dot[j] * own - 0.5 * slow * own * own
-    return out
+        times[k] = longest * k / pieces
+    return braked(q, q_dot, brake, times)[0]
 
 
 @njit(cache=True, nogil=True)

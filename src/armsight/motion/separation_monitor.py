@@ -10,7 +10,7 @@ from armsight.arrays import Ints, JointVector, Mask, Poses
 from armsight.devices.data import RgbdCameraInfo, Wrench
 from armsight.motion.arm_model import ArmState
 from armsight.motion.contact_speed import ContactSpeed, GentleSpeed
-from armsight.motion.drive_kernels import stop_path
+from armsight.motion.drive_kernels import braked
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.hazard_kernels import in_reach
 from armsight.motion.hung_cable import DraggedCable
@@ -100,11 +100,12 @@ class SeparationMonitor:
         if fastest <= self._config.retreat_speed:
             return True  # it counts as standing
         brake = self.body.brake
-        stop = stop_path(state.position, np.ascontiguousarray(state.velocity), brake, PIECES)
+        rates = np.ascontiguousarray(state.velocity)
+        times = np.linspace(0.0, float((np.abs(rates) / brake).max()), PIECES + 1)
+        stop, _ = braked(state.position, rates, brake, times)
         still = np.zeros(len(brake))
         places = np.stack([center, *(self.body.motion(q, still)[0] for q in stop[1:])])
         until = self.body.stopping(state.velocity)
-        times = np.linspace(0.0, float((np.abs(state.velocity) / brake).max()), PIECES + 1)
         law = self._law._replace(T_person=T_r)
 
         def free(those: Hazards, parts: Mask) -> bool:
@@ -129,15 +130,10 @@ class SeparationMonitor:
         tool is faster than before it braked. Between two joints' ends all joints slow evenly, and
         no speed is greater than at both of them, but for the bend of the way.
         """
-        brake, speed = self.body.brake, np.abs(state.velocity)
-        ends = speed / brake
-        kept = contact.gentle(self.body, state.position, state.velocity)
-        for t in np.unique(ends)[:-1]:  # at the last one it stands
-            own = np.minimum(t, ends)
-            q = state.position + (1.0 - 0.5 * brake * own / np.maximum(speed, 1e-9)) * (
-                own * state.velocity
-            )
-            slower = np.sign(state.velocity) * np.maximum(speed - brake * own, 0.0)
+        rates = np.ascontiguousarray(state.velocity)
+        ends = np.unique(np.abs(rates) / self.body.brake)[:-1]  # at the last one it stands
+        kept = contact.gentle(self.body, state.position, rates)
+        for q, slower in zip(*braked(state.position, rates, self.body.brake, ends)):
             kept &= contact.gentle(self.body, q, slower)
         return kept
 
