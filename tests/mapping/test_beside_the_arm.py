@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armsight.devices.data import DepthNoise
+from armsight.geometry.pose import transform
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.kernels.pixels import NOTHING, ROBOT, VALID, trusted
 from armsight.mapping.snapshot import OCCUPIED
@@ -132,6 +133,38 @@ def test_the_border_of_a_post_before_the_arm_leaves_nothing_in_the_map():
         away = np.min([thing.distance(solid) for thing in declared], axis=0)
         found += int((away > snapshot.grid.voxel).sum())
     assert found == 0
+
+
+@pytest.mark.parametrize(("size", "seen"), [(1, False), (2, True)])
+def test_a_mixture_of_one_declared_solid_and_another_leaves_nothing_and_a_fingertip_is_seen(
+    size, seen
+):
+    """Of the depth of the wall behind, which bears no witness for it at the post's border."""
+    info = scenes.camera_info("a", (1.5, 0.0, 0.4), (0.0, 0.0, 0.4), size=(256, 212))
+    robot, q = scenes.two_link_arm(), np.array([2.0, 0.0])
+    wall = scenes.box("wall", (-0.65, 0.0, 0.4), (0.1, 3.0, 3.0))
+    post = scenes.box("post", (0.3, 0.1, 0.4), (0.1, 0.1, 0.6))
+    solids = [wall, post, *scenes.arm_solids(robot, q)]
+    depth = scenes.ray_cast(info.depth, info.T_mount_camera, solids)
+    v, u = 75, int(np.flatnonzero(np.diff(depth[75]) < -0.5)[0])  # of the wall, the post beside
+    behind = depth[v, u]
+    assert behind - depth[v, u + 1] > 0.5
+    like = 0.01 + 0.01 * behind
+    depth[v : v + size, u + 1 - size : u + 1] -= np.float32(0.9 * like)
+    point = np.array([*info.depth.rays[v, u], 1.0]) * depth[v, u]
+    # A mixture is nearer than the wall by more than the wall explains, by less than is alike.
+    config = MappingConfig(
+        (-0.8, -0.8, -0.1), (0.8, 0.8, 0.9), align=False, calibration_m=0.0, calibration_rad=0.0
+    )
+    assert config.static_margin < 0.9 * like
+    world, found = WorkspaceMap(robot, [info], [wall, post], config), 0
+    for k in range(4):
+        frame = scenes.frame(info, 0.1 + k / 15, depth, k)
+        snapshot = world.update([frame], scenes.resting(q, until=1.0), 0.105 + k / 15)
+        at = tuple(snapshot.grid.index(transform(info.T_mount_camera, point[None]))[0])
+        found += snapshot.state[at] == OCCUPIED
+    world.close()
+    assert (found > 0) == seen
 
 
 def test_a_surface_behind_the_outline_is_seen_up_to_it():

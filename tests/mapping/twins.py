@@ -130,8 +130,12 @@ def hit_bounds(
         gaps[:, flat] = [solid.distance(base[flat]) for solid in solids]
         nearest, gap = gaps.argmin(axis=0), gaps.min(axis=0)
         deep = -limit - np.array([solid.coarse for solid in solids])[nearest]
-        surely &= ((gap > limit + EPS) | (gap < deep - EPS)).reshape(h, w)
-        maybe &= ((gap > limit - EPS) | (gap < deep + EPS)).reshape(h, w)
+        other = ((gap > limit + EPS) | (gap < deep - EPS)).reshape(h, w)
+        perhaps = ((gap > limit - EPS) | (gap < deep + EPS)).reshape(h, w)
+        in_map = (base >= grid.origin) & (base < grid.origin + grid.voxel * np.array(grid.shape))
+        perhaps_witness = perhaps | ~in_map.all(axis=1).reshape(h, w)
+        surely &= other & _by_themselves(view.depth, like, -EPS, other)
+        maybe &= perhaps & _by_themselves(view.depth, like, EPS, perhaps_witness)
     sure_count, may_count = np.zeros(grid.shape), np.zeros(grid.shape)
     low, high = (grid.index(np.nan_to_num(base + e, nan=-1e6)) for e in (-EPS, EPS))
     whole = (low == high).all(axis=1) & surely.reshape(-1)
@@ -158,6 +162,24 @@ def hit_bounds(
 def _count(counts: np.ndarray, cells: np.ndarray) -> None:
     inside = ((cells >= 0) & (cells < counts.shape)).all(axis=1)
     np.add.at(counts, tuple(cells[inside].T), 1)
+
+
+def _by_themselves(
+    depth: np.ndarray, like: np.ndarray, eps: float, witness: np.ndarray
+) -> np.ndarray:
+    """Pixels with nothing nearer beside them, or two neighbours of their depth that count."""
+    h, w = depth.shape
+    padded = np.pad(depth.astype(float), 1, constant_values=np.nan)
+    counts = np.pad(witness, 1)
+    found, nearer = np.zeros((h, w), int), np.zeros((h, w), bool)
+    with np.errstate(invalid="ignore"):
+        for dv, du in np.ndindex(3, 3):
+            if dv == du == 1:
+                continue
+            there = padded[dv : dv + h, du : du + w]
+            found += (np.abs(there - depth) <= like + eps) & counts[dv : dv + h, du : du + w]
+            nearer |= (there > 0.0) & (there - depth < -like - eps)
+    return ~nearer | (found >= 2)
 
 
 def _surface(depth: np.ndarray, like: np.ndarray, support: int) -> np.ndarray:

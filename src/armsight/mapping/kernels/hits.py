@@ -13,8 +13,12 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Bytes, Floats, Floats32, Ints, Ints32, Shorts
-from armsight.mapping.kernels.pixels import trusted
+from armsight.mapping.kernels.pixels import ROBOT, trusted
 from armsight.mapping.kernels.solids import explained
+
+WITNESSES = 2
+"""So many neighbours that no declared solid explains must be of a pixel's depth where something
+nearer is beside it. By the three that any pixel needs of all, a ball beside a post lost a voxel."""
 
 
 @njit(cache=True, nogil=True)
@@ -28,6 +32,75 @@ def _voxel_at(
     if not (a >= 0 and b >= 0 and c >= 0 and a < shape[0] and b < shape[1] and c < shape[2]):
         return -1
     return (int(a) * shape[1] + int(b)) * shape[2] + int(c)
+
+
+@njit(cache=True, nogil=True)
+def _on_declared(
+    z: float,
+    rx: float,
+    ry: float,
+    T: Floats32,
+    noise: Floats,
+    grid: Any,
+    far_grid: Any,
+    solids: Any,
+    tolerance: Any,
+) -> bool:
+    """Whether a declared solid explains the return of depth ``z`` of a ray; see collect_hits."""
+    x = z * (T[0, 0] * rx + T[0, 1] * ry + T[0, 2]) + T[0, 3]
+    y = z * (T[1, 0] * rx + T[1, 1] * ry + T[1, 2]) + T[1, 3]
+    t = z * (T[2, 0] * rx + T[2, 1] * ry + T[2, 2]) + T[2, 3]
+    limit = tolerance[0] + tolerance[1] * z
+    limit += tolerance[2] * (noise[0] + z * (noise[1] + z * noise[2]))
+    for origin, voxel, shape, nearest, bound in (grid, far_grid):
+        index = _voxel_at(x, y, t, origin, np.float32(1.0 / voxel), shape)
+        if index >= 0:
+            half = 0.8660254 * voxel
+            return bool(explained(nearest[index], bound[index], half, limit, solids, x, y, t))
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _borders_declared(
+    depth: Floats32,
+    label: Bytes,
+    rays: Floats32,
+    v: int,
+    u: int,
+    like: float,
+    T: Floats32,
+    noise: Floats,
+    grid: Any,
+    far_grid: Any,
+    solids: Any,
+    tolerance: Any,
+) -> bool:
+    """Whether a pixel may be the border of something nearer, with a declared solid behind in it.
+
+    As before the arm, see :func:`trusted`: where something nearer is beside the pixel, those of
+    its neighbours that a declared solid explains bear no witness for it, nor do the arm's.
+    """
+    h, w = depth.shape
+    z = depth[v, u]
+    nearer = False
+    found = 0
+    for y in range(max(v - 1, 0), min(v + 2, h)):
+        for x in range(max(u - 1, 0), min(u + 2, w)):
+            there = depth[y, x]
+            nearer |= there > 0.0 and there < z - like
+            found += abs(there - z) <= like and label[y, x] != ROBOT
+    if not nearer:
+        return False
+    for y in range(max(v - 1, 0), min(v + 2, h)):
+        for x in range(max(u - 1, 0), min(u + 2, w)):
+            there = depth[y, x]
+            if found <= WITNESSES:  # the pixel itself was counted
+                return True
+            if (y == v and x == u) or label[y, x] == ROBOT or not abs(there - z) <= like:
+                continue
+            rx, ry = rays[y, x, 0], rays[y, x, 1]
+            found -= _on_declared(there, rx, ry, T, noise, grid, far_grid, solids, tolerance)
+    return bool(found <= WITNESSES)
 
 
 @njit(cache=True, nogil=True)
@@ -113,6 +186,10 @@ def collect_hits(
                 continue
             like, exact = 0.01 + 0.01 * z + 4.0 * sigma, 0.003 + 5.0 * sigma
             if not trusted(depth, label, v, u, like, exact, support):
+                continue
+            if _borders_declared(
+                depth, label, rays, v, u, like, T, noise, grid, far_grid, solids, tolerance
+            ):
                 continue
             if counted[index] == 0:
                 if fine:
