@@ -254,7 +254,7 @@ class SelfFilter:
         cable = None if robot.tool is None else robot.tool.cable
         self._cable = None if cable is None else _CableParts(cable)
         # The cable is seen farther from where it should hang than it fills.
-        self._labelled = self._marked = fields
+        self._labelled = self._marked = fields.values, fields.offset, fields.shape
         if self._cable is not None:
             self._labelled = self._cable.joined(fields, ASTRAY)
             self._marked = self._cable.joined(fields, 0.0)
@@ -328,9 +328,7 @@ class SelfFilter:
                 lens.rays,
                 rect,
                 body.T_cells_base @ T_base_camera,
-                self._labelled.values,
-                self._labelled.offset,
-                self._labelled.shape,
+                *self._labelled,
                 CELL,
                 limits,
                 noise,
@@ -369,9 +367,7 @@ class SelfFilter:
             mark_body(
                 body.T_cells_base,
                 box,
-                self._marked.values,
-                self._marked.offset,
-                self._marked.shape,
+                *self._marked,
                 np.asarray(grid.origin, float),
                 grid.voxel,
                 limits,
@@ -389,23 +385,18 @@ class _CableParts:
         self._swinging, self._cable = SwingingCable(cable), cable
         self._piece = cable.length / PIECES
 
-    def joined(self, fields: BodyFields, wider: float) -> BodyFields:
-        """The fields of the arm, and after them those of a cable thicker by ``wider`` [m]."""
+    def joined(self, fields: BodyFields, wider: float) -> tuple[Floats32, Ints, Ints]:
+        """Values, offsets and shapes of the arm's fields, then a cable's thicker by so much [m]."""
         thickest = self._cable.radius + ASTRAY
         field, corner = _empty(np.full(3, -thickest), np.array([0, 0, self._piece]) + thickest)
         along = np.array([0.0, 0.0, self._piece])
         capsule_distance(np.zeros(3), along, self._cable.radius + wider, corner, CELL, field)
         self._corner = corner
         self._box = np.stack([corner, corner + (np.array(field.shape) - 1) * CELL])
-        T_link_grid = np.tile(np.eye(4), (PIECES, 1, 1))
-        T_link_grid[:, :3, 3] = corner
-        return BodyFields(
-            np.concatenate([fields.link, np.full(PIECES, fields.link.max())]),
-            np.concatenate([fields.T_link_grid, T_link_grid]),
+        return (
             np.concatenate([fields.values, field.ravel()]),
             np.concatenate([fields.offset, np.full(PIECES, len(fields.values))]),
             np.concatenate([fields.shape, np.tile(field.shape, (PIECES, 1))]),
-            np.concatenate([fields.gives, np.zeros(PIECES, bool)]),
         )
 
     def beside(self, body: BodyPose, T_base_tip: Pose, stamp: float) -> BodyPose:
