@@ -1,0 +1,86 @@
+"""Terms of the guard that no test of a whole cell notices, each on its own."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from armsight.experiments.quick_cell import QuickCell
+from armsight.motion.arm_model import ArmState
+from armsight.motion.hung_cable import HARMLESS, DraggedCable
+from armsight.motion.nearest import Hazards
+from armsight.motion.separation_monitor import RECEDE
+from armsight.motion.slide_kernels import project
+
+from .test_hung_cable import BARE, LONG, TOOL, Q, monitor, replace
+from .test_monitor_terms import closing, crowd
+from .test_steering import A, B
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_path_is_left_where_one_joint_is_off_it(joint):
+    world = QuickCell(goals=[A, B])
+    world.run(1.5)
+    guard = world.guard
+    route = guard._route
+    assert route is not None
+    for share, left in ((0.8, False), (1.2, True)):
+        guard._goals.drop_request()
+        there = route.wanted(np.zeros(6)).correction.copy()  # where the path is now
+        there[joint] += share * guard.config.off_path
+        tick = SimpleNamespace(
+            brake=False, at_rest=True, now=world.now + 9.0, request=None,
+            view=SimpleNamespace(allowed=1.0), ahead=SimpleNamespace(position=there),
+        )  # fmt: skip
+        guard._reconsider(tick)
+        assert (guard._route is None) == left
+        assert (tick.request is not None) == left
+    assert tick.request.start == pytest.approx(there)
+
+
+def test_a_cable_counts_while_any_joint_moves_it_and_not_only_all():
+    """The first joint stands: spheres on its link need no time to stop, the cable does."""
+    robot = BARE.with_tool(replace(TOOL, cable=LONG))
+    gate, bare = monitor(robot), monitor(BARE)
+    motion = np.array([0.0, 0.8, 0.0, 0.0, 0.0, 0.0])
+    center, velocity = DraggedCable.of(robot).motion(Q, motion)
+    fast = np.flatnonzero(np.linalg.norm(velocity, axis=1) > 1.2 * HARMLESS)
+    lone = 0
+    for part in fast:
+        person = Hazards.at(center[part][None] + np.array([[0.0, -0.3, 0.0]]), 0.0)
+        state = ArmState(0.0, Q, motion)
+        assert not gate.stops_in_time(state, 0.2, person)
+        lone += bare.stops_in_time(state, 0.2, person)
+    assert lone > 0, "somewhere the arm alone would have been in time"
+
+
+def test_without_a_cable_none_limits():
+    gate = monitor(BARE)
+    hand = Hazards.at(gate.body.motion(Q, np.zeros(6))[0][-1:] + 0.4, 0.0)
+    view = gate.judge(Q, np.full(6, 0.3), hand)
+    assert (view.cable, view.cable_excess, view.cable_hazard) == (np.inf, 0.0, -1)
+
+
+def test_along_what_limits_it_a_motion_draws_away(monkeypatch):
+    """What it is projected on is what is allowed less a hair, which rounding cannot turn round."""
+    asked = []
+
+    def told(wanted, rows, bounds, sweeps):
+        asked.append((rows, bounds))
+        return project(wanted, rows, bounds, sweeps)
+
+    monkeypatch.setattr("armsight.motion.separation_monitor.project", told)
+    looked = 0
+    for seed in range(12):
+        made, q, motion, hazards = crowd(seed, count=3, near=0.3, far=0.6)
+        view = made.judge(q, motion, hazards)
+        own, comes = closing(made, q, motion, view, hazards)
+        made.slide(motion, q, hazards, view)
+        for rows, bounds in asked[:1]:
+            for row, bound in zip(rows, bounds):
+                same = np.abs(comes - row @ motion) < 1e-5
+                allowed = view.share[own] * comes
+                assert np.abs(allowed[same] - RECEDE - bound).min() < 1e-5
+                looked += 1
+        asked.clear()
+    assert looked > 20
