@@ -12,11 +12,12 @@ from itertools import cycle
 from pathlib import Path
 
 from armsight.geometry.camera import PinholeCamera
+from armsight.recognition.any_arm.best_outline import best_outlined
 from armsight.recognition.any_arm.edges import at_edges
 from armsight.recognition.any_arm.frames import find_lumps
 from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.observing import observe
-from armsight.recognition.any_arm.recogniser import COMPARED, ArmRecogniser, best_outlined
+from armsight.recognition.any_arm.recogniser import COMPARED, ArmRecogniser
 from armsight.recognition.any_arm.solver import solve
 from armsight.recognition.data.generate import generate
 from armsight.recognition.data.labelled_set import LabelledSet

@@ -1,6 +1,7 @@
 """Which looks at a whole picture are taken, and what in them is an arm."""
 
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ def recogniser(monkeypatch: pytest.MonkeyPatch) -> ArmRecogniser:
         return replace(look, surface=replace(look.surface, links=links), types=types), crop
 
     monkeypatch.setattr(found, "looked", sure)
+    monkeypatch.setattr(found, "_mean_sureness", lambda *_: 2.0)
     return found
 
 
@@ -95,3 +97,37 @@ def test_what_may_be_an_arm_is_one_only_where_no_look_shows_a_surer_one(
     found = recogniser.recognise(Picture("p", np.full((480, 640, 3), 90, np.uint8)), lens)
     assert len(found.arms) == 1
     assert found.arms[0].mask[220:280, 220:280].max() > 0.5
+
+
+@pytest.mark.parametrize(("first", "others", "asked", "arm"), [
+    (1.6, (0.0, 0.0, 0.0), 0, True),  # surely one: nobody looks again
+    (1.3, (1.2, 1.1, 0.9), 3, True),
+    (1.3, (1.2, 0.9, -0.7), 3, False),  # mirrored, it is none
+])  # fmt: skip
+def test_what_is_doubtful_is_looked_at_nearer_wider_and_mirrored(
+    monkeypatch: pytest.MonkeyPatch,
+    first: float,
+    others: tuple[float, ...],
+    asked: int,
+    arm: bool,
+) -> None:
+    found = ArmRecogniser(CropModel(network_file("arms"), 1))
+    image = np.random.default_rng(3).integers(0, 255, (480, 640, 3), np.uint8)
+    lens = PinholeCamera(640, 480, 500.0, 500.0, 320.0, 240.0)
+    answers = cycle([first, *others])
+    images: list[np.ndarray] = []
+    look = found.model.look
+
+    def seen(shown: np.ndarray) -> Look:
+        images.append(shown)
+        return look(shown)
+
+    monkeypatch.setattr(found.model, "look", seen)
+    monkeypatch.setattr(module, "sureness", lambda _: next(answers))
+    monkeypatch.setattr(module, "is_arm", lambda *_: True)
+    monkeypatch.setattr(module, "find_lumps", lambda *_: ([BOX], None))
+    assert bool(found.recognise(Picture("p", image), lens).arms) == arm
+    assert len(images) in (asked, 3 * asked)  # a rejected lump is asked about in each look
+    if asked:
+        crop = found.looked(image, lens, BOX.low, BOX.high)[1]
+        np.testing.assert_array_equal(images[2], crop.image[:, ::-1])

@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from armsight.geometry.pose import inverse, look_at, make_pose
+from armsight.recognition.any_arm.best_outline import Outlined, best_outlined
 from armsight.recognition.any_arm.known import place_known
 from armsight.recognition.any_arm.landmarks import find_landmarks
 from armsight.recognition.any_arm.outline import (
@@ -15,7 +16,6 @@ from armsight.recognition.any_arm.outline import (
     outline_overlap,
 )
 from armsight.recognition.any_arm.pixel_kernels import rim_pulls
-from armsight.recognition.any_arm.recogniser import Outlined, best_outlined
 from armsight.recognition.any_arm.solver import Fit, Observations, cost_of
 from armsight.recognition.any_arm.trust import GAP
 from armsight.recognition.any_arm.views import SIDE, Crop

@@ -6,8 +6,8 @@ import pytest
 from tests.recognition.own_arm.synthetic import LENS, T_BASE_CAMERA, corners, robot
 
 from armsight.geometry.pose import exp, inverse, transform
-from armsight.recognition.own_arm import color
-from armsight.recognition.own_arm.answer import ColorView
+from armsight.recognition.own_arm import color, color_search
+from armsight.recognition.own_arm.answer import ColorView, OwnArmPose
 from armsight.recognition.own_arm.color import register_color
 from armsight.recognition.own_arm.color_scene import ColorOptions, ColorScene
 from armsight.recognition.own_arm.color_search import search_color
@@ -103,6 +103,56 @@ def test_a_room_in_which_nothing_moves_is_not_believed(views: list[ColorView]) -
     answer = search_color(surface, LENS, still, OPTIONS)
     assert not answer.believed
     assert "nothing moves" in answer.problem
+
+
+GUESSES = ([0.03, -0.04, 0.02, 0.03, -0.02, 0.03], [-0.03, 0.02, 0.04, -0.03, 0.03, 0.0])
+"""Twists by which single pictures err [m, rad]."""
+
+
+def test_guesses_of_single_pictures_are_brought_to_the_outline(
+    views: list[ColorView], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two are about right and one is another camera's: nothing else needs to be searched."""
+    monkeypatch.setattr(color_search, "_proposed", lambda *_: pytest.fail("searched all poses"))
+    wild = T_BASE_CAMERA @ exp([1.5, 0.3, 0.2, 0.4, 2.0, 0.1])
+    guesses = [wild, *(T_BASE_CAMERA @ exp(twist) for twist in GUESSES)]
+    answer = search_color(arm_surface(robot()), LENS, views, OPTIONS, guesses=guesses)
+    assert answer.believed
+    assert off(answer.T_base_camera) < 0.012
+
+
+def test_an_answer_far_from_what_guesses_agree_on_must_show_more_of_itself(
+    views: list[ColorView], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[float] = []
+    nearest = color_search.near
+
+    def near(scene: ColorScene, *rest: object) -> OwnArmPose:
+        asked.append(scene.options.least_seen)
+        return nearest(scene, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(color_search, "near", near)
+    aside = exp([0.05, 0.05, 0.05, 0.0, 0.0, 0.0])
+    guesses = [T_BASE_CAMERA @ aside @ exp([0.0, 0.0, d, 0.0, 0.0, 0.0]) for d in (0.0, 0.01)]
+    found = search_color(arm_surface(robot()), LENS, views, OPTIONS, guesses=guesses)
+    assert asked[:2] == [OPTIONS.least_seen, color_search.LEAST_SEEN]
+    assert off(found.T_base_camera) < 0.012
+
+
+def test_wrong_guesses_do_not_keep_the_search_from_looking_everywhere(
+    views: list[ColorView], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched: list[int] = []
+
+    def proposed(scene: ColorScene, rotations: np.ndarray) -> np.ndarray:
+        searched.append(len(rotations))
+        return np.stack([inverse(T_BASE_CAMERA @ exp(0.2 * np.array(GUESSES[0])))])
+
+    monkeypatch.setattr(color_search, "_proposed", proposed)
+    wild = [T_BASE_CAMERA @ exp([1.5, 0.3, 0.2, 0.4, 2.0, 0.1])]
+    answer = search_color(arm_surface(robot()), LENS, views, OPTIONS, guesses=wild)
+    assert searched
+    assert off(answer.T_base_camera) < 0.012
 
 
 def test_views_are_asked_for() -> None:

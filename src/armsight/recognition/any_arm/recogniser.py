@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,19 +11,27 @@ from armsight.arrays import ColorImage, Floats, Floats32
 from armsight.errors import RecognitionError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import make_pose
-from armsight.machine import usable_cores
+from armsight.recognition.any_arm.best_outline import OUTLINE, best_outlined
 from armsight.recognition.any_arm.edges import at_edges
 from armsight.recognition.any_arm.evidence import STRIDE, Evidence
 from armsight.recognition.any_arm.frames import LOOKS, Lump, find_lumps
-from armsight.recognition.any_arm.lens_doubt import RIGHT, doubted
+from armsight.recognition.any_arm.lens_doubt import doubted
 from armsight.recognition.any_arm.model import CropModel, Look
 from armsight.recognition.any_arm.observing import observe
-from armsight.recognition.any_arm.outline import Edge, drawn_into, follow_outline, outline_overlap
-from armsight.recognition.any_arm.presence import ARM, FOUND, is_arm, may_be_arm
+from armsight.recognition.any_arm.outline import drawn_into
+from armsight.recognition.any_arm.presence import (
+    ARM,
+    FOUND,
+    STAYS,
+    SURE,
+    is_arm,
+    may_be_arm,
+    sureness,
+)
 from armsight.recognition.any_arm.sighting import Arm, Intrinsics, Sighting
-from armsight.recognition.any_arm.solver import Fit, Observations, cost_of, solve
-from armsight.recognition.any_arm.trust import GAP, LEAD, features, read_trust
-from armsight.recognition.any_arm.views import FIRST, Crop, mask_in_picture, take_crop
+from armsight.recognition.any_arm.solver import Fit, cost_of, solve
+from armsight.recognition.any_arm.trust import LEAD, features, read_trust
+from armsight.recognition.any_arm.views import FIRST, Crop, mask_in_picture, take_crop, zoomed
 from armsight.recognition.inference.intrinsics import check_size
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.catalogue import load_robot
@@ -34,6 +41,8 @@ FAINT = 0.15
 """Share of the strongest lump below which another is none."""
 MARGIN = 1.3
 """Side of a crop over the arm's box."""
+OTHER_MARGINS = (1.0, 1.9)
+"""The same of the looks at what is doubtful."""
 GOES_ON = 0.25 * FIRST / STRIDE
 """How far an arm that the crop's edge cuts is thought to go on beyond it [cells]."""
 TYPES = 2
@@ -42,29 +51,11 @@ RIVAL = 0.2
 """Share of the known types' probability below which a second type is not fitted."""
 COMPARED = 5
 """Fits of a type whose outlines are drawn."""
-OUTLINE = 120.0
-"""Cost of an outline that overlaps nowhere, against landmarks; chosen on held-back crops of the
-training's renderer."""
 KIND = 16.0
 """Cost of a type for each unit by which the log of its probability is less; chosen likewise."""
 ASSUMED_FOV = np.deg2rad(65.0)
 """Field of view along the longer side of a picture that says nothing of its lens: phones' 60 to 70
 deg, however they are held."""
-
-
-@dataclass(frozen=True)
-class Outlined:
-    """A fit with its outline on the mask's.
-
-    Attributes:
-        fit: itself.
-        overlap: of its outline, 0..1.
-        gap: by how much less it costs than the best other fit that puts the joints elsewhere.
-    """
-
-    fit: Fit
-    overlap: float
-    gap: float
 
 
 @dataclass(frozen=True)
@@ -134,12 +125,12 @@ class ArmRecogniser:
         arms: list[Arm] = []
         doubtful: list[tuple[Look, Crop]] = []
         shown = 0
-        for longest, least in zip(LOOKS, FOUND, strict=True):
+        for longest, least, stays in zip(LOOKS, FOUND, STAYS, strict=True):
             # A small arm is overlooked in the whole; larger, other things look like one, too.
             if arms or max(h, w) <= shown:
                 break
             lumps = find_lumps(self.model, picture.image, longest)[0]
-            arms = self._arms(picture.image, lens, lumps, least, doubtful)
+            arms = self._arms(picture.image, lens, lumps, least, stays, doubtful)
             shown = longest
         if not arms and doubtful:
             arms = [self._judged(*doubtful[0], lens)[0]]
@@ -173,6 +164,7 @@ class ArmRecogniser:
         lens: PinholeCamera,
         lumps: Sequence[Lump],
         least: float,
+        stays: float,
         doubtful: list[tuple[Look, Crop]],
     ) -> list[Arm]:
         """The arms in lumps of a picture, each once; what may be one is added to ``doubtful``."""
@@ -181,13 +173,33 @@ class ArmRecogniser:
             if lump.strength < FAINT * lumps[0].strength:
                 break
             look, crop = self.looked(image, lens, lump.low, lump.high)
-            if is_arm(look, least):
+            sure = is_arm(look, least)
+            if not (sure or may_be_arm(look, lump.strength)):
+                continue
+            if self._mean_sureness(look, crop, image, lens) < stays:
+                continue
+            if sure:
                 arm = self._judged(look, crop, lens)[0]
                 if not any(_same(arm, other) for other in arms):
                     arms.append(arm)
-            elif may_be_arm(look, lump.strength):
+            else:
                 doubtful.append((look, crop))
         return arms
+
+    def _mean_sureness(
+        self, look: Look, crop: Crop, image: ColorImage, lens: PinholeCamera
+    ) -> float:
+        """Of a look, and if that is doubtful of nearer, wider and mirrored ones, too.
+
+        What is an arm stays one; what only looks like it, from here, does not.
+        """
+        first = sureness(look)
+        if first >= SURE:
+            return first
+        images = [zoomed(image, lens, crop, MARGIN / margin).image for margin in OTHER_MARGINS]
+        images.append(np.ascontiguousarray(crop.image[:, ::-1]))
+        more = [sureness(self.model.look(image)) for image in images]
+        return float(np.mean([first, *more]))
 
     def looked(
         self, image: ColorImage, lens: PinholeCamera, low: Floats, high: Floats
@@ -310,39 +322,6 @@ class ArmRecogniser:
         mass = float(look.places[name].mass.mean())
         score = cost + OUTLINE * (1.0 - overlap) - KIND * float(np.log(kind + 1e-3))
         return _Candidate(fit, overlap, score, kind, mass, len(seen.link), cost, found.gap)
-
-
-def best_outlined(
-    fits: Sequence[Fit], seen: Observations, arm: Floats32, crop: Crop, threads: int = 1
-) -> Outlined | None:
-    """Of fits to landmarks the one that ends up best on the mask.
-
-    Args:
-        fits: best first.
-        seen: the observations that they explain.
-        arm: (side, side) probability of the arm in the crop.
-        crop: itself.
-        threads: that follow them; 0 for as many as there are cores.
-    """
-    if not fits:
-        return None
-    edge = Edge.of(arm, crop)
-
-    def end(fit: Fit) -> tuple[float, float, Fit]:
-        drawn = follow_outline(fit, seen, edge)
-        overlap = outline_overlap(drawn, edge)
-        return cost_of(drawn, seen) + OUTLINE * (1.0 - overlap), overlap, drawn
-
-    with ThreadPoolExecutor(threads or usable_cores()) as pool:
-        ends = list(pool.map(end, fits))
-    (cost, overlap, best), *others = sorted(ends, key=lambda end: end[0])
-    gaps = [end[0] - cost for end in others if _apart(end[2], best) > RIGHT]
-    return Outlined(best, overlap, min(gaps, default=GAP))
-
-
-def _apart(a: Fit, b: Fit) -> float:
-    """Mean distance of the joints of two fits of one robot [m]."""
-    return float(np.linalg.norm(a.joints() - b.joints(), axis=1).mean())
 
 
 def _mask_box(first: Evidence, crop: Crop) -> tuple[Floats, Floats] | None:

@@ -105,6 +105,13 @@ def take_crop(
     return Crop(seen, R, f, inside)
 
 
+def zoomed(image: ColorImage, lens: PinholeCamera, crop: Crop, factor: float) -> Crop:
+    """What a crop's camera sees of the picture with so many times the focal length."""
+    f = factor * crop.f
+    seen, inside = _seen(image, lens, crop.R, f, crop.side)
+    return Crop(seen, crop.R, f, inside)
+
+
 def _seen(
     image: ColorImage, lens: PinholeCamera, R: Rotation3, f: float, side: int
 ) -> tuple[ColorImage, Mask]:

@@ -1,18 +1,20 @@
 """A camera's pose from colour pictures of the moving arm with nothing believed of it.
 
-As :mod:`.depth_search`, but a patch that moved tells a direction only: each is tried at several
+A network that knows the arm may guess from single pictures; else what moved proposes, as in
+:mod:`.depth_search`, but a patch that moved tells a direction only: each is tried at several
 distances, with many rotations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from armsight.arrays import Floats, Poses
+from armsight.arrays import Floats, Points, Pose, Poses
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import inverse
+from armsight.geometry.pose import inverse, transform
 from armsight.recognition.own_arm.answer import ColorView, OwnArmPose
 from armsight.recognition.own_arm.color import follow, narrowed_starts, near, promising
 from armsight.recognition.own_arm.color_scene import ColorOptions, ColorScene, color_scene
@@ -43,6 +45,14 @@ WIDTH = 2500
 """Proposals with which the beam begins."""
 PURSUED, FOLLOWED = 100, 8
 """Of the beam: for some steps, and to the end."""
+ABOUT_GUESS, ABOUT_GUESSES = (0.10, 0.08, 1500), (0.04, 0.04, 800)
+"""Of the search about a guess, and about one that others agree with: shift [m], turn [rad],
+starts."""
+AGREE = 0.08
+"""Poses agree that put the arm's points so near to each other, root mean square [m]."""
+WITNESSES, BORNE_OUT = 2, 0.04
+"""Guesses that agree, and how near to the mean of these an answer puts the arm's points [m], from
+which it counts as one that was believed before."""
 THINNED = 12
 """One in so many points of the surface says where its middle is."""
 BEAM = (
@@ -61,37 +71,70 @@ def search_color(
     views: Sequence[ColorView],
     options: ColorOptions | None = None,
     seed: int = 0,
+    guesses: Sequence[Pose] = (),
 ) -> OwnArmPose:
     """The pose of a colour camera from pictures of the arm in different poses, with no start.
 
-    Poses in which the arm stands and the camera is upright are tried first: there are four times
-    fewer of them, so that they are tried more closely.
+    What was guessed is tried first. Then poses in which the arm stands and the camera is upright:
+    there are four times fewer of them, so that they are tried more closely.
 
     Args:
         surface: of the arm.
         lens: of the pictures.
         views: at least three, better six, by a camera that stands.
-        options: how; if absent, an answer must show more of itself than from an old pose.
+        options: how; an answer that no guesses bear out must show more of itself than they say.
         seed: of the rotations that are tried.
+        guesses: ``T_base_camera``, at most one by each of the pictures; some may be wrong.
 
     Raises:
         ValueError: there are fewer than three views.
     """
-    scene = color_scene(surface, lens, views, options or ColorOptions(least_seen=LEAST_SEEN))
+    scene = color_scene(surface, lens, views, options)
     if not scene.coarse.areas[:, 1:].any():
         return nothing_moves(len(views), 0.0)
+    from_nowhere = replace(scene.options, least_seen=max(scene.options.least_seen, LEAST_SEEN))
+    strict = replace(scene, options=from_nowhere)
+    guessed = np.array([inverse(T) for T in guesses])
 
     def attempt(rng: np.random.Generator, number: int) -> OwnArmPose:
-        rotations = upright_rotations(rng) if number == 0 else all_rotations(ROTATIONS, rng)
+        if number == 0 and len(guessed):
+            return _about_guesses(scene, strict, guessed, rng)
+        first = number == int(len(guessed) > 0)
+        rotations = upright_rotations(rng) if first else all_rotations(ROTATIONS, rng)
         poses = _proposed(scene, rotations)
         scores = scene.agreement(poses, False, 60)
         poses = poses[np.argsort(-scores, kind="stable")[:WIDTH]]
         starts = narrowed_starts(scene, poses, BEAM, rng, PURSUED)
-        found = follow(scene, promising(scene, starts, FOLLOWED))
+        found = follow(strict, promising(scene, starts, FOLLOWED))
         # A beam from everywhere ends near the answer, and often on a lower hill beside it.
-        return near(scene, inverse(found.T_base_camera), *POLISH, rng)
+        return near(strict, inverse(found.T_base_camera), *POLISH, rng)
 
-    return attempted(ATTEMPTS, seed, attempt, lambda a: a.score * a.seen**2)
+    attempts = ATTEMPTS + int(len(guessed) > 0)
+    return attempted(attempts, seed, attempt, lambda a: a.score * a.seen**2)
+
+
+def _about_guesses(
+    scene: ColorScene, strict: ColorScene, guessed: Poses, rng: np.random.Generator
+) -> OwnArmPose:
+    """The best answer about the guess that most others agree with."""
+    points = scene.points.reshape(-1, 3)[::THINNED]
+    places: Floats = np.stack([transform(T, points) for T in guessed])
+    agree = np.array([[_apart(a, b) < AGREE for a in places] for b in places])
+    explained = scene.agreement(guessed, False, 300)
+    best = max(range(len(guessed)), key=lambda k: (agree[k].sum(), explained[k]))
+    witnesses = int(agree[best].sum())
+    about = ABOUT_GUESSES if witnesses > WITNESSES else ABOUT_GUESS
+    found = near(scene, guessed[best], *about, rng)
+    T = inverse(found.T_base_camera)
+    borne_out = _apart(transform(T, points), places[agree[best]].mean(axis=0)) < BORNE_OUT
+    if not found.believed or (witnesses >= WITNESSES and borne_out):
+        return found
+    return near(strict, T, *POLISH, rng)
+
+
+def _apart(a: Points, b: Points) -> float:
+    """Root mean square distance of (m, 3) points [m]."""
+    return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean()))
 
 
 def upright_rotations(rng: np.random.Generator) -> Floats:
