@@ -28,6 +28,7 @@ from armsight.commands.experiment import ExperimentCommand
 from armsight.commands.extend import Extend
 from armsight.commands.new import New
 from armsight.commands.patrol import Patrol
+from armsight.commands.place import Place
 from armsight.commands.recognise import Recognise
 from armsight.commands.record import Record
 from armsight.commands.replay import Replay
@@ -58,6 +59,7 @@ COMMANDS = (
     ViewCommand,
     Dataset,
     Recognise,
+    Place,
     DetectPort,
     Train,
     Transfer,
@@ -77,6 +79,7 @@ DESCRIPTION = """armsight: a robot arm that knows its surroundings.
   armsight charge ur10_charging                  a parked car is found, plugged in and charged
   armsight calibrate ur5_calibration             find cameras and lenses by the board on the arm
   armsight recognise photo.jpg                   type, mask, base and joints of a robot in it
+  armsight place photo.jpg --robot ur5 --joints-deg 0 -90 90 -90 -90 0   where its camera stood
   armsight detect-port photo.jpg                 type and pose of a charging port in it
   armsight experiment patrol-smoke               a table beside the papers' figures
 

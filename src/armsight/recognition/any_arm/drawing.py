@@ -5,9 +5,15 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage
+from armsight.arrays import Bytes, ColorImage, JointVector, Pose
+from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import inverse, transform
 from armsight.recognition.any_arm.sighting import Arm, Sighting
 from armsight.recognition.drawing import draw_skeleton, draw_words, thickness
+from armsight.recognition.own_arm.kernels import lens_array
+from armsight.recognition.own_arm.surface import arm_surface, drawn
+from armsight.robots.kinematics import link_poses
+from armsight.robots.robot import Robot
 
 _TINTS = ((255, 170, 0), (0, 190, 255), (160, 110, 255), (90, 220, 90))
 SURE = 0.5
@@ -35,6 +41,37 @@ def draw(image: ColorImage, found: Sighting) -> ColorImage:
         if arm.T_camera_base is not None and arm.trust >= GUESS:
             draw_skeleton(out, found.pixels(arm), arm.believed)
     draw_words(out, [*(_title(arm) for arm in found.arms), *found.notes], 1700)
+    return out
+
+
+def draw_placed(
+    image: ColorImage,
+    lens: PinholeCamera,
+    robot: Robot,
+    q: JointVector,
+    T_base_camera: Pose,
+    believed: bool,
+) -> ColorImage:
+    """(h, w, 3) copy with the arm drawn in where a camera at a pose would see it.
+
+    Args:
+        image: the picture.
+        lens: of the picture.
+        robot: the arm.
+        q: (n,) its joints [rad].
+        T_base_camera: where the camera is said to stand.
+        believed: whether that is to be believed; a skeleton that is not is grey.
+    """
+    out = np.ascontiguousarray(image).copy()
+    surface, T = arm_surface(robot), inverse(T_base_camera)
+    size = (image.shape[1], image.shape[0])
+    # A drawing is for eyes: the lens's distortion bends the skeleton alone.
+    seen = transform(T, surface.posed(q))
+    mask = drawn(surface, seen, lens_array(lens), size)[1] >= 0
+    outline, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    cv2.drawContours(out, outline, -1, _TINTS[0], thickness(out))
+    places = transform(T, link_poses(robot, q)[:, :3, 3])
+    draw_skeleton(out, lens.project(places), believed)
     return out
 
 
