@@ -1,5 +1,6 @@
 """Terms of the map that no test of a whole cell notices, each against a reckoning of its own."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from armsight.geometry.pose import transform
 from armsight.mapping import plausibility
+from armsight.mapping.hazards import UnseenPeople
 from armsight.mapping.occupancy import Occupancy
 from armsight.mapping.plausibility import ARM_BEHIND, ARM_DEEP, _deep_points
 from armsight.mapping.self_filter import body_fields
@@ -78,3 +80,17 @@ def test_a_map_that_no_camera_looks_at_is_of_no_time():
     snapshot = world.update([], JOINTS, 0.5)
     assert (snapshot.stamp, snapshot.oldest) == (-np.inf, -np.inf)
     world.close()
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_people_come_into_a_grid_only_from_one_that_encloses_it(axis, side):
+    around = UnseenPeople(
+        VoxelGrid(np.full(3, -1.0), 0.1, (20, 20, 20)), np.zeros((20, 20, 20), np.uint8), 2.0, 0.1
+    )
+    for beyond, fits in ((0.0, True), (0.4, False)):
+        lower = np.full(3, -0.3)
+        lower[axis] = (0.4 if side > 0 else -1.0) + side * beyond
+        inner = VoxelGrid(lower, 0.05, (12, 12, 12))
+        with nullcontext() if fits else pytest.raises(AssertionError):
+            UnseenPeople(inner, np.zeros((12, 12, 12), np.uint8), 2.0, 0.1, around)

@@ -8,13 +8,14 @@ import pytest
 from armsight.experiments.quick_cell import QuickCell
 from armsight.motion.arm_model import ArmState
 from armsight.motion.hung_cable import HARMLESS, DraggedCable
+from armsight.motion.intents import JointIntent
 from armsight.motion.nearest import Hazards
 from armsight.motion.separation_monitor import RECEDE
 from armsight.motion.slide_kernels import project
 
 from .test_hung_cable import BARE, LONG, TOOL, Q, monitor, replace
 from .test_monitor_terms import closing, crowd
-from .test_steering import A, B
+from .test_steering import A, B, ready, wish
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -84,3 +85,26 @@ def test_along_what_limits_it_a_motion_draws_away(monkeypatch):
                 looked += 1
         asked.clear()
     assert looked > 20
+
+
+def test_from_a_velocity_it_coasts_on_from_where_it_is_and_joins_the_plan_under_way(monkeypatch):
+    """The first tick of coasting goes on by one: on its path then, and not two ticks from it."""
+    world = ready()
+    for _ in range(80):
+        world.tick(goal=wish(world, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
+    guard, off, joins = world.guard, [], []
+    coasts = guard._coast
+
+    def look(tick):
+        done = coasts(tick)
+        if done:
+            off.append(np.abs(guard._route.wanted(tick.ahead.position).correction).max())
+        return done
+
+    monkeypatch.setattr(guard, "_coast", look)
+    for _ in range(60):
+        world.tick(goal=JointIntent("B", B))
+        joins.append(guard._joining)
+    assert len(off) == 1
+    assert off[0] < 0.1 * 0.2 * world.config.period
+    assert any(joins), "the plan came while it moved"
