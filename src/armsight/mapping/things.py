@@ -276,7 +276,7 @@ class Things:
         if self._round > 2**30:
             self._mark.fill(0)
             self._round = 3
-        large, number, again = self._round, self._round + 1, self._round + 2
+        large, number, again = range(self._round, self._round + 3)
         starts = np.empty(len(people), np.int32)
         space = (occupied, unseen.room, unseen.rim, self._shape, self._limit, self._mark)
         count = small_pieces(
