@@ -94,3 +94,31 @@ def test_people_come_into_a_grid_only_from_one_that_encloses_it(axis, side):
         inner = VoxelGrid(lower, 0.05, (12, 12, 12))
         with nullcontext() if fits else pytest.raises(AssertionError):
             UnseenPeople(inner, np.zeros((12, 12, 12), np.uint8), 2.0, 0.1, around)
+
+
+def test_what_a_task_tracks_is_where_it_is_in_the_newest_picture(monkeypatch):
+    """Of two cameras' one, whichever is told first."""
+    cameras = [
+        scenes.camera_info("a", (1.3, 0.5, 1.1), (0.0, 0.0, 0.2)),
+        scenes.camera_info("b", (-1.1, 0.6, 1.1), (0.0, 0.0, 0.2)),
+    ]
+    config = replace(CONFIG, lower=(-1.0, -1.0, -0.2), upper=(1.0, 1.0, 1.0))
+    solids = [TABLE, *scenes.arm_solids(scenes.two_link_arm(), np.zeros(2))]
+    world, told = WorkspaceMap(scenes.two_link_arm(), cameras, [TABLE], config), []
+    finds = world._people.update
+
+    def update(state, body, alive, times, region):
+        told.append(times)
+        return finds(state, body, alive, times, region)
+
+    monkeypatch.setattr(world._people, "update", update)
+    for stamps in ((0.10, 0.12), (0.16, 0.14)):
+        frames = [
+            scenes.frame(c, stamp, scenes.ray_cast(c.depth, c.T_mount_camera, solids))
+            for c, stamp in zip(cameras, stamps)
+        ]
+        frames = [replace(f, sequence=len(told)) for f in frames]
+        snapshot = world.update(frames, JOINTS, 0.17)
+        assert all(camera.alive for camera in snapshot.cameras), snapshot.cameras
+        assert told[-1][2] == max(stamps)
+    world.close()

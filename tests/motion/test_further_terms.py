@@ -5,14 +5,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from armsight.experiments.quick_cell import QuickCell
+from armsight.experiments.quick_cell import Ball, QuickCell
+from armsight.geometry.pose import make_pose
 from armsight.motion.arm_model import ArmState
+from armsight.motion.contact_speed import ContactSpeed, carried_along
+from armsight.motion.guard_config import GuardConfig
 from armsight.motion.hung_cable import HARMLESS, DraggedCable
 from armsight.motion.intents import JointIntent
 from armsight.motion.nearest import Hazards
-from armsight.motion.separation_monitor import RECEDE
+from armsight.motion.reflex import ReflexStage
+from armsight.motion.regions import Region
+from armsight.motion.separation_monitor import RECEDE, SeparationMonitor
 from armsight.motion.slide_kernels import project
 
+from .test_contact import ROBOT
 from .test_hung_cable import BARE, LONG, TOOL, Q, monitor, replace
 from .test_monitor_terms import closing, crowd
 from .test_steering import A, B, ready, wish
@@ -108,3 +114,44 @@ def test_from_a_velocity_it_coasts_on_from_where_it_is_and_joins_the_plan_under_
     assert len(off) == 1
     assert off[0] < 0.1 * 0.2 * world.config.period
     assert any(joins), "the plan came while it moved"
+
+
+def test_a_reflex_chooses_its_way_at_rest(monkeypatch):
+    """Until then it slows down along its path: a way back does not begin at full speed."""
+    cell = QuickCell(goals=[B], config=GuardConfig(reflex_distance=0.4))
+    cell.q = A.copy()
+    cell.run(1.8)
+    center, velocity = (x[-1] for x in cell.guard.body.motion(cell.q, cell.v))
+    ahead = center + 0.35 * velocity / np.linalg.norm(velocity)
+    cell.balls = [Ball(lambda t: ahead, 0.05)]
+    reflex, chosen, slows = cell.guard._reflex, [], 0
+    chooses = reflex.choose
+
+    def choose(*told):
+        chosen.append(np.abs(cell.v).max())
+        chooses(*told)
+
+    monkeypatch.setattr(reflex, "choose", choose)
+    while not chosen and cell.now < 4.0:
+        cell.tick()
+        slows += reflex.stage == ReflexStage.STOPPING
+    assert chosen == pytest.approx([0.0], abs=0.01)
+    assert slows > 2
+
+
+def test_of_a_wish_that_comes_too_fast_to_what_may_be_touched_what_leads_beside_it_is_kept():
+    """The tip, a centimetre before a ball: it is to lie before its place while it comes slowly."""
+    gate = SeparationMonitor(ROBOT, GuardConfig(), ROBOT.limits.acceleration)
+    gate.set_reaction(0.2, 0.0173)
+    q, body = ROBOT.home, gate.body
+    center, _ = body.motion(q, np.zeros(6))
+    part, ball = len(center) - 1, 0.03
+    way, beside = np.array([0.0, 0.0, -1.0]), np.array([0.6, 0.8, 0.0])
+    middle = center[part] + (body.radius[part] + 0.01 + ball) * way
+    region = Region("sphere", (ball, 0, 0), make_pose(None, middle), 1.0, np.zeros(3))
+    parts = np.arange(len(center)) == part
+    contact = ContactSpeed("ball", parts, region, 1.0, 0.02, 0.0)
+    wanted = carried_along(body, q, part, 0.3 * way + 0.08 * beside)
+    tip = body.jacobian(q, part)[:3] @ contact.ease(body, q, wanted, gate.law)
+    assert 0.0 < tip @ way < 0.2
+    assert tip @ beside == pytest.approx(0.08, rel=0.05)
