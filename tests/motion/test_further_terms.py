@@ -12,6 +12,7 @@ from armsight.motion.contact_speed import ContactSpeed, carried_along
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.hung_cable import HARMLESS, DraggedCable
 from armsight.motion.intents import JointIntent
+from armsight.motion.looking import look
 from armsight.motion.nearest import Hazards
 from armsight.motion.reflex import ReflexStage
 from armsight.motion.regions import Region
@@ -101,13 +102,13 @@ def test_from_a_velocity_it_coasts_on_from_where_it_is_and_joins_the_plan_under_
     guard, off, joins = world.guard, [], []
     coasts = guard._coast
 
-    def look(tick):
+    def coast(tick):
         done = coasts(tick)
         if done:
             off.append(np.abs(guard._route.wanted(tick.ahead.position).correction).max())
         return done
 
-    monkeypatch.setattr(guard, "_coast", look)
+    monkeypatch.setattr(guard, "_coast", coast)
     for _ in range(60):
         world.tick(goal=JointIntent("B", B))
         joins.append(guard._joining)
@@ -155,3 +156,19 @@ def test_of_a_wish_that_comes_too_fast_to_what_may_be_touched_what_leads_beside_
     tip = body.jacobian(q, part)[:3] @ contact.ease(body, q, wanted, gate.law)
     assert 0.0 < tip @ way < 0.2
     assert tip @ beside == pytest.approx(0.08, rel=0.05)
+
+
+@pytest.mark.parametrize("now", [0.0, 0.2])
+@pytest.mark.parametrize("then", [0.0, -0.2])
+def test_an_arm_is_at_rest_where_it_stands_now_and_will_when_a_command_acts(now, then):
+    def ahead(joints, time):
+        return ArmState(
+            time, np.zeros(6), np.array([0.0, now if time == 1.0 else then] + 4 * [0.0])
+        )
+
+    filter_ = SimpleNamespace(
+        arm=SimpleNamespace(ahead=ahead), config=GuardConfig(), hazards=None,
+        robot=SimpleNamespace(n=6), monitor=SimpleNamespace(at_rest=lambda q, hazards: None),
+    )  # fmt: skip
+    tick = look(filter_, 1.0, 0.008, None, None, None)
+    assert tick.at_rest == (now == then == 0.0)
