@@ -158,8 +158,9 @@ def test_the_quick_fit_ends_where_the_full_one_does() -> None:
     model = curves(PORTS["type2"], 0.002)
     numbers = np.array([LENS.fx, LENS.fy, LENS.cx, LENS.cy, *LENS.distortion])
     reaches = np.array([5.0, 5.0, 4.0, 3.0, 2.5, 2.5, 2.5, 2.5])
+    alone = np.full((len(model.points), 2), -1)
     quick, d, _, _ = fit_rigid(
-        view.gx, view.gy, numbers, model.points, model.normals, start, reaches, 0.5
+        view.gx, view.gy, numbers, model.points, model.normals, alone, start, reaches, 0.5, 0.2
     )
     full = fit([view], PORTS["type2"], start, FitOptions(makes=False, iterations=10))
     assert np.mean(np.abs(np.nan_to_num(d, nan=9.0)) < 1.5) > 0.9

@@ -70,10 +70,10 @@ def test_one_picture_has_to_be_clearer_where_the_other_looks_there(left) -> None
         seen = replace(alone, score=score, match=match)
         return _by_one(((seen,), other), PAIR, ONLY)
 
-    assert judged(0.65, 2.0)
-    assert not judged(0.65, 1.0)  # enough where only one of them looks
-    assert not judged(0.57, 2.0)
-    assert not judged(0.65, 2.0, (alone,))  # the other shows one of its own, elsewhere
+    assert judged(0.8, 3.5)
+    assert not judged(0.8, 1.5)  # enough where only one of them looks
+    assert not judged(0.65, 3.5)
+    assert not judged(0.8, 3.5, (alone,))  # the other shows one of its own, elsewhere
 
 
 def test_a_thing_of_another_size_is_no_port_however_alike(left) -> None:
@@ -113,8 +113,8 @@ def test_half_of_the_edges_do_not_do_where_whole_rims_are_missing(left) -> None:
         half = replace(seen.matches[0], score=score, evidence=0.5 * evidence)
         return _enough(replace(seen, score=score, matches=(half, half)), options)
 
-    assert judged(0.51, 0.35)
-    assert judged(0.45, 0.5)
-    assert not judged(0.45, 0.35)
+    assert judged(0.51, 0.7)
+    assert judged(0.45, 1.0)
+    assert not judged(0.45, 0.7)
     assert not judged(0.41, 2.0)
-    assert not judged(0.54, 0.2)
+    assert not judged(0.54, 0.5)

@@ -28,6 +28,8 @@ THEN = np.array([3.5, 3.0, 2.5])
 CROWDED = 24.0
 """Of a mouth with a smaller radius a plug's pins are 3 px apart, and one takes the next one's edge
 for its own: it is fitted one size finer as well [px]."""
+LEAST_ALIKE = 0.2
+"""Cosine of the greatest angle between normals of points that are looked at together."""
 POINTS = 110
 """About as many points are looked for on a type's edges."""
 
@@ -114,7 +116,7 @@ def _clearest(
 def _match(
     levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose, i: int, reaches: Floats
 ) -> Match:
-    model, darker, tolerance, weights, extent = _model(name)
+    model, beside, darker, tolerance, weights, extent = _model(name)
     z = max(T[2, 3], 0.05)
     u, v = project_lens(_numbers(lens), *T[:3, 3].tolist()) if T[2, 3] > 0.0 else (0.0, 0.0)
     seen = edges_of(levels, lens, min(i, len(levels) - 1), u, v, 1.3 * extent * lens.fx / z)
@@ -125,9 +127,11 @@ def _match(
         _numbers(own),
         model.points,
         model.normals,
+        beside,
         T,
         reaches,
         0.8 * seen.least,
+        seen.local,
     )
     # makes differ: an edge may be off by its tolerance
     reach = FOUND + own.fx / max(T[2, 3], 0.05) * tolerance
@@ -164,12 +168,13 @@ def _numbers(lens: PinholeCamera) -> Floats:
 
 
 @lru_cache(maxsize=32)
-def _model(name: str) -> tuple[Curves, Ints, Floats, Floats, float]:
+def _model(name: str) -> tuple[Curves, Ints, Ints, Floats, Floats, float]:
     """What a type looks like.
 
     Returns:
-        Points along its edges; of each edge whether it grows darker inwards (-1), how makes differ
-        [m] and what it counts in the score; the farthest point [m].
+        Points along its edges; those beside each, see :func:`neighbours`; of each edge whether it
+        grows darker inwards (-1), how makes differ [m] and what it counts in the score; the
+        farthest point [m].
     """
     step = 0.004
     while len(curves(PORTS[name], step).points) < POINTS and step > 0.0008:
@@ -179,4 +184,32 @@ def _model(name: str) -> tuple[Curves, Ints, Floats, Floats, float]:
     tolerance = np.array([rim.radius_tolerance + rim.place_tolerance for rim in model.rims])
     small = np.array([rim.kind == "recess" for rim in model.rims])
     weights = 0.5 * np.where(small, 1.0 / small.sum(), 1.0 / (~small).sum())
-    return model, darker, tolerance, weights, float(np.abs(model.points[:, :2]).max())
+    return (
+        model,
+        neighbours(model, step),
+        darker,
+        tolerance,
+        weights,
+        float(np.abs(model.points[:, :2]).max()),
+    )
+
+
+def neighbours(model: Curves, step: float) -> Ints:
+    """(n, 2) the points before and behind each on its edge, where it does not turn much; else -1.
+
+    Args:
+        model: the edges.
+        step: between points, about [m].
+    """
+    gap = model.points[None, :, :2] - model.points[:, None, :2]
+    n = model.normals[:, :2]
+    along = gap[..., 1] * n[:, None, 0] - gap[..., 0] * n[:, None, 1]
+    far = np.linalg.norm(gap, axis=-1)
+    beside = (model.rim[:, None] == model.rim) & (far < 2.0 * step) & (n @ n.T > LEAST_ALIKE)
+    out = np.full((len(n), 2), -1)
+    for k, side in enumerate((-1.0, 1.0)):
+        there = np.where(beside & (side * along > 1e-6), far, np.inf)
+        nearest = there.argmin(axis=1)
+        found = np.isfinite(there.min(axis=1))
+        out[found, k] = nearest[found]
+    return out

@@ -22,6 +22,9 @@ LARGER = 2
 """How many times larger than taken a small port is looked at."""
 LARGER_NOISE = 3.1
 """Noise of gradients there, against that of the picture as it was taken (white noise, computed)."""
+NOISIER = 3.0
+"""Most that noise at a place may be taken to exceed that of all of the picture: the rest of what is
+seen there is edges."""
 CELL = 32
 """What is looked at larger begins at multiples of this [px]."""
 STABLE = np.round(16 * 20.0 * np.sqrt(np.arange(256) + 4.0)).astype(np.int16)
@@ -41,6 +44,7 @@ class Level:
         soft: (h, w) the grey levels that they were taken from.
         parts: of it that were made larger, by their corner and side: guesses at one place share
             one.
+        quiet: noise about places, by their cell and side.
     """
 
     scale: float
@@ -50,6 +54,7 @@ class Level:
     field: SignedBytes
     soft: SignedShorts
     parts: dict[tuple[int, int, int], Part] = dataclasses.field(default_factory=dict)
+    quiet: dict[tuple[int, int, int], float] = dataclasses.field(default_factory=dict)
 
     @property
     def least(self) -> float:
@@ -65,6 +70,7 @@ class Part:
     gy: SignedShorts
     left: int
     top: int
+    noise: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +78,22 @@ class Edges:
     """Where edges are searched: gradients, what of them says nothing, the lens that sees them.
 
     Attributes:
-        gx, gy, least, scale: see :class:`Level`.
+        gx, gy, noise, scale: see :class:`Level`.
+        local: noise about the place [counts].
         lens: that took a picture of this size and place.
     """
 
     gx: SignedShorts
     gy: SignedShorts
-    least: float
+    noise: float
+    local: float
     scale: float
     lens: PinholeCamera
+
+    @property
+    def least(self) -> float:
+        """See :class:`Level`."""
+        return _least(self.noise)
 
 
 def pyramid(image: Bytes, levels: int = LEVELS) -> tuple[Level, ...]:
@@ -121,7 +134,8 @@ def edges_of(
     """
     if i >= 0:
         level = levels[i]
-        return Edges(level.gx, level.gy, level.least, level.scale, lens.scaled(level.scale))
+        local = _noise_about(level, u * level.scale, v * level.scale, reach * level.scale)
+        return Edges(level.gx, level.gy, level.noise, local, level.scale, lens.scaled(level.scale))
     whole = levels[0]
     h, w = whole.soft.shape
     side = CELL * (int(2 * reach) // CELL + 2)
@@ -131,7 +145,9 @@ def edges_of(
         whole.parts[key] = _larger(whole.soft, *key)
     part = whole.parts[key]
     own = replace(lens, cx=lens.cx - part.left, cy=lens.cy - part.top).scaled(LARGER)
-    return Edges(part.gx, part.gy, _least(LARGER_NOISE * whole.noise), LARGER, own)
+    noise = LARGER_NOISE * whole.noise
+    local = min(max(part.noise, noise), NOISIER * noise)
+    return Edges(part.gx, part.gy, noise, local, LARGER, own)
 
 
 def _larger(soft: SignedShorts, left: int, top: int, side: int) -> Part:
@@ -140,7 +156,19 @@ def _larger(soft: SignedShorts, left: int, top: int, side: int) -> Part:
     scale = LARGER * COUNTS / 16 / 128
     gx = np.asarray(cv2.Sobel(large, cv2.CV_16S, 1, 0, ksize=5, scale=scale), np.int16)
     gy = np.asarray(cv2.Sobel(large, cv2.CV_16S, 0, 1, ksize=5, scale=scale), np.int16)
-    return Part(gx, gy, left, top)
+    return Part(gx, gy, left, top, noise_of(gx, gy))
+
+
+def _noise_about(level: Level, u: float, v: float, reach: float) -> float:
+    """Noise about a place [counts]: in the dark there may be more of it than elsewhere."""
+    side = CELL * (int(2 * reach) // CELL + 2)
+    left, top = (max(int(at - 0.5 * (side - CELL)) // CELL * CELL, 0) for at in (u, v))
+    if (left, top, side) not in level.quiet:
+        rows, columns = slice(top, top + side), slice(left, left + side)
+        gx, gy = level.gx[rows, columns], level.gy[rows, columns]
+        noise = noise_of(gx, gy) if min(gx.shape) > 8 else 0.0
+        level.quiet[left, top, side] = min(max(noise, level.noise), NOISIER * level.noise)
+    return level.quiet[left, top, side]
 
 
 def _least(noise: float) -> float:

@@ -35,7 +35,7 @@ from armsight.geometry.stereo import StereoPair
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 12
+VERSION = 13
 SURE_SCORE = 0.7
 """A fit with a lower score says itself that it is spoilt, and counts as not found."""
 

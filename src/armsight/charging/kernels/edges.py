@@ -81,18 +81,44 @@ def edge_along(
     Returns:
         Its distance [px], NaN for none, and its gradient along the normal [levels/px].
     """
+    if not sample_along(gx, gy, line, reach, each, room):
+        return np.nan, 0.0
+    return crest_of(room, reach, each, width, least, cos_least)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sample_along(
+    gx: Floats32 | SignedShorts,
+    gy: Floats32 | SignedShorts,
+    line: tuple[float, float, float, float],
+    reach: float,
+    each: int,
+    out: Floats | Floats32,
+) -> bool:
+    """Gradients along one normal and across it, sample by sample; see :func:`edge_along`.
+
+    Args:
+        gx: see there.
+        gy: see there.
+        line: see there.
+        reach: see there.
+        each: see there.
+        out: (2, m) gradients along the normal and across it, for :func:`crest_of`.
+
+    Returns:
+        Whether the picture shows all of it.
+    """
     h, w = gx.shape
     u, v, nx, ny = line
     far = reach + 2.5
     if not (far < u < w - 1 - far and far < v < h - 1 - far):
-        return np.nan, 0.0
+        return False
     step = 1.0 / each
     half = int(np.ceil(reach * each))
-    count = 2 * half + 1
-    rise, size = room[0], room[1]
+    rise, aside = out[0], out[1]
     one, row, right = np.float32(1.0), np.uintp(w), np.uintp(1)
     xs, ys = gx.ravel(), gy.ravel()  # an index that cannot be negative is not tested for it
-    for k in range(count + 2 * each):
+    for k in range(2 * half + 1 + 2 * each):
         d = (k - half - each) * step
         x, y = u + d * nx, v + d * ny
         x0, y0 = int(x), int(y)
@@ -104,11 +130,27 @@ def edge_along(
         b = w00 * ys[at] + w01 * ys[at + right]
         b += w10 * ys[at + row] + w11 * ys[at + row + right]
         rise[k] = a * nx + b * ny
-        size[k] = a * a + b * b
+        aside[k] = b * nx - a * ny
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def crest_of(
+    samples: Floats | Floats32,
+    reach: float,
+    each: int,
+    width: float,
+    least: float,
+    cos_least: float,
+) -> tuple[float, float]:
+    """The nearest good edge in what :func:`sample_along` took; see :func:`edge_along`."""
+    step = 1.0 / each
+    half = int(np.ceil(reach * each))
+    rise, aside = samples[0], samples[1]
     best, offset, strength = 0.0, np.nan, 0.0
-    for k in range(each, count + each):
+    for k in range(each, 2 * half + 1 + each):
         q = abs(rise[k])
-        if q < least or q * q < cos_least * cos_least * size[k]:
+        if q < least or q * q < cos_least * cos_least * (q * q + aside[k] * aside[k]):
             continue
         if q < abs(rise[k - 1]) or q <= abs(rise[k + 1]):
             continue

@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from armsight.arrays import Floats, Floats32, Ints, SignedShorts
-from armsight.charging.kernels.edges import edge_along, project_lens, sample_room
+from armsight.arrays import Floats, Floats32, Ints, Mask, SignedShorts
+from armsight.charging.kernels.edges import crest_of, project_lens, sample_along, sample_room
 
 ROUGH = 2.6
 """A search that reaches farther takes one sample a pixel, a nearer one two [px]."""
+ALONG = 0.92
+"""Cosine of the greatest angle between an edge's gradient and the normal."""
+ASIDE = float(np.tan(np.arccos(ALONG)))
+SLACK = 2.5
+"""How far noise may draw what one point shows from what it shows with its neighbours: in standard
+deviations."""
 LAST = 2.5
 """Reach of the search at the end [px]."""
 
@@ -21,9 +27,11 @@ def fit_rigid(
     lens: Floats,
     points: Floats,
     normals: Floats,
+    beside: Ints,
     pose: Floats,
     reaches: Floats,
     least: float,
+    noise: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """A quick fit of a rigid model's edges to one picture, to compare many guesses.
 
@@ -33,9 +41,11 @@ def fit_rigid(
         lens: see :func:`project_lens`.
         points: (n, 3) of the edges [m].
         normals: (n, 3) across them, in the plane z = const.
+        beside: (n, 2) the points before and behind each one on its edge, -1 for none.
         pose: (4, 4) start.
         reaches: of the search, one an iteration [px].
         least: crests below this are none [levels/px].
+        noise: standard deviation of gradients where there is nothing to see [levels/px].
 
     Returns:
         (4, 4) pose; (n,) distances of the edges at the end [px], NaN for none; (n,) gradients
@@ -46,7 +56,8 @@ def fit_rigid(
     T = pose.copy()
     d, rise, size = np.full(n, np.nan), np.zeros(n), np.empty(n)
     rows, H, g6 = np.empty((n, 6)), np.eye(6), np.zeros(6)
-    room = np.empty((2, sample_room(max(reaches.max(), LAST))))
+    samples = np.empty((n, 2, sample_room(max(reaches.max(), LAST))), np.float32)
+    seen, mean = np.empty(n, np.bool_), np.empty(samples.shape[1:], np.float32)
     resting = False
     for i in range(len(reaches) + 1):
         final = i == len(reaches) or resting
@@ -55,7 +66,16 @@ def fit_rigid(
         count = 0
         for k in range(n):
             line = _edge_line(lens, T, points[k], normals[k], rows[k])
-            d[k], rise[k] = edge_along(gx, gy, line, reach, each, width, least, 0.92, room)
+            seen[k] = sample_along(gx, gy, line, reach, each, samples[k])
+        for k in range(n):
+            d[k], rise[k] = np.nan, 0.0
+            if seen[k]:
+                _with_neighbours(samples, seen, k, beside, mean)
+                d[k], rise[k] = crest_of(mean, reach, each, width, least, ALONG)
+                if np.isfinite(d[k]):
+                    at = int(np.rint(d[k] * each)) + int(np.ceil(reach * each)) + each
+                    if not _agrees(samples[k], at, rise[k], least, noise):
+                        d[k], rise[k] = np.nan, 0.0
             if np.isfinite(d[k]):
                 size[count] = abs(d[k])
                 count += 1
@@ -86,6 +106,34 @@ def fit_rigid(
         resting = abs((g6 * x).sum()) < 0.01 * count
         _move(T, x)
     return T, d, rise, H
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _with_neighbours(samples: Floats32, seen: Mask, k: int, beside: Ints, mean: Floats32) -> None:
+    """What is seen along a point's normal and those of the points beside it on the same edge.
+
+    The same edge lies at the same place on all three, noise and other things do not.
+    """
+    mean[:] = samples[k]
+    count = np.float32(1.0)
+    for side in range(2):
+        j = beside[k, side]
+        if j >= 0 and seen[j]:
+            mean += samples[j]
+            count += np.float32(1.0)
+    mean /= count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _agrees(own: Floats32, at: int, rise: float, least: float, noise: float) -> bool:
+    """Whether a point itself, but for noise, shows the edge that it shows with its neighbours.
+
+    A strong edge of something else at one of them is none of the others'.
+    """
+    slack = SLACK * noise
+    along = own[0, at] if rise > 0.0 else -own[0, at]
+    aside = abs(own[1, at])
+    return along >= least - slack and aside <= ASIDE * max(along, 0.0) + slack
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
