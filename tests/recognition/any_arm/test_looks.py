@@ -99,15 +99,17 @@ def test_what_may_be_an_arm_is_one_only_where_no_look_shows_a_surer_one(
     assert found.arms[0].mask[220:280, 220:280].max() > 0.5
 
 
-@pytest.mark.parametrize(("first", "others", "asked", "arm"), [
-    (1.6, (0.0, 0.0, 0.0), 0, True),  # surely one: nobody looks again
-    (1.3, (1.2, 1.1, 0.9), 3, True),
-    (1.3, (1.2, 0.9, -0.7), 3, False),  # mirrored, it is none
+@pytest.mark.parametrize(("first", "others", "overlap", "asked", "arm"), [
+    (1.6, (0.0, 0.0, 0.0), 0.3, 0, True),  # surely one: nobody looks again
+    (1.3, (1.2, 1.1, 0.9), 0.3, 3, True),
+    (1.3, (1.2, 0.9, -0.7), 0.3, 3, False),  # mirrored, it is none
+    (1.3, (1.2, 0.9, -0.7), 0.9, 3, True),  # an arm that is drawn there explains it
 ])  # fmt: skip
 def test_what_is_doubtful_is_looked_at_nearer_wider_and_mirrored(
     monkeypatch: pytest.MonkeyPatch,
     first: float,
     others: tuple[float, ...],
+    overlap: float,
     asked: int,
     arm: bool,
 ) -> None:
@@ -122,6 +124,9 @@ def test_what_is_doubtful_is_looked_at_nearer_wider_and_mirrored(
         images.append(shown)
         return look(shown)
 
+    judged = found._judged
+    fitted = lambda *a: (replace(judged(*a)[0], overlap=overlap), None)  # noqa: E731
+    monkeypatch.setattr(found, "_judged", fitted)
     monkeypatch.setattr(found.model, "look", seen)
     monkeypatch.setattr(module, "sureness", lambda _: next(answers))
     monkeypatch.setattr(module, "is_arm", lambda *_: True)

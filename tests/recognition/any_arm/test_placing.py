@@ -1,10 +1,14 @@
 """Cameras placed by single pictures of an arm whose joints are known."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from armsight.cli import run
 from armsight.geometry.pose import inverse
 from armsight.recognition.any_arm.model import CropModel
 from armsight.recognition.any_arm.placing import guess_cameras, place_camera
@@ -57,3 +61,31 @@ def test_pictures_guess_one_camera_each_and_only_of_an_arm_that_is_known(
     assert len(guess_cameras(recogniser, sample.camera, robot, views)) <= 1
     stranger = replace(robot, name="theirs")
     assert guess_cameras(recogniser, sample.camera, stranger, views) == []
+
+
+def test_the_command_places_each_picture_and_draws_the_arm_there(
+    pictures: LabelledSet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sample = pictures[0]
+    Image.fromarray(sample.image).save(tmp_path / "a.png")
+    Image.fromarray(np.full_like(sample.image, 120)).save(tmp_path / "b.png")
+    angles = ", ".join(f"{v:.4f}" for v in np.rad2deg(sample.q))
+    (tmp_path / "joints.csv").write_text(f"a.png, {angles}\nb.png, {angles}\n")
+    c = sample.camera
+    words = ["--robot", sample.robot, "--joints", str(tmp_path / "joints.csv"), "--threads", "1"]
+    lens = ["--intrinsics", f"{c.fx},{c.fy},{c.cx},{c.cy}"]
+    out = ["--out", str(tmp_path / "placed")]
+    assert run(["place", str(tmp_path), *words, *lens, *out]) == 1
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert np.array(first["T_base_camera"]).shape == (4, 4)
+    assert first["believed"] == (first["problem"] is None)
+    assert first["intrinsics"] == "given"
+    assert (second["T_base_camera"], second["believed"]) == (None, False)
+    assert Image.open(tmp_path / "placed" / "a.png.placed.png").size == (c.width, c.height)
+    # Without a lens a distance is a guess, and two pictures do not tell what moves.
+    assert run(["place", str(tmp_path / "a.png"), *words]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert not told["believed"]
+    assert told["intrinsics"] == "assumed"
+    assert run(["place", str(tmp_path), *words, *lens, "--standing"]) == 2
+    assert "3 are needed" in capsys.readouterr().err

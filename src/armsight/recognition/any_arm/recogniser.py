@@ -21,6 +21,7 @@ from armsight.recognition.any_arm.observing import observe
 from armsight.recognition.any_arm.outline import drawn_into
 from armsight.recognition.any_arm.presence import (
     ARM,
+    EXPLAINED,
     FOUND,
     STAYS,
     SURE,
@@ -176,14 +177,17 @@ class ArmRecogniser:
             sure = is_arm(look, least)
             if not (sure or may_be_arm(look, lump.strength)):
                 continue
+            arm: Arm | None = None
             if self._mean_sureness(look, crop, image, lens) < stays:
-                continue
-            if sure:
                 arm = self._judged(look, crop, lens)[0]
-                if not any(_same(arm, other) for other in arms):
-                    arms.append(arm)
-            else:
+                if arm.overlap < EXPLAINED:
+                    continue
+            if not sure:
                 doubtful.append((look, crop))
+                continue
+            arm = arm or self._judged(look, crop, lens)[0]
+            if not any(_same(arm, other) for other in arms):
+                arms.append(arm)
         return arms
 
     def _mean_sureness(

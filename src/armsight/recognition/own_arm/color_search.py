@@ -50,7 +50,7 @@ ABOUT_GUESS, ABOUT_GUESSES = (0.10, 0.08, 1500), (0.04, 0.04, 800)
 starts."""
 AGREE = 0.08
 """Poses agree that put the arm's points so near to each other, root mean square [m]."""
-WITNESSES, BORNE_OUT = 2, 0.04
+WITNESSES, BORNE_OUT = 2, 0.02
 """Guesses that agree, and how near to the mean of these an answer puts the arm's points [m], from
 which it counts as one that was believed before."""
 THINNED = 12
