@@ -15,6 +15,7 @@ from armsight.errors import RecognitionError, RobotError, UsageError
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import from_rpy
 from armsight.recognition.any_arm import recogniser
+from armsight.recognition.any_arm.best_outline import Outlined
 from armsight.recognition.any_arm.drawing import draw
 from armsight.recognition.any_arm.extension import (
     Extension,
@@ -34,7 +35,7 @@ from armsight.recognition.any_arm.learning.examples import UNSEEN, Examples
 from armsight.recognition.any_arm.learning.extend import Wish, extend
 from armsight.recognition.any_arm.learning.rows import Shots, fit_rows
 from armsight.recognition.any_arm.model import CropModel
-from armsight.recognition.any_arm.recogniser import ArmRecogniser, Outlined
+from armsight.recognition.any_arm.recogniser import ArmRecogniser
 from armsight.recognition.any_arm.solver import Fit
 from armsight.recognition.any_arm.trust import FEATURES, GAP
 from armsight.recognition.data.crews import Batch
