@@ -113,8 +113,8 @@ def test_half_of_the_edges_do_not_do_where_whole_rims_are_missing(left) -> None:
         half = replace(seen.matches[0], score=score, evidence=0.5 * evidence)
         return _enough(replace(seen, score=score, matches=(half, half)), options)
 
-    assert judged(0.51, 1.1)
-    assert judged(0.45, 1.3)
-    assert not judged(0.45, 1.1)
+    assert judged(0.51, 1.4)
+    assert judged(0.45, 1.4)
+    assert not judged(0.45, 1.2)
     assert not judged(0.41, 2.0)
-    assert not judged(0.54, 0.9)
+    assert not judged(0.54, 1.2)
