@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from armsight.commands.picture_options import camera_of, write_png
+
 if TYPE_CHECKING:
     from armsight.arrays import JointVector, Pose
     from armsight.geometry.camera import PinholeCamera
@@ -156,21 +158,14 @@ class Place:
     def _lens(self, picture: Picture) -> tuple[PinholeCamera, str]:
         """The picture's lens, and where it is from."""
         from armsight.recognition.any_arm.recogniser import assumed_lens
-        from armsight.recognition.inference.intrinsics import (
-            camera_for,
-            parse_intrinsics,
-            read_camera,
-        )
+        from armsight.recognition.inference.intrinsics import read_camera
 
-        height, width = picture.image.shape[:2]
-        if self.intrinsics is not None:
-            return parse_intrinsics(self.intrinsics, width, height), "given"
-        if self.camera is not None:
-            lens = read_camera(self.camera)
-            return camera_for(lens, width, height, str(self.camera), picture.orientation), "given"
-        if picture.camera is not None:
-            return picture.camera, "exif"
-        return assumed_lens(width, height), "assumed"
+        lens = None if self.camera is None else read_camera(self.camera)
+        found = camera_of(picture, self.intrinsics, self.camera, lens)
+        if found is None:
+            height, width = picture.image.shape[:2]
+            return assumed_lens(width, height), "assumed"
+        return found, "exif" if found is picture.camera else "given"
 
     def _draw(
         self,
@@ -184,17 +179,10 @@ class Place:
         """Write the picture with the arm in it, where it should be seen from there."""
         if self.out is None:
             return
-        import io
-
-        from PIL import Image
-
         from armsight.recognition.any_arm.drawing import draw_placed
-        from armsight.writing import write_atomically
 
         drawing = draw_placed(picture.image, lens, robot, q, T_base_camera, believed)
-        buffer = io.BytesIO()
-        Image.fromarray(drawing).save(buffer, "PNG")
-        write_atomically(self.out / f"{picture.name}.placed.png", buffer.getvalue())
+        write_png(self.out / f"{picture.name}.placed.png", drawing)
 
     def _say(self, line: dict[str, Any], source: str, picture: Picture) -> None:
         print(json.dumps(line | {"intrinsics": source, "notes": list(picture.notes)}), flush=True)

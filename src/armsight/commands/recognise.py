@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from armsight.commands.picture_options import camera_of, write_png
+
 if TYPE_CHECKING:
     from armsight.arrays import ColorImage
     from armsight.geometry.camera import PinholeCamera
@@ -122,26 +124,11 @@ class Recognise:
         return 0
 
     def _camera_of(self, picture: Picture, lens: PinholeCamera | None) -> PinholeCamera | None:
-        from armsight.recognition.inference.intrinsics import camera_for, parse_intrinsics
-
-        height, width = picture.image.shape[:2]
-        if self.intrinsics is not None:
-            return parse_intrinsics(self.intrinsics, width, height)
-        if lens is not None:
-            return camera_for(lens, width, height, str(self.camera), picture.orientation)
-        return picture.camera
+        return camera_of(picture, self.intrinsics, self.camera, lens)
 
     def _write(self, name: str, image: ColorImage) -> None:
-        import io
-
-        from PIL import Image
-
-        from armsight.writing import write_atomically
-
         assert self.out is not None
-        buffer = io.BytesIO()
-        Image.fromarray(image).save(buffer, "PNG")
-        write_atomically(self.out / name, buffer.getvalue())
+        write_png(self.out / name, image)
 
     def _finish(self, lines: list[str]) -> None:
         from armsight.writing import write_text
