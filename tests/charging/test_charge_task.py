@@ -209,3 +209,7 @@ def test_a_visit_that_a_killed_station_left_is_the_one_that_was_asked_for(tmp_pa
 def test_a_visit_that_was_taken_over_says_no_time_that_nobody_knows():
     outcome = Outcome(seated=True, charged=True, port="type2", score=1.0, began=3.0)
     assert told(outcome) == "type2 found (100 %), seated, charged, out"
+    without = Outcome(port="type2", began=3.0, problem="was stopped with the plug out of the car")
+    assert told(without) == (
+        "type2 known from before, out, was stopped with the plug out of the car"
+    )

@@ -248,8 +248,8 @@ def test_the_way_home_is_on_disk_before_the_arm_leaves_its_stand_by(cell, tmp_pa
     again.rest(0.1)
     assert not again.station.busy
     assert not file.exists()
-    assert again.station.outcomes[-1].problem == "was killed with the plug out of the car"
-    assert again.station.words == "was killed with the plug out of the car"  # it is back
+    assert again.station.outcomes[-1].problem == "was stopped with the plug out of the car"
+    assert again.station.words == "was stopped with the plug out of the car"  # it is back
 
 
 def test_a_plug_that_was_never_near_and_stands_as_if_in_the_car_is_somebodys_to_look_at(
@@ -279,7 +279,7 @@ def test_the_way_back_is_on_disk_before_the_plug_goes_near(cell, tmp_path):
     before(again, cell, 0.016)
     again.rest(0.1)
     assert again.station.state is State.LEAVE
-    assert again.station.words == "was killed before the port"
+    assert again.station.words == "was stopped before the port"
 
 
 def test_nothing_goes_in_without_a_force_sensor_or_leave_to_touch(cell):

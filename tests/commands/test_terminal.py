@@ -1,5 +1,6 @@
 """Terminals of other people: none, gone, full, narrow, without our characters; signals."""
 
+import ctypes
 import errno
 import io
 import os
@@ -7,6 +8,7 @@ import pty
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -119,6 +121,47 @@ def test_signals_interrupt_what_is_no_session(how):
         work()
     assert ended
     assert signal.getsignal(how) is before
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_is_not_lost_in_a_callback_of_compiled_code(how, capfd):
+    """Numba's compiler calls back right after each long wait: ctypes swallows what is raised."""
+    before = sys.unraisablehook
+    called, ended = [], []
+
+    @ctypes.CFUNCTYPE(None)
+    def call_back():
+        called.append(True)
+        os.kill(os.getpid(), how)
+        time.sleep(0.01)
+
+    def work():
+        with interruptible():
+            call_back()
+            ended.append("the callback has returned, the first interrupt is lost")
+            threading.Event().wait(10.0)
+            ended.append("waited on")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert called
+    assert len(ended) == 1
+    assert sys.unraisablehook is before
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_other_lost_errors_are_said_as_before():
+    said = []
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sys, "unraisablehook", said.append)
+
+        @ctypes.CFUNCTYPE(None)
+        def call_back():
+            raise ValueError("of a driver")
+
+        with interruptible():
+            call_back()
+    assert [lost.exc_type for lost in said] == [ValueError]
 
 
 def test_what_was_to_be_ignored_is():

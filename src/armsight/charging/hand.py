@@ -128,7 +128,7 @@ class PlugHand:
 
 
 def after_kill(entry: Entry, T_base_plug: Pose) -> tuple[State, str]:
-    """Where a station goes on that was killed during a visit, and why, in words.
+    """Where a station goes on that was stopped (or killed) during a visit, and why, in words.
 
     Args:
         entry: what it wrote before.
@@ -139,8 +139,8 @@ def after_kill(entry: Entry, T_base_plug: Pose) -> tuple[State, str]:
     if aside < ASIDE and T[2, 3] > IN and entry.tare is None:
         return State.STUCK, "stands as if in the car, where it had not been yet: look at the plug"
     if aside < ASIDE and T[2, 3] > IN:
-        words = "was killed with the plug in the car"
+        words = "was stopped with the plug in the car"
         return (State.CHARGE if entry.plugged else State.HELD), words
     if aside < 0.15 and T[2, 3] > -0.3:
-        return State.LEAVE, "was killed before the port"
-    return State.STAND_BY, "was killed with the plug out of the car"
+        return State.LEAVE, "was stopped before the port"
+    return State.STAND_BY, "was stopped with the plug out of the car"

@@ -62,7 +62,7 @@ class Station(StationWatch):
         if entry.plug != self.options.plug:
             strange = f"the journal is of a {entry.plug}; look at the plug"
         elif entry.at_lid and self.finger is None:
-            strange = "was killed with a finger at a lid, and here is none; look at the finger"
+            strange = "was stopped with a finger at a lid, and here is none; look at the finger"
         if strange:
             words = f"{strange}, bring the arm out by hand and remove {self._journal.file}"
             self.visits.begin(Outcome(port=entry.port, began=seen.now, out=False))

@@ -146,7 +146,9 @@ def told(outcome: Outcome) -> str:
     """How a visit went, in words."""
     words = []
     if outcome.port:
-        words.append(f"{outcome.port} found ({100 * outcome.score:.0f} %)")
+        known = outcome.score != outcome.score  # NaN: before the station that goes on was started
+        how = "known from before" if known else f"found ({100 * outcome.score:.0f} %)"
+        words.append(f"{outcome.port} {how}")
     if outcome.lid_opened:
         words.append("lid opened")
     if outcome.seated:  # NaN: before the station that took the plug out was started

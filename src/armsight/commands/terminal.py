@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import errno
 import io
@@ -23,6 +24,8 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _GONE = (errno.EIO,)
 _WIDE = 220
 """Columns of a table that no terminal shows."""
+_LATER = 0.05
+"""After which a lost interrupt is sent once more [s]: the callback has returned by then."""
 
 
 class _Lasting(io.TextIOWrapper):
@@ -92,9 +95,23 @@ def results() -> Console:
     return console
 
 
+def _interrupt_main() -> None:
+    """The main thread's interrupt, out of whatever it waits for; SIGINT where that is heeded."""
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    number = signal.SIGTERM if ignored else signal.SIGINT
+    main = threading.main_thread().ident
+    if main is not None and hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(main, number)
+    else:
+        _thread.interrupt_main(number)
+
+
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
     """SIGTERM and SIGHUP interrupt as Ctrl-C does: half-written files go, the cursor comes back.
+
+    An interrupt that falls into a callback out of compiled code is lost there: numba's compiler
+    makes one right after each long wait, so most of them do. It is sent once more then.
 
     A session's own handlers (`runtime/signals.py`) stand above these while it runs.
     """
@@ -108,9 +125,19 @@ def interruptible() -> Iterator[None]:
             signal.signal(number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
+    def say_unraised(lost: sys.UnraisableHookArgs) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            once_more = threading.Timer(_LATER, _interrupt_main)
+            once_more.daemon = True
+            once_more.start()
+        else:
+            said_before(lost)
+
+    said_before, sys.unraisablehook = sys.unraisablehook, say_unraised
     before = {n: signal.signal(n, interrupt) for n in heeded() if n != signal.SIGINT}
     try:
         yield
     finally:
+        sys.unraisablehook = said_before
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -283,7 +283,7 @@ class Session:
             remote = self._guard if isinstance(self._guard, CommandRelay) else None
             if remote is not None:
                 remote.begin()
-            self._parts.warm_up(progress)
+            self._parts.warm_up(lambda stage, done: progress(stage, 0.9 * done))
             for part in (*self.perceivers, *([] if self.task is None else [self.task])):
                 if hasattr(part, "warm_up"):
                     progress(f"preparing {part.name}", 0.95)
