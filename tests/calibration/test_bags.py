@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -100,6 +101,22 @@ def test_a_recording_is_a_set(
     camera = found.cameras[0]
     assert camera.mount == "base"
     np.testing.assert_allclose(found.poses[camera.view], one.told, atol=1e-6)
+
+
+def test_a_recording_without_a_message_definition_says_which(tmp_path: Path) -> None:
+    file = tmp_path / "foreign.mcap"
+    with file.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start("ros2", "somebody's recorder")
+        alone = b"std_msgs/Header header\nuint32 height\nuint8[] data"  # and no Header
+        schema = writer.register_schema("sensor_msgs/msg/Image", "ros2msg", alone)
+        channel = writer.register_channel("/camera/image_raw", "cdr", schema)
+        writer.add_message(channel, 0, bytes(64), 0)
+        writer.finish()
+    with pytest.raises(
+        CalibrationError, match=r"mcap: its definition .*std_msgs/msg/Header' is missing"
+    ):
+        unpack(file, tmp_path / "out")
 
 
 def test_a_broken_recording_is_named(tmp_path: Path) -> None:

@@ -304,6 +304,10 @@ def test_missing_file_and_folder(tmp_path: Path):
         load_workcell(tmp_path / "no.toml")
     with pytest.raises(WorkcellError, match="is a folder, expected a workcell file"):
         load_workcell(tmp_path)
+    recording = tmp_path / "monday.mcap"
+    recording.write_bytes(bytes(2_000_000))
+    with pytest.raises(WorkcellError, match=r"a recording; 'armsight replay .*monday.mcap' plays"):
+        load_workcell(recording)
     file = tmp_path / "a"
     file.write_text("x")
     with pytest.raises(WorkcellError, match="cannot be read: Not a directory"):

@@ -53,6 +53,8 @@ def load_workcell(file: str | Path, calibration: Path | None = None) -> Workcell
         if location.is_dir():
             raise WorkcellError(f"{file}: is a folder, expected a workcell file (.toml)")
         size = location.stat().st_size
+        if location.suffix == ".mcap":
+            raise WorkcellError(f"{file}: a recording; 'armsight replay {file}' plays it")
         if size > LARGEST:
             raise WorkcellError(
                 f"{file}: {size / 1e6:.1f} MB large, expected a workcell file of at most 1 MB"

@@ -85,6 +85,10 @@ def unpack(bag: Path, place: Path) -> None:
         _write_pictures(bag, place, wanted)
     except CalibrationError:
         raise
+    except KeyError as error:
+        raise CalibrationError(
+            f"{bag}: its definition of a message is not whole: {error} is missing"
+        ) from None
     except Exception as error:  # rosbags raises whatever a broken file makes it stumble over
         raise CalibrationError(f"{bag}: cannot be read as a recording of ROS: {error}") from None
     _write_poses(place, wanted, tracks, content.joints)
