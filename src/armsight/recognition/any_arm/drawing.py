@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, JointVector, Pose
+from armsight.arrays import Bytes, ColorImage, JointVector, Points, Pose
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
 from armsight.recognition.any_arm.sighting import Arm, Sighting
@@ -65,13 +67,27 @@ def draw_placed(
     out = np.ascontiguousarray(image).copy()
     surface, T = arm_surface(robot), inverse(T_base_camera)
     size = (image.shape[1], image.shape[0])
-    # A drawing is for eyes: the lens's distortion bends the skeleton alone.
-    seen = transform(T, surface.posed(q))
+    seen = _bent(transform(T, surface.posed(q)), lens)
     mask = drawn(surface, seen, lens_array(lens), size)[1] >= 0
     outline, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     cv2.drawContours(out, outline, -1, _TINTS[0], thickness(out))
     places = transform(T, link_poses(robot, q)[:, :3, 3])
     draw_skeleton(out, lens.project(places), believed)
+    return out
+
+
+def _bent(points: Points, lens: PinholeCamera) -> Points:
+    """(n, 3) points in the camera's frame, where an ideal lens sees them as this one does [m].
+
+    What lies behind, or a picture's width beside the picture, stays: the lens is unknown there.
+    """
+    size = np.array([lens.width, lens.height])
+    out, ahead = points.copy(), points[:, 2] > 0.0
+    ideal = replace(lens, distortion=(0.0,) * 5).project(points[ahead])
+    near = np.abs(ideal - 0.5 * size).max(axis=1) < 1.5 * size.max()
+    rows = np.flatnonzero(ahead)[near]
+    shift = (lens.project(points[rows]) - ideal[near]) / np.array([lens.fx, lens.fy])
+    out[rows, :2] += shift * points[rows, 2:]
     return out
 
 
