@@ -133,3 +133,22 @@ def test_the_cable_of_a_cell_hangs_from_where_its_file_says_and_is_seen():
         u, v = info.depth.project(at)[0]
         near = depth[round(v) - 3 : round(v) + 4, round(u) - 3 : round(u) + 4]
         assert np.nanmin(near) == pytest.approx(at[0, 2] - 0.02, abs=0.08)
+
+
+def test_a_led_cable_hangs_as_at_first_after_a_reset():
+    def led(world, seconds):
+        places = []
+        while world.clock.now() < seconds - 1e-9:
+            world.arm.command_velocity(np.array([0.8, -0.4, 0.0, 0.0, 0.0, 0.0]))
+            world.advance(world.clock.now() + 0.01)
+            places.append(world.plugged.cable_points)
+        return np.array(places)
+
+    text = packaged()["ur10_charging"].read_text("utf-8")
+    hung = "cable_n = 10\nhanger = [0.1, -0.7, 2.1]\ncable_m = 2.1\ncable_mm = 40\n"
+    cell = parse_workcell(text.replace("cable_n = 15\n", hung))
+    with SimulatedWorld(world_spec(cell), seed=2) as world:
+        first = led(world, 0.3)
+        assert np.abs(first[-1] - first[5]).max() > 0.05  # it was led
+        world.reset()
+        assert np.array_equal(led(world, 0.3), first)

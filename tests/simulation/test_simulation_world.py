@@ -61,6 +61,7 @@ def test_same_seed_same_bits_in_two_worlds_and_after_reset(gl, arm_spec):
         assert any(part.ndim == 2 and part.shape[0] > 100 for part in first)
         assert same(first, run(two))
         two.drag("box", np.array([1.0, 1.0, 1.0]))
+        two.cameras[0].bump(make_pose(None, (0.05, 0.0, 0.0)))
         two.advance(0.9)
         two.reset()
         assert two.clock.now() == 0.0

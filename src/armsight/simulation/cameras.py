@@ -44,6 +44,7 @@ class SimulatedCamera:
         self._timing = Timing(spec, clock, (*seed, 1))
         self.faults = self._timing.faults
         self.unit = draw_camera(spec, seed)
+        self._put_up = self.unit.T_mount_camera
         truth = replace(spec.info, depth=self.unit.depth)
         self._sensor = (
             DepthSensor(truth, materials, (*seed, 3), unit=self.unit.errors)
@@ -57,7 +58,8 @@ class SimulatedCamera:
         self.reset()
 
     def reset(self) -> None:
-        """Back to time 0; faults stay."""
+        """Back to time 0, where it was put up; faults stay."""
+        self.unit = replace(self.unit, T_mount_camera=self._put_up)
         self._timing.reset()
         self.liar.reset()
         self._deliveries = Deliveries()

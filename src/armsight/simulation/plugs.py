@@ -194,17 +194,22 @@ class Plugged:
         self._body = int(model.body(BODY).id)
         self._at = -1 if socket is None else int(model.body(SOCKET_BODY).id)
         self._weight, self._rear = np.array([0.0, 0.0, -plug.cable]), np.asarray(plug.rear)
-        self._hung_at = np.full(3, np.inf)
-        self._swinging: SwingingCable | None = None
         if plug.hung is not None:
-            c = plug.hung
-            hung = HungCable(c.hanger, c.length, c.radius, plug.rear, c.mass, c.bending)
-            self._swinging = SwingingCable(hung)
             self._pieces = [int(model.body(CABLE.format(k)).mocapid[0]) for k in range(PIECES)]
         self.caught: Caught | None = None
         self._velocity = np.zeros(6)
         self._contact = np.zeros(6)
         self._rubs = np.zeros(3)
+        self.reset()
+
+    def reset(self) -> None:
+        """Its cable hangs as if it had never been led; where it has been caught it stays."""
+        self._hung_at = np.full(3, np.inf)
+        self._swinging: SwingingCable | None = None
+        c = self._plug.hung
+        if c is not None:
+            hung = HungCable(c.hanger, c.length, c.radius, self._plug.rear, c.mass, c.bending)
+            self._swinging = SwingingCable(hung)
 
     def push(self) -> None:
         """Write the forces for the next step."""

@@ -166,6 +166,8 @@ class SimulatedWorld:
             if device is not None:
                 device.reset()
         self._lid_parts.reset()
+        if self.plugged is not None:
+            self.plugged.reset()
         self.truth.reset()
         self._move_movers(0.0)
         self._followers.reset(self._data)
