@@ -127,6 +127,7 @@ def test_signals_interrupt_what_is_no_session(how):
 def test_an_interrupt_is_not_lost_in_a_callback_of_compiled_code(how, capfd):
     """Numba's compiler calls back right after each long wait: ctypes swallows what is raised."""
     before = sys.unraisablehook
+    heeded = signal.signal(signal.SIGINT, signal.default_int_handler)  # not in a shell's background
     called, ended = [], []
 
     @ctypes.CFUNCTYPE(None)
@@ -142,8 +143,11 @@ def test_an_interrupt_is_not_lost_in_a_callback_of_compiled_code(how, capfd):
             threading.Event().wait(10.0)
             ended.append("waited on")
 
-    with pytest.raises(KeyboardInterrupt):
-        work()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            work()
+    finally:
+        signal.signal(signal.SIGINT, heeded)
     assert called
     assert len(ended) == 1
     assert sys.unraisablehook is before
