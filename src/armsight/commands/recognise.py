@@ -98,8 +98,8 @@ class Recognise:
         shown = looks(picture, self._camera_of(picture, lens))
         print(shown.line, flush=True)
         if self.out is not None:
-            self._write(f"{name}.recognised.png", shown.drawing)
-            self._write(f"{name}.mask.png", shown.mask)
+            write_png(self.out / f"{name}.recognised.png", shown.drawing)
+            write_png(self.out / f"{name}.mask.png", shown.mask)
         return shown.line
 
     def _video(self, looks: Looks, lens: PinholeCamera | None) -> int:
@@ -125,10 +125,6 @@ class Recognise:
 
     def _camera_of(self, picture: Picture, lens: PinholeCamera | None) -> PinholeCamera | None:
         return camera_of(picture, self.intrinsics, self.camera, lens)
-
-    def _write(self, name: str, image: ColorImage) -> None:
-        assert self.out is not None
-        write_png(self.out / name, image)
 
     def _finish(self, lines: list[str]) -> None:
         from armsight.writing import write_text
