@@ -481,3 +481,80 @@ def test_who_asks_for_something_else_in_the_same_region_is_granted_that():
     assert consider(replace(ask, name="palm", kind="hand", force=30.0, torque=1.0, seconds=10.0))
     assert made.office.grant.person
     assert made.office.grant.ceiling is not None
+
+
+PRESSED = 70.0
+"""As a plug in its seat is [N]: more than a sensor may err by."""
+PORT = {"out": OUT, "force": 100.0, "torque": 10.0}
+
+
+def killed_there(tare, force=PRESSED, moves=0.0, **more):
+    """An office that begins while the arm stands in what it will ask for, pressing it.
+
+    Args:
+        tare: (6,) what is told that the sensor said before, or None.
+        force: on the arm, on its way out [N].
+        moves: the arm moves so far [rad] before it asks.
+        more: terms of what it asks for.
+    """
+    made = Office.__new__(Office)
+    config = GuardConfig(thing_force=100.0)
+    made.office = PermitOffice(ROBOT, BODY, config, Executed())
+    made.now, made.q, made.map = 0.0, ROBOT.home.copy(), NOBODY
+    made.ticks(0.7, None, force * OUT)
+    made.q[-1] += moves
+    made.tick(None, force * OUT)
+    ask = asked(**PORT | more, tare=tare)
+    for _ in range(2):
+        made.tick(ask, force * OUT)
+    return made, ask
+
+
+def said_before(*error):
+    """(6,) of the sensor at ``home`` with nothing touched: the tool's weight, and its own error."""
+    told = load(ROBOT.home, np.asarray(error, float), stamp=0.0)
+    return np.concatenate([told.force, told.torque])
+
+
+def test_a_guard_that_begins_in_contact_believes_what_the_sensor_said_before():
+    blind, _ = killed_there(None)
+    assert not blind.office.permit.holds
+    assert "70 N" in blind.office.permit.reason  # taken for the sensor's error
+    made, ask = killed_there(said_before(3.0, -2.0, 5.0))
+    assert made.office.permit.holds, made.office.permit
+    error = np.linalg.norm([3.0, -2.0, 5.0])
+    assert abs(made.office.permit.pressed - PRESSED) < error + 0.1
+    made.ticks(1.0, ask, PRESSED * OUT)
+    assert made.office.permit.holds  # all the time, and it is no sensor's error later on
+    made.ticks(0.3, ask)
+    assert made.office.permit.pressed < error + 0.1
+    made.tick(ask, 120.0 * OUT)
+    assert "pressed with" in made.office.permit.reason
+
+
+def test_a_press_above_the_permit_is_left_by_the_one_way_out():
+    made, _ = killed_there(said_before(0, 0, 0), force=120.0)
+    assert "pressed with 120" in made.office.permit.reason
+    assert made.office.retreat is not None
+
+
+@pytest.mark.parametrize(
+    ("tare", "more"),
+    [
+        (said_before(0, 0, 0), {"moves": 0.02}),
+        (said_before(0, 0, 0), {"kind": "hand"}),
+        (said_before(0, 0, 80.0), {}),
+        (said_before(0, 0, 0), {"region": sphere(TIP + 0.5 * OUT)}),
+    ],
+    ids=["it moved", "somebody's hand", "a sensor that errs too much", "it is elsewhere"],
+)
+def test_what_is_told_of_before_is_not_believed_where_it_could_hide_a_press(tare, more):
+    made, _ = killed_there(tare, **more)
+    assert not made.office.permit.holds
+    assert "70 N" in made.office.permit.reason
+
+
+@pytest.mark.parametrize("tare", [np.zeros(3), np.full(6, np.nan), "nothing"])
+def test_a_tare_that_is_none_is_refused_in_words(tare):
+    made, _ = killed_there(tare)
+    assert "its tare is" in made.office.permit.reason

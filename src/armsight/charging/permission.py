@@ -39,22 +39,34 @@ class Permission:
         self._region: Region | None = None
         self._what, self._speed = "port", SPEED
         self._out: Vector3 | None = None
+        self._tare: Floats | None = None
         self._since = -np.inf
         self._number = 0
         self._pausing = False
 
-    def see(self, port: SeenPort, stamp: float, sigma: float) -> None:
-        """The port was seen at ``stamp`` [s]; its place is known to ``sigma`` [m] besides."""
+    def see(self, port: SeenPort, stamp: float, sigma: float, tare: Floats | None = None) -> None:
+        """The port was seen at ``stamp`` [s]; its place is known to ``sigma`` [m] besides.
+
+        ``tare`` (6,) is what the sensor said before the plug went there, for a station that was
+        killed since [N], [N m].
+        """
         side = 2.0 * self._options.aside
         self._name("port", SPEED)
-        self._out = np.asarray(port.T_base_port)[:3, 2]
+        self._out, self._tare = np.asarray(port.T_base_port)[:3, 2], tare
         self._about(port.T_base_port, (side, side, side), port.covariance, stamp, sigma)
 
-    def see_lid(self, T_base_lid: Pose, covariance: Floats, stamp: float, sigma: float) -> None:
+    def see_lid(
+        self,
+        T_base_lid: Pose,
+        covariance: Floats,
+        stamp: float,
+        sigma: float,
+        tare: Floats | None = None,
+    ) -> None:
         """The lid was seen likewise: the finger may touch where it swings."""
         x, y, z = (float(v) for v in LID_BOX[1] - LID_BOX[0])
         self._name("lid", LID_SPEED)
-        self._out = None
+        self._out, self._tare = None, tare
         T = T_base_lid @ make_pose(None, LID_BOX.mean(axis=0))
         self._about(T, (x, y, z), covariance, stamp, sigma)
 
@@ -107,6 +119,7 @@ class Permission:
             seconds=120.0,
             stiffness=o.insert.admittance.stiffness[0],
             out=self._out,
+            tare=self._tare,
         )
 
     def holds(self, guard: GuardStatus | None) -> bool:

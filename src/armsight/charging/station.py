@@ -70,7 +70,7 @@ class Station(StationWatch):
             return
         self.port = SeenPort(entry.port, 1.0, entry.T_base_port, entry.covariance, False)
         self._sigma = 0.0  # it is in what was written
-        self.permission.see(self.port, seen.now, self._sigma)
+        self.permission.see(self.port, seen.now, self._sigma, entry.tare)
         self._hand.feeling.T_flange_plug, self._hand.feeling.tare = entry.T_flange_plug, entry.tare
         self.visits.begin(Outcome(port=entry.port, began=seen.now, out=False, seated=entry.plugged))
         state, words = after_kill(entry, self._hand.plug(seen))
@@ -79,7 +79,8 @@ class Station(StationWatch):
             self.finger.covariance = np.zeros((6, 6))
             if entry.at_lid:
                 sigma = self.options.near_sigma
-                self.permission.see_lid(entry.T_base_lid, np.zeros((6, 6)), seen.now, sigma)
+                six = np.zeros((6, 6))
+                self.permission.see_lid(entry.T_base_lid, six, seen.now, sigma, entry.tare)
                 self.visits.blame(words)
                 self._leave_lid(seen)
                 return

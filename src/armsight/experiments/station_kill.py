@@ -19,7 +19,7 @@ from armsight.experiments.rows import Row, share_row
 from armsight.experiments.station_bench import StationBench, charging_cell, make_station
 from armsight.experiments.station_sigkill import OUT, killed
 
-VERSION = 7
+VERSION = 8
 FIRST_REAL = 10**6
 """Number of the first kill of a process, in the cache."""
 ABOUT = """

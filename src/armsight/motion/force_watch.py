@@ -83,6 +83,8 @@ class ForceWatch:
         self._bias: Floats | None = None
         self._tared = self._first = -math.inf
         self._new: list[Felt] = []
+        self._rests: list[tuple[float, Floats]] = []
+        self._load: Floats = np.zeros(6)
         self._stamp = -math.inf
         self._mean = (-math.inf, 0.0)
         self._rate = 0.0
@@ -93,6 +95,7 @@ class ForceWatch:
         """The clock was turned back by so much [s]: what the sensor errs by is what it was."""
         self._free = deque((at - back, rest) for at, rest in self._free)
         self._rates = deque((at - back, rate, force) for at, rate, force in self._rates)
+        self._rests = [(at - back, rest) for at, rest in self._rests]
         self._new = [replace(felt, stamp=felt.stamp - back) for felt in self._new]
         self._tared, self._first, self._stamp = (
             at - back for at in (self._tared, self._first, self._stamp)
@@ -126,17 +129,17 @@ class ForceWatch:
         """
         if not readings:
             return
-        before, self._new = self._mean, []
+        before, self._rests = self._mean, []
         R = flange_pose(self._robot, q)[:3, :3]
         falls = self._gravity if pull is None else self._gravity - pull
         weight = R.T @ (self._mass * falls)
-        load = np.concatenate([weight, cross(self._center, weight)])
+        self._load = np.concatenate([weight, cross(self._center, weight)])
         for reading in readings:
             told = np.concatenate([reading.force, reading.torque]).astype(float)
             if not (np.isfinite(told).all() and reading.stamp > self._stamp):
                 continue  # what is no number, and no newer, is as good as silence
             self._stamp = reading.stamp
-            rest = told - load
+            rest = told - self._load
             if not touching:
                 self._free.append((reading.stamp, rest))
                 self._sum += rest
@@ -144,9 +147,8 @@ class ForceWatch:
                     self._sum -= self._free.popleft()[1]
                 if len(self._free) >= SAMPLES:  # else what was known before still is
                     self._tare(self._sum / len(self._free))
-            contact = rest - (np.zeros(6) if self._bias is None else self._bias)
-            torque = contact[3:] - cross(self._tip, contact[:3])
-            self._new.append(Felt(reading.stamp, contact[:3], torque))
+            self._rests.append((reading.stamp, rest))
+        self._new = [self._felt(at, rest) for at, rest in self._rests]
         if self._new:
             mean = np.mean([f.force for f in self._new], axis=0)
             self._push = np.asarray(R @ mean)
@@ -157,6 +159,31 @@ class ForceWatch:
             self._rates.append((self._mean[0], self._rate, self._mean[1]))
             while self._rates[0][0] < self._mean[0] - LASTING:
                 self._rates.popleft()
+
+    def know(self, tare: Floats) -> bool:
+        """What the sensor said before the contact in which the arm stands, if that can be.
+
+        Args:
+            tare: (6,) force and torque in its axes, the arm as it stood then [N], [N m].
+
+        Returns:
+            Whether it was taken over: what errs by more than it may is not.
+        """
+        bias = np.asarray(tare, float) - self._load
+        if not self._rests or _errs(bias):
+            return False
+        self._bias, self._tared, self._first = bias, self._stamp, self._stamp - TARED_OVER
+        self._free.clear()
+        self._sum = np.zeros(6)
+        self._new = [self._felt(at, rest) for at, rest in self._rests]
+        self._mean, self._rate = (-math.inf, 0.0), 0.0  # it was pressed so all the time
+        self._rates.clear()
+        return True
+
+    def _felt(self, stamp: float, rest: Floats) -> Felt:
+        """What (6,) is left over, less the sensor's error, about the TCP."""
+        contact = rest if self._bias is None else rest - self._bias
+        return Felt(stamp, contact[:3], contact[3:] - cross(self._tip, contact[:3]))
 
     def _tare(self, mean: Floats) -> None:
         """The error goes to (6,) what was left over lately, as far as it may have drifted."""
@@ -178,8 +205,8 @@ class ForceWatch:
             return f"the force sensor has been silent for {1e3 * age:.0f} ms"
         if self._bias is None:
             return "the force sensor has not been read without contact yet"
-        force, torque = np.linalg.norm(self._bias[:3]), np.linalg.norm(self._bias[3:])
-        if force > BIAS[0] or torque > BIAS[1]:
+        if _errs(self._bias):
+            force, torque = np.linalg.norm(self._bias[:3]), np.linalg.norm(self._bias[3:])
             return f"the force sensor says {force:.0f} N and {torque:.1f} N m without contact"
         return ""
 
@@ -228,3 +255,9 @@ class ForceWatch:
             if torque > permit.torque:
                 return f"turned with {torque:.2f} N m; at most {permit.torque:g}"
         return ""
+
+
+def _errs(bias: Floats) -> bool:
+    """Whether a sensor that errs by (6,) cannot be believed."""
+    force, torque = np.linalg.norm(bias[:3]), np.linalg.norm(bias[3:])
+    return bool(force > BIAS[0] or torque > BIAS[1])

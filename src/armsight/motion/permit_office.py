@@ -18,6 +18,7 @@ from armsight.motion.executed import Executed
 from armsight.motion.felt_velocity import FeltVelocity
 from armsight.motion.force_watch import FELT, ForceWatch
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.known_before import KnownBefore
 from armsight.motion.nearest import Hazards, MovingBody
 from armsight.motion.permit_grounds import followed, jump, seen_against
 from armsight.motion.permit_law import (
@@ -89,6 +90,7 @@ class PermitOffice:
         self._looked: WorkspaceSnapshot | None = None
         up = np.asarray(config.up, float)
         self._force = ForceWatch(robot, tuple(-9.81 * up))
+        self._before = KnownBefore(robot, body)
         self._tool, self._pull = ToolMotion(robot), np.zeros(3)
         self._ceiling = (up, config.head_height - config.base_height)
         self._waiting: list[Wrench] = []
@@ -152,6 +154,7 @@ class PermitOffice:
         before, self._now = self.grant, now
         if joints is not None:  # while nobody knows better, the arm is where it was: it brakes
             self._q, self._pull = np.asarray(joints.position, float), self._tool.take(joints)
+            self._before.take(self._q)
             self._feel_contact(now, joints, command)
         self._answer(now, request, snapshot)
         self._looked = snapshot
@@ -401,6 +404,8 @@ class PermitOffice:
         if snapshot is None:
             return "there is no map yet", False
         stands = self.retreat is not None and self.retreat.stands is not None
+        tare = None if stands else self._before.tare(request, now)
+        was_in = tare is not None and self._force.know(tare)  # what it presses is no surprise
         if self.retreat is not None and not stands:
             return f"the arm still backs out: {self.retreat.reason}", False
         if not touching(self._robot, request).any():
@@ -411,7 +416,7 @@ class PermitOffice:
             if reason:
                 return f"nobody would feel how hard it presses: {reason}", False
         pressed = self._force.pressed
-        if pressed > FREE * request.force and not stands:
+        if pressed > FREE * request.force and not (stands or was_in):
             return f"the force sensor feels {pressed:.1f} N before anything is touched", False
         if request.kind == "face" and not self._config.soft > 0.0:
             return "the tool's tip is not declared soft (guard.soft_tip_n_per_mm)", False

@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from armsight.arrays import Mask, Vector3
+from armsight.arrays import Floats, Mask, Vector3
 from armsight.motion.regions import Region, region_fault
 from armsight.robots.robot import Robot
 
@@ -43,6 +43,8 @@ class PermitRequest:
         seconds: for how long from when it is granted [s].
         out: (3,) unit vector in ``base``: the one way out of a thing that holds what is in it, such
             as a socket; None where every way that leads away from it will do.
+        tare: (6,) force and torque that the sensor said before anything touched, at the flange, in
+            its axes [N], [N m], if the task knows: for a guard that begins with an arm in contact.
     """
 
     name: str
@@ -56,6 +58,7 @@ class PermitRequest:
     seconds: float = 10.0
     stiffness: float = 5e3
     out: Vector3 | None = None
+    tare: Floats | None = None
 
 
 class PermitState(StrEnum):
@@ -154,6 +157,8 @@ def request_fault(request: Any, robot: Robot, now: float) -> str:
             return f"its {name} is {value}; expected above 0"
     if request.out is not None and not _is_direction(request.out):
         return f"its way out is {request.out}; expected a unit vector"
+    if request.tare is not None and not _is_wrench(request.tare):
+        return f"its tare is {request.tare}; expected 3 forces [N] and 3 torques [N m]"
     parts: Any = request.parts
     if not isinstance(parts, tuple | list):
         return f"its parts are {parts!r}; expected names"
@@ -172,6 +177,14 @@ def _is_direction(value: Any) -> bool:
     except (TypeError, ValueError):
         return False
     return way.shape == (3,) and abs(float(way @ way) - 1.0) < 1e-6
+
+
+def _is_wrench(value: Any) -> bool:
+    try:
+        wrench = np.asarray(value, float)
+    except (TypeError, ValueError):
+        return False
+    return wrench.shape == (6,) and bool(np.isfinite(wrench).all())
 
 
 def region_refusal(region: Region, kind: str, now: float) -> str:
