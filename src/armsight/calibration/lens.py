@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from armsight.arrays import Floats, Ints, Points
+from armsight.arrays import Floats, Ints, Mask, Points
 from armsight.calibration.covariance import Covariance, covariance
 from armsight.calibration.lens_prior import sheet_prior
 from armsight.calibration.noise import solve_with_noise
@@ -144,7 +144,7 @@ def calibrate_lens(
         priors: about the board.
 
     Raises:
-        CalibrationError: too few frames, or all alike.
+        CalibrationError: too few frames, all alike, or no board's.
     """
     if len(frames) < 3 and sheet is None:
         raise CalibrationError(
@@ -152,20 +152,79 @@ def calibrate_lens(
             "board tilted by 20-40 deg in different directions"
         )
     prior = None
+    enough = [(k, p) for k, p in frames if not _in_line(board[k])]
+    if not enough:
+        raise CalibrationError(
+            f"lens: none of the {len(frames)} frames has four corners of the board that are not on "
+            "one line; show the whole board"
+        )
     if sheet is None:
-        sheet = zhang([board[k] for k, _ in frames], [p for _, p in frames], width, height)
+        points, pixels = [board[k] for k, _ in enough], [p for _, p in enough]
+        sheet = zhang(points, pixels, width, height)
+        if sheet is None:  # a few corners that are wrong spoil it
+            flat = [_flat(X, p) for X, p in zip(points, pixels)]
+            points = [X[kept] for X, kept in zip(points, flat)]
+            sheet = zhang(points, [p[kept] for p, kept in zip(pixels, flat)], width, height)
         if sheet is None:
-            raise CalibrationError(
-                "lens: the frames do not tell the focal length: all show the board facing the "
-                "camera; tilt it by 20-40 deg in different directions"
-            )
+            raise CalibrationError(f"lens: the frames do not tell the focal length: {_why(flat)}")
         prior = sheet_prior(sheet, focal=0.5, center=0.1, distortion=1.0)
     lens = Lens("lens", 0, sheet, prior=sheet_prior(sheet) if prior is None else prior)
     problem = lens_problem([lens], board, [(i, 0, k, p) for i, (k, p) in enumerate(frames)])
     start = find_start(problem, rng or np.random.default_rng(0))
+    if not start.problem.sightings:
+        raise CalibrationError(
+            "lens: in no frame do the corners lie where a board's can; "
+            "check its kind, its size and the order of its corners"
+        )
     freedom = Freedom(lens=True, shape=True, white=None)
     solution, _ = solve_with_noise(start.problem, freedom, priors, SolverOptions())
-    return summary(solution, 0)
+    found = summary(solution, 0)
+    unsure = float(np.sqrt(found.covariance[0, 0])) / found.camera.fx
+    if unsure > UNSURE:
+        raise CalibrationError(
+            f"lens: the frames tell the focal length to {100 * unsure:.0f} % only: nearly all show "
+            "the board alike, or facing the camera; tilt it by 20-40 deg in different directions"
+        )
+    return found
+
+
+UNSURE = 0.15
+"""A focal length whose standard deviation is a greater share of it is not known."""
+FLAT = 0.03
+"""A corner is off a flat board's picture by more than a lens bends it: share of that picture."""
+
+
+def _in_line(X: Points) -> bool:
+    """Whether (m, 3) corners are fewer than four, or on one line."""
+    if len(X) < 4:
+        return True
+    spread = np.linalg.svd(X - X.mean(axis=0), compute_uv=False)
+    return bool(spread[1] < 0.05 * spread[0])
+
+
+def _flat(X: Points, p: Floats) -> Mask:
+    """(m,) which corners lie as those of a flat board do; none where half of them do not."""
+    found: Floats | None = cv2.findHomography(X[:, :2], p, cv2.LMEDS)[0]  # type: ignore[assignment]
+    if found is None:
+        return np.zeros(len(X), bool)
+    seen = np.c_[X[:, :2], np.ones(len(X))] @ np.asarray(found).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - p, axis=1)
+    kept = off < FLAT * float(np.median(np.ptp(p, axis=0)))
+    return kept if 2 * int(kept.sum()) > len(X) else np.zeros(len(X), bool)
+
+
+def _why(flat: Sequence[Mask]) -> str:
+    """Why no focal length was found, by which corners of each frame are as on a flat board."""
+    bent = sum(not kept.any() for kept in flat)
+    if len(flat) - bent < 2:
+        return (
+            f"in {bent} of {len(flat)} frames the corners do not lie as those of a flat board do; "
+            "check its kind and size, and the order of its corners"
+        )
+    return "all show the board facing the camera; tilt it by 20-40 deg in different directions" + (
+        f" (and in {bent} of {len(flat)} it is not flat)" if bent else ""
+    )
 
 
 def summary(solution: Solution, lens: int) -> LensCalibration:

@@ -173,8 +173,8 @@ def given_box(recogniser: ArmRecogniser, sample: Sample, lens: PinholeCamera) ->
     )
 
 
-def default_set() -> Path:
-    """Where the second renderer's frames lie."""
+def set_of(name: str) -> Path:
+    """Where the frames of another renderer than the training set's lie."""
     from armsight.experiments.recognition_scores import folder
 
-    return folder() / "sets" / "second-rooms"
+    return folder() / "sets" / name
