@@ -112,7 +112,7 @@ class PortEye:
             empty = np.zeros((SHOWN * 3 // 4, SHOWN, 3), np.uint8)
             return PortLook(frame.stamp, info.name, (), empty, wrong)
         left, right = gray(frame.left), gray(frame.right)
-        pair = StereoPair(info.left, info.right, info.T_left_right)
+        pair = info.lenses
         held = None
         if self.shown is not None:
             T_left_plug = inverse(view.T_base_camera) @ self.shown

@@ -13,7 +13,6 @@ from armsight.charging.fit import model_points
 from armsight.charging.lid_find import LidPose, find_lid, fit_lid
 from armsight.charging.vehicle_file import LidShape
 from armsight.geometry.pose import inverse
-from armsight.geometry.stereo import StereoPair
 from armsight.motion.perception import CameraUse, PosedPair
 
 
@@ -68,7 +67,7 @@ class LidEye:
         if T_base_left is None or picture_fault(frame.left, frame.right, info.left, info.right):
             return None
         images = gray(frame.left), gray(frame.right)
-        pair = StereoPair(info.left, info.right, info.T_left_right)
+        pair = info.lenses
         expected = self.expected
         found: LidPose | None
         if expected is None:

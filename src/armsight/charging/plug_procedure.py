@@ -34,7 +34,6 @@ from armsight.charging.pose import CLEAR, PortPose, fit_held, fit_pose, locate
 from armsight.devices.data import StereoInfo
 from armsight.errors import CalibrationError
 from armsight.geometry.pose import inverse
-from armsight.geometry.stereo import StereoPair
 from armsight.robots.robot import Robot
 
 POOL = 160
@@ -83,11 +82,6 @@ class PlugSetup:
     room: Callable[[JointVector], float] = lambda joints: np.inf
     on_way: Callable[[JointVector], float] = lambda joints: np.inf
     here: Callable[[], JointVector | None] = lambda: None
-
-    @property
-    def lenses(self) -> StereoPair:
-        """The pair's geometry."""
-        return StereoPair(self.pair.left, self.pair.right, self.pair.T_left_right)
 
     @property
     def believed(self) -> PlugCalibration:
@@ -303,7 +297,9 @@ def _places(
     setup: PlugSetup, answer: PlugCalibration, rng: np.random.Generator
 ) -> tuple[JointPath, Poses]:
     """Configurations to choose looks from, and the plug in the left lens's frame there."""
-    joints, C = plug_views(answer, setup.robot, setup.lenses, setup.plug, POOL, rng, setup.free)
+    joints, C = plug_views(
+        answer, setup.robot, setup.pair.lenses, setup.plug, POOL, rng, setup.free
+    )
     if len(joints) < LEAST_VIEWS:
         raise CalibrationError(
             f"the arm can hold its plug before the pair {setup.pair.name} in {len(joints)} "
@@ -321,7 +317,7 @@ def read_look(
     It is fitted where it is expected, in the roll in which the arm holds it: from aside another
     one may fit as well by its rims alone. It is searched where it is not there.
     """
-    picture, pair = looked.pictures[0], setup.lenses
+    picture, pair = looked.pictures[0], setup.pair.lenses
     if picture.color is None or picture.right is None:
         return None, picture.problem or "the pair sent one picture only"
     images = (picture.color, picture.right)

@@ -6,22 +6,19 @@ where nobody can be, and what paths have to keep clear of.
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from armsight.arrays import Pose
 from armsight.charging.ports.table import PORTS
-from armsight.errors import UsageError
+from armsight.charging.toml_file import read_toml
 from armsight.geometry.pose import from_rpy, make_pose
 from armsight.geometry.shapes import Solid
 
 FOLDER = Path(__file__).parent / "vehicles"
-MOST = 100_000
-"""A longer file is none of ours [bytes]."""
 COARSE = 50.0
 """What sides of cars are bent by, where a file does not say [mm]."""
 GROUND = 1.3
@@ -214,23 +211,4 @@ def load_vehicle(given: str | Path) -> VehicleShape:
     file = Path(given)
     if str(given) in packaged():
         file = FOLDER / f"{given}.toml"
-    try:
-        data = file.read_bytes()
-    except (OSError, ValueError) as error:  # a name may hold what no file's name can
-        known, why = ", ".join(packaged()), getattr(error, "strerror", None) or error
-        raise UsageError(
-            f"vehicle {str(given)!r}: cannot be read ({why}); packaged are {known}"
-        ) from None
-    if len(data) > MOST:
-        raise UsageError(f"vehicle {file}: {len(data)} bytes; a vehicle's file is short")
-    try:
-        raw: dict[str, Any] = tomllib.loads(data.decode())
-    except (ValueError, RecursionError) as error:  # also a number of more digits than Python takes
-        raise UsageError(f"vehicle {file}: not TOML: {error}") from None
-    try:
-        return VehicleShape.model_validate(raw)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(step) for step in first["loc"])
-        what = str(first["msg"]).removeprefix("Value error, ")
-        raise UsageError(f"vehicle {file}: {where + ': ' if where else ''}{what}") from None
+    return read_toml("vehicle", file, VehicleShape, f"; packaged are {', '.join(packaged())}")

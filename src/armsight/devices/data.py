@@ -12,6 +12,7 @@ from armsight.arrays import Bytes, ColorImage, DepthImage, Floats, JointVector, 
 from armsight.devices.depth_model import DepthModel
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.shapes import Solid
+from armsight.geometry.stereo import StereoPair
 
 
 @dataclass(frozen=True)
@@ -247,3 +248,8 @@ class StereoInfo:
     rate: float
     latency: float
     covariance: Floats | None = None
+
+    @property
+    def lenses(self) -> StereoPair:
+        """The two lenses and how they stand to each other."""
+        return StereoPair(self.left, self.right, self.T_left_right)

@@ -26,7 +26,6 @@ from armsight.charging.vehicle import SimulatedCar, Vehicle
 from armsight.charging.visit import Seen, State, StationOptions
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid
-from armsight.geometry.stereo import StereoPair
 from armsight.motion.face import (
     Button,
     Curve,
@@ -140,8 +139,7 @@ class ChargeOptions:
             reach=cell.robot.reach + BEYOND,
         )
         far = next(p.info for p in cell.stereo if p.info.name == fixed[0])
-        lenses = StereoPair(far.left, far.right, far.T_left_right)
-        places = PlugPlaces(cell.robot, lenses, far.T_mount_camera, section.kind)
+        places = PlugPlaces(cell.robot, far.lenses, far.T_mount_camera, section.kind)
         station = Station(
             cell.robot,
             cell.robot.home,

@@ -6,19 +6,17 @@ The table's entries are written in the same words, to start from.
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from armsight.charging.ports.outline import Outline, inside_any
 from armsight.charging.ports.table import MM, PORTS, Pin, Port, Rim
+from armsight.charging.toml_file import read_toml
 from armsight.errors import UsageError
 
-MOST = 100_000
-"""A longer file is none of ours [bytes]."""
 RINGS = (0.6, 0.9)
 """Radius of the inner of the two rings that a search begins with, over that of the outer one."""
 Place = Annotated[float, Field(ge=-150.0, le=150.0, allow_inf_nan=False)]
@@ -161,24 +159,7 @@ def read_drawing(file: Path) -> Port:
     Raises:
         UsageError: it cannot be read, or says what cannot be.
     """
-    try:
-        data = file.read_bytes()
-    except (OSError, ValueError) as error:  # a name may hold what no file's name can
-        why = getattr(error, "strerror", None) or error
-        raise UsageError(f"drawing {str(file)!r}: cannot be read ({why})") from None
-    if len(data) > MOST:
-        raise UsageError(f"drawing {file}: {len(data)} bytes; a drawing's file is short")
-    try:
-        raw: dict[str, Any] = tomllib.loads(data.decode())
-    except (ValueError, RecursionError) as error:  # also a number of more digits than Python takes
-        raise UsageError(f"drawing {file}: not TOML: {error}") from None
-    try:
-        return _Drawing.model_validate(raw).port()
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(step) for step in first["loc"])
-        what = str(first["msg"]).removeprefix("Value error, ")
-        raise UsageError(f"drawing {file}: {where + ': ' if where else ''}{what}") from None
+    return read_toml("drawing", file, _Drawing).port()
 
 
 def add_drawing(file: Path) -> Port:
