@@ -99,9 +99,10 @@ def test_no_real_arm_is_led_by_a_car_that_is_made_up():
 
 def opened(workcell, *pairs):
     """As much of an open cell as making the task needs."""
-    lenses = vars(stereo_pair())
+    lenses = stereo_pair()
     infos = [
-        SimpleNamespace(name=n, mounted_on=m, T_mount_camera=np.eye(4), **lenses) for n, m in pairs
+        SimpleNamespace(name=n, mounted_on=m, T_mount_camera=np.eye(4), lenses=lenses)
+        for n, m in pairs
     ]
     return SimpleNamespace(
         workcell=workcell,

@@ -115,7 +115,7 @@ def test_an_arm_that_is_held_up_somewhere_looks_elsewhere(monkeypatch):
     cell = Cell(np.random.default_rng(1))
     s, answer = setup(), cell.answer
     rng = np.random.default_rng(3)
-    joints, _ = plug_views(s.believed, ROBOT, s.lenses, "type2_plug", 60, rng)
+    joints, _ = plug_views(s.believed, ROBOT, s.pair.lenses, "type2_plug", 60, rng)
     middle = float(np.median(joints[:, 0]))
 
     def held(request):
@@ -154,7 +154,9 @@ def test_where_nowhere_is_room_enough_the_roomiest_places_are_gone_to():
     s = setup(room=lambda joints: -10.0 - abs(joints[0]))
     steps = plug_procedure.plug_procedure(s, np.random.default_rng(0))
     first = abs(next(steps).joints[0])
-    drawn = plug_views(s.believed, ROBOT, s.lenses, "type2_plug", 160, np.random.default_rng(0))[0]
+    drawn = plug_views(
+        s.believed, ROBOT, s.pair.lenses, "type2_plug", 160, np.random.default_rng(0)
+    )[0]
     assert first <= np.sort(np.abs(drawn[:, 0]))[11]
 
 
@@ -230,14 +232,16 @@ def test_the_arm_is_not_between_the_pair_and_its_plug():
         ((0.763, -1.409, 2.17, -3.686, 0.731, 3.137), False),
     ):
         C = inverse(s.believed.T_base_camera) @ s.believed.base_tip(np.array(q))
-        told = hidden_by_arm(s.robot, np.array(q), s.believed.T_base_camera, C, s.lenses, 0.032)
+        told = hidden_by_arm(
+            s.robot, np.array(q), s.believed.T_base_camera, C, s.pair.lenses, 0.032
+        )
         assert told == hidden
     rng = np.random.default_rng(2)
-    joints, C = plug_views(s.believed, s.robot, s.lenses, "type2_plug", 40, rng)
+    joints, C = plug_views(s.believed, s.robot, s.pair.lenses, "type2_plug", 40, rng)
     X, links = s.believed.T_base_camera, np.asarray(s.robot.spheres.link) < s.robot.n
     for q, T in zip(joints, C):
         centers = sphere_centers(s.robot, q)[links]
-        for eye in (X[:3, 3], (X @ s.lenses.T_left_right)[:3, 3]):
+        for eye in (X[:3, 3], (X @ s.pair.lenses.T_left_right)[:3, 3]):
             line = eye + np.linspace(0.0, 1.0, 300)[:, None] * ((X @ T)[:3, 3] - eye)
             away = np.linalg.norm(line[:, None] - centers, axis=2)
             assert (away > np.asarray(s.robot.spheres.radius)[links]).all()
@@ -246,7 +250,13 @@ def test_the_arm_is_not_between_the_pair_and_its_plug():
 def test_what_is_chosen_is_in_both_pictures():
     s = setup()
     joints, C = plug_views(
-        s.believed, ROBOT, s.lenses, "type2_plug", 60, np.random.default_rng(3), lambda q: q[0] > 0
+        s.believed,
+        ROBOT,
+        s.pair.lenses,
+        "type2_plug",
+        60,
+        np.random.default_rng(3),
+        lambda q: q[0] > 0,
     )
     assert len(joints) > 5
     assert (joints[:, 0] > 0).all()
@@ -292,7 +302,7 @@ def packaged():
 def test_the_plug_in_the_cell_is_seen_as_it_hangs():
     """Rendered: its front and contacts can be seen; the pair is believed to be 4 cm off."""
     right, rng = packaged(), np.random.default_rng(0)
-    joints, C = plug_views(right.believed, right.robot, right.lenses, "type2_plug", 30, rng)
+    joints, C = plug_views(right.believed, right.robot, right.pair.lenses, "type2_plug", 30, rng)
     q = joints[np.argmax(-C[:, 2, 2])]  # the one that faces the pair most
     looked, truth = rendered(q)
     left, second = looked.pictures[0].color, looked.pictures[0].right
@@ -312,7 +322,7 @@ def test_the_plug_in_the_cell_is_seen_as_it_hangs():
 def test_a_plug_that_is_seen_from_aside_is_in_the_roll_in_which_the_arm_holds_it(monkeypatch):
     """At 37 deg another roll fitted its rims as well: a third of the looks were not used."""
     right, rng = packaged(), np.random.default_rng(1)
-    joints, _ = plug_views(right.believed, right.robot, right.lenses, "type2_plug", 60, rng)
+    joints, _ = plug_views(right.believed, right.robot, right.pair.lenses, "type2_plug", 60, rng)
     looked, truth = rendered(joints[3])
     monkeypatch.setattr(plug_procedure, "locate", lambda *args: ())
     seen, problem = read_look(right, right.believed, looked)

@@ -78,7 +78,7 @@ def test_places_to_which_the_way_is_closed_wait(monkeypatch):
     the first time; all the while others were free."""
     at, asked, crossed, base = [ROBOT.home], [], [], setup()
     rng = np.random.default_rng(3)
-    drawn, _ = plug_views(base.believed, ROBOT, base.lenses, "type2_plug", 60, rng)
+    drawn, _ = plug_views(base.believed, ROBOT, base.pair.lenses, "type2_plug", 60, rng)
     middle = float(np.median(drawn[:, 0]))
 
     def apart(q):
