@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri
 
 from armsight.arrays import Floats, Ints
 from armsight.calibration import se3
@@ -236,7 +236,7 @@ class DriftWatch:
 
     def _slipped(self, watching: list[int]) -> tuple[Floats, int] | None:
         """The motion of the board that its last sightings by all cameras agree on."""
-        bar = float(stats.chi2.isf(self._options.false_alarm, 6))
+        bar = float(chdtri(6, self._options.false_alarm))
         last = [self._tracks[r].motions[-self._options.agree :] for r in watching]
         if not any(self._size(motions)[0] > bar for motions in last):
             return None  # nothing is off: spare the work
@@ -248,12 +248,12 @@ class DriftWatch:
         motions = self._tracks[rig].since(rest)
         if len(motions) < 2:
             return None
-        return self._size(motions)[0] > float(stats.chi2.isf(1e-3, 6))
+        return self._size(motions)[0] > float(chdtri(6, 1e-3))
 
     def _agreed(self, track: _Track) -> tuple[Floats, int] | None:
         """(6,) the motion that the last sightings agree on, and since which rest; or None."""
         options, motions = self._options, track.motions
-        bar = float(stats.chi2.isf(options.false_alarm, 6))
+        bar = float(chdtri(6, options.false_alarm))
         for count in range(options.agree, min(len(motions), options.window) + 1):
             recent = motions[-count:]
             size, mean = self._size(recent)
@@ -275,7 +275,7 @@ class DriftWatch:
 
     def _agree(self, motions: list[_Motion], mean: Floats) -> bool:
         """Whether each sighting is within its own doubt of the common motion."""
-        bar = 2.0 * float(stats.chi2.isf(1e-4, 6))
+        bar = 2.0 * float(chdtri(6, 1e-4))
         for m in motions:
             C = np.linalg.inv(m.information)
             off = C @ m.h - mean
