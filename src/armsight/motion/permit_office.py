@@ -368,7 +368,9 @@ class PermitOffice:
         if not reason and permit.holds:
             reason, beside = self._against(now, permit, request, snapshot)
         elif not reason:
-            reason, beside = self._refusal(now, request, snapshot)
+            tare = self._before.tare(request, now)
+            was_in = tare is not None and self._force.know(tare)
+            reason, beside = self._refusal(now, request, snapshot, was_in)
         if not reason:
             self._anew = self._anew or not _same_terms(self._request, request)
             self._request = request
@@ -398,14 +400,15 @@ class PermitOffice:
             self.withdraw(reason, now, beside)
 
     def _refusal(
-        self, now: float, request: PermitRequest, snapshot: WorkspaceSnapshot | None
+        self, now: float, request: PermitRequest, snapshot: WorkspaceSnapshot | None, was_in: bool
     ) -> tuple[str, bool]:
-        """Why a request is not granted now, and whether somebody may be beside its region."""
+        """Why a request is not granted now, and whether somebody may be beside its region.
+
+        Who was in contact before the guard began surprises nobody by pressing.
+        """
         if snapshot is None:
             return "there is no map yet", False
         stands = self.retreat is not None and self.retreat.stands is not None
-        tare = None if stands else self._before.tare(request, now)
-        was_in = tare is not None and self._force.know(tare)  # what it presses is no surprise
         if self.retreat is not None and not stands:
             return f"the arm still backs out: {self.retreat.reason}", False
         if not touching(self._robot, request).any():
