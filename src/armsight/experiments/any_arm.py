@@ -40,7 +40,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     rows: list[Row] = []
     notes = [NOTE]
     plots: dict[str, Callable[[], Any]] = {}
-    for name, where in SETS.items():
+    for turn, (name, where) in enumerate(SETS.items()):
         try:
             held = LabelledSet.open(set_of(name), partial=True)
         except ArmsightError as error:
@@ -49,7 +49,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         chosen = _chosen(held, runs, seed)
         frames = []
         for k, i in enumerate(chosen):
-            progress(where.partition(",")[0], k / len(chosen))
+            progress(where.partition(",")[0], (turn + k / len(chosen)) / len(SETS))
             frames.append(try_frame(recogniser, held[i]))
         rows += _rows(frames, where)
         plots[f"frames-{name}"] = partial(skeletons, recogniser, held, chosen)
