@@ -17,10 +17,10 @@ RAL = {
     "silver": (0.36, 0.37, 0.37),
 }  # fmt: skip
 """What machines are painted with, (3,) linear RGB."""
-PAINTS = {"white": ("pure white", "signal white"), "grey": ("light grey", "silver", "anthracite")}
+WHITE = ("pure white", "signal white")
 METALS = {
     "aluminium": (0.912, 0.914, 0.920), "steel": (0.53, 0.51, 0.49), "chrome": (0.55, 0.56, 0.55),
-    "brass": (0.91, 0.78, 0.42), "copper": (0.93, 0.62, 0.52),
+    "brass": (0.91, 0.78, 0.42),
 }  # fmt: skip
 """Reflectance straight on, as measured, (3,) linear RGB."""
 

@@ -149,7 +149,7 @@ def _paint(recipe: Recipe, rng: np.random.Generator) -> np.ndarray | None:
     if rng.random() >= recipe.repaint:
         return None
     white = rng.random() < 0.55
-    names = materials.PAINTS["white"] if white else tuple(materials.RAL)
+    names = materials.WHITE if white else tuple(materials.RAL)
     return np.asarray(materials.RAL[str(rng.choice(names))])
 
 

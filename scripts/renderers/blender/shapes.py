@@ -10,13 +10,14 @@ import mathutils
 import numpy as np
 import trimesh
 
+from armsight.geometry.pose import from_rpy
+
 Material = Any
 
 
 def pose(x: float, y: float, z: float, yaw: float = 0.0) -> np.ndarray:
     """Pose turned about the vertical."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1.0]])
+    return np.asarray(from_rpy((0.0, 0.0, yaw), (x, y, z)))
 
 
 def toward(origin: Sequence[float], target: Sequence[float]) -> np.ndarray:

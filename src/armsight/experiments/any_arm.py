@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from armsight.experiments.any_arm_frames import (
     try_frame,
 )
 from armsight.experiments.any_arm_pictures import skeletons
-from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.frame import Draw, Experiment, Outcome, Progress
 from armsight.experiments.recognition_scores import folder
 from armsight.experiments.rows import Row, wilson
 from armsight.recognition.any_arm.model import CropModel
@@ -39,7 +38,12 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     recogniser = ArmRecogniser(CropModel(network_file(NETWORK), 1))
     rows: list[Row] = []
     notes = [NOTE]
-    plots: dict[str, Callable[[], Any]] = {}
+    plots: dict[str, Draw] = {}
+    old = None
+    try:
+        old = Recogniser(Model(folder() / "runs" / BASELINE / "network.onnx", 1))
+    except ArmsightError as error:
+        notes.append(f"No network of the papers was there to compare with: {error}")
     for turn, (name, where) in enumerate(SETS.items()):
         try:
             held = LabelledSet.open(set_of(name), partial=True)
@@ -53,15 +57,11 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
             frames.append(try_frame(recogniser, held[i]))
         rows += _rows(frames, where)
         plots[f"frames-{name}"] = partial(skeletons, recogniser, held, chosen)
-        try:
-            old = Recogniser(Model(folder() / "runs" / BASELINE / "network.onnx", 1))
-        except ArmsightError as error:
-            notes.append(f"No network of the papers was there to compare with: {error}")
-        else:
+        if old is not None:
             rows += _baseline([baseline_frame(old, held[i]) for i in chosen], where)
     if not rows:
         raise ArmsightError(notes[-1])
-    return Outcome(tuple(rows), plots, tuple(dict.fromkeys(notes)))
+    return Outcome(tuple(rows), plots, tuple(notes))
 
 
 NOTE = (
@@ -105,11 +105,11 @@ def _rows(frames: Sequence[Frame], where: str) -> list[Row]:
         share("type_accuracy", "right type, of the five robots of any paint",
               [f.said == f.robot for f in known], 0.85, 0.99),
         share("unknown_recall", "arms that nobody sells called unknown",
-               [f.said == UNKNOWN_ROBOT for f in strange], 0.5, 0.9),
+              [f.said == UNKNOWN_ROBOT for f in strange], 0.5, 0.9),
         share("none_recall", "empty pictures said to be empty",
               [f.said == NO_ROBOT for f in empty], 0.95, 0.99),
         share("overlooked", "pictures of the five said to be empty",
-               [f.said == NO_ROBOT for f in known], None, None, better="lower"),
+              [f.said == NO_ROBOT for f in known], None, None, better="lower"),
         Row("keypoint_px", "visible landmarks in a crop of 160 px, box given, median", where,
             _median(marks), "px", len(marks), must=3.5, aim=1.0),
         Row("joint_median_mm", "mean joint error of a frame, median over frames", where,
@@ -121,7 +121,7 @@ def _rows(frames: Sequence[Frame], where: str) -> list[Row]:
         share("confident_share", "answers that pass their own check, of the five",
               [f.believed for f in known], 0.4, 0.9),
         share("confident_wrong", "of these, off by more than 100 mm or of another type",
-               [f.error > 100.0 or f.said != f.robot for f in sure], 0.15, 0.01, better="lower"),
+              [f.error > 100.0 or f.said != f.robot for f in sure], 0.15, 0.01, better="lower"),
         Row("coverage_90", "of these, joints 2 to 5 in their 90 % ellipsoid", where,
             _mean(list(inside)), "", 4 * len(inside), must=0.8, aim=0.87, better="higher",
             why="no answer is believed"),
@@ -147,7 +147,7 @@ def _baseline(frames: Sequence[Frame], where: str) -> list[Row]:
         share("baseline_type_accuracy", "the papers' network: right type",
               [f.said == f.robot for f in known], None, None),
         share("baseline_none_recall", "the papers' network: empty pictures said to be empty",
-               [f.said == NO_ROBOT for f in empty], None, None),
+              [f.said == NO_ROBOT for f in empty], None, None),
         Row("baseline_joint_median_mm", "the papers' network: joint error, median", where,
             _median(error), "mm", len(known)),
         share("baseline_joint_over_100", "the papers' network: frames off by more than 100 mm",

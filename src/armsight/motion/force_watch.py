@@ -83,7 +83,6 @@ class ForceWatch:
         self._bias: Floats | None = None
         self._tared = self._first = -math.inf
         self._new: list[Felt] = []
-        self._rests: list[tuple[float, Floats]] = []
         self._load: Floats = np.zeros(6)
         self._stamp = -math.inf
         self._mean = (-math.inf, 0.0)
@@ -95,7 +94,6 @@ class ForceWatch:
         """The clock was turned back by so much [s]: what the sensor errs by is what it was."""
         self._free = deque((at - back, rest) for at, rest in self._free)
         self._rates = deque((at - back, rate, force) for at, rate, force in self._rates)
-        self._rests = [(at - back, rest) for at, rest in self._rests]
         self._new = [replace(felt, stamp=felt.stamp - back) for felt in self._new]
         self._tared, self._first, self._stamp = (
             at - back for at in (self._tared, self._first, self._stamp)
@@ -129,7 +127,7 @@ class ForceWatch:
         """
         if not readings:
             return
-        before, self._rests = self._mean, []
+        before, self._new = self._mean, []
         R = flange_pose(self._robot, q)[:3, :3]
         falls = self._gravity if pull is None else self._gravity - pull
         weight = R.T @ (self._mass * falls)
@@ -147,8 +145,8 @@ class ForceWatch:
                     self._sum -= self._free.popleft()[1]
                 if len(self._free) >= SAMPLES:  # else what was known before still is
                     self._tare(self._sum / len(self._free))
-            self._rests.append((reading.stamp, rest))
-        self._new = [self._felt(at, rest) for at, rest in self._rests]
+            error = np.zeros(6) if self._bias is None else self._bias
+            self._new.append(self._felt(reading.stamp, rest - error))
         if self._new:
             mean = np.mean([f.force for f in self._new], axis=0)
             self._push = np.asarray(R @ mean)
@@ -170,19 +168,22 @@ class ForceWatch:
             Whether it was taken over: what errs by more than it may is not.
         """
         bias = np.asarray(tare, float) - self._load
-        if not self._rests or _errs(bias):
+        if not self._new or _errs(bias):
             return False
+        hidden = self._felt(0.0, (np.zeros(6) if self._bias is None else self._bias) - bias)
+        self._new = [
+            replace(felt, force=felt.force + hidden.force, torque=felt.torque + hidden.torque)
+            for felt in self._new
+        ]
         self._bias, self._tared, self._first = bias, self._stamp, self._stamp - TARED_OVER
         self._free.clear()
         self._sum = np.zeros(6)
-        self._new = [self._felt(at, rest) for at, rest in self._rests]
         self._mean, self._rate = (-math.inf, 0.0), 0.0  # it was pressed so all the time
         self._rates.clear()
         return True
 
-    def _felt(self, stamp: float, rest: Floats) -> Felt:
-        """What (6,) is left over, less the sensor's error, about the TCP."""
-        contact = rest if self._bias is None else rest - self._bias
+    def _felt(self, stamp: float, contact: Floats) -> Felt:
+        """(6,) of contact at the flange, its torque taken about the TCP."""
         return Felt(stamp, contact[:3], contact[3:] - cross(self._tip, contact[:3]))
 
     def _tare(self, mean: Floats) -> None:

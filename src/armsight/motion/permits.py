@@ -157,7 +157,7 @@ def request_fault(request: Any, robot: Robot, now: float) -> str:
             return f"its {name} is {value}; expected above 0"
     if request.out is not None and not _is_direction(request.out):
         return f"its way out is {request.out}; expected a unit vector"
-    if request.tare is not None and not _is_wrench(request.tare):
+    if request.tare is not None and _numbers(request.tare, 6) is None:
         return f"its tare is {request.tare}; expected 3 forces [N] and 3 torques [N m]"
     parts: Any = request.parts
     if not isinstance(parts, tuple | list):
@@ -172,19 +172,17 @@ def request_fault(request: Any, robot: Robot, now: float) -> str:
 
 
 def _is_direction(value: Any) -> bool:
-    try:
-        way = np.asarray(value, float)
-    except (TypeError, ValueError):
-        return False
-    return way.shape == (3,) and abs(float(way @ way) - 1.0) < 1e-6
+    way = _numbers(value, 3)
+    return way is not None and abs(float(way @ way) - 1.0) < 1e-6
 
 
-def _is_wrench(value: Any) -> bool:
+def _numbers(value: Any, count: int) -> Floats | None:
+    """So many finite numbers, or None where it is something else."""
     try:
-        wrench = np.asarray(value, float)
+        numbers = np.asarray(value, float)
     except (TypeError, ValueError):
-        return False
-    return wrench.shape == (6,) and bool(np.isfinite(wrench).all())
+        return None
+    return numbers if numbers.shape == (count,) and np.isfinite(numbers).all() else None
 
 
 def region_refusal(region: Region, kind: str, now: float) -> str:
