@@ -9,6 +9,7 @@ from armsight.charging.fit import FitOptions, fit
 from armsight.charging.guesses import template
 from armsight.charging.kernels.edges import edge_search, project_lens
 from armsight.charging.kernels.rigid import fit_rigid, flat_pose, rim_shares
+from armsight.charging.kernels.spots import spots
 from armsight.charging.kernels.templates import best_rolls, climb, distinct, template_score
 from armsight.charging.kernels.votes import edge_field, vote_centers, vote_crests
 from armsight.charging.looks import gradients, look
@@ -195,3 +196,38 @@ def test_shares_of_edges_are_those_of_numpy() -> None:
     right = near & (np.sign(rise) == darker[rim])
     expected = np.bincount(rim, right, 5) / np.bincount(rim)
     np.testing.assert_array_equal(rim_shares(offsets, rise, rim, darker, reach), expected)
+
+
+def test_spots_are_those_that_numpy_sees() -> None:
+    """All of a circle darker, or lighter, than its middle, which may lie a pixel aside."""
+    rng = np.random.default_rng(0)
+    soft = rng.integers(0, 40, (90, 120)).astype(np.int16)
+    middles = np.column_stack([rng.uniform(-0.2, 0.2, (30, 2)), np.zeros(30)])
+    T = facing(0.01, -0.02, 1.0, (0.3, 0.2), 0.4)
+    lens = np.array([200.0, 200.0, 59.5, 44.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    where = (middles @ T[:3, :3].T + T[:3, 3]) @ np.diag([200.0, 200.0, 1.0])
+    at = where[:, :2] / where[:, 2:] + (59.5, 44.5)
+    y, x = np.mgrid[0:90, 0:120]
+    for k, (u, v) in enumerate(at):
+        soft[np.hypot(x - u, y - v) < 2.5] += (100, -100, 0)[k % 3]
+    kernel = np.outer([1, 2, 1], [1, 2, 1]) / 16.0
+    padded = soft.astype(float)
+
+    def smooth(u, v):
+        column, row = round(min(max(u, 1), 118)), round(min(max(v, 1), 88))
+        return float((padded[row - 1 : row + 2, column - 1 : column + 2] * kernel).sum())
+
+    angle = 2.0 * np.pi * np.arange(8) / 8
+    expected = np.zeros((2, 30), bool)
+    for k, middle in enumerate(middles):
+        around = middle + 0.03 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+        circle = (around @ T[:3, :3].T + T[:3, 3]) @ np.diag([200.0, 200.0, 1.0])
+        circle = circle[:, :2] / circle[:, 2:] + (59.5, 44.5)
+        for off in np.ndindex(3, 3):
+            u, v = at[k] + np.array(off) - 1
+            more = np.array([smooth(*(c + np.array(off) - 1)) for c in circle]) - smooth(u, v)
+            expected[:, k] |= [(more < -15.0).all(), (more > 15.0).all()]
+    found = spots(soft, lens, T, middles, np.full(30, 0.03), 15.0)
+    np.testing.assert_array_equal(found, expected)
+    assert expected.any(axis=1).all()
+    assert not expected.all()

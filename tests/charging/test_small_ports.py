@@ -12,7 +12,7 @@ from armsight.charging.pairs import find_in_pair
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import LARGER, edges_of, pyramid
 from armsight.devices.camera_models import stereo_pair
-from armsight.experiments.port_cases import port_views
+from armsight.experiments.port_cases import empty_views, port_views
 from armsight.experiments.port_pictures import Album
 from armsight.geometry.pose import inverse
 
@@ -107,6 +107,13 @@ def test_a_plug_whose_pins_are_three_pixels_apart_is_found_by_both_pictures(gl, 
         # once, from 0.8 m and 40 deg aside, and not found
         (3102, 97, "type2"),
         (3102, 39, "ccs2"),
+        # seen at once by their contacts, from 2 m: these have no rims there, only bright middles
+        (3401, 74, "type2"),
+        (3402, 51, "type2"),
+        (3402, 106, "type1"),
+        # its upper half fitted well, and nobody asked for the whole
+        (3401, 120, "ccs1"),
+        (3401, 122, "ccs1"),
     ],
 )
 def test_ports_that_anybody_sees_are_found(gl, tmp_path, seed, number, port):
@@ -118,4 +125,14 @@ def test_ports_that_anybody_sees_are_found(gl, tmp_path, seed, number, port):
     (found,) = find_in_pair(picture.images, pair)
     assert found.port == port
     away = found.T_left_port[:3, 3] - picture.T_camera_port[0][:3, 3]
-    assert np.linalg.norm(away) < 0.02
+    assert np.linalg.norm(away) < (0.05 if view.distance > 2.0 else 0.02)
+
+
+@pytest.mark.parametrize("number", [256, 86])
+def test_a_disc_within_a_disc_has_no_contacts(gl, tmp_path, number) -> None:
+    """Over-exposed around, it seems to be without noise: steps of one level were spots on it."""
+    pair, view = stereo_pair(), empty_views(number + 1, 3401)[-1]
+    album = Album(pair, samples=0, folder=tmp_path)
+    picture = album.picture(view)
+    album.close()
+    assert find_in_pair(picture.images, pair) == ()

@@ -9,9 +9,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armsight.arrays import Floats, Ints, Pose
+from armsight.arrays import Floats, Ints, Points, Pose
 from armsight.charging.kernels.edges import project_lens
 from armsight.charging.kernels.rigid import fit_rigid, rim_shares
+from armsight.charging.kernels.spots import spots
 from armsight.charging.ports.curves import Curves, curves
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import Level, edges_of
@@ -30,6 +31,13 @@ CROWDED = 24.0
 for its own: it is fitted one size finer as well [px]."""
 LEAST_ALIKE = 0.2
 """Cosine of the greatest angle between normals of points that are looked at together."""
+SPOT = 5.5
+"""A recess of a smaller radius may be seen as a spot alone: its rim and its pin are one [px]."""
+BEYOND = 1.3
+"""Where that is compared with what is around it: between it and the next [radii]."""
+DIFFERENT, LEAST_DIFFERENT = 3.0, 48.0
+"""Least that it differs by: in noise of gradients there, and in levels (16 to a grey level at 100):
+a picture that seems to be without noise may hide it in its steps."""
 POINTS = 110
 """About as many points are looked for on a type's edges."""
 
@@ -42,7 +50,8 @@ class Match:
         port: its type.
         T_camera_port: the pose.
         score: share of its edges that were found, dark where a cavity should be; the contacts'
-            recesses and the larger edges count half each.
+            recesses and the larger edges count half each. A contact that is too small for its rim
+            counts where it is seen as a spot.
         evidence: how much more was found than chance would find, in edges: compares types.
         rim_shares: share found of each edge; rims: their names.
         information: (6, 6) about the pose as a twist in the port's frame, for edges known to 1 px
@@ -137,6 +146,7 @@ def _match(
     reach = FOUND + own.fx / max(T[2, 3], 0.05) * tolerance
     # an edge that is light where a cavity should be dark counts nothing
     shares = rim_shares(d, rise, model.rim, darker, reach)
+    shares = _with_spots(shares, levels, lens, name, T)
     score = float(shares @ weights)
     return Match(
         name,
@@ -147,6 +157,39 @@ def _match(
         tuple(rim.name for rim in model.rims),
         H * min(seen.scale, 1.0) ** 2 / max(seen.scale, 1.0) ** 2,
     )
+
+
+def _with_spots(
+    shares: Floats, levels: Sequence[Level], lens: PinholeCamera, name: str, T: Pose
+) -> Floats:
+    """(rims,) shares, where a contact that is too small for its rim counts if it is seen as a spot.
+
+    Dirt is full of spots: none counts more than the larger edges that it would lie within.
+    """
+    which, middles, radii = _contacts(name)
+    numbers = _numbers(lens)
+    small = radii * lens.fx / max(T[2, 3], 0.05) < SPOT
+    if T[2, 3] < 0.05 or not small.any():
+        return shares
+    u, v = project_lens(numbers, *T[:3, 3].tolist())
+    noise = edges_of(levels, lens, 0, u, v, _mouth(lens, name, T)).local
+    least = max(DIFFERENT * noise, LEAST_DIFFERENT)
+    seen = spots(levels[0].soft, numbers, T, middles[small], BEYOND * radii[small], least)
+    # of one port either the pins are lighter than what is around them, or the holes are darker
+    alike = seen[np.argmax(seen.sum(axis=1))]
+    within = float(np.delete(shares, which).mean())
+    out = shares.copy()
+    out[which[small]] = np.maximum(out[which[small]], np.where(alike, within, 0.0))
+    return out
+
+
+@lru_cache(maxsize=32)
+def _contacts(name: str) -> tuple[Ints, Points, Floats]:
+    """(m,) which edges are contacts' recesses, (m, 3) their middles and (m,) radii [m]."""
+    rims = _model(name)[0].rims
+    which = np.array([k for k, rim in enumerate(rims) if rim.kind == "recess"])
+    middles = np.array([(rims[k].outline.x, rims[k].outline.y, rims[k].z) for k in which])
+    return which, middles, np.array([rims[k].outline.radius for k in which])
 
 
 def mirrored(T: Pose) -> Pose:
