@@ -161,6 +161,18 @@ def test_a_hands_blow_is_let_pass_and_what_goes_on_growing_is_not():
     assert 10.0 < watch.pressed < 16.7, "where it slips, up to 1.8 times as much is felt"
 
 
+def test_a_blow_ends_a_touch_by_what_it_will_grow_to_before_the_hand_gives_way():
+    """16 of 20 N within a tick, after nothing for a while: it has not lasted, but it grows."""
+    watch, q, permit = tared((0, 0, 0)), ROBOT.home, replace(PERMIT, kind="hand")
+    calm = [load(q, stamp=1.0 + 0.008 * k) for k in range(25)]
+    for reading in calm:
+        watch.take([reading], q, True)
+    watch.take([load(q, (0, 0, 16.0), stamp=1.2)], q, True)
+    assert watch.pressed == pytest.approx(16.0)
+    assert "pressed with 16.0 N, soon" in watch.excess(permit)
+    assert watch.excess(permit, foretold=False) == ""
+
+
 def test_a_sensor_that_cannot_be_believed_says_why():
     watch = ForceWatch(ROBOT, (0.0, 0.0, -9.81))
     assert "no force sensor" in watch.fault(0.0)
@@ -260,6 +272,8 @@ def test_what_comes_to_touch_is_as_fast_as_separation_lets_it_be(away):
     eased = gate.contact.ease(gate.body, q, motion, gate.law)
     assert (view.share >= np.minimum(apart.share, 1.0) - 1e-9).all()
     assert np.allclose(eased, motion) == (away > 1.0)
+    for none in (None, np.zeros(len(center), bool)):  # no part may touch: nothing to come to
+        assert replace(gate.contact, parts=none).ease(gate.body, q, motion, gate.law) is motion
     assert (view.share[part] >= 1.0) == (away > 1.0)
 
 
