@@ -37,6 +37,8 @@ KIN = {
 """Types that look alike, or hold one another: where one fits, the others are tried."""
 SETTLED = 0.8
 """A guess that scores as much is the port at its place, or holds it."""
+HOPELESS = 0.25
+"""A guess that scores less is no port, nor is its mirror image."""
 WHOLE = 1280 * 960
 """Pixels of a picture for which the options' numbers are meant."""
 ALONE = 0.95
@@ -226,8 +228,10 @@ def _fitted(levels: Sequence[Level], lens: PinholeCamera, guesses: Sequence[Gues
 
 def _matches(levels: Sequence[Level], lens: PinholeCamera, guess: Guess) -> list[Match]:
     """A guess fitted, and from its mirror image, too, where it is tilted."""
-    signs = (1.0, -1.0) if guess.tilt > 0.2 else (1.0,)
-    return [match(levels, lens, guess.port, pose_of(guess, lens, sign), True) for sign in signs]
+    found = [match(levels, lens, guess.port, pose_of(guess, lens, 1.0), True)]
+    if guess.tilt > 0.2 and found[0].score > HOPELESS:
+        found.append(match(levels, lens, guess.port, pose_of(guess, lens, -1.0), True))
+    return found
 
 
 def _detection(m: Match, lens: PinholeCamera) -> Detection:

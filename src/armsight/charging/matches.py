@@ -166,10 +166,11 @@ def _with_spots(
 
     Dirt is full of spots: none counts more than the larger edges that it would lie within.
     """
-    which, middles, radii = _contacts(name)
+    which, others, middles, radii = _contacts(name)
     numbers = _numbers(lens)
     small = radii * lens.fx / max(T[2, 3], 0.05) < SPOT
-    if T[2, 3] < 0.05 or not small.any():
+    within = float(shares[others].mean())
+    if T[2, 3] < 0.05 or not small.any() or within < CHANCE:
         return shares
     u, v = project_lens(numbers, *T[:3, 3].tolist())
     noise = edges_of(levels, lens, 0, u, v, _mouth(lens, name, T)).local
@@ -177,19 +178,19 @@ def _with_spots(
     seen = spots(levels[0].soft, numbers, T, middles[small], BEYOND * radii[small], least)
     # of one port either the pins are lighter than what is around them, or the holes are darker
     alike = seen[np.argmax(seen.sum(axis=1))]
-    within = float(np.delete(shares, which).mean())
     out = shares.copy()
     out[which[small]] = np.maximum(out[which[small]], np.where(alike, within, 0.0))
     return out
 
 
 @lru_cache(maxsize=32)
-def _contacts(name: str) -> tuple[Ints, Points, Floats]:
-    """(m,) which edges are contacts' recesses, (m, 3) their middles and (m,) radii [m]."""
+def _contacts(name: str) -> tuple[Ints, Ints, Points, Floats]:
+    """(m,) which edges are contacts' recesses, which are not; (m, 3) middles, (m,) radii [m]."""
     rims = _model(name)[0].rims
-    which = np.array([k for k, rim in enumerate(rims) if rim.kind == "recess"])
+    recess = np.array([rim.kind == "recess" for rim in rims])
+    which, others = np.flatnonzero(recess), np.flatnonzero(~recess)
     middles = np.array([(rims[k].outline.x, rims[k].outline.y, rims[k].z) for k in which])
-    return which, middles, np.array([rims[k].outline.radius for k in which])
+    return which, others, middles, np.array([rims[k].outline.radius for k in which])
 
 
 def mirrored(T: Pose) -> Pose:
