@@ -382,6 +382,24 @@ def test_foreign_recordings_that_lack_something(
         open_recording(tmp_path / "a.mcap")
 
 
+@pytest.mark.parametrize("topic", ["/c/depth/image", "/c/depth/camera_info", "/tf_static"])
+def test_a_foreign_message_that_is_none_is_told_with_its_file_and_topic(
+    tmp_path: Path, topic: str
+) -> None:
+    info, kinds = camera_info("c"), {}
+    kinds["/c/depth/image"] = messages.IMAGE, messages.encode_depth(np.ones((9, 9)), 0.0, "lens")
+    lens = messages.encode_camera_info(info.depth, 0.0, "lens")
+    kinds["/c/depth/camera_info"] = messages.CAMERA_INFO, lens
+    tree = messages.encode_transforms([("base", "lens", np.eye(4))], 0.0)
+    kinds["/tf_static"] = messages.TRANSFORMS, tree
+    writer = McapWriter(tmp_path / "a.mcap")
+    for name, (kind, data) in kinds.items():
+        writer.write(name, kind, data[:30] if name == topic else data, 0, 0)
+    writer.close()
+    with pytest.raises(RecordingError, match=rf"a\.mcap: {topic}: a .* message cannot be decoded"):
+        open_recording(tmp_path / "a.mcap")
+
+
 def test_descriptions_of_the_future_are_refused(tmp_path: Path) -> None:
     writer = McapWriter(tmp_path / "a.mcap")
     writer.describe({"armsight.cell": {"version": "99"}}, {})

@@ -185,8 +185,20 @@ def _is_depth(topic: str, encoding: str) -> bool:
 def _first(reader: McapReader, topic: str) -> Any:
     """The first message of a topic, or None; chunks that do not hold it are passed over."""
     for _, kind, record in reader.messages([topic]):
-        return messages.decode(record.data, kind)
+        return _decoded(reader, topic, kind, record)
     return None
+
+
+def _decoded(reader: McapReader, topic: str, kind: str, record: Any) -> Any:
+    """A message of somebody else's recording.
+
+    Raises:
+        RecordingError: names the recording and the topic whose message is none.
+    """
+    try:
+        return messages.decode(record.data, kind)
+    except RecordingError as error:
+        raise RecordingError(f"{reader.path}: {topic}: {error}") from error
 
 
 def _tree(reader: McapReader) -> tuple[FrameTree, bool]:
@@ -196,7 +208,7 @@ def _tree(reader: McapReader) -> tuple[FrameTree, bool]:
     for topic in (topic for topic in kinds if kinds[topic] == messages.TRANSFORMS):
         for _, kind, record in islice(reader.messages([topic]), LOOK):
             moving = moving or not topic.endswith("tf_static")
-            said = messages.decode_transforms(messages.decode(record.data, kind))
+            said = messages.decode_transforms(_decoded(reader, topic, kind, record))
             for _, parent, child, T in said:
                 if not tree.knows(child):
                     tree.set(parent, child, T)
