@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from armsight.geometry.pose import exp, transform
 from armsight.motion.drive_kernels import drive_ahead, stop_path, stopping_times
 from armsight.motion.hazard_kernels import in_reach, sort_into_blocks
 from armsight.motion.nearest import HORIZON, Hazards, MovingBody
 from armsight.motion.separation_kernels import Law, allowed_share
-from armsight.motion.slide_kernels import project
+from armsight.motion.slide_kernels import limiting_rows, project
 from armsight.robots import ROBOT_NAMES, load_robot
 from armsight.robots.kinematics import link_poses, point_jacobian
 
@@ -252,3 +253,39 @@ def test_projection_against_an_optimiser(seed):
         method="SLSQP",
     )
     assert found == pytest.approx(best.x, abs=2e-3)
+
+
+def test_rows_that_limit_a_motion_are_closing_speeds_whatever_way_the_axes_point() -> None:
+    """Against differences of a chain of four joints with slanted axes."""
+    rng = np.random.default_rng(3)
+    axis = rng.normal(size=(4, 3))
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    between = [exp(rng.normal(size=6) * 0.4) for _ in range(4)]
+
+    def chain(q):
+        poses = [np.eye(4)]
+        for offset, about, angle in zip(between, axis, q):
+            poses.append(poses[-1] @ offset @ exp(np.append(np.zeros(3), angle * about)))
+        return np.stack(poses)
+
+    link = rng.integers(0, 5, 12)
+    local = rng.normal(size=(12, 3)) * 0.3
+
+    def centers(q):
+        return np.stack([transform(chain(q)[k], p[None])[0] for k, p in zip(link, local)])
+
+    q, speed, share = rng.normal(size=4), rng.normal(size=4), rng.uniform(0.0, 1.0, 12)
+    center, hazard = centers(q), rng.normal(size=(12, 3))
+    step = 1e-6
+    J = np.stack([(centers(q + step * e) - centers(q - step * e)) / (2 * step) for e in np.eye(4)])
+    velocity = np.einsum("jmc,j->mc", J, speed)
+    way = (hazard - center) / np.linalg.norm(hazard - center, axis=1)[:, None]
+    closing = np.sum(way * velocity, axis=1)
+    tight = np.flatnonzero(link > 0)
+    rows, bounds = limiting_rows(
+        chain(q), axis, link, center, velocity, share, hazard[tight], tight
+    )
+    kept = tight[closing[tight] > 0.0]
+    assert 2 < len(kept) < len(tight)
+    np.testing.assert_allclose(rows, np.einsum("jmc,mc->mj", J, way)[kept], atol=1e-7)
+    np.testing.assert_allclose(bounds, (share * closing)[kept], atol=1e-12)
