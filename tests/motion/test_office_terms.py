@@ -462,6 +462,16 @@ def test_a_reading_from_the_future_silences_none_that_follow():
     assert "pressed with 30" in office.permit.reason
 
 
+def test_a_reading_that_is_stamped_a_little_ahead_of_the_clock_counts():
+    """A sensor's clock may go before ours by as much as any stamp may."""
+    made = Office()
+    office = made.ticks(0.1, asked())
+    told = flange_pose(ROBOT, made.q)[:3, :3].T @ (30.0 * OUT)
+    office.feel([load(made.q, told, stamp=made.now + TICK + 0.8 * GuardConfig().future)])
+    made.tick(asked(), feels=False)
+    assert "pressed with 30" in office.permit.reason
+
+
 def test_who_asks_for_something_else_in_the_same_region_is_granted_that():
     made = Office()
     ask = replace(asked(), region=replace(asked().region, exposure=made.now))
