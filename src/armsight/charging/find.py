@@ -191,7 +191,7 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
     rings = find_rings(levels, largest, seeds, most, options.tilts, options.beside)
     climbs = Climbs(
         round(share * options.climbs),
-        round(max(share, 0.5) * options.guesses),
+        round(max(share, 0.3) * options.guesses),
         options.least_rough,
         options.behind,
     )
@@ -199,13 +199,23 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
     tried = _fitted(levels, lens, guesses)
     tried.sort(key=lambda m: -m.evidence)
     tried = tried[: options.fits]
-    for m in tuple(tried[: options.fits - 1]):
+    best = tried[: options.fits - 1]
+    for k, m in enumerate(best):
+        if any(m.port == b.port and _near(lens, m, b) for b in best[:k]):
+            continue  # its mirror image: what is like it has been tried
         others = (other for other in KIN.get(m.port, ()) if other in options.ports)
         tried += [match(levels, lens, other, m.T_camera_port) for other in others]
     tried.sort(key=lambda m: -m.evidence)
     tried = [refined(levels, lens, m) for m in tried[: options.fits]]
     least, evidence = options.least_score, options.least_evidence
     return [_detection(m, lens) for m in tried if m.score >= least and m.evidence >= evidence]
+
+
+def _near(lens: PinholeCamera, a: Match, b: Match) -> bool:
+    """Whether two fits are at one place: nearer than a fifth of a mouth's radius."""
+    pixels = lens.project(np.stack([a.T_camera_port[:3, 3], b.T_camera_port[:3, 3]]))
+    size = lens.fx * PORTS[a.port].radius / max(a.T_camera_port[2, 3], 0.05)
+    return float(np.linalg.norm(pixels[0] - pixels[1])) < 0.2 * size
 
 
 def _fitted(levels: Sequence[Level], lens: PinholeCamera, guesses: Sequence[Guess]) -> list[Match]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OPTIONS = FindOptions(ports=TYPES)
-VERSION = 17
+VERSION = 18
 EMPTY = 10
 """Pairs of pictures without a port to one with: false alarms are rare, and cheap to look for."""
 WINDOW = 160
