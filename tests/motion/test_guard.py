@@ -242,3 +242,19 @@ def test_a_robot_without_shapes_is_refused():
     )
     with pytest.raises(ValueError, match="no link spheres"):
         Guard(empty, [])
+
+
+def test_a_permits_law_is_that_of_when_the_command_acts(monkeypatch):
+    """Its region moves: where it is now is not where the arm meets it."""
+    world, asked = QuickCell(goals=[A, B]), []
+    law = world.guard._permits.law
+
+    def spied(when, *rest):
+        asked.append(when)
+        return law(when, *rest)
+
+    monkeypatch.setattr(world.guard._permits, "law", spied)
+    world.run(0.2)
+    ticks = np.array([s.stamp for s in world.log[-len(asked) :]])
+    np.testing.assert_allclose(asked, ticks + world.config.start_delay, atol=1e-9)
+    assert world.config.start_delay > 0.0
