@@ -11,6 +11,7 @@ from armsight.motion.data import GuardMode
 from armsight.motion.guard import Guard
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards
+from armsight.motion.route import Route
 from armsight.motion.separation_monitor import SeparationMonitor
 from armsight.robots import ROBOT_NAMES, load_robot
 
@@ -258,3 +259,22 @@ def test_a_permits_law_is_that_of_when_the_command_acts(monkeypatch):
     ticks = np.array([s.stamp for s in world.log[-len(asked) :]])
     np.testing.assert_allclose(asked, ticks + world.config.start_delay, atol=1e-9)
     assert world.config.start_delay > 0.0
+
+
+def test_every_new_map_is_held_against_the_way_that_is_driven(monkeypatch):
+    world, proven = QuickCell(goals=[A, B]), []
+    world.run(1.5)
+    prove = Route.prove
+
+    def spied(route, model, snapshot, at):
+        proven.append(snapshot.stamp)
+        prove(route, model, snapshot, at)
+
+    monkeypatch.setattr(Route, "prove", spied)
+    old, seen = world.snapshot.stamp, set()
+    for _ in range(40):
+        world.tick()
+        seen.add(world.snapshot.stamp)
+        assert world.guard._route is not None
+    assert len(seen) > 3
+    assert set(proven) == seen - {old}
