@@ -29,7 +29,7 @@ PARTNERS = 3
 EVIDENCE = 1.3
 """Evidence below which no score is enough: a wheel's nuts may have half of a port's edges by their
 number, but not rim by rim. On tuning seeds (3401 and 3402) the most that a wrong place had in 800
-empty pairs is 1.04; of 300 ports two (dim, dirty) have less, one 1.34, the others 1.7 or more."""
+empty pairs is 1.04; of 300 ports one (in the dark) has less, the others 1.59 or more."""
 LENIENT = 0.08
 """How much less than is asked a pair with so much evidence may score."""
 SURELY, LARGE = 0.7, 32.0
