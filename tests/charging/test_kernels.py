@@ -205,24 +205,26 @@ def test_spots_are_those_that_numpy_sees() -> None:
     middles = np.column_stack([rng.uniform(-0.2, 0.2, (30, 2)), np.zeros(30)])
     T = facing(0.01, -0.02, 1.0, (0.3, 0.2), 0.4)
     lens = np.array([200.0, 200.0, 59.5, 44.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-    where = (middles @ T[:3, :3].T + T[:3, 3]) @ np.diag([200.0, 200.0, 1.0])
-    at = where[:, :2] / where[:, 2:] + (59.5, 44.5)
+
+    def seen(points):
+        place = points @ T[:3, :3].T + T[:3, 3]
+        return 200.0 * place[:, :2] / place[:, 2:] + (59.5, 44.5)
+
+    at = seen(middles)
     y, x = np.mgrid[0:90, 0:120]
     for k, (u, v) in enumerate(at):
         soft[np.hypot(x - u, y - v) < 2.5] += (100, -100, 0)[k % 3]
     kernel = np.outer([1, 2, 1], [1, 2, 1]) / 16.0
-    padded = soft.astype(float)
 
     def smooth(u, v):
         column, row = round(min(max(u, 1), 118)), round(min(max(v, 1), 88))
-        return float((padded[row - 1 : row + 2, column - 1 : column + 2] * kernel).sum())
+        return float((soft[row - 1 : row + 2, column - 1 : column + 2] * kernel).sum())
 
     angle = 2.0 * np.pi * np.arange(8) / 8
     expected = np.zeros((2, 30), bool)
     for k, middle in enumerate(middles):
         around = middle + 0.03 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
-        circle = (around @ T[:3, :3].T + T[:3, 3]) @ np.diag([200.0, 200.0, 1.0])
-        circle = circle[:, :2] / circle[:, 2:] + (59.5, 44.5)
+        circle = seen(around)
         for off in np.ndindex(3, 3):
             u, v = at[k] + np.array(off) - 1
             more = np.array([smooth(*(c + np.array(off) - 1)) for c in circle]) - smooth(u, v)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from painted_ports import LENS
+from taken_pictures import taken
 
 from armsight.charging.kernels.rigid import fit_rigid, rim_shares
 from armsight.charging.looks import gradients
@@ -13,7 +14,6 @@ from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import NOISIER, edges_of, pyramid
 from armsight.devices.camera_models import stereo_pair
 from armsight.experiments.port_cases import empty_views, port_views
-from armsight.experiments.port_pictures import Album
 
 STEP = 0.003
 LENS_NUMBERS = np.array([800.0, 800.0, 320.0, 240.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -122,9 +122,7 @@ def test_noise_is_that_of_the_place_but_edges_are_not_taken_for_it() -> None:
 def test_ports_that_were_seen_badly_are_found(gl, tmp_path, seed, number, port) -> None:
     pair, view = stereo_pair(), port_views(number + 1, seed)[-1]
     assert view.port == port
-    album = Album(pair, samples=0, folder=tmp_path)
-    picture = album.picture(view)
-    album.close()
+    picture = taken(view, tmp_path)
     (found,) = find_in_pair(picture.images, pair)
     assert found.port == port
     away = found.T_left_port[:3, 3] - picture.T_camera_port[0][:3, 3]
@@ -135,7 +133,5 @@ def test_ports_that_were_seen_badly_are_found(gl, tmp_path, seed, number, port) 
 def test_a_vents_slats_are_no_port(gl, tmp_path, number) -> None:
     """One scored 0.67 when points shared what one of them showed, one 0.63 by one picture alone."""
     pair, view = stereo_pair(), empty_views(number + 1, 3101)[-1]
-    album = Album(pair, samples=0, folder=tmp_path)
-    picture = album.picture(view)
-    album.close()
+    picture = taken(view, tmp_path)
     assert find_in_pair(picture.images, pair) == ()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from painted_ports import LENS, PAIR, facing, paint
+from taken_pictures import taken
 
 from armsight.charging import pairs
 from armsight.charging.find import FindOptions, find_ports, search
@@ -13,7 +14,6 @@ from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import LARGER, edges_of, pyramid
 from armsight.devices.camera_models import stereo_pair
 from armsight.experiments.port_cases import empty_views, port_views
-from armsight.experiments.port_pictures import Album
 from armsight.geometry.pose import inverse
 
 
@@ -84,9 +84,7 @@ def test_a_plug_whose_pins_are_three_pixels_apart_is_found_by_both_pictures(gl, 
     pair, view = stereo_pair(), port_views(123, 3003)[-1]
     assert view.port == "type2_plug"
     assert 1.4 < view.distance < 1.5
-    album = Album(pair, samples=0, folder=tmp_path)
-    picture = album.picture(view)
-    album.close()
+    picture = taken(view, tmp_path)
     T = picture.T_camera_port[0]
     (found,) = find_in_pair(picture.images, pair)
     assert found.port == "type2_plug"
@@ -119,9 +117,7 @@ def test_a_plug_whose_pins_are_three_pixels_apart_is_found_by_both_pictures(gl, 
 def test_ports_that_anybody_sees_are_found(gl, tmp_path, seed, number, port):
     pair, view = stereo_pair(), port_views(number + 1, seed)[-1]
     assert view.port == port
-    album = Album(pair, samples=0, folder=tmp_path)
-    picture = album.picture(view)
-    album.close()
+    picture = taken(view, tmp_path)
     (found,) = find_in_pair(picture.images, pair)
     assert found.port == port
     away = found.T_left_port[:3, 3] - picture.T_camera_port[0][:3, 3]
@@ -132,7 +128,5 @@ def test_ports_that_anybody_sees_are_found(gl, tmp_path, seed, number, port):
 def test_a_disc_within_a_disc_has_no_contacts(gl, tmp_path, number) -> None:
     """Over-exposed around, it seems to be without noise: steps of one level were spots on it."""
     pair, view = stereo_pair(), empty_views(number + 1, 3401)[-1]
-    album = Album(pair, samples=0, folder=tmp_path)
-    picture = album.picture(view)
-    album.close()
+    picture = taken(view, tmp_path)
     assert find_in_pair(picture.images, pair) == ()

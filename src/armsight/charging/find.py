@@ -19,7 +19,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, Floats, Pose
 from armsight.charging.guesses import Climbs, Guess, guess_types, pose_of
-from armsight.charging.matches import Match, match, refined
+from armsight.charging.matches import Match, match, mouth_radius, refined
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pyramid import Level, pyramid
 from armsight.charging.rings import find_rings
@@ -191,7 +191,7 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
     rings = find_rings(levels, largest, seeds, most, options.tilts, options.beside)
     climbs = Climbs(
         round(share * options.climbs),
-        round(max(share, 0.3) * options.guesses),
+        round(share * options.guesses),
         options.least_rough,
         options.behind,
     )
@@ -214,7 +214,7 @@ def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -
 def _near(lens: PinholeCamera, a: Match, b: Match) -> bool:
     """Whether two fits are at one place: nearer than a fifth of a mouth's radius."""
     pixels = lens.project(np.stack([a.T_camera_port[:3, 3], b.T_camera_port[:3, 3]]))
-    size = lens.fx * PORTS[a.port].radius / max(a.T_camera_port[2, 3], 0.05)
+    size = mouth_radius(lens, a.port, a.T_camera_port)
     return float(np.linalg.norm(pixels[0] - pixels[1])) < 0.2 * size
 
 
@@ -230,9 +230,8 @@ def _fitted(levels: Sequence[Level], lens: PinholeCamera, guesses: Sequence[Gues
         tried += new
         best = max(new, key=lambda m: m.score)
         if best.score >= SETTLED:
-            z = float(best.T_camera_port[2, 3])
             pixel = lens.project(best.T_camera_port[None, :3, 3])[0]
-            settled.append((pixel, lens.fx * PORTS[best.port].radius / z))
+            settled.append((pixel, mouth_radius(lens, best.port, best.T_camera_port)))
     return tried
 
 

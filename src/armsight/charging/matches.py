@@ -85,7 +85,7 @@ def match(
         near: the start is good to a pixel or two: what is farther is another edge.
     """
     i, reaches = size_for(lens, name, T), NEAR if near else FIRST
-    crowded = i == 0 or (i > 0 and _mouth(lens, name, T) < CROWDED * 2.0**i)
+    crowded = i == 0 or (i > 0 and mouth_radius(lens, name, T) < CROWDED * 2.0**i)
     return _clearest(levels, lens, name, T, {i, i - crowded}, reaches)
 
 
@@ -101,10 +101,10 @@ def refined(levels: Sequence[Level], lens: PinholeCamera, m: Match) -> Match:
 
 def size_for(lens: PinholeCamera, name: str, T: Pose) -> int:
     """The size of a picture in which a mouth has a radius of 16 to 32 px; -1 is made larger."""
-    return max(int(np.floor(np.log2(max(_mouth(lens, name, T), 1.0) / 16.0))), -1)
+    return max(int(np.floor(np.log2(max(mouth_radius(lens, name, T), 1.0) / 16.0))), -1)
 
 
-def _mouth(lens: PinholeCamera, name: str, T: Pose) -> float:
+def mouth_radius(lens: PinholeCamera, name: str, T: Pose) -> float:
     """Radius of a type's mouth in a picture [px]."""
     return float(lens.fx * PORTS[name].radius / max(T[2, 3], 0.05))
 
@@ -167,13 +167,15 @@ def _with_spots(
     Dirt is full of spots: none counts more than the larger edges that it would lie within.
     """
     which, others, middles, radii = _contacts(name)
-    numbers = _numbers(lens)
-    small = radii * lens.fx / max(T[2, 3], 0.05) < SPOT
     within = float(shares[others].mean())
-    if T[2, 3] < 0.05 or not small.any() or within < CHANCE:
+    if T[2, 3] < 0.05 or within < CHANCE:
         return shares
+    small = radii * lens.fx / T[2, 3] < SPOT
+    if not small.any():
+        return shares
+    numbers = _numbers(lens)
     u, v = project_lens(numbers, *T[:3, 3].tolist())
-    noise = edges_of(levels, lens, 0, u, v, _mouth(lens, name, T)).local
+    noise = edges_of(levels, lens, 0, u, v, mouth_radius(lens, name, T)).local
     least = max(DIFFERENT * noise, LEAST_DIFFERENT)
     seen = spots(levels[0].soft, numbers, T, middles[small], BEYOND * radii[small], least)
     # of one port either the pins are lighter than what is around them, or the holes are darker
