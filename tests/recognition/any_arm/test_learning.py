@@ -395,6 +395,34 @@ def test_a_training_begins_from_a_finished_network_and_only_it_goes_on(tmp_path:
         trainer(None)
 
 
+def test_what_is_written_lies_between_what_was_learned_and_what_it_began_from(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed (part of the extra train)")
+    first = _trainer(tmp_path)
+    first.run()
+    file = tmp_path / "first.onnx"
+    file.write_bytes(to_onnx(first.mean, make_card(first)))
+    origin = find_origin(file)
+    folder = tmp_path / "second"
+    folder.mkdir()
+    trainer = CropTrainer(
+        _plan(updates=3, blend=0.25), _crops(), folder, torch.device("cpu"),
+        lambda network: adopt(network, origin), origin=origin,
+    )  # fmt: skip
+    trainer.run()
+    learned = folder / "learned.onnx"
+    learned.write_bytes(to_onnx(trainer.mean, make_card(trainer)))
+    written = adopting._constants(shipping.ship(trainer, folder, None))
+    old, new = adopting._constants(file), adopting._constants(learned)
+    moved = [k for k in new if not torch.equal(old[k], new[k])]
+    assert len(moved) > 50
+    for name, weight in written.items():
+        torch.testing.assert_close(weight, 0.75 * old[name] + 0.25 * new[name])
+    assert "25% what it learned" in (folder / "CARD.md").read_text(encoding="utf-8")
+    assert CropModel(folder / "network.onnx", 1).card["validation"]["update"] == 3
+
+
 def test_a_network_of_other_robots_is_not_begun_from(tmp_path: Path) -> None:
     pytest.importorskip("onnx", reason="onnx is not installed (part of the extra train)")
     with pytest.raises(RecognitionError, match=r"heat\.fr3\.weight.* is missing"):

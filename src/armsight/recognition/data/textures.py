@@ -150,7 +150,10 @@ def _poster(rng: np.random.Generator) -> Floats:
         else:
             word = "".join(chr(int(c)) for c in rng.integers(65, 91, int(rng.integers(2, 9))))
             scale = float(rng.uniform(0.4, 2.0))
-            cv2.putText(picture, word, a, cv2.FONT_HERSHEY_SIMPLEX, scale, color, 2, cv2.LINE_AA)
+            # OpenCV 5 writes on bytes alone.
+            ink = np.zeros((SIZE, SIZE), np.uint8)
+            cv2.putText(ink, word, a, cv2.FONT_HERSHEY_SIMPLEX, scale, 255, 2, cv2.LINE_8)
+            picture[ink > 0] = color
     return np.asarray(picture)
 
 

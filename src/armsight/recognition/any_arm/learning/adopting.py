@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,6 +82,15 @@ def adopt(network: CropNet, origin: Origin) -> None:
                 network.get_parameter(f"{shared}.{part}").copy_(mean)
                 for weight in each:
                     weight.sub_(mean)
+
+
+def blend(network: CropNet, origin: Origin, share: float) -> None:
+    """Leave a network this share of its weights, and the rest of the one that it began from."""
+    before = copy.deepcopy(network)
+    adopt(before, origin)
+    with torch.no_grad():
+        for new, old in zip(network.parameters(), before.parameters(), strict=True):
+            new.copy_(old.lerp(new, share))
 
 
 def _taken(found: dict[str, Tensor], name: str, weight: Tensor, file: Path) -> Tensor:

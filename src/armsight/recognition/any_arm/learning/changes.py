@@ -41,21 +41,21 @@ class Changes:
 
     size: int = 128
     extent: tuple[float, float] = (0.45, 1.05)
-    wide: float = 0.25
-    least: float = 0.15
+    wide: float = 0.3
+    least: float = 0.12
     zoom: tuple[float, float] = (0.35, 2.2)
     turn_deg: float = 15.0
     shift: float = 0.7
-    gain: float = 0.2
-    tint: float = 0.08
-    grey: float = 0.06
-    blur: float = 0.15
+    gain: float = 0.3
+    tint: float = 0.1
+    grey: float = 0.08
+    blur: float = 0.2
     noise: float = 0.25
     jpeg: float = 0.2
     cover: float = 0.2
     surrounded: float = 0.5
-    elsewhere: float = 0.08
-    shaded: float = 0.15
+    elsewhere: float = 0.15
+    shaded: float = 0.25
 
 
 STEADY_EXTENT = 0.77
@@ -264,7 +264,7 @@ def _recoloured(image: Bytes, rng: np.random.Generator, how: Changes) -> Bytes:
     if rng.random() < how.grey:
         image = np.repeat(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[..., None], 3, 2)
     if rng.random() < how.blur:
-        image = _bytes(cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.4, 1.4))))
+        image = _bytes(cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.4, 1.8))))
     if rng.random() < how.noise:
         strength = np.float32(rng.uniform(1.0, 9.0))
         grain = strength * rng.standard_normal(image.shape, np.float32)

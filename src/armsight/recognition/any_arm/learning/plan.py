@@ -32,6 +32,10 @@ class Plan:
         frozen: so many blocks of the trunk keep their weights, and the stem; -1: none.
         validate: updates between measurements on rooms held back.
         patience: measurements without a gain that end the training; 0: none do.
+        blend: share of what was learned in the weights that are written; the rest is of the
+            network that the training began from (Wortsman et al. 2022, "Robust fine-tuning of
+            zero-shot models"): the two lie in one valley, and what lies between them does
+            better on pictures that neither has seen than either.
         precision: ``auto`` (bfloat16 on a GPU), ``float32`` or ``bfloat16``.
         seed: of the start, the order and the changes.
     """
@@ -47,6 +51,7 @@ class Plan:
     frozen: int = 3
     validate: int = 500
     patience: int = 12
+    blend: float = 1.0
     precision: str = "auto"
     seed: int = 0
 
@@ -59,8 +64,8 @@ class Plan:
 
 _RANGES = {
     "updates": (1, 10**8), "size": (32, 1024), "batch": (1, 65536), "rate": (0, 1),
-    "trunk_rate": (0, 1), "decay": (0, 1), "mean": (0, 0.99999), "frozen": (-1, 16),
-    "validate": (1, 10**8), "patience": (0, 10**6), "seed": (0, 2**31),
+    "trunk_rate": (0, 1), "decay": (0, 1), "mean": (0, 0.99999), "blend": (0, 1),
+    "frozen": (-1, 16), "validate": (1, 10**8), "patience": (0, 10**6), "seed": (0, 2**31),
 }  # fmt: skip
 
 

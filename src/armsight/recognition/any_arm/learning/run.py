@@ -49,8 +49,12 @@ def train_crops(
 
     Raises:
         RecognitionError, DatasetError: no data, no weights to begin from, a checkpoint of another
-            plan, or something cannot be written.
+            plan, a blend with nothing, or something cannot be written.
     """
+    if begun is None and plan.blend < 1.0:
+        raise RecognitionError(
+            "blend mixes with the network that was begun from: give it by --from"
+        )
     device = prepare(wanted)
     elsewhere = None if tuning is None else LabelledSet.open(tuning, partial=True)
     origin = None if begun is None else find_origin(begun)

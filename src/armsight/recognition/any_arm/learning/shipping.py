@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +13,10 @@ import torch
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.landmarks import find_landmarks
 from armsight.recognition.any_arm.learning import trunk
+from armsight.recognition.any_arm.learning.adopting import blend
 from armsight.recognition.any_arm.learning.export import check_parity, to_onnx
-from armsight.recognition.any_arm.learning.network import OTHERS
+from armsight.recognition.any_arm.learning.measure import measure
+from armsight.recognition.any_arm.learning.network import OTHERS, CropNet
 from armsight.recognition.any_arm.learning.trainer import CropTrainer
 from armsight.recognition.any_arm.learning.trusting import (
     Judged,
@@ -52,7 +56,10 @@ def ship(
     """
     card = make_card(trainer)
     file = out / "network.onnx"
-    network = trainer.mean.cpu()
+    network = copy.deepcopy(trainer.mean).cpu()
+    if trainer.origin is not None and trainer.plan.blend < 1.0:
+        blend(network, trainer.origin, trainer.plan.blend)
+        card["validation"] = _checked(network, trainer)
     write_atomically(file, to_onnx(network, card), error=RecognitionError)
     check_parity(network, file, trainer.data.images[trainer.held[:_PARITY]])
     if source is not None:
@@ -65,8 +72,19 @@ def ship(
         card["trust"] = vars(trust) | {"chosen_on": figures}
         write_atomically(file, to_onnx(network, card), error=RecognitionError)
     write_text(out / "CARD.md", card_text(card), RecognitionError)
-    trainer.mean.to(trainer.device)
     return file
+
+
+def _checked(network: CropNet, trainer: CropTrainer) -> dict[str, float]:
+    """What is written, on the crops that the training was measured on."""
+    size = trainer.plan.size
+    found = measure(network, trainer.data, trainer.some_held, torch.device("cpu"), size)
+    return _finite(found) | {"size": size, "update": trainer.progress.update}
+
+
+def _finite(figures: dict[str, float]) -> dict[str, float]:
+    """Where no crop with an arm was held back there are none of masks and landmarks."""
+    return {k: v for k, v in figures.items() if math.isfinite(v)}
 
 
 def _told(judged: Judged, elsewhere: Judged | None) -> str:
@@ -96,13 +114,14 @@ def make_card(trainer: CropTrainer) -> Card:
             "updates": at.update,
             "batch": plan.batch,
             "size": plan.size,
+            "blend": plan.blend,
             "seconds": round(at.seconds, 1),
             "seed": plan.seed,
             "precision": trainer.precision,
             "device": trainer.device.type,
             "torch": torch.__version__,
         },
-        "validation": checked[-1] if checked else {},
+        "validation": _finite(checked[-1]) if checked else {},
     }
 
 
@@ -127,7 +146,11 @@ def card_text(card: dict[str, Any]) -> str:
             f"* Begun from a network of {begun['updates']} updates on {begun['crops']} other "
             f"crops, sha256 {begun['sha256'][:16]}."
         )
-    if v:
+        if t.get("blend", 1.0) < 1.0:
+            lines.append(
+                f"* Its weights are {t['blend']:.0%} what it learned, the rest of that one's."
+            )
+    if {"mask_iou", "keypoint_px"} <= set(v):
         lines.append(
             f"* In held-back rooms of the training's renderer: mask IoU {v['mask_iou']:.3f}, "
             f"landmarks {v['keypoint_px']:.1f} px of {v.get('size', t['size']):.0f} (median), "

@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from armsight.arrays import Ints
 from armsight.errors import RecognitionError
 from armsight.recognition.any_arm.learning.adopting import Origin
 from armsight.recognition.any_arm.learning.examples import Examples
@@ -109,6 +110,11 @@ class CropTrainer:
         found = self._both["mean"]
         assert isinstance(found, CropNet)
         return found
+
+    @property
+    def some_held(self) -> Ints:
+        """The crops held back that a measurement looks at."""
+        return self.held[:: max(len(self.held) // MEASURED, 1)][:MEASURED]
 
     @property
     def precision(self) -> str:
@@ -206,8 +212,7 @@ class CropTrainer:
             at.pending.clear()
 
     def _check(self) -> None:
-        some = self.held[:: max(len(self.held) // MEASURED, 1)][:MEASURED]
-        figures = measure(self.mean, self.data, some, self.device, self.plan.size)
+        figures = measure(self.mean, self.data, self.some_held, self.device, self.plan.size)
         figures["loss"] = sum(_weighted(figures).values())
         figures["size"] = self.plan.size
         rounded = {k: round(v, 5) for k, v in figures.items()}
@@ -236,7 +241,7 @@ class CropTrainer:
     def _mark(self) -> str:
         """Of what has to stay the same when a training goes on."""
         fixed = asdict(self.plan)
-        for free in ("updates", "size", "validate", "patience", "precision"):
+        for free in ("updates", "size", "validate", "patience", "blend", "precision"):
             del fixed[free]
         if self.origin is not None:
             fixed["origin"] = self.origin.sha256
