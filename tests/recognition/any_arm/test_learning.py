@@ -434,18 +434,22 @@ def test_trust_is_chosen_on_pictures_of_another_renderer_as_well(
 ) -> None:
     rng = np.random.default_rng(0)
 
-    def judged(count: int) -> Judged:
+    def judged(count: int, off: float = 1.0) -> Judged:
         features = np.hstack([np.ones((count, 1)), rng.normal(size=(count, 6))])
         error = np.where(features[:, 1] > 0.5, 0.02, 0.5)
-        return Judged(features, error, rng.chisquare(3, (count, 4)))
+        return Judged(features, error, off**2 * rng.chisquare(3, (count, 4)))
 
-    monkeypatch.setattr(shipping, "judge", lambda *_: judged(60))
-    monkeypatch.setattr(shipping, "judge_pictures", lambda model, pictures: judged(len(pictures)))
-    pictures = cast(LabelledSet, range(25))
+    def elsewhere(model: CropModel, pictures: LabelledSet) -> Judged:
+        return judged(len(pictures), off=4.0)
+
+    monkeypatch.setattr(shipping, "judge", lambda *_: judged(2000))
+    monkeypatch.setattr(shipping, "judge_pictures", elsewhere)
+    pictures = cast(LabelledSet, range(500))
     file = shipping.ship(_trainer(tmp_path), tmp_path, cast(LabelledSet, ()), pictures)
-    chosen = CropModel(file, 1).card["trust"]["chosen_on"]
-    assert (chosen["frames"], chosen["elsewhere"]) == (85, 25)
-    assert "25 answers on tuning pictures" in (tmp_path / "CARD.md").read_text(encoding="utf-8")
+    trust = CropModel(file, 1).card["trust"]
+    assert (trust["chosen_on"]["frames"], trust["chosen_on"]["elsewhere"]) == (2500, 500)
+    assert trust["widen"] == pytest.approx(4.0, rel=0.1), "the few that are harder tell the width"
+    assert "500 answers on tuning pictures" in (tmp_path / "CARD.md").read_text(encoding="utf-8")
 
 
 def test_rooms_stay_in_their_part_when_a_set_grows() -> None:

@@ -121,7 +121,8 @@ def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust
 
     The threshold is the lowest from which at most :data:`WRONG` of the answers above it are wrong,
     of the crops and of those from elsewhere alike, each answer judged by weights that it was not
-    fitted to: a fit promises more on its own answers than it keeps on others.
+    fitted to: a fit promises more on its own answers than it keeps on others. Ellipsoids are as
+    wide as the harder of the two needs.
 
     Args:
         judged: answers on held-back crops.
@@ -135,9 +136,8 @@ def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust
     ends = np.cumsum([len(j.error) for j in sets])[:-1]
     threshold = max(map(_lowest, np.split(p, ends), np.split(good, ends)))
     sure = p >= threshold
-    inside = every.spread[sure] if sure.any() else every.spread
-    inside = inside[np.isfinite(inside)]
-    widen = float(np.sqrt(np.quantile(inside, 0.9) / _INSIDE_90)) if inside.size else 2.0
+    believed = every.spread if not sure.any() else np.where(sure[:, None], every.spread, np.nan)
+    widen = max(map(_widening, np.split(believed, ends)))
     figures = {
         "frames": len(p),
         "elsewhere": 0 if elsewhere is None else len(elsewhere.error),
@@ -145,7 +145,6 @@ def choose_trust(judged: Judged, elsewhere: Judged | None = None) -> tuple[Trust
         "believed": float(sure.mean()) if len(sure) else 0.0,
         "believed_wrong": float((~good[sure]).mean()) if sure.any() else 0.0,
     }
-    widen = float(np.clip(widen, 1.0, 20.0))
     return Trust(tuple(float(v) for v in weights), threshold, widen), figures
 
 
@@ -160,6 +159,14 @@ def _unknown(x: Floats, good: Mask) -> Floats:
         trust = Trust(tuple(float(v) for v in logistic(x[part != k], good[part != k])))
         p[part == k] = [trust.of(f) for f in x[part == k]]
     return p
+
+
+def _widening(spread: Floats) -> float:
+    """By how much 90 % ellipsoids have to grow to hold nine joints in ten."""
+    inside = spread[np.isfinite(spread)]
+    if not inside.size:
+        return 1.0
+    return float(np.clip(np.sqrt(np.quantile(inside, 0.9) / _INSIDE_90), 1.0, 20.0))
 
 
 def _lowest(p: Floats, good: Mask) -> float:
