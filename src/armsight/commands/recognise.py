@@ -29,7 +29,8 @@ class Recognise:
     --camera ros_camera_info.yaml; armsight recognise film.mp4 --network runs/t7/network.onnx
 
     One JSON line a picture goes to standard output; drawings, masks and recognised.jsonl into
-    --out. Exit code 1 if a picture could not be read.
+    --out. How far whoever carries the camera is from the reach of an arm stands there, and of a
+    video is said on standard error when it changes. Exit code 1 if a picture could not be read.
 
     Attributes:
         what: picture, folder of pictures, or video.
@@ -109,9 +110,14 @@ class Recognise:
         lines: list[str] = []
 
         def drawn() -> Iterator[ColorImage]:
+            warned = ""
             for picture in video_frames(self.what, self.every):
                 shown = looks(picture, self._camera_of(picture, lens))
                 print(shown.line, flush=True)
+                if shown.warning != warned:
+                    warned = shown.warning
+                    words = warned or "no arm in sight may reach you"
+                    print(f"{picture.name}: {words}", file=sys.stderr, flush=True)
                 lines.append(shown.line)
                 yield shown.drawing
 

@@ -26,6 +26,8 @@ from armsight.recognition.inference.model import Model, network_file
 from armsight.recognition.inference.recogniser import Recogniser
 
 NETWORK, BASELINE = "arms", "t7-rooms-on"
+FAR = 0.3
+"""Beyond an arm's reach by so much, nobody has to be warned [m]."""
 SETS = {
     "second-rooms": "second renderer, 640 x 480, base at 1.2 to 2.5 m, box not given",
     "third-rooms": "third renderer, 640 x 480, base at 1.2 to 2.5 m, box not given",
@@ -127,6 +129,7 @@ def _rows(frames: Sequence[Frame], where: str) -> list[Row]:
             why="no answer is believed"),
         Row("image_cpu_ms", "processor time of a whole picture of 640 x 480, one thread, median",
             where, 1e3 * _median(np.array([f.cpu for f in frames])), "ms", len(frames)),
+        *_reach_rows(known, where),
     ]  # fmt: skip
     rows += [
         Row("robot_joint_median_mm", "mean joint error, median over the frames of one robot",
@@ -134,6 +137,25 @@ def _rows(frames: Sequence[Frame], where: str) -> list[Row]:
         for name in KNOWN_ROBOTS if (mine := [f for f in known if f.robot == name])
     ]  # fmt: skip
     return rows
+
+
+def _reach_rows(known: Sequence[Frame], where: str) -> list[Row]:
+    """Whether somebody who carries the camera is warned."""
+    share = partial(_share_in, where)
+    true, said, least = np.array([f.reach for f in known]).reshape(-1, 3).T
+    told = np.isfinite(said)
+    far = true > FAR
+    return [
+        Row("reach_mm", "camera to what the arm can reach: error, median over the answers that say",
+            where, 1e3 * _median(np.abs(said - true)[told]), "mm", int(told.sum())),
+        share("reach_overstated", "said to be farther from the reach, at least, than it is",
+              list(least[told] > true[told]), None, None, better="lower"),
+        share("reach_clear", f"cameras {FAR} m and more beyond the reach of which that is said",
+              list(least[far] > 0.0), None, None),
+        share("reach_missed", "cameras within the reach, said to be beyond or no arm seen",
+              [f.said == NO_ROBOT or f.reach[2] > 0.0 for f in known if f.reach[0] < 0.0],
+              None, None, better="lower"),
+    ]  # fmt: skip
 
 
 def _baseline(frames: Sequence[Frame], where: str) -> list[Row]:

@@ -13,6 +13,7 @@ from armsight.geometry.camera import PinholeCamera
 from armsight.recognition.any_arm.edges import at_edges
 from armsight.recognition.any_arm.known import place_known
 from armsight.recognition.any_arm.observing import observe
+from armsight.recognition.any_arm.reach import UNKNOWN, reach_of
 from armsight.recognition.any_arm.recogniser import MARGIN, ArmRecogniser
 from armsight.recognition.any_arm.sighting import Sighting
 from armsight.recognition.any_arm.views import SIDE, take_crop
@@ -26,6 +27,7 @@ INSIDE_90 = 6.251
 """Of chi squared with three degrees of freedom, 90 %."""
 CROP = 160.0
 """Side of the crop that errors of landmarks are given for [px]."""
+NAN = float("nan")
 NOTHING = 1e4
 """Joint error of a frame without an answer [mm]."""
 
@@ -44,6 +46,8 @@ class Frame:
         landmarks: (k,) errors of the visible landmarks in a crop with the box given [px].
         cpu: processor time of the answer [s].
         distance: of the base [m].
+        reach: of the camera from the arm's reach [m], true, said, and said at least; NaN where
+            there is no arm of the five, and where nothing is said.
     """
 
     robot: str
@@ -56,6 +60,7 @@ class Frame:
     landmarks: Floats
     cpu: float
     distance: float
+    reach: tuple[float, float, float] = (NAN, NAN, NAN)
 
 
 def try_frame(recogniser: ArmRecogniser, sample: Sample) -> Frame:
@@ -80,7 +85,17 @@ def try_frame(recogniser: ArmRecogniser, sample: Sample) -> Frame:
         landmarks,
         cpu,
         float(np.linalg.norm(sample.base_camera)),
+        reaches(found, sample),
     )
+
+
+def reaches(found: Sighting, sample: Sample) -> tuple[float, float, float]:
+    """See ``Frame.reach``."""
+    if sample.robot not in KNOWN_ROBOTS:
+        return NAN, NAN, NAN
+    shoulder = float(np.linalg.norm(sample.joints_camera[1]))
+    said = reach_of(found.arms[0]) if found.arms else UNKNOWN
+    return shoulder - load_robot(sample.robot).stretched, said.distance, said.least
 
 
 def baseline_frame(recogniser: Recogniser, sample: Sample) -> Frame:

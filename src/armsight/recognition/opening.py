@@ -20,11 +20,19 @@ from armsight.recognition.inference.pictures import Picture
 
 @dataclass(frozen=True)
 class Shown:
-    """What is handed to a user: a line of JSON, a drawing, a mask."""
+    """What is handed to a user.
+
+    Attributes:
+        line: JSON.
+        drawing: of what was found over the picture.
+        mask: 255 where an arm is.
+        warning: to whoever carries the camera; empty where there is nothing to say.
+    """
 
     line: str
     drawing: ColorImage
     mask: Bytes
+    warning: str = ""
 
 
 class Looks(Protocol):
@@ -63,6 +71,7 @@ def open_recogniser(
 
 def _ours(model: crops.CropModel, robots: Sequence[str]) -> Looks:
     from armsight.recognition.any_arm.drawing import draw, mask_of
+    from armsight.recognition.any_arm.reach import warning_of
     from armsight.recognition.any_arm.recogniser import ArmRecogniser
 
     recogniser = ArmRecogniser(model, robots)
@@ -70,7 +79,8 @@ def _ours(model: crops.CropModel, robots: Sequence[str]) -> Looks:
     def look(picture: Picture, camera: PinholeCamera | None) -> Shown:
         found = recogniser.recognise(picture, camera)
         image = picture.image
-        return Shown(found.as_line(), draw(image, found), mask_of(found, image.shape))
+        drawing, mask = draw(image, found), mask_of(found, image.shape)
+        return Shown(found.as_line(), drawing, mask, warning_of(found))
 
     return look
 

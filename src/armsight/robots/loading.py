@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +78,7 @@ def load_urdf(
         shapes = fit_chain(chain, limits.lower, limits.upper)
     moving = chain.links[1:]
     bodies = [link.inertial for link in chain.links]
-    return Robot(
+    robot = Robot(
         name=name or urdf.name,
         joint_names=tuple(link.joint.name for link in moving if link.joint),
         link_names=tuple(link.name for link in chain.links),
@@ -93,9 +94,10 @@ def load_urdf(
         link_com=np.stack([body.center for body in bodies]),
         link_inertia=np.stack([body.inertia for body in bodies]),
         home=_home(limits) if home is None else np.asarray(home, float),
-        reach=_stretched(chain) if reach is None else reach,
+        reach=0.0 if reach is None else reach,
         tool_pairs=shapes.tool_pairs,
     )
+    return robot if reach is not None else replace(robot, reach=robot.stretched)
 
 
 def joint_limits(
@@ -192,9 +194,3 @@ def link_meshes(chain: Chain, path: Path) -> tuple[LinkMesh, ...]:
 def _home(limits: JointLimits) -> JointVector:
     inside = (limits.lower <= 0.0) & (limits.upper >= 0.0)
     return np.where(inside, 0.0, 0.5 * (limits.lower + limits.upper))
-
-
-def _stretched(chain: Chain) -> float:
-    """Sum of the lengths behind the second joint: no point of the flange is farther from it."""
-    steps = [float(np.linalg.norm(link.T_parent_joint[:3, 3])) for link in chain.links[3:]]
-    return sum(steps) + float(np.linalg.norm(chain.T_last_flange[:3, 3]))

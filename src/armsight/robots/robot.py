@@ -189,6 +189,15 @@ class Robot:
         """Number of joints."""
         return len(self.joint_names)
 
+    @property
+    def stretched(self) -> float:
+        """Sum of the lengths behind the second joint [m]: no flange is farther from that.
+
+        A maker's ``reach`` often ends at the wrist.
+        """
+        lengths = np.linalg.norm(self.T_link_joint[2:, :3, 3], axis=1)
+        return float(lengths.sum() + np.linalg.norm(self.T_last_flange[:3, 3]))
+
     def without_tool(self) -> Robot:
         """The bare arm."""
         if self.tool is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 from armsight.arrays import Bytes, ColorImage, JointVector, Points, Pose
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
+from armsight.recognition.any_arm.reach import reach_of
 from armsight.recognition.any_arm.sighting import Arm, Sighting
 from armsight.recognition.drawing import draw_skeleton, draw_words, thickness
 from armsight.recognition.own_arm.kernels import lens_array
@@ -106,4 +108,6 @@ def _title(arm: Arm) -> str:
         words = f"an arm, perhaps {words}"
     if arm.T_camera_base is not None and arm.trust >= GUESS:
         words += f", base {float(np.linalg.norm(arm.base)):.2f} m away"
+    if not math.isnan((reach := reach_of(arm)).distance):
+        words += f"; {reach.words()}"
     return f"{words}; {arm.problem}" if arm.problem else f"{words}; trust {100 * arm.trust:.0f} %"

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from armsight.arrays import Floats, Floats32, JointVector, Points, Pose
+from armsight.recognition.any_arm.reach import reach_of
 
 Intrinsics = Literal["given", "exif", "assumed"]
 
@@ -105,6 +106,7 @@ class Sighting:
             "joints_rad": [round(float(v), 4) for v in arm.q] if placed else None,
             "joints_camera_m": [[round(float(v), 4) for v in p] for p in arm.joints] or None,
             "joint_sigma_m": [round(_sigma(C), 4) for C in arm.covariance] or None,
+            "reach": reach_of(arm).to_json(),
             "outline_overlap": round(arm.overlap, 3) if placed else None,
             "base_px": _row(pixels[0]) if placed else None,
             "joints_px": [_row(p) for p in pixels[1:]] if placed else None,
