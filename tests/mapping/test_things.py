@@ -8,7 +8,7 @@ import pytest
 from armsight.mapping.hazards import UnseenPeople
 from armsight.mapping.kernels.pieces import MOST_PIECES, label_pieces
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from armsight.mapping.things import MOST_THINGS, SETTLE, STILL, Things
+from armsight.mapping.things import LIVELY, LIVELY_VOXELS, MOST_THINGS, SETTLE, STILL, Things
 
 GRID = VoxelGrid(np.zeros(3), 0.02, (60, 60, 50))
 STEP = 1.0 / 15
@@ -303,6 +303,42 @@ def test_what_was_held_a_moment_ago_in_part_is_still_somebodys() -> None:
     assert scene.is_person(BOX)
     scene.look(BOX, PERSON, seconds=0.5 * STILL + 3 * STEP)
     assert not scene.is_person(BOX)
+
+
+def middles(blob: Blob, count: int) -> np.ndarray:
+    """Of some voxels of a blob's near side [m]."""
+    (a, _), (c, d), (e, f) = blob
+    y, z = np.mgrid[c:d, e:f].reshape(2, -1)
+    return (np.stack([np.full(len(y), a), y, z], axis=1)[:count] + 0.5) * GRID.voxel
+
+
+def test_what_is_known_to_move_by_itself_is_no_thing_for_as_long_as_that_is_said() -> None:
+    scene = with_box()
+    scene.things.animate(middles(BOX, 20), scene.now)
+    scene.look(BOX, seconds=0.5 * LIVELY)
+    assert scene.is_person(BOX)
+    scene.things.animate(middles(BOX, 20), scene.now)
+    scene.look(BOX, seconds=0.9 * LIVELY)
+    assert scene.is_person(BOX), "said again"
+    scene.look(BOX, seconds=0.1 * LIVELY + STILL + 3 * STEP)
+    assert not scene.is_person(BOX), "nobody has said so for long"
+
+
+def test_a_crumb_of_what_moves_by_itself_does_not_end_a_thing_beside_it() -> None:
+    scene = with_box()
+    beyond = np.array([[-5.0, 0.0, 0.0], [50.0, 50.0, 50.0]])
+    scene.things.animate(np.vstack([middles(BOX, LIVELY_VOXELS - 1), beyond]), scene.now)
+    scene.look(BOX, seconds=1.0)
+    assert not scene.is_person(BOX)
+
+
+def test_who_says_that_the_cell_is_empty_does_not_make_a_thing_of_another_arm() -> None:
+    scene = Scene()
+    scene.look(BOX, seconds=2.0)
+    scene.things.animate(middles(BOX, 20), scene.now)
+    scene.say_empty()
+    scene.look(BOX, seconds=2.0)
+    assert scene.is_person(BOX)
 
 
 def test_more_pieces_than_can_be_told_apart_are_people() -> None:

@@ -124,6 +124,9 @@ class FakeMap:
         self.calls.append((now, [f.sequence for f in frames], joints.latest))
         return SimpleNamespace(sequence=len(self.calls), stamp=now, cameras=(), inside=())
 
+    def animate(self, points):
+        self.calls.append(("animated", len(points)))
+
     def declare_empty(self):
         self.calls.append("empty")
 

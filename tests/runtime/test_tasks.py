@@ -12,7 +12,7 @@ from armsight.errors import DeviceError, LoopError, UsageError
 from armsight.mapping.snapshot import CameraStatus
 from armsight.motion.face import Button, Curve, Face, Figure, FrameMark, PointsMark
 from armsight.motion.intents import JointIntent, Rest, VelocityIntent
-from armsight.motion.perception import CameraUse
+from armsight.motion.perception import CameraUse, SeenRobot
 from armsight.motion.task import Subscriptions
 from armsight.runtime.components import GuardComponent
 from armsight.runtime.config import SessionConfig, SessionMode
@@ -446,6 +446,9 @@ def test_a_width_that_is_no_number_is_said(width):
         ({"excluded": (("c", None),)}, "expected a camera's name and a reason"),
         ({"excluded": None}, "cannot be read: TypeError"),
         ({"placed": ("c",)}, "has placed a str"),
+        ({"robots": ("ur5",)}, "has seen a str"),
+        ({"robots": (SeenRobot("ur5", np.zeros(3), np.zeros((0, 3)), 0.0),)}, "expected (k, 3)"),
+        ({"robots": (SeenRobot("a", np.full((2, 3), np.nan), np.zeros((0, 3)), 0.0),)}, "(k, 3)"),
     ],
 )
 def test_what_a_perceiver_says_of_cameras_ends_no_run(extra, words):
@@ -573,6 +576,31 @@ def test_a_perceiver_takes_a_camera_out_of_the_map_and_warns():
     before = [call for call in calls[:first] if len(call) == 3]
     assert before[-1][0] >= 0.3 + 0.03 - 0.02 - 1e-9  # not before it could be known
     assert "the board slipped" in {h.name: h.problem for h in session.health()}.values()
+
+
+def test_an_arm_that_nobody_announces_goes_to_the_map_once_a_sighting_and_to_whoever_looks():
+    @dataclass(frozen=True)
+    class Word(Count):
+        robots: tuple[SeenRobot, ...] = ()
+
+    none = np.zeros((0, 3))
+    first, second = (SeenRobot("ur5", np.ones((k, 3)), none, 0.1 * k) for k in (3, 7))
+
+    class Watch(Counter):
+        def update(self, frames):
+            stamp = frames[-1].frame.stamp
+            seen = () if stamp > 0.9 else (second,) if stamp > 0.5 else (first,)
+            return Word(stamp, 1, seen)
+
+    session, _ = session_of(None, perceivers=[Watch()])
+    session.run(0.4)
+    assert session.view().robots == (first,)
+    session.run(0.4)
+    assert session.view().robots == (second,)
+    session.run(0.4)
+    assert session.view().robots == ()
+    told = [call for call in session._parts.workspace.calls if call[0] == "animated"]
+    assert told == [("animated", 3), ("animated", 7)]
 
 
 def test_a_camera_that_was_placed_counts_again_until_it_is_blamed_anew():

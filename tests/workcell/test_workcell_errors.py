@@ -220,6 +220,19 @@ def test_the_smallest_cell_is_good():
             ['simulation.undeclared[1] "s".name: "s" is taken by solid[1]'],
         ),
         (
+            HEAD + SOLID + "[[simulation.arm]]\nname='s'\nmodel='panda'\nposition=[0,0,0.0]",
+            ['simulation.arm[1] "s".name: "s" is taken by solid[1]'],
+        ),
+        (
+            HEAD + "[[simulation.arm]]\nname='b'\nmodel='pandda'\nposition=[700,0,0.0]",
+            ['simulation.arm[1] "b".model: ', '"panda"', 'simulation.arm[1] "b".position: '],
+        ),
+        (
+            HEAD
+            + "[[simulation.arm]]\nname='b'\nmodel='ur3'\nposition=[1,0,0]\njoints_deg=[0, 90]",
+            ['simulation.arm[1] "b".joints_deg: found 2 values, expected 6'],
+        ),
+        (
             HEAD + "[patrol.goals_deg]\nA = [0, 0, 0, 0, 0, 0]",
             ["patrol.goals_deg: found 1 goal, expected none or at least 2"],
         ),

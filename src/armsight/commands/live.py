@@ -43,8 +43,11 @@ class Working(Watching):
     Attributes:
         cell_is_empty: you have looked, and nobody is in the cell: what stands there is no person,
             and the arm works around it.
+        watch_robots: look in the cameras' colour pictures for arms that no driver announces; what
+            stands there counts as somebody who moves.
         json: write the run's figures here; `-` is standard output.
     """
 
     cell_is_empty: bool = False
+    watch_robots: bool = False
     json: Path | None = None

@@ -19,6 +19,7 @@ from armsight.commands.serving import Page
 from armsight.errors import RecordingError, TaskError
 
 if TYPE_CHECKING:
+    from armsight.motion.perception import Perceiver
     from armsight.motion.task import Task
     from armsight.recording.recorder import Recorder
     from armsight.runtime.component import Component
@@ -45,6 +46,7 @@ class RunOptions:
         observers: more components that look on.
         cell_is_empty: somebody has looked: nobody is in the cell when it starts.
         look_only: send the arm no command at all.
+        watch_robots: look for arms that no driver announces.
         make: builds map, planner and guard, where not those of a live cell.
         config: periods, latencies and configuration of the parts, where not the defaults.
     """
@@ -58,6 +60,7 @@ class RunOptions:
     observers: Sequence[Component] = ()
     cell_is_empty: bool = False
     look_only: bool = False
+    watch_robots: bool = False
     make: MakeParts | None = None
     config: SessionConfig | None = None
 
@@ -70,12 +73,19 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
     from armsight.tasks.arm_watch import arm_watch
     from armsight.tasks.board_watch import board_watch
 
+    watches: list[Perceiver] = []
+    if wanted.make is None:
+        watches += [*board_watch(cell), *arm_watch(cell)]
+    if wanted.watch_robots:
+        from armsight.tasks.robot_watch import robot_watch
+
+        watches += robot_watch(cell)
     with ExitStack() as stack:
         session = Session(
             cell,
             task,
             seed=wanted.seed,
-            perceivers=(*board_watch(cell), *arm_watch(cell)) if wanted.make is None else (),
+            perceivers=watches,
             observers=wanted.observers,
             mode=SessionMode(cell_is_empty=wanted.cell_is_empty, look_only=wanted.look_only),
             make=wanted.make or make_parts,
@@ -161,6 +171,7 @@ def run_options(asked: Watching) -> RunOptions:
     if asked.seconds is not None and not asked.seconds >= 0.0:
         raise UsageError(f"--seconds is {asked.seconds:g}; expected 0 or more")
     return RunOptions(
+        watch_robots=isinstance(asked, Working) and asked.watch_robots,
         seconds=asked.seconds,
         page=None if asked.headless else asked.page,
         record=asked.record,

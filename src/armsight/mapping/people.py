@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Ints32, Mask
+from armsight.arrays import Bytes, Floats32, Ints32, Mask, Points
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import Change, Layers
 from armsight.mapping.hazards import Tracked, UnseenPeople
@@ -66,6 +66,11 @@ class People:
         """Somebody says that nobody is in the cell; looked at by the next updates."""
         self.emptiness = Emptiness(waiting=True, reason="looking whether the cell is at rest")
         self._waiting_until = np.inf
+
+    def animate(self, points: Points, now: float) -> None:
+        """What is at (k, 3) points in ``base`` [m] may move by itself: no thing, for a while."""
+        for layer in (self.fine, self.far):
+            layer.things.animate(points, now)
 
     def redeclare(self, change: Change) -> None:
         """Other solids are declared."""

@@ -9,6 +9,8 @@ Whatever is occupied and not declared counts as a person unless it is known to b
   map) held it; now it and all that hangs together with it, hollows and shadows included as far as
   a hand fits into them, is smaller than any person; and it has rested since.
 
+Whatever somebody knows to move by itself (another arm) is none, however long it rests.
+
 A thing ends, and counts as a person again with all that could be behind it, as soon as something
 that may be a person, seen or unseen, is within two voxels of it, or when it moves by more than one
 voxel. See ``docs/guard.md`` for what follows from that, and what it assumes.
@@ -18,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, Ints32, Mask, Shorts
+from armsight.arrays import Bytes, Floats, Ints32, Mask, Points, Shorts
 from armsight.mapping.hazards import UnseenSets
 from armsight.mapping.kernels.pieces import (
     belongs,
@@ -53,6 +55,10 @@ NEAR = 0.15
 """Nothing newly visible is a thing this close to somebody [m]: as far as a hand goes in a frame."""
 LATE = 0.15
 """Nor is it one if nobody looked for so long [s]: who came meanwhile may be far into it."""
+LIVELY = 20.0
+"""Of what may move by itself somebody's word holds for so long [s]."""
+LIVELY_VOXELS = 4
+"""As many of its voxels make a thing that: fewer may be a picture's border."""
 TOUCHES = 3
 """As many voxels must do so, in the fine layer: noise beside a surface does not end a thing."""
 
@@ -86,6 +92,7 @@ class Things:
         self._least = touches
         self._trait: Bytes = np.zeros(size, np.uint8)
         self._before: Bytes = np.zeros(size, np.uint8)
+        self._lively: list[tuple[float, Ints32]] = []
         self._settling = self._now = self._kept = 0.0
         self.telling = False
 
@@ -107,8 +114,16 @@ class Things:
         self._settling = now + SETTLE
         self.telling = True
 
+    def animate(self, points: Points, now: float) -> None:
+        """What is at (k, 3) points in ``base`` [m] may move by itself, as of ``now`` [s]."""
+        index = np.floor((points - np.asarray(self._grid.origin)) / self._grid.voxel)
+        inside = ((index >= 0) & (index < self._shape)).all(axis=1)
+        flat = np.ravel_multi_index(index[inside].astype(np.int64).T, self._grid.shape)
+        self._lively.append((now + LIVELY, np.unique(flat).astype(np.int32)))
+
     def end(self) -> None:
         """Nothing is a thing any more (the clock was turned back, say)."""
+        self._lively.clear()
         self._core.fill(0)
         self._active.fill(0)
         self._cores = np.zeros(0, np.int32)
@@ -169,6 +184,8 @@ class Things:
             self._forget_ended()
             people = self._people(clusters)
         if self._left_behind(clusters[people], occupied, unseen):
+            people = self._people(clusters)
+        if self._stir():
             people = self._people(clusters)
         while self._touch(clusters[people]):  # a thing that ended may touch another
             self._forget_ended()
@@ -259,6 +276,20 @@ class Things:
             self._touches,
             self._shape,
         )
+
+    def _stir(self) -> bool:
+        """End what may move by itself. True if there was a thing that may."""
+        self._lively = [word for word in self._lively if word[0] > self._now]
+        if not self._lively:
+            return False
+        of = self._thing_of(np.unique(np.concatenate([voxels for _, voxels in self._lively])))
+        counts = np.bincount(of[of != 0], minlength=1)
+        moving = np.flatnonzero(counts >= LIVELY_VOXELS)
+        if not len(moving):
+            return False
+        self._active[moving] = 0
+        self._forget_ended()
+        return True
 
     def _forget_ended(self) -> None:
         """What has just been a thing is in somebody's hands, and has to come to rest anew."""

@@ -10,7 +10,7 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Pose
+from armsight.arrays import Bytes, Floats32, Points, Pose
 from armsight.devices.data import DeclaredSolids as Word
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame
 from armsight.devices.history import JointHistory
@@ -93,6 +93,7 @@ class WorkspaceMap:
         self._health = [CameraHealth(c, config) for c in cameras]
         self._first = tuple(cameras)
         self._placed: SimpleQueue[RgbdCameraInfo] = SimpleQueue()
+        self._lively: SimpleQueue[Points] = SimpleQueue()
         self._field = DistanceField(
             self.grid.shape, self.grid.voxel, config.distance_cap, config.unknown_is_solid
         )
@@ -142,6 +143,8 @@ class WorkspaceMap:
         self._redeclare(self._declared.begin(now, self._body_near))
         while not self._placed.empty():
             self._place(self._placed.get())
+        while not self._lively.empty():
+            self._people.animate(self._lively.get(), now)
         jobs = self._admit(frames, joints, now)
         alive = self._living(now)
         if not jobs and self._nothing_new(alive, now):
@@ -316,6 +319,14 @@ class WorkspaceMap:
         """
         if camera in self._index:
             self._stages[self._index[camera]].mounting.excluded = reason
+
+    def animate(self, points: Points) -> None:
+        """Somebody knows that what is at (k, 3) points in ``base`` [m] may move by itself.
+
+        It counts as a person for a while, however still it is, and longer where that is said again.
+        Safe from any thread; an update takes it.
+        """
+        self._lively.put(np.array(points, float))
 
     def place(self, info: RgbdCameraInfo) -> None:
         """A camera was calibrated again while the cell runs: it counts from now on, from there.

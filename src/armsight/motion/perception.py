@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
-from armsight.arrays import Pose
+from armsight.arrays import Points, Pose
 from armsight.devices.data import (
     JointState,
     RgbdCameraInfo,
@@ -84,6 +84,29 @@ Posed: TypeAlias = PosedFrame | PosedPair
 """What a perceiver is handed."""
 
 
+@dataclass(frozen=True, eq=False)
+class SeenRobot:
+    """An arm in the cell that no driver announces: it may start at any moment.
+
+    Attributes:
+        robot: its type, or ``unknown``.
+        points: (k, 3) of its body that are seen, in ``base`` [m].
+        joints: (1 + n, 3) its base and joints, likewise; empty where its pose is not known.
+        stamp: exposure of the picture [s].
+    """
+
+    robot: str
+    points: Points
+    joints: Points
+    stamp: float
+
+    def words(self) -> str:
+        """In short."""
+        what = "an arm of an unknown kind" if self.robot == "unknown" else f"a {self.robot}"
+        x, y, z = self.points.mean(axis=0)
+        return f"{what} near ({x:.2f}, {y:.2f}, {z:.2f}) m"
+
+
 class Evidence(Protocol):
     """What a perceiver publishes: an immutable record that says when it was so."""
 
@@ -111,9 +134,10 @@ class Perceiver(Protocol):
     What it publishes may have ``excluded``, pairs of a camera's name and a reason: from then on
     nothing counts that this camera says, in the map and for the guard; and ``placed``, cameras
     (:class:`RgbdCameraInfo`) that were calibrated again: from then on they count, from there. It
-    may have a ``warning`` that people should read. Who has ``doubted(camera, excluded)`` is told,
-    in another thread than its own, when a camera does not count any more: it is excluded, or else
-    its pictures have been refused for a while.
+    may have a ``warning`` that people should read, and ``robots`` (:class:`SeenRobot`): what stands
+    there counts as somebody who moves, however still it is. Who has ``doubted(camera, excluded)``
+    is told, in another thread than its own, when a camera does not count any more: it is excluded,
+    or else its pictures have been refused for a while.
 
     Attributes:
         name: unique in the session; a task finds the observation by it.

@@ -14,6 +14,7 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus, PlanRequest
 from armsight.motion.face import ShownFace
 from armsight.motion.intents import Intent, Rest
+from armsight.motion.perception import SeenRobot
 from armsight.runtime.posing import NewestFrames
 from armsight.runtime.slot import Slot
 
@@ -184,3 +185,4 @@ class Channels:
         self.status: Slot[GuardStatus] = Slot()
         self.word: Slot[TaskWord] = Slot()
         self.face: Slot[ShownFace] = Slot()
+        self.robots: Slot[tuple[SeenRobot, ...]] = Slot()

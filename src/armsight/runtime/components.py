@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from armsight.arrays import Points
 from armsight.devices.data import DeclaredSolids, JointState, RgbdCameraInfo, RgbdFrame, Wrench
 from armsight.devices.history import JointHistory
 from armsight.devices.protocols import Arm
@@ -20,6 +21,7 @@ from armsight.errors import DeviceError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.tracked import TrackedRegion
 from armsight.motion.intents import Intent
+from armsight.motion.perception import SeenRobot
 from armsight.runtime.channels import Channels
 from armsight.runtime.latency import Latency
 from armsight.runtime.slot import Slot
@@ -54,6 +56,10 @@ class Maps(Protocol):
 
     def place(self, info: RgbdCameraInfo) -> None:
         """Somebody has calibrated a camera again: it counts from now on, from its new place."""
+        ...
+
+    def animate(self, points: Points) -> None:
+        """Somebody knows that what is at (k, 3) points may move by itself, however still it is."""
         ...
 
     def told(self, word: DeclaredSolids) -> None:
@@ -162,6 +168,7 @@ class MappingComponent:
         self._doubted: dict[str, float] = {}
         self._placed: dict[str, RgbdCameraInfo] = {}
         self._answered: set[tuple[str, str]] = set()
+        self._robots: tuple[SeenRobot, ...] = ()
 
     def update(self, now: float) -> None:
         """Take the waiting frames into the map and publish a snapshot."""
@@ -188,7 +195,7 @@ class MappingComponent:
         )
 
     def _hear(self, now: float) -> None:
-        """What the perceivers say of the cameras."""
+        """What the perceivers say of the cameras, and of other arms."""
         said = [word for word in (judge.read(now) for judge in self.judges) if word is not None]
         blamed = [pair for word in said for pair in getattr(word, "excluded", ())]
         for info in (info for word in said for info in getattr(word, "placed", ())):
@@ -198,6 +205,13 @@ class MappingComponent:
                 self._answered |= {pair for pair in blamed if pair[0] == info.name}
                 self._workspace.place(info)
                 self.on_placed(info)
+        robots = tuple(seen for word in said for seen in getattr(word, "robots", ()))
+        news = [seen for seen in robots if not any(seen is known for known in self._robots)]
+        for seen in news:
+            self._workspace.animate(seen.points)
+        if news or len(robots) < len(self._robots):
+            self._robots = robots
+            self._channels.robots.publish(robots, now)
         for camera, reason in blamed:
             if (camera, reason) not in self._answered:
                 self._workspace.exclude(camera, reason)

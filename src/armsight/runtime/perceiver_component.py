@@ -8,10 +8,12 @@ from numbers import Real
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
-from armsight.motion.perception import Evidence, Perceiver, Posed
+from armsight.motion.perception import Evidence, Perceiver, Posed, SeenRobot
 from armsight.robots.robot import Robot
 from armsight.runtime.foreign import ForeignThread, Outcome
 from armsight.runtime.latency import Latency
@@ -153,6 +155,14 @@ def evidence_fault(evidence: Any) -> str:
         for info in getattr(evidence, "placed", ()):
             if not isinstance(info, RgbdCameraInfo):
                 return f"its {kind} has placed a {type(info).__name__}; expected RgbdCameraInfo"
+        for seen in getattr(evidence, "robots", ()):
+            if not isinstance(seen, SeenRobot):
+                return f"its {kind} has seen a {type(seen).__name__}; expected SeenRobot"
+            for what in (seen.points, seen.joints):
+                if np.ndim(what) != 2 or np.shape(what)[1] != 3 or not np.isfinite(what).all():
+                    return (
+                        f"its {kind} has seen a robot at {np.shape(what)}; expected (k, 3) metres"
+                    )
     except Exception as error:  # whatever a stranger's record does when it is looked at
         return f"its {kind} cannot be read: {type(error).__name__}: {error}"
     return ""

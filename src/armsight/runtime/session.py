@@ -140,6 +140,7 @@ class Session:
             face=channels.face.read(now),
             movers=self._movers,
             bodies=self._bodies,
+            robots=channels.robots.read(now) or (),
         )
 
     def health(self) -> tuple[ComponentHealth, ...]:

@@ -11,6 +11,7 @@ from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
 from armsight.motion.face import ShownFace
+from armsight.motion.perception import SeenRobot
 
 R = TypeVar("R")
 
@@ -52,6 +53,7 @@ class SessionView:
         movers: people and things that move, where a driver can show them.
         bodies: what people look like in detail, where a driver knows; they are among the movers
             as well, roughly.
+        robots: arms that no driver announces.
     """
 
     now: float
@@ -67,6 +69,7 @@ class SessionView:
     face: ShownFace | None = None
     movers: tuple[MovingSolid, ...] = field(default=())
     bodies: tuple[MovingSurfaces, ...] = field(default=())
+    robots: tuple[SeenRobot, ...] = field(default=())
 
     def reading(self, kind: type[R]) -> R | None:
         """The newest reading of a type, or None."""

@@ -15,7 +15,7 @@ from armsight.simulation.board import BoardUnit
 from armsight.simulation.finger import add_actuator
 from armsight.simulation.gl import mujoco
 from armsight.simulation.lid import add_lid
-from armsight.simulation.model_arm import add_arm
+from armsight.simulation.model_arm import add_arm, add_standing_arm
 from armsight.simulation.model_fingers import add_finger_servos, finger_places
 from armsight.simulation.model_movers import LedBodies, Movers
 from armsight.simulation.model_parts import MATERIALS, Builder, Part
@@ -89,6 +89,8 @@ def build_model(
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "static")
     for solid in spec.undeclared:
         builder.solid(mj.worldbody, solid, solid.T_frame_solid, "undeclared")
+    for standing in spec.arms:
+        add_standing_arm(builder, standing)
     fingers = spec.pushes and spec.gripper is not None and spec.plug is None
     lid_finger = None if spec.plug is None else spec.plug.finger
     link_names = add_arm(

@@ -9,6 +9,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Ints, Points, Pose, Poses
 from armsight.geometry.pose import inverse, to_wxyz, transform
+from armsight.robots.kinematics import link_poses
 from armsight.robots.robot import Capsules, LinkMesh, Robot, Tool
 from armsight.simulation import looks
 from armsight.simulation.board import BoardUnit
@@ -20,7 +21,9 @@ from armsight.simulation.model_fingers import add_fingers
 from armsight.simulation.model_parts import (
     ARM,
     COARSE,
+    CONTACT,
     FINE,
+    LIES,
     OTHER,
     SEEN,
     TOUCHING,
@@ -29,7 +32,7 @@ from armsight.simulation.model_parts import (
     set_inertia,
 )
 from armsight.simulation.plugs import add_looks, add_plug, add_sleeve
-from armsight.simulation.spec import GripperSpec, PlugSpec
+from armsight.simulation.spec import GripperSpec, PlugSpec, StandingArmSpec
 
 TOOL_GYRATION = 0.03
 """Radius of gyration that is assumed of a tool [m]."""
@@ -190,24 +193,8 @@ def _link(
     """Meshes of a link, seen and touched; drawn only behind this z of the body."""
     part = Part("arm", robot.name, robot.link_names[link], link)
     for number, (mesh, T) in enumerate(meshes):
-        surface = load_mesh(mesh.path)
-        vertices, faces = surface.vertices * np.asarray(mesh.scale), np.asarray(surface.faces)
         name = f"{prefix}/{link}/{number}/{mesh.path.stem}"
-        material = looks.arm_material(builder.mj, mesh.color)
-        coarse = mesh.path.parent / "coarse" / mesh.path.name
-        group = SEEN
-        if coarse.is_file():  # a camera does not see the difference, its renderer does
-            group = FINE
-            plain = load_mesh(coarse)
-            scaled = plain.vertices * np.asarray(mesh.scale)
-            shown = _behind(scaled, plain.faces, T, drawn)
-            if len(shown):
-                builder.visual_mesh(f"{name}/coarse", scaled, shown)
-                builder.looks(body, part, f"{name}/coarse", T, material, COARSE)
-        shown = _behind(vertices, faces, T, drawn)
-        if len(shown):
-            builder.visual_mesh(name, vertices, shown)
-            builder.looks(body, part, name, T, material, group)
+        vertices, faces = _surface(builder, body, part, name, mesh, T, drawn)
         for i, piece in enumerate(convex_pieces(vertices, faces)):
             builder.mj.add_mesh(name=f"{name}/{i}", uservert=piece.ravel(), maxhullvert=48)
             builder.geom(
@@ -226,6 +213,49 @@ def _link(
             material = looks.arm_material(builder.mj, (0.75, 0.77, 0.8))
             builder.geom(body, part, **shape, material=material, contype=0, conaffinity=0)
             builder.geom(body, part, **shape, **TOUCHING)
+
+
+def _surface(
+    builder: Builder, body: Any, part: Part, name: str, mesh: LinkMesh, T: Pose, drawn: float
+) -> tuple[Points, Ints]:
+    """Draw a mesh in a body, as cameras at work see it and for stills; its vertices and faces."""
+    surface = load_mesh(mesh.path)
+    vertices, faces = surface.vertices * np.asarray(mesh.scale), np.asarray(surface.faces)
+    material = looks.arm_material(builder.mj, mesh.color)
+    coarse = mesh.path.parent / "coarse" / mesh.path.name
+    group = SEEN
+    if coarse.is_file():  # a camera does not see the difference, its renderer does
+        group = FINE
+        plain = load_mesh(coarse)
+        scaled = plain.vertices * np.asarray(mesh.scale)
+        shown = _behind(scaled, plain.faces, T, drawn)
+        if len(shown):
+            builder.visual_mesh(f"{name}/coarse", scaled, shown)
+            builder.looks(body, part, f"{name}/coarse", T, material, COARSE)
+    shown = _behind(vertices, faces, T, drawn)
+    if len(shown):
+        builder.visual_mesh(name, vertices, shown)
+        builder.looks(body, part, name, T, material, group)
+    return vertices, faces
+
+
+def add_standing_arm(builder: Builder, standing: StandingArmSpec) -> None:
+    """Another arm, at rest: it is seen by its meshes and touched by its capsules."""
+    robot, world = standing.robot, builder.mj.worldbody
+    part = Part("undeclared", standing.name)
+    T_link = standing.T_world_base @ link_poses(robot, standing.q)
+    for number, mesh in enumerate(robot.meshes):
+        T = np.asarray(T_link[mesh.link] @ mesh.T_link_mesh)
+        name = f"{standing.name}/{number}/{mesh.path.stem}"
+        _surface(builder, world, part, name, mesh, T, np.inf)
+    shapes = robot.capsules
+    for link, *ends, radius in zip(shapes.link, shapes.start, shapes.end, shapes.radius):
+        start, end = transform(T_link[link], np.array(ends))
+        shape = _capsule(start, end, radius)
+        if not robot.meshes:
+            grey = looks.arm_material(builder.mj, (0.75, 0.77, 0.8))
+            builder.geom(world, part, **shape, material=grey, contype=0, conaffinity=0)
+        builder.geom(world, part, **shape, contype=OTHER, conaffinity=ARM | LIES, group=CONTACT)
 
 
 def _behind(vertices: Points, faces: Ints, T: Pose, z: float) -> Ints:

@@ -368,6 +368,21 @@ class SocketSpec:
     lid: LidSpec | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class StandingArmSpec:
+    """Another arm in the cell, which no driver announces and which does not move.
+
+    Attributes:
+        name: unique in the cell; robot: what it is.
+        T_world_base: where it stands; q: (n,) its joints [rad].
+    """
+
+    name: str
+    robot: Robot
+    T_world_base: Pose
+    q: JointVector
+
+
 @dataclass(frozen=True)
 class WorldSpec:
     """The whole simulated cell.
@@ -376,7 +391,7 @@ class WorldSpec:
         arm: the arm.
         cameras: depth cameras, fixed and on the flange.
         static: declared solids (table, walls, fixtures) in world.
-        undeclared: solids that are there but that the cell was not told of.
+        undeclared: solids that are there but that the cell was not told of; arms: likewise.
         people, objects: what moves.
         floor: whether there is a floor at z = 0.
         time_step: of the physics [s].
@@ -391,6 +406,7 @@ class WorldSpec:
     cameras: tuple[CameraSpec, ...] = ()
     static: tuple[Solid, ...] = ()
     undeclared: tuple[Solid, ...] = ()
+    arms: tuple[StandingArmSpec, ...] = ()
     people: tuple[PersonSpec, ...] = ()
     objects: tuple[MovingObjectSpec, ...] = ()
     floor: bool = True

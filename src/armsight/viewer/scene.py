@@ -15,7 +15,8 @@ from armsight.devices.world import MovingSolid, MovingSurfaces
 from armsight.geometry.pose import to_wxyz
 from armsight.mapping.snapshot import CameraStatus, WorkspaceSnapshot
 from armsight.motion.data import GuardStatus
-from armsight.motion.face import EllipsoidMark, Mark, RegionMark
+from armsight.motion.face import EllipsoidMark, Mark, PointsMark, RegionMark
+from armsight.motion.perception import SeenRobot
 from armsight.robots.kernels import path_points
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
@@ -119,7 +120,9 @@ class CellScene:
         self._labels_on = True
         self.marks = TaskMarks(api, f"{base}/task")
         self.permit = TaskMarks(api, f"{base}/permit")
+        self.robots = TaskMarks(api, f"{base}/robots")
         self._drawn_face: object = None
+        self._drawn_robots: object = None
         tip = self._robot.T_last_flange
         if self._robot.tool is not None:
             tip = tip @ self._robot.tool.T_flange_tcp
@@ -202,6 +205,9 @@ class CellScene:
         if view.face is not self._drawn_face:
             self._drawn_face = view.face
             self.marks.show(() if view.face is None else view.face.face.marks)
+        if view.robots is not self._drawn_robots:
+            self._drawn_robots = view.robots
+            self.robots.show(_robot_marks(view.robots))
 
     def forget(self) -> None:
         """After a reset: draw the map anew."""
@@ -318,6 +324,17 @@ def _permitted(guard: GuardStatus) -> tuple[Mark, ...]:
         return (RegionMark(permit.name, T, np.asarray(region.size, float), color),)
     long = a if region.shape == "sphere" else a + 0.5 * b
     return (EllipsoidMark(permit.name, T, np.array([a, a, long]), color),)
+
+
+def _robot_marks(robots: tuple[SeenRobot, ...]) -> tuple[Mark, ...]:
+    """Arms that no driver announces: what is seen of their bodies, and their joints."""
+    marks: list[Mark] = []
+    for k, seen in enumerate(robots, start=1):
+        what = "unknown arm" if seen.robot == "unknown" else seen.robot
+        marks.append(PointsMark(f"{what} (unannounced {k})", seen.points, 0.008, colors.SEEN))
+        if len(seen.joints):
+            marks.append(PointsMark(f"joints {k}", seen.joints, 0.03, colors.SEEN))
+    return tuple(marks)
 
 
 def _top(snapshot: WorkspaceSnapshot) -> float:

@@ -38,6 +38,7 @@ from armsight.workcell.schema_things import (
     PersonSection,
     ShapeSection,
     SolidSection,
+    StandingArmSection,
     TargetSection,
 )
 
@@ -212,6 +213,17 @@ def _check_mounted(where: str, section: MountedSection, kind: Kind) -> Iterator[
             f"found {shown(section.position)}, {distance:.3g} m from the flange, expected "
             'at most 1 m (it is in the flange\'s frame; mounted_on = "world" for a fixed one)',
         )
+
+
+def check_standing_arm(where: str, section: StandingArmSection) -> Iterator[Problem]:
+    """Model, joints and units of another arm."""
+    yield from check_metres(f"{where}.position", section.position)
+    yield from check_degrees(f"{where}.rpy_deg", section.rpy_deg)
+    if section.model not in ROBOT_NAMES:
+        yield Problem(f"{where}.model", _unknown("robot", section.model, ROBOT_NAMES))
+    elif section.joints_deg is not None:
+        robot = load_robot(section.model)
+        yield from check_joints(f"{where}.joints_deg", section.joints_deg, robot)
 
 
 def check_solid(where: str, section: ShapeSection) -> Iterator[Problem]:

@@ -26,6 +26,7 @@ from armsight.workcell.schema_things import (
     PersonSection,
     ShapeSection,
     SolidSection,
+    StandingArmSection,
     TargetSection,
 )
 
@@ -141,6 +142,8 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
     objects = list(_each(ObjectSection, simulation, "object", "simulation."))
     for where, solid in (*solids, *undeclared, *objects):
         yield from checks.check_solid(where, solid)
+    for where, arm in _each(StandingArmSection, simulation, "arm", "simulation."):
+        yield from checks.check_standing_arm(where, arm)
     for where, held in _each(HeldSection, raw, "held"):
         yield from checks.check_held(where, held)
     for where, target in _each(TargetSection, simulation, "target", "simulation."):
@@ -166,6 +169,7 @@ def _insane(raw: Mapping[str, Any], folder: Path | None) -> Iterator[Problem]:
             *_names(raw, "solid"),
             *_names(raw, "held"),
             *_names(simulation, "undeclared", "simulation."),
+            *_names(simulation, "arm", "simulation."),
             *_names(simulation, "person", "simulation."),
             *_names(simulation, "object", "simulation."),
             *_names(simulation, "target", "simulation."),

@@ -15,6 +15,7 @@ from armsight.workcell.schema_things import (
     ObjectSection,
     PersonSection,
     ShapeSection,
+    StandingArmSection,
     TargetSection,
 )
 
@@ -100,6 +101,9 @@ class SimulationSection(Section):
     )
     undeclared: tuple[ShapeSection, ...] = key(
         (), "Solids that are there but that the cell was not told of."
+    )
+    arm: tuple[StandingArmSection, ...] = key(
+        (), "Other arms that are there, at rest, but that the cell was not told of."
     )
     person: tuple[PersonSection, ...] = key((), "People.")
     object: tuple[ObjectSection, ...] = key((), "Things that move or can be dragged.")

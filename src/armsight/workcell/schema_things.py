@@ -15,6 +15,7 @@ from armsight.geometry.shapes import Solid
 from armsight.workcell.fields import (
     Color,
     Extent,
+    Joints,
     Name,
     NotNegative,
     Number,
@@ -150,6 +151,16 @@ class PersonSection(Section):
     def T_world_person(self) -> Pose:
         """Origin of the person's motion in world."""
         return from_rpy((0.0, 0.0, np.deg2rad(self.yaw_deg)), self.position)
+
+
+class StandingArmSection(Section):
+    """Another arm that is there, at rest, but that the cell was not told of."""
+
+    name: Name = key(..., "Unique in the cell.")
+    model: Name = key(..., "A robot of the catalogue (`armsight robots` lists them).")
+    position: Triple = key(..., "Origin of its base.", "m")
+    rpy_deg: Triple = key((0.0, 0.0, 0.0), "Roll, pitch, yaw of its base.", "deg")
+    joints_deg: Joints | None = key(None, "Its joints; its home if left out.", "deg")
 
 
 class ObjectSection(ShapeSection):

@@ -8,12 +8,15 @@ import numpy as np
 
 from armsight.devices.camera_models import camera_info
 from armsight.errors import WorkcellError
+from armsight.geometry.pose import from_rpy
+from armsight.robots.catalogue import load_robot
 from armsight.simulation.spec import (
     ArmSpec,
     CameraSpec,
     GripperSpec,
     MovingObjectSpec,
     PersonSpec,
+    StandingArmSpec,
     WorldSpec,
     WrenchSpec,
 )
@@ -28,7 +31,12 @@ from armsight.workcell.car import plug_spec, socket_spec
 from armsight.workcell.drivers import SIMULATED
 from armsight.workcell.schema import Workcell
 from armsight.workcell.schema_devices import CameraSection, StereoSection
-from armsight.workcell.schema_things import ObjectSection, PersonSection, TargetSection
+from armsight.workcell.schema_things import (
+    ObjectSection,
+    PersonSection,
+    StandingArmSection,
+    TargetSection,
+)
 
 DEFAULT_STEREO = "wrist_stereo"
 """Model of a simulated pair that names none."""
@@ -74,6 +82,7 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
         ),
         static=tuple(s.solid for s in workcell.solid),
         undeclared=tuple(s.solid for s in settings.undeclared),
+        arms=tuple(_standing(a) for a in settings.arm),
         people=tuple(_person(workcell, p) for p in settings.person),
         objects=(
             *(_object(o) for o in settings.object),
@@ -91,6 +100,14 @@ def world_spec(workcell: Workcell, calibration: CellCalibration | None = None) -
         plug=plug_spec(workcell),
         socket=socket_spec(workcell),
     )
+
+
+def _standing(section: StandingArmSection) -> StandingArmSpec:
+    robot = load_robot(section.model)
+    given = section.joints_deg
+    q = robot.home if given is None else np.deg2rad(given)
+    T = from_rpy(np.deg2rad(section.rpy_deg), section.position)
+    return StandingArmSpec(section.name, robot, T, q)
 
 
 def _camera(
