@@ -406,7 +406,6 @@ class WorldSpec:
     cameras: tuple[CameraSpec, ...] = ()
     static: tuple[Solid, ...] = ()
     undeclared: tuple[Solid, ...] = ()
-    arms: tuple[StandingArmSpec, ...] = ()
     people: tuple[PersonSpec, ...] = ()
     objects: tuple[MovingObjectSpec, ...] = ()
     floor: bool = True
@@ -418,3 +417,4 @@ class WorldSpec:
     pushes: bool = False
     plug: PlugSpec | None = None
     socket: SocketSpec | None = None
+    arms: tuple[StandingArmSpec, ...] = ()
