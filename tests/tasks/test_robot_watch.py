@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from armsight.arrays import Floats, Points
+from armsight.commands.running import RunOptions, run_session
 from armsight.devices.camera_models import camera_info
 from armsight.devices.data import JointState, RgbdFrame
+from armsight.errors import UsageError
 from armsight.geometry.pose import inverse, look_at, make_pose, transform
 from armsight.geometry.shapes import Solid
 from armsight.motion.perception import PosedFrame
@@ -19,6 +21,7 @@ from armsight.recognition.any_arm.sighting import Arm
 from armsight.robots.catalogue import load_robot
 from armsight.robots.kinematics import link_poses, sphere_centers
 from armsight.tasks.robot_watch import KEPT, RobotWatch
+from armsight.workcell import open_cell, parse_workcell
 
 UR5 = load_robot("ur5")
 EYE = look_at([1.6, 0.0, 1.0], [0.2, 0.0, 0.3])
@@ -76,7 +79,15 @@ def an_arm(robot: str, mask: Floats, T: Floats | None, share: float = 0.9) -> Ar
 
 
 OWN = sphere_centers(UR5, UR5.home), UR5.spheres.radius
-OTHER = np.array([[0.1, 0.8, z] for z in np.arange(0.0, 0.7, 0.06)]), np.full(12, 0.07)
+PANDA = load_robot("panda")
+STANDS = make_pose(None, [0.1, 0.9, 0.0])
+OTHER = transform(STANDS, sphere_centers(PANDA, PANDA.home)), PANDA.spheres.radius
+
+
+def outside(points: Points) -> float:
+    """How far points are from the other arm's balls, at most [m]."""
+    gap = np.linalg.norm(points[:, None] - OTHER[0][None], axis=2) - OTHER[1]
+    return float(gap.min(axis=1).max())
 
 
 class Says:
@@ -104,28 +115,28 @@ def watch(*arms: Arm) -> RobotWatch:
 
 
 def test_another_arm_is_seen_where_it_is_and_the_own_one_is_none() -> None:
-    T_color_base = inverse(EYE @ INFO.T_depth_color) @ make_pose(None, [0.1, 0.8, 0.0])
+    T_color_base = inverse(EYE @ INFO.T_depth_color) @ STANDS
     own = an_arm("ur5", mask_of(*OWN), None)
     other = an_arm("panda", mask_of(*OTHER), T_color_base)
     seen = watch(own, other).update([frame()])
     assert seen is not None
     (robot,) = seen.robots
     assert robot.robot == "panda"
-    away = np.linalg.norm(robot.points[:, None] - OTHER[0][None], axis=2).min(axis=1)
-    assert away.max() < 0.07 + 0.03, "nothing of the wall, of the own arm, or of borders"
+    assert outside(robot.points) < 0.03, "nothing of the wall, of the own arm, or of borders"
     assert robot.points[:, 2].max() - robot.points[:, 2].min() > 0.5
-    np.testing.assert_allclose(robot.joints[0], [0.1, 0.8, 0.0], atol=1e-6)
+    np.testing.assert_allclose(robot.joints[0], STANDS[:3, 3], atol=1e-6)
     assert "panda near" in seen.warning
 
 
 def test_two_arms_in_one_mask_leave_the_other_one() -> None:
     both = np.maximum(mask_of(*OWN), mask_of(*OTHER))
-    seen = watch(an_arm("panda", both, None, share=0.4)).update([frame()])
+    own_pose = inverse(EYE @ INFO.T_depth_color)
+    seen = watch(an_arm("ur5", both, own_pose, share=0.4)).update([frame()])
     assert seen is not None
     (robot,) = seen.robots
     assert robot.robot == "unknown"
-    away = np.linalg.norm(robot.points[:, None] - OTHER[0][None], axis=2).min(axis=1)
-    assert away.max() < 0.1
+    assert not len(robot.joints), "the pose is the own arm's"
+    assert outside(robot.points) < 0.03
 
 
 def test_without_joints_nobody_can_tell_which_is_the_own_arm() -> None:
@@ -169,3 +180,23 @@ def test_what_is_hardly_a_type_is_unknown(share: float) -> None:
     seen = watch(an_arm("iiwa", mask_of(*OTHER), None, share)).update([frame()])
     assert seen is not None
     assert seen.robots[0].robot == ("iiwa" if share > 0.5 else "unknown")
+
+
+def test_a_cell_whose_cameras_have_no_colour_says_so() -> None:
+    text = """
+    [cell]
+    name = "c"
+    [robot]
+    model = "ur5"
+    [[camera]]
+    name = "c"
+    model = "d435"
+    mounted_on = "flange"
+    position = [0.0, 0.0, 0.1]
+    rpy_deg = [0.0, 0.0, 0.0]
+    """
+    with (
+        open_cell(parse_workcell(text)) as cell,
+        pytest.raises(UsageError, match="no fixed camera"),
+    ):
+        run_session(cell, None, RunOptions(seconds=0.1, page=None, watch_robots=True))

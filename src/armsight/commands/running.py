@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from armsight.commands.live import Watching, Working
 from armsight.commands.serving import Page
-from armsight.errors import RecordingError, TaskError
+from armsight.errors import RecordingError, TaskError, UsageError
 
 if TYPE_CHECKING:
     from armsight.motion.perception import Perceiver
@@ -79,7 +79,10 @@ def run_session(cell: Cell, task: Task | None, wanted: RunOptions) -> Session:
     if wanted.watch_robots:
         from armsight.tasks.robot_watch import robot_watch
 
-        watches += robot_watch(cell)
+        found = robot_watch(cell)
+        if not found:
+            raise UsageError("--watch-robots: no fixed camera of this cell has colour to look in")
+        watches += found
     with ExitStack() as stack:
         session = Session(
             cell,
@@ -164,8 +167,6 @@ def run_options(asked: Watching) -> RunOptions:
     Raises:
         UsageError: nobody would see when to end it, or it would have ended before it began.
     """
-    from armsight.errors import UsageError
-
     if asked.headless and asked.seconds is None:
         raise UsageError("--headless needs --seconds: nobody would see when to end it")
     if asked.seconds is not None and not asked.seconds >= 0.0:

@@ -48,6 +48,8 @@ GAP = 0.06
 JUMP = 0.08
 """Where depth changes by more from a pixel to the next there is a border [m]."""
 CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
+IN_BODY = 0.12
+"""Joints are inside of their body, whose surface is seen [m]."""
 KEPT = 20.0
 """An arm stays on the page for so long after it was last seen [s]."""
 SAME = 0.5
@@ -158,9 +160,11 @@ class RobotWatch:
             if len(body) < LEAST:
                 continue
             joints: Points = np.empty((0, 3))
-            if arm.believed and arm.T_camera_base is not None:
+            if arm.believed:
                 T_base_color = T @ posed.info.T_depth_color
                 joints = transform(T_base_color, np.vstack([arm.base[None], arm.joints]))
+                if _away(joints, body) > IN_BODY:  # two in one mask, and the pose is the own one's
+                    joints = joints[:0]
             others.append(SeenRobot(_name(arm), body, joints, posed.frame.stamp))
         return others
 
@@ -223,6 +227,12 @@ def _largest(points: Points) -> Points:
     there[tuple(cell.T)] = True
     part = ndimage.label(there, np.ones((3, 3, 3)))[0][tuple(cell.T)]
     return np.asarray(points[part == np.bincount(part).argmax()])
+
+
+def _away(joints: Points, body: Points) -> float:
+    """How far half of the joints are from what is seen of the body, at most [m]."""
+    apart = np.linalg.norm(joints[:, None] - body[None], axis=2).min(axis=1)
+    return float(np.median(apart))
 
 
 def _apart(a: SeenRobot, b: SeenRobot) -> float:

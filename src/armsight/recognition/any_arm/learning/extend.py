@@ -39,7 +39,7 @@ from armsight.recognition.data.sample import NO_ROBOT, UNKNOWN_ROBOT
 from armsight.robots.catalogue import load_robot
 
 Say = Callable[[str], None]
-SHOWN = 12
+SHOWN = 6
 """Times that each crop is shown, changed each time."""
 UPDATES = 600
 FEWEST = 50
