@@ -157,7 +157,12 @@ def ran(
     workcell, wanted = load(asked.workcell), run_options(asked)
     with open_cell(workcell, asked.seed) as cell:
         task, observers = make(cell)
-        wanted = replace(wanted, observers=observers, cell_is_empty=asked.cell_is_empty)
+        wanted = replace(
+            wanted,
+            observers=observers,
+            cell_is_empty=asked.cell_is_empty,
+            watch_robots=asked.watch_robots,
+        )
         yield run_session(cell, task, wanted)
 
 
@@ -172,7 +177,6 @@ def run_options(asked: Watching) -> RunOptions:
     if asked.seconds is not None and not asked.seconds >= 0.0:
         raise UsageError(f"--seconds is {asked.seconds:g}; expected 0 or more")
     return RunOptions(
-        watch_robots=isinstance(asked, Working) and asked.watch_robots,
         seconds=asked.seconds,
         page=None if asked.headless else asked.page,
         record=asked.record,

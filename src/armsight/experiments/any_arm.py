@@ -45,12 +45,12 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     try:
         old = Recogniser(Model(folder() / "runs" / BASELINE / "network.onnx", 1))
     except ArmsightError as error:
-        notes.append(f"No network of the papers was there to compare with: {error}")
+        notes.append(f"No network of the papers was there to compare with: {_within(error)}")
     for turn, (name, where) in enumerate(SETS.items()):
         try:
             held = LabelledSet.open(set_of(name), partial=True)
         except ArmsightError as error:
-            notes.append(f"Not there: {error}")
+            notes.append(f"Not there: {_within(error)}")
             continue
         chosen = _chosen(held, runs, seed)
         frames = []
@@ -64,6 +64,11 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     if not rows:
         raise ArmsightError(notes[-1])
     return Outcome(tuple(rows), plots, tuple(notes))
+
+
+def _within(error: ArmsightError) -> str:
+    """What is wrong with a file of :func:`folder`, without where on this machine that is."""
+    return str(error).removeprefix(f"{folder()}/")
 
 
 NOTE = (

@@ -116,9 +116,9 @@ class Things:
 
     def animate(self, points: Points, now: float) -> None:
         """What is at (k, 3) points in ``base`` [m] may move by itself, as of ``now`` [s]."""
-        index = np.floor((points - np.asarray(self._grid.origin)) / self._grid.voxel)
+        index = self._grid.index(points)
         inside = ((index >= 0) & (index < self._shape)).all(axis=1)
-        flat = np.ravel_multi_index(index[inside].astype(np.int64).T, self._grid.shape)
+        flat = np.ravel_multi_index(index[inside].T, self._grid.shape)
         self._lively.append((now + LIVELY, np.unique(flat).astype(np.int32)))
 
     def end(self) -> None:

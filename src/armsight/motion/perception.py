@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
-from armsight.arrays import Points, Pose
+from armsight.arrays import DepthImage, Points, Pose
 from armsight.devices.data import (
     JointState,
     RgbdCameraInfo,
@@ -55,6 +55,12 @@ class PosedFrame:
     color_lens: PinholeCamera | None = None
 
     @property
+    def depth(self) -> DepthImage:
+        """(h, w) the depth picture [m], less the error that calibration has found."""
+        depth, model = self.frame.depth, self.info.depth_model
+        return depth if model is None else model.corrected(depth, self.info.depth)
+
+    @property
     def T_base_color(self) -> Pose | None:
         """The colour lens in ``base`` at the exposure, or None where it is not known."""
         if self.T_base_camera is None:
@@ -87,6 +93,8 @@ Posed: TypeAlias = PosedFrame | PosedPair
 @dataclass(frozen=True, eq=False)
 class SeenRobot:
     """An arm in the cell that no driver announces: it may start at any moment.
+
+    Two are the same only if they are one sighting.
 
     Attributes:
         robot: its type, or ``unknown``.

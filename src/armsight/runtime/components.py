@@ -206,10 +206,10 @@ class MappingComponent:
                 self._workspace.place(info)
                 self.on_placed(info)
         robots = tuple(seen for word in said for seen in getattr(word, "robots", ()))
-        news = [seen for seen in robots if not any(seen is known for known in self._robots)]
-        for seen in news:
-            self._workspace.animate(seen.points)
-        if news or len(robots) < len(self._robots):
+        for seen in robots:
+            if seen not in self._robots:
+                self._workspace.animate(seen.points)
+        if robots != self._robots:
             self._robots = robots
             self._channels.robots.publish(robots, now)
         for camera, reason in blamed:

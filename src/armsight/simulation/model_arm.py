@@ -240,7 +240,7 @@ def _surface(
 
 
 def add_standing_arm(builder: Builder, standing: StandingArmSpec) -> None:
-    """Another arm, at rest: it is seen by its meshes and touched by its capsules."""
+    """Another arm of the catalogue, at rest: seen by its meshes and touched by its capsules."""
     robot, world = standing.robot, builder.mj.worldbody
     part = Part("undeclared", standing.name)
     T_link = standing.T_world_base @ link_poses(robot, standing.q)
@@ -252,9 +252,6 @@ def add_standing_arm(builder: Builder, standing: StandingArmSpec) -> None:
     for link, *ends, radius in zip(shapes.link, shapes.start, shapes.end, shapes.radius):
         start, end = transform(T_link[link], np.array(ends))
         shape = _capsule(start, end, radius)
-        if not robot.meshes:
-            grey = looks.arm_material(builder.mj, (0.75, 0.77, 0.8))
-            builder.geom(world, part, **shape, material=grey, contype=0, conaffinity=0)
         builder.geom(world, part, **shape, contype=OTHER, conaffinity=ARM | LIES, group=CONTACT)
 
 

@@ -79,10 +79,7 @@ class ArmViews:
                 continue
             if any(float(np.abs(v.joints - joints.position).max()) < APART for v in views):
                 continue
-            depth, model = posed.frame.depth, posed.info.depth_model
-            if model is not None:
-                depth = model.corrected(depth, posed.info.depth)
-            views.append(DepthView(joints.position.copy(), depth))
+            views.append(DepthView(joints.position.copy(), posed.depth))
         if not frames:
             return None
         counts = {name: len(views) for name, views in self.views.items()}

@@ -28,6 +28,7 @@ from armsight.recognition.inference.model import network_file
 from armsight.recognition.inference.pictures import Picture
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
+from armsight.robots.solids import thin
 from armsight.workcell import Cell
 
 NETWORK = "arms"
@@ -155,7 +156,7 @@ class RobotWatch:
         in_base = transform(T, points)
         others = []
         for arm in found.arms:
-            body = _thinned(in_base[_inside(_narrowed(arm.mask), seen_at)])
+            body = thin(in_base[_inside(_narrowed(arm.mask), seen_at)], GRAIN)
             body = _largest(body[~self._known(body, posed.joints.position)])
             if len(body) < LEAST:
                 continue
@@ -185,10 +186,7 @@ def _name(arm: Arm) -> str:
 
 def _points(posed: PosedFrame) -> Points:
     """(k, 3) what the depth picture shows, in the depth lens's frame [m]; no border of it."""
-    depth, model = posed.frame.depth, posed.info.depth_model
-    if model is not None:
-        depth = model.corrected(depth, posed.info.depth)
-    depth = np.nan_to_num(depth, nan=0.0, posinf=0.0)
+    depth = np.nan_to_num(posed.depth, nan=0.0, posinf=0.0)
     far, near = (cv2.morphologyEx(depth, way, CROSS) for way in (cv2.MORPH_DILATE, cv2.MORPH_ERODE))
     whole = (far - near < JUMP) & (near > 0.0)
     return posed.info.depth.deproject(depth).reshape(-1, 3)[whole.reshape(-1)]
@@ -207,14 +205,6 @@ def _inside(mask: Mask, pixels: Points) -> Mask:
     out = np.zeros(len(pixels), bool)
     out[there] = mask[row, column]
     return out
-
-
-def _thinned(points: Points) -> Points:
-    """One point of each grain."""
-    if not len(points):
-        return points
-    _, first = np.unique(np.floor(points / GRAIN).astype(np.int64), axis=0, return_index=True)
-    return np.asarray(points[first])
 
 
 def _largest(points: Points) -> Points:

@@ -15,6 +15,7 @@ from armsight.recognition.inference.overlay import draw
 from armsight.recognition.inference.pictures import Picture
 from armsight.recognition.inference.recogniser import Recogniser
 
+from ..films import write_film
 from .conftest import BASE, card, network
 
 
@@ -117,15 +118,8 @@ def test_drawings_have_the_pictures_size(network_file: Path) -> None:
 
 
 def test_a_video(tmp_path: Path, network_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import cv2
-
     file = tmp_path / "a.avi"
-    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 10, (256, 212))
-    if not writer.isOpened():
-        pytest.skip("this OpenCV writes no MJPG video")
-    for _ in range(4):
-        writer.write(bright_block())
-    writer.release()
+    write_film(file, [bright_block()] * 4)
     out = tmp_path / "out"
     words = ("--network", str(network_file), "--out", str(out), "--every", "2")
     code, found, _ = asked(capsys, str(file), *words)

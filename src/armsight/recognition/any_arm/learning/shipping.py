@@ -41,7 +41,7 @@ def ship(
     source: LabelledSet | None,
     elsewhere: LabelledSet | None = None,
 ) -> Path:
-    """Write ``network.onnx`` and ``CARD.md`` of the running mean; the network's file.
+    """Write ``network.onnx`` and ``CARD.md`` of the running mean, blended as planned; the file.
 
     What trust was chosen on is left in ``judged.json``.
 
