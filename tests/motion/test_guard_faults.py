@@ -164,7 +164,7 @@ def test_an_arm_that_goes_on_when_it_is_told_to_rest_is_noticed(moving):
     assert "does not follow" in decision.status.reason
 
 
-@pytest.mark.parametrize("late", [-0.015, 0.015])
+@pytest.mark.parametrize("late", [-0.06, -0.03, -0.015, 0.015])
 def test_drives_that_answer_sooner_or_later_than_declared_are_no_fault(late):
     world = QuickCell(goals=[A, B])
     world.config = replace(world.config, start_delay=world.config.start_delay + late)

@@ -98,8 +98,8 @@ class DelayedArm:
         return np.asarray(stop_path(state.position, state.velocity, self.brake, pieces))
 
 
-def commanded_arm(robot: Robot, config: GuardConfig) -> DelayedArm:
-    """The drives as a guard commands them."""
+def commanded_arm(robot: Robot, config: GuardConfig, share: float = 1.0) -> DelayedArm:
+    """The drives as a guard commands them, with this share of the declared delay."""
     allowed = robot.limits.scaled(config.speed, config.acceleration)
     brake = robot.limits.acceleration * max(config.brake, config.acceleration)
-    return DelayedArm(config.start_delay, allowed.acceleration, brake)
+    return DelayedArm(share * config.start_delay, allowed.acceleration, brake)

@@ -68,7 +68,8 @@ class FaultWatch:
             c.name: max(config.stale_after, c.latency + 1.5 / c.rate + config.compute_latency)
             for c in cameras
         }
-        self._obedience = Obedience(commanded_arm(robot, config), robot.joint_names)
+        arms = [commanded_arm(robot, config, share) for share in (0.0, 0.5, 1.0)]
+        self._obedience = Obedience(arms, robot.joint_names)
         self._now = -math.inf
         self._joints: JointState | None = None
         self._snapshot: WorkspaceSnapshot | None = None

@@ -7,6 +7,7 @@ told to stop look alike from here, and in all of them nobody knows where the arm
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,13 +29,16 @@ HELD = 5.0
 class Obedience:
     """Compares readings with commands.
 
+    Drives may answer sooner than declared: what a reading says is compared with all that lies
+    between the answers of drives that take no time, half of the declared one, and all of it.
+
     Args:
-        arm: a model of the drives, for this watch alone.
+        arms: models of the drives, for this watch alone, of different delays.
         names: (n) of the joints.
     """
 
-    def __init__(self, arm: DelayedArm, names: tuple[str, ...]) -> None:
-        self._arm = arm
+    def __init__(self, arms: Sequence[DelayedArm], names: tuple[str, ...]) -> None:
+        self._arms = tuple(arms)
         self._names = names
         self._readings: deque[JointState] = deque()
         self._until = -np.inf
@@ -42,11 +46,13 @@ class Obedience:
 
     def sent(self, now: float, velocity: JointVector, brake: bool) -> None:
         """A command (or a stop) was sent at ``now`` [s]."""
-        self._arm.sent(now, velocity, brake)
+        for arm in self._arms:
+            arm.sent(now, velocity, brake)
 
     def forget(self) -> None:
         """Time was lost: neither commands nor readings before it say anything."""
-        self._arm.forget()
+        for arm in self._arms:
+            arm.forget()
         self._readings.clear()
         self._until = -np.inf
 
@@ -70,8 +76,9 @@ class Obedience:
         first = readings[0]
         if joints.stamp - first.stamp < WINDOW:
             return
-        told = self._arm.ahead(first, joints.stamp).position - first.position
+        ways = [arm.ahead(first, joints.stamp).position - first.position for arm in self._arms]
         made = np.asarray(joints.position, float) - first.position
+        told = np.clip(made, np.min(ways, axis=0), np.max(ways, axis=0))
         room = SLACK + SHARE * np.maximum(np.abs(told), np.abs(made))
         over = np.abs(told - made) - room
         j = int(np.argmax(over))
