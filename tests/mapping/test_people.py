@@ -122,7 +122,7 @@ def test_an_empty_cell_is_believed_only_while_all_cameras_look(alive):
 def test_where_something_moves_is_said_while_the_cell_is_not_believed_to_be_empty(number):
     cell = Cell()
     cell.look((number, BOX), seconds=2.0)
-    block = (12, 30), (4, 10), (2, 9)
+    block = ((12, 30) if number == FINE else (12, 15)), (4, 10), (2, 9)
     cell.look((number, BOX), (number, block))
     cell.people.declare_empty()
     cell.look((number, BOX), (number, block))
@@ -133,6 +133,53 @@ def test_where_something_moves_is_said_while_the_cell_is_not_believed_to_be_empt
     assert cell.at(np.array([place.groups()], float), number, block) == 1
     cell.look((number, BOX), (number, block), seconds=1.5)
     assert cell.people.emptiness.said, "it has come to rest"
+
+
+SOMEBODY: tuple[Block, Block] = (((30, 52), (8, 30), (3, 27)), ((40, 46), (20, 26), (2, 8)))
+"""As large as a person: in the fine layer, and in the far one beside it."""
+
+
+def came_in(number: int) -> Cell:
+    """Somebody came into a cell, has stood still for ten seconds, and it is said to be empty."""
+    cell = Cell()
+    cell.look(seconds=2.0)
+    cell.look((number, SOMEBODY[number]), seconds=10.0)
+    cell.people.declare_empty()
+    cell.look((number, SOMEBODY[number]))
+    return cell
+
+
+@pytest.mark.parametrize("number", [FINE, FAR])
+def test_whoever_came_in_is_no_thing_by_a_word(number):
+    """Their place is said; whoever looks there, and says so again, is believed."""
+    cell = came_in(number)
+    body = number, SOMEBODY[number]
+    assert not cell.people.emptiness.said
+    assert not cell.people.emptiness.waiting
+    reason = cell.people.emptiness.reason
+    place = re.search(r"keep still near \((.*), (.*), (.*)\) m; look there", reason)
+    assert place, reason
+    assert cell.at(np.array([place.groups()], float), *body) == 1
+    assert cell.at(cell.look(body, seconds=0.5), *body) > 0
+    cell.people.declare_empty()
+    cell.look(body, seconds=0.5)
+    assert not cell.people.emptiness.said, "a button pressed twice is not a second look"
+    cell.look(body, seconds=3.0)
+    cell.people.declare_empty()
+    assert cell.at(cell.look(body, seconds=0.5), *body) == 0
+    assert cell.people.emptiness.said
+
+
+@pytest.mark.parametrize("wait", [40.0, 3.0])
+def test_a_second_look_counts_where_the_first_was_doubted_and_soon(wait):
+    cell = came_in(FINE)
+    cell.look((FINE, SOMEBODY[FINE]), seconds=wait)
+    elsewhere: Block = ((4, 26), (30, 52), (3, 27))
+    who = (FINE, SOMEBODY[FINE]) if wait > 10 else (FINE, elsewhere)
+    cell.look(who, seconds=3.0)
+    cell.people.declare_empty()
+    cell.look(who, seconds=0.5)
+    assert not cell.people.emptiness.said
 
 
 @pytest.mark.parametrize("number", [FINE, FAR])

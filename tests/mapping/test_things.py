@@ -273,6 +273,52 @@ def test_a_cell_in_which_something_moves_is_not_empty() -> None:
     assert np.unravel_index(at, GRID.shape)[0] >= 40
 
 
+def came_in(scene: Scene) -> int:
+    return scene.things.came_in(scene.listed, scene.occupied, scene.unseen.sets)
+
+
+def test_somebody_who_came_in_and_keeps_still_is_named() -> None:
+    """However long they stand; a box that was brought is none, nor is what was there at first."""
+    scene = Scene()
+    scene.look(PERSON, seconds=2.0)
+    assert came_in(scene) < 0, "who was there when the map began is for those to see who look"
+    scene = Scene()
+    scene.look(seconds=2.0)
+    scene.look(BOX, seconds=2.0)
+    assert came_in(scene) < 0
+    scene.look(BOX, PERSON, seconds=10.0)
+    assert scene.things.moving(scene.listed, scene.occupied, scene.now) < 0
+    i, j, k = np.unravel_index(came_in(scene), GRID.shape)
+    assert 40 <= i < 58
+    assert 25 <= j < 45
+    assert 1 <= k < 48
+    scene.look(BOX, seconds=1.0)
+    assert came_in(scene) < 0, "they went"
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_what_comes_to_light_did_not_come_in(hidden: bool) -> None:
+    """A cupboard as large as a person, seen when the arm gives way, or pushed in."""
+    scene = Scene()
+    scene.look(hidden=(PERSON,) if hidden else (), seconds=2.0)
+    scene.look(PERSON, seconds=2.0)
+    assert (came_in(scene) < 0) == hidden
+
+
+def test_a_large_thing_that_somebody_touched_did_not_come_in() -> None:
+    """It is a person again, as all that is touched; the word a second time makes it a thing."""
+    scene = Scene()
+    scene.look(PERSON, seconds=2.0)
+    scene.say_empty()
+    hand: Blob = ((36, 41), (30, 34), (20, 24))
+    scene.look(PERSON, seconds=2.0)
+    assert not scene.is_person(PERSON)
+    scene.look(PERSON, hand, seconds=1.0)
+    scene.look(PERSON, seconds=2.0)
+    assert scene.is_person(PERSON)
+    assert came_in(scene) < 0
+
+
 def test_a_skin_that_noise_adds_is_the_things_at_first_and_no_longer_after_that() -> None:
     """Of a surface that flickers by a voxel all is known after a second; skin grows no skin."""
     skin: Blob = ((30, 37), (30, 36), (1, 7))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armsight.arrays import Bytes, Floats32, Ints32, Mask, Points
+from armsight.arrays import Bytes, Floats32, Ints32, Mask, Points, Vector3
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.declared import Change, Layers
 from armsight.mapping.hazards import Tracked, UnseenPeople
@@ -15,6 +15,13 @@ from armsight.mapping.snapshot import FREE, UNKNOWN, Emptiness
 from armsight.mapping.static_geometry import StaticGeometry
 from armsight.mapping.things import PATIENCE, TOUCHES, Things
 from armsight.mapping.tracked import TrackedRegion, TrackedThing
+
+
+CONFIRM = (2.0, 30.0)
+"""Whoever says again that the cell is empty has looked where somebody was thought to be: not sooner
+than after so long, and not later [s]."""
+SAME = 0.5
+"""... and the place is the same one within this [m]."""
 
 
 class Layer:
@@ -33,6 +40,11 @@ class Layer:
             config.hand,
             None if around is None else around.unseen,
         )
+
+    def center(self, flat: int) -> Vector3:
+        """(3,) centre of a voxel in ``base`` [m]."""
+        index = np.array([np.unravel_index(flat, self.grid.shape)])
+        return np.asarray(self.grid.center(index)[0], float)
 
 
 class People:
@@ -61,6 +73,7 @@ class People:
         self._overhead = Overhead(self.grid, config)
         self._lid = self._overhead.lid(self.far.unseen)
         self._waiting_until = np.inf
+        self._doubted: tuple[Vector3, float] | None = None  # a place, and when [s]
 
     def declare_empty(self) -> None:
         """Somebody says that nobody is in the cell; looked at by the next updates."""
@@ -84,6 +97,7 @@ class People:
         for layer in (self.fine, self.far):
             layer.occupancy.turn_back(seconds)
             layer.things.end()
+        self._doubted = None
         if self.emptiness.said or self.emptiness.waiting:  # else it would wait for very long
             self.emptiness = Emptiness(reason="the clock was turned back; say it again")
 
@@ -143,18 +157,41 @@ class People:
             seen = layer.occupancy
             at = -1 if why else layer.things.moving(seen.clusters(2), seen.occupied, now)
             if at >= 0:
-                place = layer.grid.center(np.array([np.unravel_index(at, layer.grid.shape)]))[0]
-                x, y, z = place
-                why = f"something moves near ({x:.2f}, {y:.2f}, {z:.2f}) m"
+                why = f"something moves near {_told(layer.center(at))}"
         if why:
             over = now > self._waiting_until
             words = f"the cell is not taken for empty: {why}" if over else why
             self.emptiness = Emptiness(waiting=not over, reason=words)
             return
+        somebody = self._somebody()
+        if somebody is not None and not self._confirmed(somebody, now):
+            self._doubted = somebody, now
+            self.emptiness = Emptiness(
+                reason="the cell is not taken for empty: somebody may have come in and keep still "
+                f"near {_told(somebody)}; look there, and say it again if nobody is"
+            )
+            return
         for layer in (self.fine, self.far):
             layer.things.begin(layer.occupancy.dynamic, layer.occupancy.occupied, now)
             layer.unseen.nobody()
         self.emptiness = Emptiness(said=True)
+
+    def _somebody(self) -> Vector3 | None:
+        """A place where somebody came in and is still, in ``base`` [m]."""
+        for layer in (self.fine, self.far):
+            seen = layer.occupancy
+            at = layer.things.came_in(seen.clusters(2), seen.occupied, layer.unseen.sets)
+            if at >= 0:
+                return layer.center(at)
+        return None
+
+    def _confirmed(self, place: Vector3, now: float) -> bool:
+        """Whether somebody was told of this place, and says again that nobody is there."""
+        if self._doubted is None:
+            return False
+        before, when = self._doubted
+        near = float(np.linalg.norm(place - before)) <= SAME
+        return near and CONFIRM[0] <= now - when <= CONFIRM[1]
 
     def _people(self, layer: Layer, state: Bytes, clusters: Ints32, now: float) -> Ints32:
         """Those clusters that are not known to be things."""
@@ -203,3 +240,8 @@ class People:
         grid = self.grid
         origin = np.asarray(grid.origin, float)
         return voxel_centers(flat, np.asarray(grid.shape), origin, grid.voxel)
+
+
+def _told(place: Vector3) -> str:
+    x, y, z = place
+    return f"({x:.2f}, {y:.2f}, {z:.2f}) m"

@@ -19,6 +19,7 @@ voxel. See ``docs/guard.md`` for what follows from that, and what it assumes.
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import label
 
 from armsight.arrays import Bytes, Floats, Ints32, Mask, Points, Shorts
 from armsight.mapping.hazards import UnseenSets
@@ -33,7 +34,7 @@ from armsight.mapping.kernels.pieces import (
     touched,
     touched_unseen,
 )
-from armsight.mapping.snapshot import ENCLOSED, VoxelGrid
+from armsight.mapping.snapshot import ENCLOSED, FREE, VoxelGrid
 from armsight.mapping.tracked import SMALLEST_PERSON
 
 MOST_THINGS = 4096
@@ -51,6 +52,10 @@ TOUCH = 2
 """Voxels within which something that may be a person touches a thing."""
 NEWCOMERS = 5
 """As many new voxels in a cluster are movement, fewer are noise."""
+CAME = 0.02
+"""So much surface [m^2] that came in together is somebody, or a part of somebody, ..."""
+CAME_VOXELS = 10
+"""... but no fewer voxels: coarse ones beside a surface come and go."""
 NEAR = 0.15
 """Nothing newly visible is a thing this close to somebody [m]: as far as a hand goes in a frame."""
 LATE = 0.15
@@ -78,6 +83,7 @@ class Things:
         self._seen: Floats = np.full(size, -np.inf)
         self._onset: Floats = np.zeros(size)  # of what is seen; and so below
         self._held: Floats = np.zeros(size)
+        self._came: Mask = np.zeros(size, bool)  # into space that was seen free
         self._core: Shorts = np.zeros(size, np.uint16)
         self._active: Bytes = np.zeros(MOST_THINGS, np.uint8)
         self._next = 1
@@ -103,6 +109,25 @@ class Things:
         old = known & (self._onset[clusters] <= now - STILL)
         count = self._strangers(clusters, occupied, old)
         return int(self._fresh[count // 2]) if count >= NEWCOMERS else -1
+
+    def came_in(self, clusters: Ints32, occupied: Bytes, unseen: UnseenSets) -> int:
+        """Flat index of a voxel of somebody who came in while the map looked, or -1.
+
+        That is what came into space that was seen free, is not known to be a thing, and is too
+        large to be one, or hangs together with what is: keeping still does not make it one.
+        """
+        people = clusters[self._people(clusters)]
+        _, large = self._sort(people, occupied, unseen)
+        came = people[self._came[people] & (self._mark[people] == large)]
+        there = np.zeros(self._grid.shape, bool)
+        there.reshape(-1)[came] = True
+        of = label(there, np.ones((3, 3, 3)))[0].reshape(-1)[came]
+        sizes = np.bincount(of, minlength=1)
+        most = int(np.argmax(sizes))
+        if sizes[most] < max(CAME / self._grid.voxel**2, CAME_VOXELS):
+            return -1
+        mine = came[of == most]
+        return int(mine[len(mine) // 2])
 
     def begin(self, listed: Ints32, occupied: Bytes, now: float) -> None:
         """Nobody is in the cell: whatever is there now is a thing."""
@@ -166,13 +191,15 @@ class Things:
             self._before,
             self._fresh,
         )
+        fresh = self._fresh[:news]
+        self._came[fresh] = self._before[fresh] == FREE
         if not self.telling:
             return np.ones(len(clusters), bool)
         flat = state.reshape(-1)
         left = forget_free(self._cores, len(self._cores), flat, now, GONE, self._seen, self._core)
         self._cores = self._cores[:left]
         people = self._people(clusters)
-        if self._reveal(self._fresh[:news], clusters[people]):
+        if self._reveal(fresh, clusters[people]):
             people = self._people(clusters)
         thing = self._thing[:count]
         self._tell(listed, thing)
@@ -303,18 +330,11 @@ class Things:
 
     def _left_behind(self, people: Ints32, occupied: Bytes, unseen: UnseenSets) -> bool:
         """Make things of what people left; note what they hold. True if there is a new one."""
-        self._round += 3
-        if self._round > 2**30:
-            self._mark.fill(0)
-            self._round = 3
-        large, number, again = range(self._round, self._round + 3)
-        starts = np.empty(len(people), np.int32)
+        starts, large = self._sort(people, occupied, unseen)
+        again = self._round + 2
         space = (occupied, unseen.room, unseen.rim, self._shape, self._limit, self._mark)
-        count = small_pieces(
-            people, len(people), *space, number, large, self._now, self._held, starts, self._queue
-        )
         found = False
-        for v in starts[:count]:
+        for v in starts:
             size = enclosed_piece(int(v), *space, again, large, self._queue)
             piece = self._queue[:size]
             matter = piece[occupied[piece] != 0].copy()
@@ -322,6 +342,25 @@ class Things:
                 self._number_piece(matter)
                 found = True
         return found
+
+    def _sort(
+        self, people: Ints32, occupied: Bytes, unseen: UnseenSets
+    ) -> tuple[Ints32, int]:
+        """One voxel of each small piece of ``people``, and the mark of what belongs to large ones.
+
+        What belongs to a large one is held now.
+        """
+        self._round += 3
+        if self._round > 2**30:
+            self._mark.fill(0)
+            self._round = 3
+        number, large = self._round, self._round + 1
+        starts = np.empty(len(people), np.int32)
+        space = (occupied, unseen.room, unseen.rim, self._shape, self._limit, self._mark)
+        count = small_pieces(
+            people, len(people), *space, number, large, self._now, self._held, starts, self._queue
+        )
+        return starts[:count], large
 
     def _at_rest(self, matter: Ints32, occupied: Bytes) -> bool:
         old = self._onset[matter] <= self._now - STILL
