@@ -15,7 +15,7 @@ from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, VehicleStatus
 from armsight.charging.visit import Seen, State, StationOptions, Wish
 from armsight.devices.data import JointState, Wrench
-from armsight.experiments.station_bench import StationBench, charging_cell
+from armsight.experiments.station_bench import Peaks, StationBench, charging_cell
 from armsight.geometry.pose import inverse, make_pose
 from armsight.motion.data import GuardMode
 from armsight.motion.ik import solve_ik
@@ -98,6 +98,34 @@ def test_a_sensor_that_jumps_in_the_socket_is_noticed_and_the_plug_comes_out(cel
     assert not it.outcomes[-1].seated
     assert bench.score()[0] < -0.05
     assert max(bench.peaks.axial, bench.peaks.lateral) < 125.0
+
+
+def test_a_plug_goes_along_with_a_car_that_moves_while_it_charges(cell, tmp_path):
+    """Pushed by 2 cm at 3 cm/s, across the port's axis and along it: a stiff arm feels 120 N."""
+    file = tmp_path / "journal.json"
+    bench, car = StationBench(cell, seed=1), SimulatedCar(seconds=18.0)
+    it = station(cell, file, car)
+    it.begin()
+    until(bench, it, lambda: it.state is State.CHARGE)
+    believed, before, seated = it.port.T_base_port, bench.T_base_port, bench.now
+    until(bench, it, lambda: bench.now > seated + 2.5)
+    for way in ((0, -20, 0), (0, 0, 20), (0, 0, -20), (0, 20, 0), (20, 0, 0)):
+        bench.peaks = Peaks()
+        stood, began = bench.world.car.T_world_socket, bench.now
+        while bench.now < began + 3.0:
+            share = min((bench.now - began) / 0.67, 1.0)
+            bench.world.car.park(stood @ make_pose(None, 1e-3 * share * np.array(way, float)))
+            bench.step(it)
+        assert bench.peaks.lateral < 50.0
+        assert bench.peaks.axial < 80.0
+        went = bench.T_base_port[:3, 3] - before[:3, 3]
+        followed = it.port.T_base_port[:3, 3] - believed[:3, 3]
+        assert np.linalg.norm(followed - went) < 0.004, way
+    np.testing.assert_allclose(Journal(file).read().T_base_port, it.port.T_base_port, atol=1e-6)
+    until(bench, it, lambda: not it.busy)
+    assert it.outcomes[-1].out
+    assert it.outcomes[-1].problem == ""
+    assert bench.score()[0] < -0.05
 
 
 def test_a_cable_that_is_caught_while_it_goes_in_is_a_jam_and_the_plug_comes_out(cell):

@@ -13,7 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from armsight.arrays import Pose
 from armsight.charging.eye import SeenPort
+from armsight.charging.going_along import GoingAlong
 from armsight.charging.hand import IN, after_kill
 from armsight.charging.insert import Answer, Insertion, Phase
 from armsight.charging.insert_paper import PaperInsertion
@@ -313,8 +315,33 @@ class Station(StationWatch):
         elif self.words in (NOT_HEARD, NOT_CHARGED):
             self.words = ""
         if self._in_state(seen) < RELAX and self._hand.law is not None:
+            self._along = GoingAlong()
             return self._hand.by_force(seen, self.state.value, self._face)[1]
-        return Wish(Rest("charges", permit=self._ask(seen)))
+        return self._go_along(seen) or Wish(Rest("charges", permit=self._ask(seen)))
+
+    def _go_along(self, seen: Seen) -> Wish | None:
+        """By force where the plug is led by its socket: the car settles, is leaned on, is pushed."""
+        if not isinstance(self._hand.law, Insertion):
+            return None  # the paper's way stands, and so does who was killed meanwhile
+        plug = self._hand.plug(seen)
+        went = self._along.step(seen.now, self._hand.feeling.contact(seen.now), plug)
+        if went is not None:
+            self._port_went(seen, went)
+        if not self._along.led(seen.now, plug):
+            return None
+        self.words = "the car moves: the plug goes along"
+        return self._hand.by_force(seen, self.state.value, self._face)[1]
+
+    def _port_went(self, seen: Seen, T: Pose) -> None:
+        """The socket is where the plug is: what is asked for and what is on disk go along."""
+        assert self.port is not None
+        before = self.port.T_base_port
+        self.port = replace(self.port, T_base_port=T @ before)
+        self.permission.see(self.port, seen.now, self._sigma)
+        unkept = self._keep(plugged=True)
+        away = 1e3 * float(np.linalg.norm(self.port.T_base_port[:3, 3] - before[:3, 3]))
+        self.words = f"the car moved by {away:.0f} mm and the plug went along"
+        self.words = f"{self.words}; {unkept}" if unkept else self.words
 
     def _unplug(self, seen: Seen, car: VehicleStatus | None) -> Wish:
         answer, wish = self._hand.by_force(seen, self.state.value, self._face)

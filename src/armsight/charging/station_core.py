@@ -12,6 +12,7 @@ from armsight.arrays import Floats, JointVector, Pose
 from armsight.charging.cable_way import cable_fault
 from armsight.charging.eye import SeenPort
 from armsight.charging.feeling import Feeling
+from armsight.charging.going_along import GoingAlong
 from armsight.charging.hand import IN, PlugHand
 from armsight.charging.insert import Answer, Insertion
 from armsight.charging.journal import Journal
@@ -113,6 +114,7 @@ class StationCore:
         self._wanted = self._ending = False
         self._since: float | None = None
         self._looked = self._side = self._tries = self._again = self._goals = 0
+        self._along = GoingAlong()
         self._told, self._told_at = "", 0.0
         self._lid_held = self._late = False
         self._waiting = Waiting(self.options)

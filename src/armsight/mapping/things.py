@@ -343,9 +343,7 @@ class Things:
                 found = True
         return found
 
-    def _sort(
-        self, people: Ints32, occupied: Bytes, unseen: UnseenSets
-    ) -> tuple[Ints32, int]:
+    def _sort(self, people: Ints32, occupied: Bytes, unseen: UnseenSets) -> tuple[Ints32, int]:
         """One voxel of each small piece of ``people``, and the mark of what belongs to large ones.
 
         What belongs to a large one is held now.
