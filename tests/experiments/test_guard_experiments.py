@@ -15,6 +15,7 @@ from toy_episode import doubled
 from armsight.experiments import (
     approach_episode,
     approach_people,
+    approach_permit,
     approach_use,
     episodes,
     false_stops,
@@ -306,3 +307,36 @@ def test_an_episode_of_each_kind_touches_nobody(gl):
         assert found["contacts"] == 0
         assert found["moved"] > 0.2
     assert found["led"]
+
+
+# -- approach-permit: a search about what is touched -------------------------------------------
+
+
+def test_a_hunter_waits_about_what_is_touched():
+    ball = np.array([0.4, -0.3, 0.3])
+    at = hand_search.Hunter(np.array([0.5, 0.2, 0.9, 3.0, 0.5, 0.1]), 2.0, ball).at(0.0) - ball
+    assert np.hypot(at[0], at[1]) == pytest.approx(0.9)
+    assert np.arctan2(at[1], at[0]) == pytest.approx(0.5)
+    assert at[2] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("away", "contacts"), [(0.0, 0), (5.0, 2)])
+def test_a_touch_within_the_region_is_none_and_one_outside_is(monkeypatch, away, contacts):
+    """The search counts by where the hand was: here the region is taken away from the hand."""
+
+    class Beside(hand_search.Hunter):
+        def balls(self):
+            return [hand_search.Ball(lambda t: ball, 0.05)]
+
+        def at(self, time):
+            return ball + away
+
+    ball = approach_permit._Touched(np.random.default_rng((0, 9, 2)), 1).place
+    monkeypatch.setattr(approach_permit, "Hunter", Beside)
+    monkeypatch.setattr(approach_permit, "STANDING", 0.0)
+    monkeypatch.setattr(hand_search, "GENERATIONS", 1)
+    monkeypatch.setattr(hand_search, "POPULATION", 2)
+    found = approach_permit.search(0, 2)
+    assert found["kind"] == "hand"
+    assert found["trials"] == 2
+    assert found["contacts"] == contacts

@@ -320,7 +320,7 @@ class Station(StationWatch):
         return self._go_along(seen) or Wish(Rest("charges", permit=self._ask(seen)))
 
     def _go_along(self, seen: Seen) -> Wish | None:
-        """By force where the plug is led by its socket: the car settles, is leaned on, is pushed."""
+        """By force where its socket leads the plug: the car settles, is leaned on, is pushed."""
         if not isinstance(self._hand.law, Insertion):
             return None  # the paper's way stands, and so does who was killed meanwhile
         plug = self._hand.plug(seen)

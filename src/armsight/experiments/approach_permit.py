@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armsight.arrays import Vector3
+from armsight.arrays import Floats, Vector3
+from armsight.experiments.approach_rows import search_rows
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.hand_search import CAPS, STANDING, Hunter, cross_entropy
 from armsight.experiments.quick_cell import Ball, QuickCell, felt
 from armsight.experiments.rows import Row, contact_row, share_row
 from armsight.experiments.touch_cell import pointing_arm
@@ -27,6 +29,14 @@ RADIUS = 0.03
 """Of the ball that is touched [m]."""
 HAND = 2.0
 """Speed of the hands that come [m/s]."""
+SEARCH_SHARE = 50
+"""One search for so many episodes."""
+# azimuth about the ball [rad], height above it [m] and distance [m] of the start, time [s], part of
+# the body 0..1, lead [s]
+MEAN = np.array([0.0, 0.2, 1.0, 3.0, 0.7, 0.15])
+SPREAD = np.array([1.8, 0.3, 0.2, 1.5, 0.3, 0.15])
+LOWEST = np.array([-np.pi, -0.2, 0.6, 0.6, 0.0, 0.0])
+HIGHEST = np.array([np.pi, 0.9, 1.4, 7.0, 1.0, 0.6])
 
 ABOUT = """
 A UR5 with a pen goes to a ball on a stand and touches it, by a permit for a `thing` or for a `hand`
@@ -36,32 +46,30 @@ search: a perfect map, as late as a real one, drives with all their delays. At a
 the arm, or at the ball itself, straight or following it. A contact counts when the hand was outside
 of the permit's region and the fastest point of the arm was faster than 0.05 m/s. Within the region
 of a `hand` power and force limiting holds instead: `inside` has the greatest speed there.
+
+`search_contacts`: likewise, but where the hand starts, when it runs, at which part of the arm and how
+far ahead of that is searched for (cross-entropy, 60 trials a search), in a cell of its own each time.
 """
 
 
 def episode(seed: int, run: int) -> dict[str, Any]:
     """One episode; module-level, so that worker processes can import it."""
     rng = np.random.default_rng((seed, run))
-    kind: ContactKind = "thing" if run % 2 == 0 else "hand"
-    turn, reach = rng.uniform(-1.3, -0.5), rng.uniform(0.5, 0.65)
-    place = np.array([reach * np.cos(turn), reach * np.sin(turn), rng.uniform(0.25, 0.5)])
+    touched = _Touched(rng, run)
+    cell, kind, size = touched.cell(run), touched.kind, touched.size
     begin = float(rng.uniform(0.8, 6.5))
-    cell = QuickCell([Ball(lambda t: place, RADIUS)], robot=pointing_arm(), seed=run)
-    hand = _Hand(cell, place, rng, begin)
+    hand = _Hand(cell, touched.place, rng, begin)
     cell.balls.append(Ball(hand))
-    size = RADIUS if kind == "thing" else float(rng.uniform(0.1, 0.4))
-    while cell.now < SECONDS:
-        cell.tick(goal=_wish(cell, place, kind, size))
+    touched.run(cell)
     met = [t for t in cell.moving_touches if t.ball == 1]
-    border = size + cell.balls[1].radius
-    touched = [t for t in met if np.linalg.norm(hand.was(t.time) - place) > border]
+    outside = [t for t in met if touched.away(hand.was(t.time)) > size + cell.balls[1].radius]
     held = [s.permit is not None and s.permit.holds for s in cell.log]
     before = [h for s, h in zip(cell.log, held) if 0.5 < s.stamp < begin]
     return {
         "kind": kind,
-        "contacts": len(touched),
+        "contacts": len(outside),
         "inside": max((t.speed for t in met), default=0.0),
-        "worst": max((t.speed for t in touched), default=0.0),
+        "worst": max((t.speed for t in outside), default=0.0),
         "reached": any(t.ball == 0 for t in cell.touches),
         "held": float(np.mean(before)) if before else float("nan"),
         "least": min(
@@ -69,6 +77,57 @@ def episode(seed: int, run: int) -> dict[str, Any]:
         ),
         "aim": hand.aim,
     }
+
+
+class _Touched:
+    """A ball somewhere, and what an arm asks for to touch it."""
+
+    def __init__(self, rng: np.random.Generator, run: int) -> None:
+        self.kind: ContactKind = "thing" if run % 2 == 0 else "hand"
+        turn, reach = rng.uniform(-1.3, -0.5), rng.uniform(0.5, 0.65)
+        up = rng.uniform(0.25, 0.5)
+        self.place = np.array([reach * np.cos(turn), reach * np.sin(turn), up])
+        self.size = RADIUS if self.kind == "thing" else float(rng.uniform(0.1, 0.4))
+
+    def cell(self, seed: int) -> QuickCell:
+        """With the ball in it."""
+        ball = Ball(lambda t: self.place, RADIUS)
+        return QuickCell([ball], robot=pointing_arm(), seed=seed)
+
+    def run(self, cell: QuickCell) -> None:
+        """Go to the ball and touch it, again and again."""
+        while cell.now < SECONDS:
+            cell.tick(goal=_wish(cell, self.place, self.kind, self.size))
+
+    def away(self, place: Vector3) -> float:
+        """From the ball to a (3,) place [m]."""
+        return float(np.linalg.norm(place - self.place))
+
+
+def search(seed: int, run: int) -> dict[str, Any]:
+    """One search for a contact outside the region; module-level, for worker processes."""
+    rng = np.random.default_rng((seed, 9, run))
+    touched, speed = _Touched(rng, run // len(CAPS)), CAPS[run % len(CAPS)]
+
+    def chased(genes: Floats) -> tuple[float, int]:
+        cell = touched.cell(run)
+        hunter = Hunter(genes, speed, touched.place)
+        hunter.cell = cell
+        cell.balls += hunter.balls()
+        border = touched.size + cell.balls[1].radius
+        touched.run(cell)
+        moving = [
+            m
+            for m in cell.margins
+            if m.ball == 1 and m.speed > STANDING and touched.away(hunter.at(m.time)) > border
+        ]
+        met = any(m.distance < 0.0 for m in moving)
+        return min((m.distance for m in moving), default=3.0), int(met)
+
+    mean = MEAN.copy()
+    mean[0] = rng.uniform(-np.pi, np.pi)
+    found = cross_entropy(chased, rng, (mean, SPREAD), (LOWEST, HIGHEST))
+    return {"cap": speed, "kind": touched.kind, **found}
 
 
 class _Hand:
@@ -125,8 +184,18 @@ def _wish(cell: QuickCell, place: Vector3, kind: ContactKind, size: float) -> Ve
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` episodes."""
-    episodes = run_episodes("approach-permit", episode, range(runs), seed, {"version": 1}, progress)
+    """``runs`` episodes, and a fiftieth as many searches."""
+    searches = max(4, runs // SEARCH_SHARE)
+
+    def first(stage: str, done: float) -> None:
+        progress(stage, 0.5 * done)
+
+    def second(stage: str, done: float) -> None:
+        progress(stage, 0.5 + 0.5 * done)
+
+    episodes = run_episodes("approach-permit", episode, range(runs), seed, {"version": 2}, first)
+    name = "approach-permit-search"
+    hunts = run_episodes(name, search, range(searches), seed, {"version": 1}, second)
     rows = []
     for kind in (None, "thing", "hand"):
         mine = [e for e in episodes if kind in (None, e["kind"])]
@@ -155,6 +224,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
             "greatest speed of the arm at which the hand was met, the region's inside included"
         )
         rows.append(Row("inside", measure, condition, inside, "m/s", n=len(mine)))
+    what = "contacts of the moving arm outside the region that the search forced, in all its trials"
+    rows += search_rows(hunts, ("search_contacts", what), ("search_margin_m", "hand at"))
     notes = [
         f"Contact in episode {k} ({e['kind']}, hand at the {e['aim']}): {e['worst']:.2f} m/s."
         for k, e in enumerate(episodes)

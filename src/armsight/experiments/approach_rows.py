@@ -68,7 +68,7 @@ def contact_rows(episodes: list[dict[str, Any]], hunts: list[dict[str, Any]]) ->
         )
     )
     what = "contacts of the moving arm that the search forced, in all its trials"
-    rows += _search_rows(hunts, ("search_contacts", what), ("search_margin_m", "hand at"))
+    rows += search_rows(hunts, ("search_contacts", what), ("search_margin_m", "hand at"))
     return rows
 
 
@@ -77,12 +77,18 @@ def over_rows(hunts: list[dict[str, Any]]) -> list[Row]:
     what = (
         "contacts with people who stand and reach in over the top of the mapped box, searched for"
     )
-    return _search_rows(hunts, ("over_contacts", what), ("over_margin_m", "somebody at"))
+    return search_rows(hunts, ("over_contacts", what), ("over_margin_m", "somebody at"))
 
 
-def _search_rows(
+def search_rows(
     hunts: list[dict[str, Any]], contacts: tuple[str, str], margin: tuple[str, str]
 ) -> list[Row]:
+    """What searches found, by the speed of the hands.
+
+    Args:
+        hunts: of :func:`armsight.experiments.hand_search.cross_entropy`, with their ``cap`` [m/s].
+        contacts: key and words of their count; margin: key of the least distance, and who came.
+    """
     rows = []
     for cap in CAPS:
         mine = [h for h in hunts if h["cap"] == cap]

@@ -89,14 +89,15 @@ class Chaser:
 
 
 class Hunter(Chaser):
-    """A hand alone."""
+    """A hand alone, whose genes are about a (3,) place [m]."""
 
-    def __init__(self, genes: Floats, speed: float) -> None:
+    def __init__(self, genes: Floats, speed: float, about: Vector3 | None = None) -> None:
         azimuth, height, distance, begins, part, lead = genes
         super().__init__(begins, part, lead, speed)
         self._place = np.array(
             [distance * np.cos(azimuth), distance * np.sin(azimuth), height], float
         )
+        self._place += 0.0 if about is None else about
 
     def balls(self) -> list[Ball]:
         """See :class:`Chaser`."""

@@ -16,7 +16,6 @@ from armsight.mapping.static_geometry import StaticGeometry
 from armsight.mapping.things import PATIENCE, TOUCHES, Things
 from armsight.mapping.tracked import TrackedRegion, TrackedThing
 
-
 CONFIRM = (2.0, 30.0)
 """Whoever says again that the cell is empty has looked where somebody was thought to be: not sooner
 than after so long, and not later [s]."""
