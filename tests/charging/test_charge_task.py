@@ -12,7 +12,7 @@ from test_station import Stub, seen_port, station
 from armsight.charging.journal import Entry, Journal
 from armsight.charging.vehicle import SimulatedCar, VehicleStatus
 from armsight.charging.vehicle_file import load_vehicle
-from armsight.charging.visit import Outcome
+from armsight.charging.visit import Outcome, State
 from armsight.commands.charging_runs import told
 from armsight.devices.camera_models import stereo_pair
 from armsight.devices.data import JointState, Wrench
@@ -132,6 +132,7 @@ def test_a_car_that_has_left_is_not_said_to_stand_where_it_was():
     port = seen_port(charging_cell())
     car = SimpleNamespace(status=lambda now: VehicleStatus(parked=car.parked), parked=True)
     it = SimpleNamespace(vehicle=car, port=port, busy=False, lid_open=False, outcomes=[])
+    it.state = State.STAND_BY
     it.options = SimpleNamespace(far="post", near="flange")
     task = ChargeTask(it, [], 0, ParkedCarOnMap(load_vehicle("hatchback"), np.eye(4)))
     round_ = SimpleNamespace(now=0.0, snapshot=None)
@@ -142,6 +143,14 @@ def test_a_car_that_has_left_is_not_said_to_stand_where_it_was():
     it.port = replace(port)  # seen anew
     task._on_map(round_)
     assert len(task.standing) == 1
+    # Nothing could come out of a car whose side might be somebody.
+    car.parked, it.busy = False, True
+    for it.state in (State.CHARGE, State.UNPLUG, State.HELD):
+        task._on_map(round_)
+        assert len(task.standing) == 1
+    it.state = State.LEAVE
+    task._on_map(round_)
+    assert not task.standing
 
 
 def rounds(task, stub):

@@ -47,8 +47,8 @@ the arm, or at the ball itself, straight or following it. A contact counts when 
 of the permit's region and the fastest point of the arm was faster than 0.05 m/s. Within the region
 of a `hand` power and force limiting holds instead: `inside` has the greatest speed there.
 
-`search_contacts`: likewise, but where the hand starts, when it runs, at which part of the arm and how
-far ahead of that is searched for (cross-entropy, 60 trials a search), in a cell of its own each time.
+`search_contacts`: likewise, but where the hand starts, when it runs, at which part of the arm and
+how far ahead of that is searched for (cross-entropy, 60 trials a search).
 """
 
 

@@ -87,7 +87,8 @@ def search_rows(
 
     Args:
         hunts: of :func:`armsight.experiments.hand_search.cross_entropy`, with their ``cap`` [m/s].
-        contacts: key and words of their count; margin: key of the least distance, and who came.
+        contacts: key and words of their count.
+        margin: key of the least distance, and who came.
     """
     rows = []
     for cap in CAPS:

@@ -185,6 +185,11 @@ class ChargeOptions:
         )
 
 
+PLUGGED = (State.CHARGE, State.UNPLUG, State.HELD)
+"""A car that moves is on the map for as long as the plug is in it: without it the plug could not
+come out, since what stands beside it might be somebody. What is not there any more the map sees."""
+
+
 class ChargeTask:
     """Runs a station in a cell.
 
@@ -311,7 +316,7 @@ class ChargeTask:
     def _on_map(self, observation: Observation) -> None:
         """What the map has to know of the car."""
         car = self.vehicle.status(observation.now)
-        if car is not None and not car.parked:
+        if car is not None and not car.parked and self.station.state not in PLUGGED:
             self.body.gone()
             if not self.station.busy:
                 self._left = self.station.port  # the next one stands elsewhere
