@@ -69,6 +69,12 @@ def test_half_a_second_of_the_rendered_cell():
         truth = inverse(cell.T_world_base) @ np.array([*ball, 1.0])
         assert np.linalg.norm(chase.place - truth[:3]) < 0.02
         assert {p.name for p in face.pictures} == {c.info.name for c in cell.cameras} | {"wrist"}
+        shown = {p.name: p.image for p in face.pictures}
+        green = (shown["wrist"] == (20, 230, 60)).all(axis=2).any(axis=0)
+        half = len(green) // 2
+        assert green[:half].any(), "the ball is drawn in by the left lens"
+        assert green[half:].any(), "and by the right one"
+        assert [curve.name for curve in face.curves] == ["distance", "force", "source"]
         assert face_fault(face) == ""
         assert face.state == "near"
         assert session.status().permit is not None

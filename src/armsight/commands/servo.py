@@ -20,15 +20,19 @@ class Servo(Working):
             `armsight run WORKCELL --task my_module:MyTask`.
         mode: `ours`; `paper`: the Master and the segments of V; `fixed`: those without the pair.
         standoff: how far before the surface the tip stays [m]; 0 touches.
+        patience: an arm whose contact goes on being refused for so long gives up, and says why [s];
+            inf: never.
     """
 
     task: Literal["ball", "held_ball", "bullseye", "straw", "hand"] = "ball"
     mode: Literal["ours", "paper", "fixed"] = "ours"
     standoff: float = 0.0
+    patience: float = 30.0
 
     def run(self) -> int:
         """Servo; prints how it went."""
         from armsight.commands.run import run_and_tell
         from armsight.tasks.servo import ServoOptions
 
-        return run_and_tell(self, ServoOptions(self.task, self.mode, self.standoff).make)
+        options = ServoOptions(self.task, self.mode, self.standoff, patience=self.patience)
+        return run_and_tell(self, options.make)

@@ -15,7 +15,7 @@ from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
-from armsight.experiments.servo_trials import gap_row, run_plan, tick
+from armsight.experiments.servo_trials import gap_row, run_plan, tick, unguarded
 from armsight.experiments.servo_world import Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
@@ -38,6 +38,8 @@ PLACES = ((0.80, 0.0, 1.20), (0.75, 0.25, 1.10), (0.75, -0.25, 1.30), (0.85, 0.1
 PITCHES = np.deg2rad((0.0, 15.0, 30.0, 45.0, -15.0))
 """How far below the horizontal the tool may point at a start [rad]; the first at which the wrist
 does not lie against the forearm is taken."""
+FREE = "ablation_unguarded_paper_"
+"""Prefix of V's mode without the guard: is it the guard that keeps it from V's figures?"""
 RUNS = 24
 
 ABOUT = f"""
@@ -51,20 +53,27 @@ mouth's middle, within {LIMIT:g} s, and never presses harder than the permit. Th
 Contact, force sensor, drives and arm are the simulated world's, in steps of 1 ms; the arm's
 absolute errors are off there, so the tip is where the joints say. What the cameras say is drawn
 from a model (`experiments/servo_eyes.py`); V's modes run under V's errors, without permits' soft
-contact being part of V: they ask for the same permit as ours.
+contact being part of V: they ask for the same permit as ours. `ablation_unguarded_paper_` is V's
+hybrid mode for an arm without a guard, as V's was: harm counts there what a face does not stand.
 """
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` trials of ours, half as many of V's mode."""
-    plan = [("", "ours", Errors(arm=0.0), runs)]
-    plan.append(("paper_", "paper", replace(PAPERS, arm=0.0), max(runs // 2, 1)))
+    """``runs`` trials of ours, half as many of V's modes."""
+    v, half = replace(PAPERS, arm=0.0), max(runs // 2, 1)
+    plan = [
+        ("", "ours", Errors(arm=0.0), runs),
+        ("paper_", "paper", v, half),
+        ("fixed_", "fixed", v, half),
+        (FREE, "paper unguarded", v, half),
+    ]
     results = run_plan("servo-straw", CELL, plan, one, seed, progress)
     return Outcome(tuple(_rows(results)), {}, _notes(results))
 
 
 def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[str, Any]:
     """One trial; what it came to, as JSON values."""
+    mode, _, free = mode.partition(" ")
     rng = np.random.default_rng((*seed, 13))
     k = seed[1]
     base = setup.workcell.robot.T_world_base
@@ -90,16 +99,19 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
         item, np.asarray(inverse(item.solid.T_frame_solid) @ T_world_mouth), seed=k,
     )  # fmt: skip
     try:
-        return _watched(cell, eyes, make_task(setup, mode, dock="straw"), T, speed)
+        task = make_task(setup, mode, dock="straw")
+        return _watched(cell, eyes, task, T, speed, guarded=not free)
     finally:
         cell.close()
 
 
-def _watched(cell: PushedCell, eyes: Any, task: Any, T: Pose, speed: float) -> dict[str, Any]:
+def _watched(
+    cell: PushedCell, eyes: Any, task: Any, T: Pose, speed: float, guarded: bool
+) -> dict[str, Any]:
     status: Any = None
     touched, off, states, gentle = math.inf, math.nan, set(), 0.0
     while cell.now < min(LIMIT, touched + HOLDS):
-        status = tick(cell, eyes, task, status)
+        status = (tick if guarded else unguarded)(cell, eyes, task, status)
         if status.permit is not None:
             states.add(status.permit.state.value)
             gentle = max(gentle, status.permit.force)
@@ -109,17 +121,18 @@ def _watched(cell: PushedCell, eyes: Any, task: Any, T: Pose, speed: float) -> d
             off = float(np.linalg.norm(away - T[:3, 2] * (away @ T[:3, 2])))
     force = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
     on_face = all(c.owner == "face" for c in cell.contacts)
+    most = min(region_force(), max(gentle, 1e-9)) if guarded else region_force()
     return {
         "touched": bool(cell.contacts),
         "mm": 1e3 * off if math.isfinite(off) else None,
         "seconds": touched if math.isfinite(touched) else None,
         "force": float(force),
         "granted": gentle,
-        "harm": bool(force > min(region_force(), max(gentle, 1e-9)) or not on_face),
+        "harm": bool(force > most or not on_face),
         "speed": speed,
         "iterations": int(task.chase.iterations),
         "permits": sorted(states),
-        "last": cell.log[-1].reason,
+        "last": cell.log[-1].reason if cell.log else "",
         "permit": str(status.permit or ""),
     }
 
@@ -152,25 +165,43 @@ def _start(setup: Setup, T: Pose, which: int) -> JointVector:
     raise ValueError(f"the arm cannot stand at start {which} of a face at {T[:3, 3].round(2)}")
 
 
+def _where(prefix: str) -> str:
+    """The condition of a row."""
+    words = {
+        "": "ours, speed 1, acceleration 1",
+        "fixed_": "V's errors, fixed cameras",
+        FREE: "V's errors, V's hybrid without the guard",
+    }
+    return words.get(prefix, "V's errors")
+
+
 def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
     rows: list[Row] = []
     say = f"share of trials in which the straw first touched within {1e3 * MOUTH_SIZE:.0f} mm"
     for prefix, found in results.items():
-        ours = prefix == ""
-        where = "ours, speed 1, acceleration 1" if ours else "V's errors"
+        ours, where = prefix == "", _where(prefix)
         done = [r for r in found if good(r)]
         rows += [
-            share_row(f"{prefix}straw_success", say, where, [good(r) for r in found], 0.67,
+            share_row(f"{prefix}straw_success", say, where, [good(r) for r in found],
+                      None if prefix == "fixed_" else 0.67,
                       (0.90, 0.95) if ours else None),
             median_row(f"{prefix}straw_time_s", "time to the touch, of the successes", where,
-                       [r["seconds"] for r in done], "s", 8.7, (6.0, 5.0) if ours else None),
+                       [r["seconds"] for r in done], "s", None if prefix == "fixed_" else 8.7,
+                       (6.0, 5.0) if ours else None),
             median_row(f"{prefix}straw_force_n", "peak force, of all touches", where,
                        [r["force"] for r in found if r["touched"]], "N", None,
                        (5.0, 2.0) if ours else None),
         ]  # fmt: skip
-    steps = [float(r["iterations"]) for r in results["paper_"] if good(r)]
-    rows.append(median_row("paper_straw_iterations", "segments", "V's errors", steps, "", 6.0))
+    for prefix, figure in (("paper_", 6.0), ("fixed_", None), (FREE, 6.0)):
+        steps = [float(r["iterations"]) for r in results[prefix] if good(r)]
+        where = _where(prefix)
+        rows.append(median_row(f"{prefix}straw_iterations", "segments", where, steps, "", figure))
     rows.append(gap_row([good(r) for r in results["paper_"]], 0.67))
+    free = float(np.mean([good(r) for r in results[FREE]]))
+    rows.append(
+        Row(f"{FREE}gap", "the same share of an arm without the guard, less V's figure, absolute",
+            _where(FREE), abs(free - 0.67), n=len(results[FREE]))
+    )  # fmt: skip
     harm = sum(r["harm"] for r in results[""])
     rows.append(
         harm_row("trials pressed above the permit or the face's limit, or elsewhere than the face",

@@ -14,7 +14,7 @@ import numpy as np
 
 from armsight.arrays import Floats, Pose, Vector3
 from armsight.geometry.pose import cross, make_pose
-from armsight.motion.permits import ContactKind, PermitRequest
+from armsight.motion.permits import LIMITS, ContactKind, PermitRequest
 from armsight.motion.regions import Region, RegionShape
 from armsight.robots.sprung_tip import SprungTip, press_depth
 from armsight.servoing.eyes import Target
@@ -125,7 +125,12 @@ class Docking:
         normal = otherwise if seen.normal is None else seen.normal
         side = front if seen.along is None else seen.along
         a, b, c = self.size
-        size = (a, b, c + 2.0 * seen.margin) if self.shape == "box" else (a + seen.margin, b, c)
+        if self.shape == "box":
+            size = (a, b, c + 2.0 * seen.margin)
+        elif self.shape == "sphere":  # no larger than what may be had: what sticks out keeps S_p
+            size = (min(a + seen.margin, 0.5 * LIMITS[self.permit].extent), b, c)
+        else:
+            size = (a + seen.margin, b, c)
         center = seen.position + self.offset[0] * normal + self.offset[1] * up
         center = center + self.offset[2] * side
         stamp = seen.stamp

@@ -139,7 +139,15 @@ class WristEye:
         near = [m for m in marks if np.linalg.norm(m.position - expected) < MARK_RADIUS]
         best = min(near, key=lambda m: float(np.linalg.norm(m.position - expected)), default=None)
         in_left = inverse(view.T_base_camera)
-        shown = [transform(in_left, s.position[None]) for s in (*sightings[:1], *near[:1])]
+        in_right = inverse(view.info.T_left_right) @ in_left
+        shown = [s.position[None] for s in (*sightings[:1], *near[:1])]
+        both = [
+            drawn(image, lens, [transform(T, points) for points in shown])
+            for image, lens, T in (
+                (view.frame.left, view.info.left, in_left),
+                (view.frame.right, view.info.right, in_right),
+            )
+        ]
         look = Look(
             view.frame.camera,
             view.frame.stamp,
@@ -148,7 +156,8 @@ class WristEye:
             sightings,
             None if best is None else best.position - expected,
             np.eye(3) if best is None else best.covariance,
-            drawn(view.frame.left, view.info.left, shown),
+            # Pictures of unlike lenses are not of one size: the left one alone is shown then.
+            np.hstack(both) if both[0].shape[0] == both[1].shape[0] else both[0],
         )
         return Looks(look.stamp, (look,), wrong)
 

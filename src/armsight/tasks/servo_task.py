@@ -25,7 +25,6 @@ from armsight.motion.intents import FUTURE, Intent, PoseIntent, Rest, VelocityIn
 from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
-from armsight.robots.robot import Robot
 from armsight.robots.sprung_tip import press_depth
 from armsight.servoing.creeping import STILL, Creeping
 from armsight.servoing.detour import BEFORE, Detour
@@ -134,7 +133,7 @@ class ServoTask:
         self._touching = touching
         answer = None if observation.guard is None else observation.guard.permit
         gave_up = self.patience.update(now, answer, self.chase.place)
-        self._face = self._show(observation.robot, joints, now, touching)
+        self._face = self._show(observation, joints, touching)
         if wish is None or gave_up:
             return Rest(self._ahead or gave_up or self.chase.reason)
         permit = self._permit(observation)
@@ -253,9 +252,10 @@ class ServoTask:
             return ""
         return f"felt nothing {1e3 * self.creeping.by:.0f} mm behind where the surface should be"
 
-    def _show(self, robot: Robot, joints: JointState, now: float, touching: bool) -> Face:
-        chase = self.chase
-        tip = tcp_pose(robot, joints.position)[:3, 3]
+    def _show(self, observation: Observation, joints: JointState, touching: bool) -> Face:
+        chase, guard = self.chase, observation.guard
+        pressed = math.nan if guard is None or guard.permit is None else guard.permit.pressed
+        tip = tcp_pose(observation.robot, joints.position)[:3, 3]
         place = chase.place
         marks: list[Mark] = []
         if place is not None:
@@ -266,7 +266,7 @@ class ServoTask:
             marks.append(
                 EllipsoidMark.of("estimate", estimate.position, estimate.covariance[:3, :3], 3.0)
             )
-            ahead, _ = estimate.at(now + 0.1)
+            ahead, _ = estimate.at(observation.now + 0.1)
             marks.append(PointsMark("prediction", ahead[None], 0.008, (240, 190, 30)))
         pictures = tuple(
             Picture(name, look.picture)
@@ -286,6 +286,7 @@ class ServoTask:
             ),
             curves=(
                 Curve("distance", distance if math.isfinite(distance) else math.nan, "mm"),
+                Curve("force", pressed, "N"),
                 Curve("source", float(chase.source_number)),
             ),
             pictures=pictures,
