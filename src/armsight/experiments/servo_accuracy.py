@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ from armsight.arrays import Floats, JointVector, Vector3
 from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, bootstrap
-from armsight.experiments.servo_eyes import PAPERS, Errors
+from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
 from armsight.experiments.servo_world import (
     HARM,
     Setup,
@@ -33,13 +34,18 @@ from armsight.servoing.master import PaperMaster
 TICK = 0.008
 NEAR = 0.015
 """An estimate this near the target has it again [m]."""
+PLACES = 6
+"""Of the bulls-eye, a run of :func:`pair`."""
 STANDOFF = 0.05
 """How far before the surface the tip follows [m]: beyond where a permit holds it to contact
 speed."""
 ABOUT = f"""
 V's first experiment: the ball on the stylus' tip, moved at 0.1 m/s, the joints as reference, by
 the fixed cameras alone; V's mode (mean of the two closest, of what they saw last) under V's errors,
-ours (one filter, a bias for each camera, predicted to now) under the cell's and under V's. Then,
+ours (one filter, a bias for each camera, predicted to now) under the cell's and under V's. V's
+second, `pair_mm`: a bulls-eye at rest, 2 to 15 cm before the tip, seen by the pair alone for two
+seconds; the joints that would bring the true tip to its centre, by the arm's true geometry, are the
+reference, so the arm's own errors between the two poses count. Then,
 ours in the guarded cell without pictures (`experiments/servo_eyes.py`): the tip follows a ball on
 a circle of 0.2 m at 0.25 m/s, {1e2 * STANDOFF:.0f} cm before its surface, whole error of the tip
 against where it should be; the same at the surface itself (`touching_rms_mm`), where a tip on
@@ -56,6 +62,9 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("fixed", partial(fixed, "ours", Errors())),
         ("fixed_v_errors", partial(fixed, "ours", PAPERS)),
         ("paper_fixed", partial(fixed, "paper", PAPERS)),
+        ("pair", partial(pair, "ours", Errors())),
+        ("pair_v_errors", partial(pair, "ours", PAPERS)),
+        ("paper_pair", partial(pair, "paper", PAPERS)),
         ("track", partial(track, {}, False, STANDOFF)),
         ("touch", partial(track, {}, False, 0.0)),
         ("track_no_feed", partial(track, {"predict": False}, False, STANDOFF)),
@@ -106,6 +115,44 @@ def fixed(mode: str, errors: Errors, seed: int, k: int) -> list[float]:
         if place is not None:
             errors_mm.append(1e3 * float(np.linalg.norm(place - truth)))
     return errors_mm
+
+
+def pair(mode: str, errors: Errors, seed: int, k: int) -> list[float]:
+    """Errors of the pair alone at a bulls-eye at rest [mm], one a place of :data:`PLACES`."""
+    setup = set_up()
+    rng = np.random.default_rng((seed, k, 4))
+    eyes = make_eyes(setup, errors, rng)
+    eyes.fixed.clear()
+    return [_seen_by_pair(mode, setup, eyes, rng, 4.0 * i) for i in range(PLACES)]
+
+
+def _seen_by_pair(
+    mode: str, setup: Setup, eyes: Eyes, rng: np.random.Generator, begun: float
+) -> float:
+    """The last error of one place, looked at from a time [s] on [mm]; 200 where it was not seen."""
+    place = world_to_base(setup, [rng.uniform((0.7, -0.3, 1.1), (0.8, 0.3, 1.35))])[0]
+    true = replace(setup, robot=eyes.true_robot)
+    touching = _joints_at(true, place)
+    axis = tcp_pose(eyes.true_robot, touching)[:3, 2]
+    reference = tcp_pose(setup.robot, touching)[:3, 3]
+    q = _joints_at(true, place - rng.uniform(0.02, 0.15) * axis)
+    eyes.normal = -axis
+    filter_, master = TargetFilter(["wrist"], "wrist"), PaperMaster()
+    last, found = -math.inf, None
+    for step in range(round(2.0 / TICK)):
+        now = begun + step * TICK
+        eyes.expose(now, q, lambda t: place)
+        for perceived in eyes.arrived(now):
+            for look in perceived.evidence.looks:  # type: ignore[attr-defined]
+                if look.stamp > last:
+                    last = look.stamp
+                    filter_.add(look)
+                    master.add(look)
+        if mode == "paper":
+            found = master.choose(now).position
+        elif filter_.estimate is not None:
+            found = filter_.estimate.at(now)[0]
+    return 200.0 if found is None else 1e3 * float(np.linalg.norm(found - reference))
 
 
 def track(
@@ -266,6 +313,17 @@ def _rows(found: dict[str, list[Any]], runs: int) -> list[Row]:
     ):
         value, low, high = median_of([float(np.median(r)) for r in found[name] if r])
         rows.append(Row(key, say, where, value, "mm", runs, low, high, 38.0, must, aim))
+    say = (
+        "distance of the pair's place of a bulls-eye at rest from where the joints touch it, median"
+    )
+    for key, name, where, must, aim in (
+        ("pair_mm", "pair", "ours, the cell's errors", 3.0, 1.5),
+        ("ablation_pair_mm", "pair_v_errors", "ours, V's errors", None, None),
+        ("paper_pair_mm", "paper_pair", "V's mode, V's errors", None, None),
+    ):
+        each = [mm for r in found[name] for mm in r]
+        value, low, high = median_of(each)
+        rows.append(Row(key, say, where, value, "mm", len(each), low, high, 18.0, must, aim))
     say = "rms error of the tip behind a ball on a circle of 0.2 m, 0.25 m/s, after 3 s; median run"
     for key, name, where, must, aim in (
         ("tracking_rms_mm", "track", "ours", 12.0, 6.0),
