@@ -130,7 +130,7 @@ def _seen_by_pair(
     mode: str, setup: Setup, eyes: Eyes, rng: np.random.Generator, begun: float
 ) -> float:
     """The last error of one place, looked at from a time [s] on [mm]; 200 where it was not seen."""
-    place = world_to_base(setup, [rng.uniform((0.7, -0.3, 1.1), (0.8, 0.3, 1.35))])[0]
+    place = world_to_base(setup, rng.uniform((0.7, -0.3, 1.1), (0.8, 0.3, 1.35))[None])[0]
     true = replace(setup, robot=eyes.true_robot)
     touching = _joints_at(true, place)
     axis = tcp_pose(eyes.true_robot, touching)[:3, 2]

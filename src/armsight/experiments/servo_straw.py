@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from armsight.motion.kernels import body_centers, self_clearance
 from armsight.robots.kinematics import tcp_pose
 from armsight.servoing.aim import Aim, joints_for
 from armsight.simulation.targets import MOUTH, TargetSpec, target_object
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CELL = "ur10_straw"
 LIMIT = 15.0
@@ -68,7 +71,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         (FREE, "paper unguarded", v, half),
     ]
     results = run_plan("servo-straw", CELL, plan, one, seed, progress)
-    return Outcome(tuple(_rows(results)), {}, _notes(results))
+    return Outcome(tuple(_rows(results)), {"touches": lambda: _plot(results)}, _notes(results))
 
 
 def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[str, Any]:
@@ -221,6 +224,25 @@ def _notes(results: dict[str, list[dict[str, Any]]]) -> tuple[str, ...]:
         if bad:
             notes.append(f"Failed, {key or 'ours'}: {len(bad)} of {len(found)}: {words}.")
     return tuple(notes)
+
+
+def _plot(results: dict[str, list[dict[str, Any]]]) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    where, how_hard = figure.subplots(1, 2)
+    names = {"": "ours", "paper_": "V's hybrid", "fixed_": "V's, fixed", FREE: "V's, no guard"}
+    for prefix, found in results.items():
+        done = [r for r in found if r["touched"]]
+        label = f"{names[prefix]}: {len(done)} of {len(found)} touched"
+        where.plot([r["seconds"] for r in done], [r["mm"] for r in done], "o", ms=4, label=label)
+        how_hard.plot([r["seconds"] for r in done], [r["force"] for r in done], "o", ms=4)
+    where.axhline(1e3 * MOUTH_SIZE, color="0.6", lw=0.8)
+    where.set(xlabel="touched after [s]", ylabel="from the mouth's middle [mm]")
+    where.legend(fontsize=7)
+    how_hard.axhline(5.0, color="0.6", lw=0.8)
+    how_hard.set(xlabel="touched after [s]", ylabel="peak force [N]", yscale="log")
+    return figure
 
 
 EXPERIMENT = Experiment(

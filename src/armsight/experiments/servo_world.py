@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Pose, Vector3
+from armsight.arrays import Floats, JointVector, Points, Pose, Vector3
 from armsight.devices.data import JointState
 from armsight.experiments.quick_cell import VOXEL, Ball, QuickCell, felt
 from armsight.experiments.servo_eyes import RADIUS, Errors, Eyes, ModelCamera, ModelPair, Path
@@ -274,7 +274,7 @@ def start_below(setup: Setup, start: JointVector) -> JointVector:
     return robot.home
 
 
-def world_to_base(setup: Setup, points: Sequence[Sequence[float]]) -> Floats:
+def world_to_base(setup: Setup, points: Sequence[Sequence[float]] | Points) -> Floats:
     """(k, 3) points of the world in ``base`` [m]."""
     T = inverse(setup.workcell.robot.T_world_base)
     p = np.asarray(points, float)
