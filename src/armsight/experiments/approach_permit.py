@@ -29,7 +29,7 @@ RADIUS = 0.03
 """Of the ball that is touched [m]."""
 HAND = 2.0
 """Speed of the hands that come [m/s]."""
-SEARCH_SHARE = 50
+SEARCH_SHARE = 100
 """One search for so many episodes."""
 # azimuth about the ball [rad], height above it [m] and distance [m] of the start, time [s], part of
 # the body 0..1, lead [s]
@@ -184,7 +184,7 @@ def _wish(cell: QuickCell, place: Vector3, kind: ContactKind, size: float) -> Ve
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` episodes, and a fiftieth as many searches."""
+    """``runs`` episodes, and a hundredth as many searches."""
     searches = max(4, runs // SEARCH_SHARE)
 
     def first(stage: str, done: float) -> None:
