@@ -66,7 +66,7 @@ class CameraSpec:
         lens_error: scale of the true lenses' deviation from the declared ones; 0 is none, 1 a unit
             as it comes out of the box.
         stamp_jitter: uniform error of the stamp, plus or minus [s].
-        phase: time of the first exposure [s]; staggered cameras give fresher evidence.
+        phase: time of the first exposure [s]; cameras one after another spread the work.
         systematic: share of the unit's systematic depth error (see ``sensor_errors``) that is
             there; 1 for a camera as it comes out of the box, less for one that corrects itself.
     """

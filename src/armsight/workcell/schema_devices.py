@@ -150,7 +150,7 @@ class CameraSection(MountedSection):
     """One depth camera. Give exactly one of `look_at`, `rpy_deg`, `quaternion_xyzw`."""
 
     phase_ms: NotNegative = key(
-        0.0, "First exposure after the start; staggered cameras give fresher evidence.", "ms"
+        0.0, "First exposure after the start; cameras one after another spread the work.", "ms"
     )
     guard: Switch = key(
         True, "Whether its pictures are evidence for the map and the guard; false only shows them."
