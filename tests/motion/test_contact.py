@@ -18,7 +18,7 @@ from armsight.motion.contact_limits import MOST, ROTOR, contact_speed, effective
 from armsight.motion.contact_speed import GentleSpeed
 from armsight.motion.executed import Executed
 from armsight.motion.following import RouteFollower
-from armsight.motion.force_watch import STALE, ForceWatch
+from armsight.motion.force_watch import FROZEN, STALE, ForceWatch
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import VelocityIntent
 from armsight.motion.nearest import Hazards, MovingBody
@@ -190,6 +190,22 @@ def test_a_sensor_that_cannot_be_believed_says_why():
     assert "silent" in watch.fault(2.0), "an old reading is none"
 
 
+@pytest.mark.parametrize(("moves", "shakes"), [(True, 0.0), (False, 0.0), (True, 1e-3)])
+def test_a_sensor_that_repeats_itself_while_the_arm_moves_is_dead(moves, shakes):
+    """At rest an ideal one says the same; one that feels its tool turn does not."""
+    watch, q = tared(), ROBOT.home.copy()
+    for k in range(60):
+        if moves:
+            q = q + 0.001
+        watch.take([load(ROBOT.home, (0, 0, shakes * (k % 2)), stamp=1.0 + 0.008 * k)], q, True)
+        if k < 25:
+            assert watch.fault(1.0 + 0.008 * k) == ""
+    dead = moves and not shakes
+    assert ("repeats itself" in watch.fault(1.0 + 0.008 * 59)) == dead
+    watch.take([load(q, stamp=1.5)], q, True)
+    assert watch.fault(1.5) == "", "it speaks again"
+
+
 @pytest.mark.parametrize("axis", range(3))
 def test_a_sensor_that_saturates_is_not_believed_at_rest_and_ends_a_press(axis):
     """What it says at its end is no reading, but it is too much in either case."""
@@ -341,7 +357,7 @@ def palm(sway=0.02):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", ["none", "silent"])
+@pytest.mark.parametrize("fault", ["none", "silent", "frozen"])
 def test_a_palm_is_touched_gently_and_left_when_nobody_feels_it_any_more(fault):
     cell = TouchCell(palm(), seed=3)
     try:
@@ -351,8 +367,8 @@ def test_a_palm_is_touched_gently_and_left_when_nobody_feels_it_any_more(fault):
             cell.tick(goal=toucher())
             if cell.contacts and not np.isfinite(touched):
                 touched = cell.now
-            if fault == "silent" and cell.now > touched + 0.3:
-                cell.silent = touched + 0.3
+            if fault != "none" and cell.now > touched + 0.3:
+                setattr(cell, fault, touched + 0.3)
         assert cell.contacts
         assert max(c.force for c in cell.contacts) < 30.0
         assert {c.link for c in cell.contacts} == {6}
@@ -364,10 +380,11 @@ def test_a_palm_is_touched_gently_and_left_when_nobody_feels_it_any_more(fault):
         else:
             assert any("backs out" in s.reason for s in cell.log)
             assert last.permit.state == PermitState.WITHDRAWN
-            assert "silent" in last.permit.reason
+            assert {"silent": "silent", "frozen": "repeats itself"}[fault] in last.permit.reason
             assert cell.contacts[-1].end < cell.now - 0.3, "and it is left"
             back = [s for s in cell.log if "backs out" in s.reason]
-            assert back[0].stamp < touched + 0.3 + 0.03 + 0.02
+            late = {"silent": 0.03, "frozen": FROZEN + 0.03}[fault]
+            assert back[0].stamp < touched + 0.3 + late + 0.02
     finally:
         cell.close()
 

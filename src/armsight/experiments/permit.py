@@ -22,8 +22,8 @@ SECONDS = 16.0
 """Longest episode [s]."""
 KINDS = ("ball", "palm", "cheek")
 PERMITS: dict[str, ContactKind] = {"ball": "thing", "palm": "hand", "cheek": "face"}
-FAULTS = ("none", "none", "none", "lost", "jump", "silent", "lie", "push", "greedy")
-"""What goes wrong, in turn: two thirds of the episodes in which something does are none."""
+FAULTS = ("none", "none", "none", "lost", "jump", "silent", "frozen", "lie", "push", "greedy")
+"""What goes wrong, in turn; nothing in three of ten episodes."""
 BUDGET = {"ball": (10.0, 5.0), "palm": (30.0, 15.0), "cheek": (5.0, 2.0)}
 """Must and aim of the force [N]."""
 START, APART = np.array([0.49, 0.11, 0.28]), 0.35
@@ -41,12 +41,13 @@ brush of 0.3 N/mm before the face's own surface) that sways by 1 cm. A task sees
 late, 30 times a second, with 2 mm of noise, goes there at up to 0.4 m/s, stops when it feels 2 N
 (cheek 1 N), holds for a second, and goes back.
 
-In six of nine episodes something goes wrong: the target is lost or jumps by 15 cm in the task's
-eyes, the force sensor falls silent or begins to lie by 30 N, the target is pushed at the tool at up
-to 0.3 m/s, or the task asks for ten times the speed and force. `force_n` is the greatest true force
-of every touch in episodes without a push (who pushes makes the force), 99 % quantile; `harm` counts
-episodes in which the force was above what the permit granted or, with the passing blow's factor,
-above what the body's region stands; pushes count by the region's limits alone.
+In seven of ten episodes something goes wrong: the target is lost or jumps by 15 cm in the task's
+eyes, the force sensor falls silent, says the same again and again, or begins to lie by 30 N, the
+target is pushed at the tool at up to 0.3 m/s, or the task asks for ten times the speed and force.
+`force_n` is the greatest true force of every touch in episodes without a push (who pushes makes the
+force), 99 % quantile; `harm` counts episodes in which the force was above what the permit granted
+or, with the passing blow's factor, above what the body's region stands; pushes count by the
+region's limits alone.
 """
 
 
@@ -101,6 +102,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
         toucher.lost = when if fault == "lost" else np.inf
         toucher.jump = when if fault == "jump" else np.inf
         cell.silent = when if fault == "silent" else np.inf
+        cell.frozen = when if fault == "frozen" else np.inf
         while cell.now < SECONDS and not toucher.done:
             cell.lie = 30.0 if fault == "lie" and cell.now > when else 0.0
             cell.tick(goal=toucher())
@@ -156,7 +158,7 @@ def harmed(e: dict[str, Any]) -> bool:
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` episodes."""
-    episodes = run_episodes("permit", episode, range(runs), seed, {"version": 1}, progress)
+    episodes = run_episodes("permit", episode, range(runs), seed, {"version": 2}, progress)
     rows = [_harm(episodes, "all episodes")]
     for kind in KINDS:
         mine = [e for e in episodes if e["kind"] == kind]

@@ -7,7 +7,7 @@ is touched are those of the simulated world, in steps of a millisecond. No pictu
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,6 +71,7 @@ class TouchCell(QuickCell):
 
     Attributes:
         world: the simulation; silent: readings of the force sensor are lost from then on [s].
+        frozen: from then on [s] it says the same again and again, with fresh stamps.
         shown: where the map has the target; the truth's own place.
     """
 
@@ -107,8 +108,9 @@ class TouchCell(QuickCell):
             pushes=True,
         )
         self.world = SimulatedWorld(spec, seed)
-        self.silent = np.inf
+        self.silent = self.frozen = np.inf
         self.lie = 0.0
+        self._last: Wrench | None = None
         self._path = target.path
 
     @property
@@ -141,7 +143,9 @@ class TouchCell(QuickCell):
         self.world.close()
 
     def _felt(self, reading: Wrench) -> Wrench:
-        return Wrench(reading.stamp, reading.force + self.lie, reading.torque)
+        if reading.stamp < self.frozen or self._last is None:
+            self._last = Wrench(reading.stamp, reading.force + self.lie, reading.torque)
+        return replace(self._last, stamp=reading.stamp)
 
     def _place(self, t: float) -> Vector3:
         """Where the target is seen at about a time [s]; it may have been pushed away."""

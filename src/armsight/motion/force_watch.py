@@ -45,6 +45,9 @@ SAMPLES = 10
 DRIFTS = (0.3, 0.03)
 """The error of a sensor changes no faster than this: force [N/s], torque [N m/s]. Who presses
 slowly on what the map does not show would else be taken for one."""
+FROZEN, MOVED = 0.25, 0.002
+"""Every sensor is noisy, and feels its tool turn: one that says the very same for so long [s] while
+a joint moves by more than this [rad] is dead, however fresh its stamps."""
 BIAS = (60.0, 6.0)
 """A sensor that errs by more than this cannot be believed: force [N], torque [N m]."""
 
@@ -89,14 +92,17 @@ class ForceWatch:
         self._rate = 0.0
         self._rates: deque[tuple[float, float, float]] = deque()
         self._push: Vector3 | None = None
+        self._told: Floats = np.full(6, np.nan)
+        self._since, self._stood = -math.inf, np.zeros(robot.n)  # when it said something new
+        self._frozen = False
 
     def turn_back(self, back: float) -> None:
         """The clock was turned back by so much [s]: what the sensor errs by is what it was."""
         self._free = deque((at - back, rest) for at, rest in self._free)
         self._rates = deque((at - back, rate, force) for at, rate, force in self._rates)
         self._new = [replace(felt, stamp=felt.stamp - back) for felt in self._new]
-        self._tared, self._first, self._stamp = (
-            at - back for at in (self._tared, self._first, self._stamp)
+        self._tared, self._first, self._stamp, self._since = (
+            at - back for at in (self._tared, self._first, self._stamp, self._since)
         )
         self._mean = (self._mean[0] - back, self._mean[1])
 
@@ -137,6 +143,7 @@ class ForceWatch:
             if not (np.isfinite(told).all() and reading.stamp > self._stamp):
                 continue  # what is no number, and no newer, is as good as silence
             self._stamp = reading.stamp
+            self._note_repeats(told, q)
             rest = told - self._load
             if not touching:
                 self._free.append((reading.stamp, rest))
@@ -157,6 +164,14 @@ class ForceWatch:
             self._rates.append((self._mean[0], self._rate, self._mean[1]))
             while self._rates[0][0] < self._mean[0] - LASTING:
                 self._rates.popleft()
+
+    def _note_repeats(self, told: Floats, q: JointVector) -> None:
+        """Whether (6,) is what it says again and again, though the arm moves."""
+        if not np.array_equal(told, self._told):
+            self._told, self._since, self._stood = told, self._stamp, np.array(q, float)
+            self._frozen = False
+        elif self._stamp - self._since > FROZEN:
+            self._frozen |= bool(np.abs(q - self._stood).max() > MOVED)
 
     def know(self, tare: Floats) -> bool:
         """What the sensor said before the contact in which the arm stands, if that can be.
@@ -204,6 +219,8 @@ class ForceWatch:
         age = now - self._stamp
         if age > STALE:
             return f"the force sensor has been silent for {1e3 * age:.0f} ms"
+        if self._frozen:
+            return "the force sensor repeats itself while the arm moves"
         if self._bias is None:
             return "the force sensor has not been read without contact yet"
         if _errs(self._bias):
