@@ -13,6 +13,7 @@ from armsight.motion.data import GuardMode
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import JointIntent
 from armsight.motion.task import Observation
+from armsight.robots.kinematics import tcp_pose
 from armsight.tasks.patrol import PatrolTask
 
 A = np.deg2rad([-55, -70, 85, -105, -90, 0])
@@ -171,6 +172,19 @@ def test_drives_that_answer_sooner_or_later_than_declared_are_no_fault(late):
     world.run(8.0)
     assert len(world.visits) >= 2
     assert not any("does not follow" in status.reason for status in world.log)
+
+
+@pytest.mark.parametrize(("brakes", "noticed"), [(1.0, False), (0.7, False), (0.3, True)])
+def test_brakes_that_are_far_weaker_than_declared_are_noticed_when_they_are_used(brakes, noticed):
+    place = np.array([0.0, -2.0, 0.5])
+    world = QuickCell([Ball(lambda t: place, 0.08)], goals=[A, B])
+    world.brakes = brakes
+    world.run(1.3)
+    assert np.abs(world.v).max() > 0.3
+    place[:] = tcp_pose(world.robot, world.q)[:3, 3] + (0.0, 0.0, 0.35)
+    world.run(0.8)
+    assert any(command[-1] for command in world.commands[-100:]), "it brakes"
+    assert any("does not follow" in status.reason for status in world.log) == noticed
 
 
 def test_a_map_that_stops_coming_is_noticed(moving):

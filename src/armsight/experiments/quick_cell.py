@@ -88,6 +88,7 @@ class QuickCell:
         log: the guard's words, one a tick; commands: (n + 1,) sent, and whether it was a stop.
         visits: when goals were reached [s]; touches: every overlap that was seen.
         margins: (time, distance, fastest speed) at every look while there are balls.
+        brakes: share of the declared braking that the drives have.
     """
 
     def __init__(
@@ -138,6 +139,7 @@ class QuickCell:
         self.visits: list[float] = []
         self.touches: list[Touch] = []
         self.margins: list[Touch] = []
+        self.brakes = 1.0
         self.plans: list[tuple[float, Plan]] = []
         self._pictures: list[tuple[float, WorkspaceSnapshot]] = []
         self._next_picture = 0.0
@@ -201,7 +203,7 @@ class QuickCell:
                 _, self._target, self._braking = self._queue.pop(0)
             drive_step(
                 self._target, self._braking, self.q, self.v, limits.lower, limits.upper, ramp,
-                limits.acceleration, STEP,
+                self.brakes * limits.acceleration, STEP,
             )  # fmt: skip
             self.now += STEP
             if self.balls and round(self.now / STEP) % LOOK == 0:
