@@ -22,6 +22,7 @@ NAMES: dict[str, str] = {
     "approach": "people reach in at up to 2 m/s; a search tries to force a contact",
     "mbm": "MotionBenchMaker's problems through depth pictures, paths checked at 1 mm",
     "things": "things beside the arm's way, and left there by a person, told from people",
+    "things-search": "people who try to be taken for a thing, or for nobody, in made-up worlds",
     "faults": "cameras that lie with fresh stamps, in a running cell with a person in it",
     "mutants": "mistakes in the guard's and the map's code, and the tests that notice them",
     "permit": "touches by permit: how hard they really press, whatever goes wrong",
