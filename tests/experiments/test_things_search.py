@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from armsight.experiments import things_search
-from armsight.experiments.made_up_sight import look
 from armsight.experiments.things_search import EYES, GRID, VOXEL, MadeUp, Somebody, episode
+from armsight.experiments.things_search_kernels import look
 from armsight.mapping.hazards import UnseenPeople
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
 from armsight.mapping.things import Things

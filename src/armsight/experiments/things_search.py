@@ -13,8 +13,8 @@ from scipy.ndimage import maximum_filter
 from armsight.arrays import Floats, Mask, Vector3
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.made_up_sight import look
 from armsight.experiments.rows import Row, share_row
+from armsight.experiments.things_search_kernels import look
 from armsight.mapping.hazards import UnseenPeople
 from armsight.mapping.snapshot import UNKNOWN, VoxelGrid
 from armsight.mapping.things import Things
