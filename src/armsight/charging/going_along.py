@@ -41,7 +41,8 @@ class GoingAlong:
         if self._felt is None:
             self._felt, self._T_seated, self._T_rest = wrench, T_base_plug, T_base_plug
         more = wrench - self._felt
-        if np.linalg.norm(more[:3]) > LED or np.linalg.norm(more[3:]) > TWISTED:
+        over = np.linalg.norm(more[:3]) > LED or np.linalg.norm(more[3:]) > TWISTED
+        if over and self._far(T_base_plug) < FARTHEST:
             self._led = now
         elif np.isfinite(self._led) and not self.led(now, T_base_plug):
             T = T_base_plug @ inverse(self._T_rest)
@@ -51,5 +52,7 @@ class GoingAlong:
 
     def led(self, now: float, T_base_plug: Pose) -> bool:
         """Whether the arm should go along at ``now`` [s]."""
-        far = float(np.linalg.norm(T_base_plug[:3, 3] - self._T_seated[:3, 3]))
-        return now - self._led < CALM and far < FARTHEST
+        return now - self._led < CALM and self._far(T_base_plug) < FARTHEST
+
+    def _far(self, T_base_plug: Pose) -> float:
+        return float(np.linalg.norm(T_base_plug[:3, 3] - self._T_seated[:3, 3]))
