@@ -47,6 +47,7 @@ TRICKS = (
     "throws",
 )
 """What somebody does, in turn."""
+WORDS = {"trolley": "comes in behind a board", "shadow": "keeps to the arm's shadow"}
 
 ABOUT = f"""
 The rule that tells things from people ([guard](../guard.md#things-told-from-people)), the set of
@@ -391,7 +392,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         mine = [e for e in found if trick in (None, e["trick"])]
         if not mine:
             continue
-        condition = "all episodes" if trick is None else f"somebody who {trick}"
+        condition = "all episodes" if trick is None else f"somebody who {WORDS.get(trick, trick)}"
         touched = sum(e["contact"] for e in mine)
         if trick is None:
             rows.append(
