@@ -55,7 +55,11 @@ NEWCOMERS = 5
 CAME = 0.02
 """So much surface [m^2] that came in together is somebody, or a part of somebody, ..."""
 CAME_VOXELS = 10
-"""... but no fewer voxels: coarse ones beside a surface come and go."""
+"""... but no fewer voxels: coarse ones beside a surface come and go; ..."""
+CAME_SHARE = 0.5
+"""... and it is this share of all that is there: noise makes parts of a surface come anew."""
+LATELY = 1.0
+"""What was seen free in the last one or two of these [s], and is occupied, came there."""
 NEAR = 0.15
 """Nothing newly visible is a thing this close to somebody [m]: as far as a hand goes in a frame."""
 LATE = 0.15
@@ -83,7 +87,9 @@ class Things:
         self._seen: Floats = np.full(size, -np.inf)
         self._onset: Floats = np.zeros(size)  # of what is seen; and so below
         self._held: Floats = np.zeros(size)
-        self._came: Mask = np.zeros(size, bool)  # into space that was seen free
+        self._came: Mask = np.zeros(size, bool)  # into space that had been seen free
+        self._free: Mask = np.zeros((2, size), bool)  # seen so lately, and before that
+        self._turned = -np.inf
         self._core: Shorts = np.zeros(size, np.uint16)
         self._active: Bytes = np.zeros(MOST_THINGS, np.uint8)
         self._next = 1
@@ -122,12 +128,14 @@ class Things:
         there = np.zeros(self._grid.shape, bool)
         there.reshape(-1)[came] = True
         of = label(there, np.ones((3, 3, 3)))[0].reshape(-1)[came]
-        sizes = np.bincount(of, minlength=1)
-        most = int(np.argmax(sizes))
-        if sizes[most] < max(CAME / self._grid.voxel**2, CAME_VOXELS):
-            return -1
+        most = int(np.argmax(np.bincount(of, minlength=1)))
         mine = came[of == most]
-        return int(mine[len(mine) // 2])
+        if len(mine) < max(CAME / self._grid.voxel**2, CAME_VOXELS):
+            return -1
+        index = np.stack(np.unravel_index(mine, self._grid.shape), axis=1)
+        all_of_it = np.stack(np.unravel_index(people, self._grid.shape), axis=1)
+        around = ((all_of_it >= index.min(axis=0)) & (all_of_it <= index.max(axis=0))).all(axis=1)
+        return -1 if len(mine) < CAME_SHARE * around.sum() else int(mine[len(mine) // 2])
 
     def begin(self, listed: Ints32, occupied: Bytes, now: float) -> None:
         """Nobody is in the cell: whatever is there now is a thing."""
@@ -154,6 +162,8 @@ class Things:
         self._cores = np.zeros(0, np.int32)
         self._seen.fill(-np.inf)
         self._before = np.zeros_like(self._before)
+        self._free.fill(False)
+        self._turned = -np.inf
         self.telling = False
 
     def update(
@@ -192,7 +202,7 @@ class Things:
             self._fresh,
         )
         fresh = self._fresh[:news]
-        self._came[fresh] = self._before[fresh] == FREE
+        self._came[fresh] = self._free[:, fresh].any(axis=0)
         if not self.telling:
             return np.ones(len(clusters), bool)
         flat = state.reshape(-1)
@@ -228,6 +238,10 @@ class Things:
     def keep(self, state: Bytes) -> None:
         """Remember where nobody could be: ``state`` with its enclosed voxels marked."""
         self._before, self._kept = state.reshape(-1), self._now
+        if self._now - self._turned > LATELY:
+            self._free[1], self._turned = self._free[0], self._now
+            self._free[0].fill(False)
+        self._free[0] |= self._before == FREE
 
     # -- inside ---------------------------------------------------------------------------------
 
