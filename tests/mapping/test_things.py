@@ -305,6 +305,16 @@ def test_what_comes_to_light_did_not_come_in(hidden: bool) -> None:
     assert (came_in(scene) < 0) == hidden
 
 
+def test_a_shadow_that_goes_before_somebody_does_not_hide_that_they_came() -> None:
+    """What they will stand in is out of sight for some pictures before they are seen there."""
+    scene = Scene()
+    scene.look(seconds=2.0)
+    around: Blob = ((38, 60), (23, 47), (1, 50))
+    scene.look(hidden=(around,), seconds=0.3)
+    scene.look(PERSON, seconds=3.0)
+    assert came_in(scene) >= 0
+
+
 def test_a_large_thing_that_somebody_touched_did_not_come_in() -> None:
     """It is a person again, as all that is touched; the word a second time makes it a thing."""
     scene = Scene()
