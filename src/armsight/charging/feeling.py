@@ -10,6 +10,7 @@ from armsight.arrays import Floats, Pose, Vector3
 from armsight.charging.admittance import Admittance
 from armsight.charging.hanging import hung, tip_twist
 from armsight.charging.visit import Seen
+from armsight.motion.force_watch import FROZEN
 from armsight.robots.soft_mount import at_plug
 
 OVER = 0.35
@@ -20,8 +21,6 @@ STEADY = (4.0, 0.6)
 """Readings that scatter by more are no zero [N], [N m]."""
 SILENT = 0.05
 """A reading older than this says nothing of now [s]."""
-FROZEN = 0.25
-"""Every sensor is noisy: one that says the very same for so long is dead, stamps or not [s]."""
 LIGHT, HEAVY = 0.7, 1.4
 """What is felt of a plug's weight, at least and at most."""
 TUG, BRIEF = 50.0, 0.04

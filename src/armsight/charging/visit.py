@@ -42,6 +42,9 @@ class State(StrEnum):
 NEAR = (State.ALIGN, State.TARE, State.INSERT, State.CHARGE, State.UNPLUG, State.LEAVE)
 """States in which the plug is before the port or in it, and asks to touch it."""
 IN_CONTACT = (State.INSERT, State.CHARGE, State.UNPLUG, State.LID_WORK, State.LID_AWAY)
+PLUGGED = (State.CHARGE, State.UNPLUG, State.HELD)
+"""States in which the plug may be in a car: one that moves then stays on the map, since a plug does
+not come out where what stands beside it might be somebody. What is gone the map sees."""
 AT_LID = (State.LID_BEFORE, State.LID_ALIGN, State.LID_TARE, State.LID_WORK, State.LID_AWAY)
 """States in which the finger is out."""
 

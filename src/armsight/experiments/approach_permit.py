@@ -56,17 +56,17 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     """One episode; module-level, so that worker processes can import it."""
     rng = np.random.default_rng((seed, run))
     touched = _Touched(rng, run)
-    cell, kind, size = touched.cell(run), touched.kind, touched.size
+    cell = touched.cell(run)
     begin = float(rng.uniform(0.8, 6.5))
     hand = _Hand(cell, touched.place, rng, begin)
     cell.balls.append(Ball(hand))
     touched.run(cell)
     met = [t for t in cell.moving_touches if t.ball == 1]
-    outside = [t for t in met if touched.away(hand.was(t.time)) > size + cell.balls[1].radius]
+    outside = [t for t in met if touched.outside(hand.was(t.time), cell.balls[1].radius)]
     held = [s.permit is not None and s.permit.holds for s in cell.log]
     before = [h for s, h in zip(cell.log, held) if 0.5 < s.stamp < begin]
     return {
-        "kind": kind,
+        "kind": touched.kind,
         "contacts": len(outside),
         "inside": max((t.speed for t in met), default=0.0),
         "worst": max((t.speed for t in outside), default=0.0),
@@ -99,9 +99,9 @@ class _Touched:
         while cell.now < SECONDS:
             cell.tick(goal=_wish(cell, self.place, self.kind, self.size))
 
-    def away(self, place: Vector3) -> float:
-        """From the ball to a (3,) place [m]."""
-        return float(np.linalg.norm(place - self.place))
+    def outside(self, place: Vector3, radius: float) -> bool:
+        """Whether a ball at a (3,) place is outside of what is asked for [m]."""
+        return bool(np.linalg.norm(place - self.place) > self.size + radius)
 
 
 def search(seed: int, run: int) -> dict[str, Any]:
@@ -114,13 +114,10 @@ def search(seed: int, run: int) -> dict[str, Any]:
         hunter = Hunter(genes, speed, touched.place)
         hunter.cell = cell
         cell.balls += hunter.balls()
-        border = touched.size + cell.balls[1].radius
+        radius = cell.balls[1].radius
         touched.run(cell)
-        moving = [
-            m
-            for m in cell.margins
-            if m.ball == 1 and m.speed > STANDING and touched.away(hunter.at(m.time)) > border
-        ]
+        near = [m for m in cell.margins if m.ball == 1 and m.speed > STANDING]
+        moving = [m for m in near if touched.outside(hunter.at(m.time), radius)]
         met = any(m.distance < 0.0 for m in moving)
         return min((m.distance for m in moving), default=3.0), int(met)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,13 +91,15 @@ class Chaser:
 class Hunter(Chaser):
     """A hand alone, whose genes are about a (3,) place [m]."""
 
-    def __init__(self, genes: Floats, speed: float, about: Vector3 | None = None) -> None:
+    def __init__(
+        self, genes: Floats, speed: float, about: Sequence[float] | Vector3 = (0.0, 0.0, 0.0)
+    ) -> None:
         azimuth, height, distance, begins, part, lead = genes
         super().__init__(begins, part, lead, speed)
         self._place = np.array(
             [distance * np.cos(azimuth), distance * np.sin(azimuth), height], float
         )
-        self._place += 0.0 if about is None else about
+        self._place += about
 
     def balls(self) -> list[Ball]:
         """See :class:`Chaser`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -30,6 +30,7 @@ from armsight.servoing.approach import facing
 from armsight.servoing.estimate import FilterConfig, TargetFilter
 from armsight.servoing.law import LawConfig
 from armsight.servoing.master import PaperMaster
+from armsight.servoing.sighting import Look
 
 TICK = 0.008
 NEAR = 0.015
@@ -99,12 +100,9 @@ def fixed(mode: str, errors: Errors, seed: int, k: int) -> list[float]:
         now = step * TICK
         q = joints(now)
         eyes.expose(now, q, lambda t: tcp_pose(eyes.true_robot, joints(t))[:3, 3])
-        for perceived in eyes.arrived(now):
-            for look in perceived.evidence.looks:  # type: ignore[attr-defined]
-                if last.get(look.camera) != look.stamp:
-                    last[look.camera] = look.stamp
-                    filter_.add(look)
-                    master.add(look)
+        for look in _new_looks(eyes, now, last):
+            filter_.add(look)
+            master.add(look)
         if step % 5 or now < 2.0:
             continue
         truth = tcp_pose(setup.robot, q)[:3, 3]
@@ -138,16 +136,14 @@ def _seen_by_pair(
     q = _joints_at(true, place - rng.uniform(0.02, 0.15) * axis)
     eyes.normal = -axis
     filter_, master = TargetFilter(["wrist"], "wrist"), PaperMaster()
-    last, found = -math.inf, None
+    last: dict[str, float] = {}
+    found = None
     for step in range(round(2.0 / TICK)):
         now = begun + step * TICK
         eyes.expose(now, q, lambda t: place)
-        for perceived in eyes.arrived(now):
-            for look in perceived.evidence.looks:  # type: ignore[attr-defined]
-                if look.stamp > last:
-                    last = look.stamp
-                    filter_.add(look)
-                    master.add(look)
+        for look in _new_looks(eyes, now, last):
+            filter_.add(look)
+            master.add(look)
         if mode == "paper":
             found = master.choose(now).position
         elif filter_.estimate is not None:
@@ -200,6 +196,15 @@ def track(
     }
 
 
+def _new_looks(eyes: Eyes, now: float, last: dict[str, float]) -> Iterator[Look]:
+    """What has arrived by ``now`` [s] and is not the ``last`` of its camera, which it becomes."""
+    for perceived in eyes.arrived(now):
+        for look in perceived.evidence.looks:  # type: ignore[attr-defined]
+            if last.get(look.camera) != look.stamp:
+                last[look.camera] = look.stamp
+                yield look
+
+
 def _again(times: Floats, wrong: Floats, end: float) -> float:
     """When the estimate has the target again after a time [s]: until then it was farther away."""
     after = (times >= end) & (times < end + 1.0)
@@ -232,12 +237,9 @@ def border(mode: str, seed: int, k: int) -> dict[str, Any]:
         now = step * TICK
         eyes.expose(now, home, ball)
         looked = False
-        for perceived in eyes.arrived(now):
-            for look in perceived.evidence.looks:  # type: ignore[attr-defined]
-                if seen.get(look.camera) != look.stamp:
-                    seen[look.camera] = look.stamp
-                    chase.see(look)
-                    looked = looked or bool(look.sightings)
+        for look in _new_looks(eyes, now, seen):
+            chase.see(look)
+            looked = looked or bool(look.sightings)
         if mode == "ours":
             estimate = chase.estimate
             if estimate is None:

@@ -17,7 +17,7 @@ from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
 from armsight.experiments.servo_rows import harm_row, median_row
-from armsight.experiments.servo_trials import tick, unguarded
+from armsight.experiments.servo_trials import FREE, tick, unguarded
 from armsight.experiments.servo_world import (
     MOVING,
     Setup,
@@ -43,8 +43,6 @@ PLATE = 5e3
 """Stiffness of the plate and what holds it [N/m]."""
 PLACES = ((0.80, 0.0, 1.20), (0.72, 0.35, 1.10), (0.72, -0.35, 1.30))
 """V's three places of the target, in this cell's world [m]; V does not say where they were."""
-FREE = "ablation_unguarded_paper_"
-"""Prefix of V's mode without the guard: is it the guard that keeps it from V's figures?"""
 RUNS = 24
 
 ABOUT = f"""

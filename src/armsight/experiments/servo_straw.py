@@ -15,7 +15,7 @@ from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
-from armsight.experiments.servo_trials import gap_row, run_plan, tick, unguarded
+from armsight.experiments.servo_trials import FREE, gap_row, run_plan, tick, unguarded
 from armsight.experiments.servo_world import Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
@@ -41,8 +41,6 @@ PLACES = ((0.80, 0.0, 1.20), (0.75, 0.25, 1.10), (0.75, -0.25, 1.30), (0.85, 0.1
 PITCHES = np.deg2rad((0.0, 15.0, 30.0, 45.0, -15.0))
 """How far below the horizontal the tool may point at a start [rad]; the first at which the wrist
 does not lie against the forearm is taken."""
-FREE = "ablation_unguarded_paper_"
-"""Prefix of V's mode without the guard: is it the guard that keeps it from V's figures?"""
 RUNS = 24
 
 ABOUT = f"""

@@ -23,6 +23,8 @@ from armsight.motion.task import Observation
 
 Trial = dict[str, Any]
 """What came of one, as JSON values."""
+FREE = "ablation_unguarded_paper_"
+"""Prefix of V's mode without the guard: is it the guard that keeps it from V's figures?"""
 Plan = Sequence[tuple[str, str, Errors, int]]
 """(prefix of the keys, mode, errors, trials) of each row."""
 

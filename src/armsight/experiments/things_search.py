@@ -16,7 +16,7 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, share_row
 from armsight.experiments.things_search_kernels import look
 from armsight.mapping.hazards import UnseenPeople
-from armsight.mapping.snapshot import UNKNOWN, VoxelGrid
+from armsight.mapping.snapshot import OCCUPIED, UNKNOWN, VoxelGrid
 from armsight.mapping.things import Things
 
 VOXEL = 0.04
@@ -36,18 +36,6 @@ REACHED = 1
 MISSED = 8
 """As many voxels of somebody (half a litre, a fist) that nobody counts are a contact to come."""
 EYES = np.array([[1.2, 1.2, 1.9], [-1.2, -1.2, 1.9], [1.2, -1.2, 1.9], [-1.2, 1.2, 1.9]])
-TRICKS = (
-    "stands",
-    "crouches",
-    "lays an arm down",
-    "carries",
-    "pushes",
-    "trolley",
-    "shadow",
-    "throws",
-)
-"""What somebody does, in turn."""
-WORDS = {"trolley": "comes in behind a board", "shadow": "keeps to the arm's shadow"}
 
 ABOUT = f"""
 The rule that tells things from people ([guard](../guard.md#things-told-from-people)), the set of
@@ -97,12 +85,13 @@ class MadeUp:
     """A world of voxels with the map's rule in it.
 
     Attributes:
-        now: [s]; missed: greatest number of somebody's voxels that nobody counted in a picture.
-        things: (3,) middles and half edges of boxes [m].
+        now: [s]; eyes: (k, 3) places of the cameras [m].
+        missed: greatest number of somebody's voxels that nobody counted in a picture; worst: when.
+        boxes, board: (3,) middles and half edges [m].
+        turning: speed of the arm [rad/s].
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self.rng = rng
         self.now = 0.0
         self.missed = 0
         self.worst = 0.0
@@ -112,15 +101,15 @@ class MadeUp:
         self._floor[:, :, 0] = 1
         self._rule = Things(GRID)
         self._unseen = UnseenPeople(GRID, self._floor, FASTEST, HAND)
-        self._eyes = EYES[rng.permutation(4)[: int(rng.integers(2, 5))]]
+        self.eyes = EYES[rng.permutation(4)[: int(rng.integers(2, 5))]]
         axes = [GRID.origin[a] + (np.arange(GRID.shape[a]) + 0.5) * VOXEL for a in range(3)]
         self._centers = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-        self._turn, self._rate = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.0, 0.8))
+        self._turn, self.turning = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.0, 0.8))
         self._said = False
 
     def arm(self) -> list[tuple[Vector3, Vector3, float]]:
         """The arm, which turns about the middle and hides what is behind it."""
-        a = self._turn + self._rate * self.now
+        a = self._turn + self.turning * self.now
         elbow = np.array([0.3 * np.cos(a), 0.3 * np.sin(a), 0.75])
         tip = np.array([0.6 * np.cos(a), 0.6 * np.sin(a), 0.35])
         return [(np.zeros(3), np.array([0.0, 0.0, 0.6]), 0.09),
@@ -138,9 +127,9 @@ class MadeUp:
             matter |= (np.abs(self._centers - middle) <= half).all(axis=-1)
         state = np.empty(GRID.shape, np.uint8)
         origin = np.asarray(GRID.origin, float)
-        look(matter.astype(np.uint8), origin, VOXEL, self._eyes, state)
+        look(matter.astype(np.uint8), origin, VOXEL, self.eyes, state)
         own = body & (self._floor == 0)
-        seen = (state == 2) & (self._floor == 0) & ~own
+        seen = (state == OCCUPIED) & (self._floor == 0) & ~own
         state[own] = UNKNOWN
         listed = np.flatnonzero(seen).astype(np.int32)
         occupied = seen.astype(np.uint8).reshape(-1)
@@ -178,7 +167,7 @@ class MadeUp:
 def episode(seed: int, run: int) -> dict[str, Any]:
     """One episode; module-level, so that worker processes can import it."""
     rng = np.random.default_rng((seed, 91, run))
-    world, trick = MadeUp(rng), TRICKS[run % len(TRICKS)]
+    world = MadeUp(rng)
     for _ in range(int(rng.integers(1, 4))):
         half = rng.uniform((0.06, 0.06, 0.06), (0.2, 0.2, 0.3))
         turn, reach = rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 0.65)
@@ -186,21 +175,11 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     while world.now < SAID + rng.uniform(0.1, 1.5):
         world.look(None)
     act = _Act(world, rng)
-    {
-        "stands": act.stand,
-        "crouches": act.crouch,
-        "lays an arm down": act.lay,
-        "carries": act.carry,
-        "pushes": act.push,
-        "trolley": act.trolley,
-        "shadow": act.shadow,
-        "throws": act.throw,
-    }[trick]()
+    TRICKS[_trick(run)](act)
     while world.now < SECONDS:
         act.anything()
     return {
-        "trick": trick,
-        "cameras": len(world._eyes),
+        "cameras": len(world.eyes),
         "missed": world.missed,
         "at": world.worst,
         "contact": bool(world.missed >= MISSED),
@@ -216,7 +195,7 @@ class _Act:
         self.side = np.array([np.cos(turn), np.sin(turn), 0.0])
         self.who = Somebody(1.4 * self.side)
         self.speed = float(rng.uniform(0.3, FASTEST))
-        self.with_them: Callable[[Vector3], None] = lambda moved: None
+        self._along: Callable[[Vector3], None] | None = None
 
     def wait(self, seconds: float) -> None:
         """Keep as they are."""
@@ -236,7 +215,8 @@ class _Act:
             self.who.feet = self.who.feet + moved
             if self.who.hand is not None:
                 self.who.hand = self.who.hand + moved
-            self.with_them(moved)
+            if self._along is not None:
+                self._along(moved)
             self.world.look(self.who)
 
     def reach(self, to: Floats, speed: float = FASTEST) -> None:
@@ -314,10 +294,8 @@ class _Act:
         self.walk(behind)
         self.bend(0.5)
         self.reach(middle)
-        self._hold(k)
         self.speed = float(self.rng.uniform(0.2, 1.0))
-        self.walk(self.rng.uniform(-0.5, 0.5, 2))
-        self.with_them = lambda moved: None
+        self._take(self._box_along(k), self.rng.uniform(-0.5, 0.5, 2))
         self.wait(float(self.rng.uniform(0.5, 4.0)))
         if self.rng.random() < 0.5:
             self.who.hand = None
@@ -328,10 +306,8 @@ class _Act:
         self.walk(behind)
         self.bend(0.5)
         self.reach(np.array([*behind[:2], 0.2]) + 0.5 * (middle - behind))
-        self._hold(k)
         self.speed = float(self.rng.uniform(0.1, 1.5))
-        self.walk(-0.3 * middle[:2] + self.rng.uniform(-0.2, 0.2, 2))
-        self.with_them = lambda moved: None
+        self._take(self._box_along(k), -0.3 * middle[:2] + self.rng.uniform(-0.2, 0.2, 2))
         self.wait(float(self.rng.uniform(0.5, 3.0)))
 
     def trolley(self) -> None:
@@ -343,16 +319,14 @@ class _Act:
             assert self.world.board is not None
             self.world.board = (self.world.board[0] + moved, half)
 
-        self.with_them = along
         self.speed = float(self.rng.uniform(0.2, 1.5))
-        self.walk(self.side * self.rng.uniform(0.5, 0.9))
-        self.with_them = lambda moved: None
+        self._take(along, self.side * self.rng.uniform(0.5, 0.9))
         self.bend(float(self.rng.uniform(0.0, 1.0)))
         self.wait(float(self.rng.uniform(1.0, 4.0)))
         self.reach(self.tip())
 
     def shadow(self) -> None:
-        self.world._rate = 0.0
+        self.world.turning = 0.0
         behind = self.tip()[:2] * self.rng.uniform(1.1, 1.4)
         self.walk(behind + self.rng.uniform(-0.2, 0.2, 2))
         self.bend(float(self.rng.uniform(0.0, 1.0)))
@@ -376,12 +350,35 @@ class _Act:
         self.world.boxes[k] = (np.array([*place[:2], half[2]]), half)
         self.wait(float(self.rng.uniform(1.0, 4.0)))
 
-    def _hold(self, k: int) -> None:
+    def _box_along(self, k: int) -> Callable[[Vector3], None]:
         def along(moved: Vector3) -> None:
             middle, half = self.world.boxes[k]
             self.world.boxes[k] = (middle + moved, half)
 
-        self.with_them = along
+        return along
+
+    def _take(self, along: Callable[[Vector3], None], to: Floats) -> None:
+        """Walk there with what moves along, and let go of it."""
+        self._along = along
+        self.walk(to)
+        self._along = None
+
+
+TRICKS: dict[str, Callable[[_Act], None]] = {
+    "stands": _Act.stand,
+    "crouches": _Act.crouch,
+    "lays an arm down": _Act.lay,
+    "carries a box": _Act.carry,
+    "pushes a box": _Act.push,
+    "comes in behind a board": _Act.trolley,
+    "keeps to the arm's shadow": _Act.shadow,
+    "throws a box": _Act.throw,
+}
+"""What somebody does, in turn."""
+
+
+def _trick(run: int) -> str:
+    return list(TRICKS)[run % len(TRICKS)]
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
@@ -389,10 +386,10 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     found = run_episodes("things-search", episode, range(runs), seed, {"version": 1}, progress)
     rows: list[Row] = []
     for trick in (None, *TRICKS):
-        mine = [e for e in found if trick in (None, e["trick"])]
+        mine = [e for k, e in enumerate(found) if trick in (None, _trick(k))]
         if not mine:
             continue
-        condition = "all episodes" if trick is None else f"somebody who {WORDS.get(trick, trick)}"
+        condition = "all episodes" if trick is None else f"somebody who {trick}"
         touched = sum(e["contact"] for e in mine)
         if trick is None:
             rows.append(
@@ -408,7 +405,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         worst = max(e["missed"] for e in mine)
         rows.append(Row("missed_voxels", "most voxels of 4 cm that were so in a picture", condition,
                         float(worst), n=len(mine)))  # fmt: skip
-    by = Counter(e["trick"] for e in found if e["contact"])
+    by = Counter(_trick(k) for k, e in enumerate(found) if e["contact"])
     notes = [f"{trick}: {n} episodes." for trick, n in by.most_common()]
     return Outcome(tuple(rows), {}, tuple(notes))
 

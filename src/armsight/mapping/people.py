@@ -40,11 +40,6 @@ class Layer:
             None if around is None else around.unseen,
         )
 
-    def center(self, flat: int) -> Vector3:
-        """(3,) centre of a voxel in ``base`` [m]."""
-        index = np.array([np.unravel_index(flat, self.grid.shape)])
-        return np.asarray(self.grid.center(index)[0], float)
-
 
 class People:
     """Tells where somebody is or could be, seen or unseen, and what is known to be a thing.
@@ -156,7 +151,7 @@ class People:
             seen = layer.occupancy
             at = -1 if why else layer.things.moving(seen.clusters(2), seen.occupied, now)
             if at >= 0:
-                why = f"something moves near {_told(layer.center(at))}"
+                why = f"something moves near {_told(_center(layer, at))}"
         if why:
             over = now > self._waiting_until
             words = f"the cell is not taken for empty: {why}" if over else why
@@ -181,7 +176,7 @@ class People:
             seen = layer.occupancy
             at = layer.things.came_in(seen.clusters(2), seen.occupied, layer.unseen.sets)
             if at >= 0:
-                return layer.center(at)
+                return _center(layer, at)
         return None
 
     def _confirmed(self, place: Vector3, now: float) -> bool:
@@ -239,6 +234,10 @@ class People:
         grid = self.grid
         origin = np.asarray(grid.origin, float)
         return voxel_centers(flat, np.asarray(grid.shape), origin, grid.voxel)
+
+
+def _center(layer: Layer, flat: int) -> Vector3:
+    return layer.occupancy.center(np.array([flat], np.int32))[0]
 
 
 def _told(place: Vector3) -> str:

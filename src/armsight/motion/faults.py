@@ -68,7 +68,7 @@ class FaultWatch:
             c.name: max(config.stale_after, c.latency + 1.5 / c.rate + config.compute_latency)
             for c in cameras
         }
-        arms = [commanded_arm(robot, config, share) for share in (0.0, 0.5, 1.0)]
+        arms = [commanded_arm(robot, config, share) for share in (1.0, 0.5, 0.0)]
         self._obedience = Obedience(arms, robot.joint_names)
         self._now = -math.inf
         self._joints: JointState | None = None

@@ -33,7 +33,7 @@ class Obedience:
     between the answers of drives that take no time, half of the declared one, and all of it.
 
     Args:
-        arms: models of the drives, for this watch alone, of different delays.
+        arms: models of the drives, for this watch alone, of different delays, the likeliest first.
         names: (n) of the joints.
     """
 
@@ -76,11 +76,13 @@ class Obedience:
         first = readings[0]
         if joints.stamp - first.stamp < WINDOW:
             return
-        ways = [arm.ahead(first, joints.stamp).position - first.position for arm in self._arms]
         made = np.asarray(joints.position, float) - first.position
+        ways = [self._way(self._arms[0], first, joints)]
+        if _over(ways[0], made).max() <= 0.0:
+            return  # what lies between this and other ways is no farther away
+        ways += [self._way(arm, first, joints) for arm in self._arms[1:]]
         told = np.clip(made, np.min(ways, axis=0), np.max(ways, axis=0))
-        room = SLACK + SHARE * np.maximum(np.abs(told), np.abs(made))
-        over = np.abs(told - made) - room
+        over = _over(told, made)
         j = int(np.argmax(over))
         if over[j] > 0.0:
             self._until = now + HELD
@@ -89,3 +91,14 @@ class Obedience:
                 f"{joints.stamp - first.stamp:.2f} s, it says {np.rad2deg(made[j]):.1f}; "
                 "check the arm"
             )
+
+    @staticmethod
+    def _way(arm: DelayedArm, first: JointState, last: JointState) -> JointVector:
+        """(n,) how far the commands lead from one reading to the time of another [rad]."""
+        return np.asarray(arm.ahead(first, last.stamp).position - first.position)
+
+
+def _over(told: JointVector, made: JointVector) -> JointVector:
+    """(n,) by how much more than they may the two differ [rad]."""
+    room = SLACK + SHARE * np.maximum(np.abs(told), np.abs(made))
+    return np.asarray(np.abs(told - made) - room)

@@ -23,7 +23,7 @@ from armsight.charging.residual import PairsApart
 from armsight.charging.stale import Cause, Stale
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, Vehicle
-from armsight.charging.visit import Seen, State, StationOptions
+from armsight.charging.visit import PLUGGED, Seen, State, StationOptions
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid
 from armsight.motion.face import (
@@ -183,11 +183,6 @@ class ChargeOptions:
             self.charging,
             stands=lambda: simulated is None or simulated.parked,
         )
-
-
-PLUGGED = (State.CHARGE, State.UNPLUG, State.HELD)
-"""A car that moves is on the map for as long as the plug is in it: without it the plug could not
-come out, since what stands beside it might be somebody. What is not there any more the map sees."""
 
 
 class ChargeTask:
