@@ -40,6 +40,7 @@ from armsight.motion.evasion import Evasion
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.faults import FaultWatch, Severity, Verdict
 from armsight.motion.following import RouteFollower
+from armsight.motion.gone_in import GoneIn
 from armsight.motion.goals import Goals
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.handover import coast, joined
@@ -94,6 +95,7 @@ class Guard:
         self._wishes = Wishes(robot, self._goals, self._steering)
         self._reflex = Reflex(config, robot.limits.scaled(*config.planned))
         self._executed = Executed()
+        self._gone_in = GoneIn()
         self._evasion = Evasion(
             self._reflex, self._filter, self._follower, self._steering, self._executed
         )
@@ -143,6 +145,7 @@ class Guard:
             self._filter.forget_times()
             self._permits.forget_times(now)
             self._reflex.approach.clear()
+            self._gone_in.forget()
             self._goals.forget_times()
             self._blocked_since = self._waiting_since = math.inf
         if self._wishes.take(now, intent):
@@ -157,6 +160,7 @@ class Guard:
         if fresh:
             self._prove(tick)
             note_approach(tick, self._filter, self._reflex.approach)
+            self._gone_in.see(tick, self._filter, self._permits.grant)
         self._take_plan(tick, plan)
         self._decide(tick)
         tick.command = self._filter.within_limits(tick)
@@ -230,6 +234,9 @@ class Guard:
             else:
                 self._evasion.back_out(tick, retreat, self._permits.push)
             self._goals.drop_request()
+            return
+        if tick.now < self._gone_in.until:
+            self._come_to_rest(tick, GuardMode.STOPPED, "stands until who ran in may be out again")
             return
         if reflex.active:
             self._react(tick)
