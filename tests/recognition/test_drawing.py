@@ -6,8 +6,8 @@ import pytest
 from armsight.recognition.drawing import draw_words
 
 LONG = (
-    "ur10 96 %, base 1.50 m away; I do not know: its lens is not known, which alone leaves 324 mm "
-    "open; give --camera or --intrinsics"
+    "ur10 96 %, base 1.50 m away; its lens is not known, which leaves 324 mm open (through the "
+    "right one 97 % sure that joints are right to 10 cm); give --camera or --intrinsics"
 )
 
 

@@ -45,6 +45,7 @@ def test_the_covariance_holds_what_another_focal_length_does(source: Intrinsics)
     assert not grown.any()
     assert not found.believed
     assert "its lens is" in found.problem
+    assert "95 % sure" in found.problem  # what is seen is not in doubt, how far away it is, is
 
 
 def test_what_is_given_or_near_enough_is_believed() -> None:
