@@ -18,14 +18,18 @@ from armsight.motion.permits import ContactKind
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SECONDS = 16.0
-"""Longest episode [s]."""
-KINDS = ("ball", "palm", "cheek")
-PERMITS: dict[str, ContactKind] = {"ball": "thing", "palm": "hand", "cheek": "face"}
+SECONDS, PATIENT = 16.0, 45.0
+"""Longest episode, and that of a palm that lies on something firm [s]."""
+KINDS = ("ball", "palm", "cheek", "clamped")
+PERMITS: dict[str, ContactKind] = {
+    "ball": "thing", "palm": "hand", "cheek": "face", "clamped": "hand",
+}  # fmt: skip
 FAULTS = ("none", "none", "none", "lost", "jump", "silent", "frozen", "lie", "push", "greedy")
 """What goes wrong, in turn; nothing in three of ten episodes."""
-BUDGET = {"ball": (10.0, 5.0), "palm": (30.0, 15.0), "cheek": (5.0, 2.0)}
+BUDGET = {"ball": (10.0, 5.0), "palm": (30.0, 15.0), "cheek": (5.0, 2.0), "clamped": (30.0, 15.0)}
 """Must and aim of the force [N]."""
+FIRM = 1e5
+"""Stiffness of what a clamped palm lies on [N/m]."""
 START, APART = np.array([0.49, 0.11, 0.28]), 0.35
 """Where the pen's tip begins [m], and how far from it targets are."""
 SOFT = 300.0
@@ -37,17 +41,18 @@ late), drives that answer 60 ms late; contact in steps of 1 ms. The map is made 
 as late as a real one. In turn: a **ball** on a stand (20 to 40 mm, 50 to 300 g, stand 1 to 5 N/mm),
 still or moving at up to 6 cm/s; a **palm** (ISO/TS 15066's mass and surface of a hand, held with
 0.3 to 0.8 N/mm) that moves to and fro by up to 5 cm; a **cheek** (4.4 kg, neck of 2 to 5 N/mm, a
-brush of 0.3 N/mm before the face's own surface) that sways by 1 cm. A task sees its target 90 ms
-late, 30 times a second, with 2 mm of noise, goes there at up to 0.4 m/s, stops when it feels 2 N
-(cheek 1 N), holds for a second, and goes back.
+brush of 0.3 N/mm before the face's own surface) that sways by 1 cm; a **clamped** palm, which lies
+on something firm and declared (100 N/mm) on the far side from where the arm comes. A task sees its
+target 90 ms late, 30 times a second, with 2 mm of noise, goes there at up to 0.4 m/s, stops when it
+feels 2 N (cheek 1 N), holds for a second, and goes back.
 
 In seven of ten episodes something goes wrong: the target is lost or jumps by 15 cm in the task's
 eyes, the force sensor falls silent, says the same again and again, or begins to lie by 30 N, the
-target is pushed at the tool at up to 0.3 m/s, or the task asks for ten times the speed and force.
-`force_n` is the greatest true force of every touch in episodes without a push (who pushes makes the
-force), 99 % quantile; `harm` counts episodes in which the force was above what the permit granted
-or, with the passing blow's factor, above what the body's region stands; pushes count by the
-region's limits alone.
+target is pushed at the tool at up to 0.3 m/s (one that is clamped is not), or the task asks for ten
+times the speed and force. `force_n` is the greatest true force of every touch in episodes without a
+push (who pushes makes the force), 99 % quantile; `harm` counts episodes in which the force was
+above what the permit granted or, with the passing blow's factor (which a clamped palm has none of),
+above what the body's region stands; pushes count by the region's limits alone.
 """
 
 
@@ -67,7 +72,9 @@ def _sway(center: Vector3, way: Vector3, rate: float) -> Any:
 def episode(seed: int, run: int) -> dict[str, Any]:
     """One touch; module-level, so that worker processes can import it."""
     rng = np.random.default_rng((seed, run))
-    kind, fault = KINDS[run % 3], FAULTS[run // 3 % len(FAULTS)]
+    kind, fault = KINDS[run % len(KINDS)], FAULTS[run // len(KINDS) % len(FAULTS)]
+    if kind == "clamped" and fault == "push":
+        fault = "none"
     center = _place(rng)
     way = rng.normal(size=3)
     way /= np.linalg.norm(way)
@@ -79,11 +86,14 @@ def episode(seed: int, run: int) -> dict[str, Any]:
             _sway(center, way * speed / 0.8, 0.8), radius, rng.uniform(0.05, 0.3), 20e3,
             rng.uniform(1e3, 5e3),
         )  # fmt: skip
-    elif kind == "palm":
+    elif kind in ("palm", "clamped"):
         radius, region = 0.05, BODY_REGIONS["hand"]
         limits = (0.1, 30.0, 5.0)
-        path = _sway(center, way * rng.uniform(0.0, 0.05), 1.2)
-        target = Target(path, radius, region.mass, region.stiffness, rng.uniform(300, 800))
+        sway, hold = rng.uniform(0.0, 0.05), rng.uniform(300, 800)
+        if kind == "clamped":
+            sway, hold = 0.0, FIRM
+        path = _sway(center, way * sway, 1.2)
+        target = Target(path, radius, region.mass, region.stiffness, hold)
     else:
         radius, region = 0.09, BODY_REGIONS["face"]
         limits, felt = (0.1, 5.0, 0.5), 1.0
@@ -95,6 +105,9 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     if fault == "greedy":
         limits = (10 * limits[0], 10 * limits[1], limits[2])
     cell = TouchCell(target, config=config, seed=int(rng.integers(2**31)))
+    if kind == "clamped":
+        from_arm = (center - START) / np.linalg.norm(center - START)
+        cell.declare_firm(center + radius * from_arm, from_arm)
     try:
         toucher = Toucher(cell, PERMITS[kind], radius, rng, limits=limits, felt=felt)
         if fault == "push":
@@ -103,7 +116,8 @@ def episode(seed: int, run: int) -> dict[str, Any]:
         toucher.jump = when if fault == "jump" else np.inf
         cell.silent = when if fault == "silent" else np.inf
         cell.frozen = when if fault == "frozen" else np.inf
-        while cell.now < SECONDS and not toucher.done:
+        longest = PATIENT if kind == "clamped" else SECONDS
+        while cell.now < longest and not toucher.done:
             cell.lie = 30.0 if fault == "lie" and cell.now > when else 0.0
             cell.tick(goal=toucher())
         return _result(cell, kind, fault)
@@ -133,9 +147,11 @@ def _result(cell: TouchCell, kind: str, fault: str) -> dict[str, Any]:
     permits = [s.permit for s in cell.log if s.permit is not None]
     held = [p for p in permits if p.holds]
     force = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
-    region = {"palm": BODY_REGIONS["hand"], "cheek": BODY_REGIONS["face"]}.get(kind)
+    region = None if kind == "ball" else BODY_REGIONS["face" if kind == "cheek" else "hand"]
     most = held[-1].force if held else 0.0
-    stands = np.inf if region is None else region.force * region.transient
+    # What lies on something firm is pressed for as long as the arm goes on: that is no blow.
+    blow = 1.0 if kind == "clamped" or region is None else region.transient
+    stands = np.inf if region is None else region.force * blow
     return {
         "kind": kind,
         "fault": fault,
@@ -158,14 +174,14 @@ def harmed(e: dict[str, Any]) -> bool:
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` episodes."""
-    episodes = run_episodes("permit", episode, range(runs), seed, {"version": 2}, progress)
+    episodes = run_episodes("permit", episode, range(runs), seed, {"version": 3}, progress)
     rows = [_harm(episodes, "all episodes")]
     for kind in KINDS:
         mine = [e for e in episodes if e["kind"] == kind]
         rows.append(_harm(mine, kind))
         forces = [e["force"] for e in mine if e["touched"] and e["fault"] != "push"]
         must, aim = BUDGET[kind]
-        where = {"ball": "ball on a stand", "palm": "palm", "cheek": "cheek"}[kind]
+        where = {"ball": "ball on a stand", "clamped": "palm on something firm"}.get(kind, kind)
         rows.append(
             Row(
                 "force_n",
@@ -241,5 +257,5 @@ def _plot(episodes: list[dict[str, Any]]) -> Figure:
 
 
 EXPERIMENT = Experiment(
-    "permit", "touches by permit, and how hard they really press", run, 270, ABOUT
+    "permit", "touches by permit, and how hard they really press", run, 360, ABOUT
 )

@@ -16,6 +16,7 @@ from armsight.devices.data import Wrench
 from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.geometry.pose import make_pose
 from armsight.geometry.shapes import Solid
+from armsight.mapping.snapshot import OCCUPIED
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import Intent, VelocityIntent
 from armsight.motion.permits import ContactKind, PermitRequest
@@ -117,6 +118,19 @@ class TouchCell(QuickCell):
     def contacts(self) -> list[Contact]:
         """What the arm really touched."""
         return self.world.truth.contacts
+
+    def declare_firm(self, place: Vector3, way: Vector3) -> None:
+        """Something firm and declared, 40 cm wide and 10 cm thick, begins at a (3,) place [m].
+
+        Args:
+            place: of its middle [m].
+            way: (3,) unit vector into it.
+        """
+        voxels = np.indices(self.grid.shape).reshape(3, -1).T
+        p = self.grid.center(voxels) - place
+        depth = p @ way
+        across = np.linalg.norm(p - depth[:, None] * way, axis=1)
+        self.state.reshape(-1)[(depth > 0.01) & (depth < 0.1) & (across < 0.2)] = OCCUPIED
 
     def drive(self, until: float) -> None:
         """Let the world go on to a time [s]."""

@@ -5,6 +5,7 @@ Their plain-numpy twins are in the tests.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -182,3 +183,60 @@ def _excess(
     leaves = max(x * outward[0] + y * outward[1] + z * outward[2], 0.0)
     x, y, z = x - leaves * outward[0], y - leaves * outward[1], z - leaves * outward[2]
     return np.sqrt(x * x + y * y + z * z) + share * spin - most
+
+
+@njit(cache=True, nogil=True)
+def closing_shares(
+    center: Points,
+    velocity: Points,
+    radius: Floats,
+    firm: Floats32,
+    somebody: Floats32,
+    speed: float,
+    gap: tuple[float, float, float],
+    out: Floats,
+) -> None:
+    """The share of a motion at which no sphere closes in on a firm point faster than it may.
+
+    It may the faster the farther it is from that, and from whom it could press against it.
+
+    Args:
+        center: (m, 3) of the spheres [m].
+        velocity: (m, 3) of these [m/s].
+        radius: (m,) of the spheres, with the points' own [m].
+        firm: (f, 3) [m].
+        somebody: (s, 3) where what is touched may be [m].
+        speed: allowed within the gap [m/s].
+        gap: how wide that is [m], by how much the speed rises beyond [1/s], where it ends [m].
+        out: (m,) the shares; left alone where nothing firm is approached.
+    """
+    narrow, rise, end = gap
+    for i in range(center.shape[0]):
+        reach, free = radius[i] + end, -1.0
+        for j in range(firm.shape[0]):
+            x, y, z = (
+                firm[j, 0] - center[i, 0],
+                firm[j, 1] - center[i, 1],
+                firm[j, 2] - center[i, 2],
+            )
+            square = x * x + y * y + z * z
+            if square > reach * reach:
+                continue
+            closing = x * velocity[i, 0] + y * velocity[i, 1] + z * velocity[i, 2]
+            if closing <= 0.0:
+                continue
+            if free < 0.0:
+                free = max(_least_distance(center[i], somebody) - radius[i], 0.0)
+            away = max(math.sqrt(square), 1e-9)
+            allowed = speed + rise * max(away - radius[i] - narrow, free)
+            out[i] = min(out[i], allowed * away / closing)
+
+
+@njit(cache=True, nogil=True)
+def _least_distance(point: Vector3, others: Floats32) -> float:
+    """From (3,) a point to the nearest of (k, 3) others [m]; without any, farther than anything."""
+    least = 1e12
+    for j in range(others.shape[0]):
+        x, y, z = others[j, 0] - point[0], others[j, 1] - point[1], others[j, 2] - point[2]
+        least = min(least, x * x + y * y + z * z)
+    return math.sqrt(least)

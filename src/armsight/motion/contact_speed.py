@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Mask, Points, Vector3
+from armsight.motion.clamping import Clamp
 from armsight.motion.contact_kernels import BISECTIONS, Touch, eased_share, motion_shares
 from armsight.motion.contact_limits import MOST
 from armsight.motion.nearest import Hazards, MovingBody, SeparationView
@@ -28,6 +29,8 @@ from armsight.robots.kernels import carried_points
 
 EASINGS = 8
 """Halvings of the share by which a wish is eased: to less than a hundredth of it."""
+ROUNDING = 1e-3
+"""A speed that is greater by so much is the same [m/s]."""
 PRESSED = 1.5
 """A body that is pressed by less than this [N] goes its own way."""
 
@@ -54,6 +57,7 @@ class GentleSpeed:
         velocity: (3,) V of the region [m/s].
         parts: (m,) bool, spheres of the moving body that may touch; None for none.
         middle: (3,) the region's centre [m].
+        clamp: where what is touched could be held fast.
     """
 
     name: str
@@ -62,6 +66,7 @@ class GentleSpeed:
     velocity: Vector3 = field(default_factory=lambda: np.zeros(3))
     parts: Mask | None = None
     middle: Vector3 = field(default_factory=lambda: np.zeros(3))
+    clamp: Clamp = field(default_factory=Clamp)
 
     @property
     def carried(self) -> Vector3:
@@ -83,7 +88,9 @@ class GentleSpeed:
             center, velocity = body.motion(q, motion)
             spin = self._spin(body, q, motion)
             slow = self._excess(1.0, velocity, spin)[self.parts] <= 0.0
-            return bool(slow.all() and self._coming(center, velocity, spin).min() >= 1.0)
+            coming = self._coming(center, velocity, spin).min()
+            free = self.clamp.shares(center, velocity, body.radius)[self.parts].min()
+            return bool(slow.all() and min(coming, free) >= 1.0)
 
         share = greatest_share(kept)
         if share == 1.0:
@@ -101,6 +108,7 @@ class GentleSpeed:
         spin = self._spin(body, q, motion)
         coming = self._coming(view.center, view.velocity, spin)
         gentle = np.minimum(self._most(view.velocity, spin), coming)
+        gentle = np.minimum(gentle, self.clamp.shares(view.center, view.velocity, body.radius))
         allowed = np.maximum(near.share, gentle)
         tighter = allowed < view.share
         return replace(
@@ -109,11 +117,24 @@ class GentleSpeed:
             limiting=np.where(tighter, -1, view.limiting),
         )
 
+    def words(self, view: SeparationView, body: MovingBody, sphere: int) -> str:
+        """Why a sphere's motion is limited by this law."""
+        free = self.clamp.shares(view.center, view.velocity, body.radius)[sphere]
+        if free <= view.share[sphere] + 1e-9:
+            return (
+                f"{self.name} could be pressed against something firm: comes to it at no more than "
+                f"{self.clamp.speed:g} m/s"
+            )
+        return f"comes to {self.name} at no more than {self.speed:g} m/s"
+
     def gentle(self, body: MovingBody, q: JointVector, motion: JointVector) -> Mask:
         """(m,) bool, the spheres that keep v by this, to within rounding."""
-        _, velocity = body.motion(q, motion)
+        center, velocity = body.motion(q, motion)
         excess = self._excess(1.0, velocity, self._spin(body, q, motion))
-        return np.asarray(excess <= 0.02 * self.speed + 1e-3)
+        slow = excess <= 0.02 * self.speed + ROUNDING
+        return np.asarray(
+            slow & (self.clamp.shares(center, velocity, body.radius, ROUNDING) >= 1.0)
+        )
 
     def _spin(self, body: MovingBody, q: JointVector, motion: JointVector) -> Floats:
         """(m,) speed that turning adds to the centre's at most [m/s]."""
@@ -224,6 +245,10 @@ class ContactSpeed:
                 return wanted if share == 1.0 else base + share * (wanted - base)
         share = eased_share(along, wanted - along, EASINGS, touch)
         return along + share * (wanted - along) if 0.0 <= share < 1.0 else wanted
+
+    def words(self, view: SeparationView, body: MovingBody, sphere: int) -> str:
+        """Why a sphere's motion is limited by this law."""
+        return f"comes to {self.name} at no more than {self.speed:g} m/s"
 
     def _across(
         self, body: MovingBody, q: JointVector, motion: JointVector, touch: Touch

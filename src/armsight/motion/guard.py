@@ -40,8 +40,8 @@ from armsight.motion.evasion import Evasion
 from armsight.motion.executed import Executed, thinned
 from armsight.motion.faults import FaultWatch, Severity, Verdict
 from armsight.motion.following import RouteFollower
-from armsight.motion.gone_in import GoneIn
 from armsight.motion.goals import Goals
+from armsight.motion.gone_in import GoneIn
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.handover import coast, joined
 from armsight.motion.intents import Intent

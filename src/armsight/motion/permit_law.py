@@ -157,6 +157,25 @@ def gentle_speed(
     soft = config.soft if config.soft > 0.0 else math.inf
     blow = contact_speed(body, mass, min(permit.force, body.force), soft) - UNSEEN
     # After the blow the body is held by its own muscles only, or by what covers the tool.
-    if permit.kind == "hand":
-        permit = replace(permit, force=held_force(permit.force))
-    return max(min(blow, pressing_speed(config, permit, min(MUSCLES, soft))), LEAST)
+    return max(min(blow, pressing_speed(config, _for_long(permit), min(MUSCLES, soft))), LEAST)
+
+
+def clamped_speed(config: GuardConfig, permit: Permit) -> float:
+    """Speed [m/s] at which the arm may press a part of a body against something firm.
+
+    Args:
+        config: of the guard.
+        permit: for a hand or a face.
+    """
+    body = BODY_REGIONS["hand" if permit.kind == "hand" else "face"]
+    stiffness = body.stiffness
+    if config.soft > 0.0:
+        stiffness = 1.0 / (1.0 / stiffness + 1.0 / config.soft)
+    return pressing_speed(config, _for_long(permit), stiffness)
+
+
+def _for_long(permit: Permit) -> Permit:
+    """A permit with the force that a hand is pressed with for longer than a slip takes."""
+    if permit.kind != "hand":
+        return permit
+    return replace(permit, force=held_force(permit.force))

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from armsight.arrays import JointVector, Points, Vector3
+from armsight.arrays import Floats32, JointVector, Points, Vector3
 from armsight.devices.data import JointState, Wrench
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.tracked import SURE
+from armsight.motion.clamping import Clamp, firm_near
 from armsight.motion.contact_speed import ContactSpeed, GentleSpeed, own_motion
 from armsight.motion.executed import Executed
 from armsight.motion.felt_velocity import FeltVelocity
@@ -23,6 +24,7 @@ from armsight.motion.nearest import Hazards, MovingBody
 from armsight.motion.permit_grounds import followed, jump, seen_against
 from armsight.motion.permit_law import (
     ARM_ERROR,
+    clamped_speed,
     floating,
     gentle_speed,
     pressing_speed,
@@ -97,6 +99,7 @@ class PermitOffice:
         self._q: JointVector | None = None
         self._now = 0.0
         self._left: tuple[Grant, float] | None = None
+        self._firm: Floats32 = np.empty((0, 3), np.float32)
         self._quiet = False
         self._told, self._felt = ToldVelocity(), FeltVelocity(robot, config.start_delay)
 
@@ -226,7 +229,11 @@ class PermitOffice:
 
     def apply(self, snapshot: WorkspaceSnapshot) -> WorkspaceSnapshot:
         """A snapshot as the arm may count with it."""
-        return snapshot if self.grant is None else permitted(snapshot, self.grant)
+        if self.grant is None:
+            return snapshot
+        if self.grant.person:
+            self._firm = firm_near(snapshot, self.grant.region)
+        return permitted(snapshot, self.grant)
 
     def law(
         self, when: float, q: JointVector | None, seen: WorkspaceSnapshot | None
@@ -248,9 +255,10 @@ class PermitOffice:
             parts, region = grant.touching[self._body.moving], self._felt.of(grant.region)
             held = grant.out is not None
             return ContactSpeed(name, parts, region, when, speed, margin, held, unsure)
-        middle = grant.region.center(when)
+        middle, slowly = grant.region.center(when), math.inf
         if self.retreat is None and q is not None and permit is not None:
             speed = min(speed, gentle_speed(self._robot, self._config, permit, middle, q))
+            slowly = min(speed, clamped_speed(self._config, permit))
         touchable: Points = np.empty((0, 3))
         if isinstance(seen, PermittedSnapshot):
             touchable = seen.touchable.astype(float)
@@ -258,10 +266,12 @@ class PermitOffice:
         face = grant.ceiling is None
         there = grant.region.lattice(when, LATTICE) if face else middle[None]
         touchable = np.concatenate([touchable, there])
-        radius = 0.0 if seen is None else seen.hazard_radius
         parts = grant.touching[self._body.moving]
         velocity = own_motion(grant.region.velocity, self._force.push)
-        return GentleSpeed(name, Hazards.at(touchable, radius), speed, velocity, parts, middle)
+        radius = 0.0 if seen is None else seen.hazard_radius
+        near = Hazards.at(touchable, radius)
+        clamp = Clamp(self._firm, touchable.astype(np.float32), radius, slowly)
+        return GentleSpeed(name, near, speed, velocity, parts, middle, clamp)
 
     def _give_way(self, now: float) -> None:
         """What was touched comes back and pushes an arm that has left it: it leaves once more.

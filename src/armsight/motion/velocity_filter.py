@@ -176,7 +176,7 @@ class VelocityFilter:
         index = int(view.limiting[sphere])
         contact = self.monitor.contact
         if index < 0 and contact is not None and view.share[sphere] < 1.0:
-            return f"comes to {contact.name} at no more than {contact.speed:g} m/s"
+            return contact.words(view, self.monitor.body, sphere)
         if index < 0:
             index = int(view.nearest[sphere])
         if index < 0 or self._snapshot is None:
