@@ -1,5 +1,6 @@
 """Every bound of the fault watch from both sides: within it nothing is said, beyond it it is."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,9 @@ import pytest
 from armsight.devices.data import JointState
 from armsight.experiments.quick_cell import QuickCell
 from armsight.mapping.snapshot import CameraStatus
-from armsight.motion.faults import JUMP, OUTSIDE, FaultWatch, Severity
+from armsight.motion.faults import OUTSIDE, FaultWatch, Severity
 from armsight.motion.guard_config import GuardConfig
+from armsight.motion.obedience import HELD, STEP, TIMING
 from armsight.robots import load_robot
 
 from .scenes import make_snapshot
@@ -143,24 +145,65 @@ def test_joints_may_be_a_little_outside_their_limits_and_no_more(name, side):
                 assert verdict.reason.startswith(f"{robot.joint_names[joint]} at {q[joint]:.3f}")
 
 
-def test_joints_may_move_as_fast_as_they_can_and_not_jump():
-    """From one reading to the next by half as much again as their speed allows, and 0.3 rad."""
-    for joint, sign in ((0, 1.0), (3, -1.0)):
-        for beyond, refused in ((-EPS, False), (EPS, True)):
-            cell = Watched()
-            way = 1.5 * ROBOT.limits.velocity[joint] * 0.03 + JUMP + beyond
-            there = HOME + one(joint, sign * way)
-            verdict = cell.tick(0.03, joints=JointState(cell.now + 0.03, there, STILL))
-            assert (verdict.joints is None) == refused
-            if refused:
-                assert verdict.reason.startswith(f"{ROBOT.joint_names[joint]} jumped")
-            cell.q = there
-            assert cell.tick().joints is not None, "from there it goes on"
+@pytest.mark.parametrize(("joint", "side"), [(0, 1.0), (3, -1.0)])
+@pytest.mark.parametrize("speed", [0.0, 1.2])
+@pytest.mark.parametrize("ramp", [0.0, 1.0, -1.0])
+def test_a_joint_moves_as_its_own_speed_says_and_does_not_step(joint, side, speed, ramp):
+    """0.01 rad, 10 ms of its speed, and a ramp that the two speeds do not tell."""
+    step = 0.03
+    most = ROBOT.limits.acceleration[joint]
+    faster = speed + ramp * most * step  # at its ramp's end
+    allowed = STEP + TIMING * abs(faster) + 0.5 * most * step * step
+    for beyond, refused in ((-EPS, False), (EPS, True)):
+        cell = Watched()
+        first = JointState(cell.now + 0.008, HOME, one(joint, speed))
+        assert cell.tick(joints=first).severity == Severity.NONE
+        way = 0.5 * (speed + faster) * step + side * (allowed + beyond)
+        there = HOME + one(joint, way)
+        verdict = cell.tick(step, joints=JointState(cell.now + step, there, one(joint, faster)))
+        said = verdict.reason.startswith(f"{ROBOT.joint_names[joint]} jumped by")
+        assert said == refused
+        assert verdict.severity == Severity.BRAKE or not refused
+
+
+def test_a_joint_that_stepped_is_left_alone_and_then_believed():
+    cell = Watched()
+    cell.q = HOME + one(2, STEP + 2.0 * EPS + 0.5 * ROBOT.limits.acceleration[2] * 0.008**2)
+    assert cell.tick().reason.startswith("elbow_joint jumped by 0.6 deg")
+    until = cell.now + HELD
+    while cell.now + 0.009 < until:
+        assert cell.tick().severity == Severity.BRAKE, "nobody knows which of the two was right"
+    while cell.tick().severity != Severity.NONE:
+        assert cell.now < until + CONFIG.recovery + 0.02
+
+
+def test_of_before_a_jump_of_the_clock_nothing_is_known():
     cell = Watched()
     cell.q = HOME + one(0, 5.0)
     verdict = cell.tick(-0.01)
     assert verdict.jumped
-    assert verdict.joints is not None, "of before the clock's jump nothing is known"
+    assert verdict.joints is not None
+    assert "the clock jumped back" in verdict.reason
+
+
+def test_what_lost_time_has_made_old_is_said_with_its_cause():
+    cell = Watched()
+    assert cell.tick(0.3).reason == "the guard was 300 ms late"
+    old = {"slow": (0.4, True, False, 0)}
+    first = cell.tick(**old).reason
+    assert first == "camera slow is 400 ms old (why) (since the guard was 300 ms late)"
+    assert cell.tick().reason == f"recovering: {first}"
+    while cell.tick().severity != Severity.NONE:
+        pass
+    assert cell.tick(**old).reason == "camera slow is 400 ms old (why)", "that was then"
+
+
+def test_a_map_that_says_nothing_is_named_and_not_its_cameras_alone():
+    cell = Watched()
+    snapshot = replace(EMPTY, sequence=500, stamp=cell.now, cameras=cell.cameras())
+    while (verdict := cell.tick(snapshot=snapshot)).severity == Severity.NONE:
+        pass
+    assert re.match(r"camera \w+ is \d+ ms old \(the map has been silent", verdict.reason)
 
 
 def test_maps_that_are_old_or_of_a_time_to_come_are_not_taken():

@@ -13,6 +13,7 @@ MAY = {
     "experiments/touch_cell.py",  # the loop of a cell without pictures: what its guard decided
     "experiments/servo_cell.py",  # likewise
     "experiments/station_bench.py",  # contact physics without a guard
+    "experiments/faults_devices.py",  # an arm that loses commands: hands the others through
     "experiments/own_arm_scenes.py",  # draws training pictures of a simulated arm, no cell runs
 }
 

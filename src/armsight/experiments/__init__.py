@@ -23,7 +23,7 @@ NAMES: dict[str, str] = {
     "mbm": "MotionBenchMaker's problems through depth pictures, paths checked at 1 mm",
     "things": "things beside the arm's way, and left there by a person, told from people",
     "things-search": "people who try to be taken for a thing, or for nobody, in made-up worlds",
-    "faults": "cameras that lie with fresh stamps, in a running cell with a person in it",
+    "faults": "lying cameras, clocks, joints, maps and disks in a running cell, and kills",
     "mutants": "mistakes in the guard's and the map's code, and the tests that notice them",
     "permit": "touches by permit: how hard they really press, whatever goes wrong",
     "approach-permit": "people reach for an arm that touches something by permit",

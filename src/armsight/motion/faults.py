@@ -19,8 +19,8 @@ from armsight.robots.robot import Robot
 
 OUTSIDE = 0.02
 """Joint positions may exceed their limits by this much before they are absurd [rad]."""
-JUMP = 0.3
-"""Joint positions cannot change by more than this beyond speed times time [rad]."""
+SILENT = 0.06
+"""A map that has said nothing for so long is late itself [s]: one comes without pictures, too."""
 
 
 class Severity(IntEnum):
@@ -71,10 +71,11 @@ class FaultWatch:
         arms = [commanded_arm(robot, config, share) for share in (1.0, 0.5, 0.0)]
         self._obedience = Obedience(arms, robot.joint_names)
         self._now = -math.inf
-        self._joints: JointState | None = None
         self._snapshot: WorkspaceSnapshot | None = None
+        self._heard: tuple[WorkspaceSnapshot | None, float] = (None, -math.inf)
         self._well_since = -math.inf
         self._last: Verdict | None = None
+        self._cause = ""
 
     def sent(self, now: float, velocity: JointVector, brake: bool) -> None:
         """A command (or a stop) was sent at ``now`` [s]: the arm should follow it."""
@@ -88,17 +89,20 @@ class FaultWatch:
             return Verdict(Severity.BRAKE, "the clock says no number", None, None, math.inf, True)
         jumped, time_fault = self._time(now)
         if jumped:
-            self._joints, self._snapshot = None, None
-        if jumped or time_fault[0] != Severity.NONE:
+            self._snapshot = None
+        if time_fault[0] != Severity.NONE:
             self._obedience.forget()
+            self._cause = f" (since {time_fault[1]})"
         good_joints, joint_fault = self._judge_joints(now, joints)
         good_snapshot, snapshot_fault = self._judge_snapshot(now, snapshot)
         age = math.inf if good_snapshot is None else _age(good_snapshot, now)
         severity, reason = max(
-            (joint_fault, time_fault, snapshot_fault, self._cameras(now, good_snapshot)),
+            (time_fault, joint_fault, snapshot_fault, self._cameras(now, good_snapshot)),
             key=lambda fault: fault[0],
         )
         if severity != Severity.NONE:
+            if reason != time_fault[1]:  # time that was lost has made it old, or of the future
+                reason += self._cause
             self._well_since = math.inf
             self._last = Verdict(severity, reason, good_joints, good_snapshot, age, jumped)
             return self._last
@@ -108,7 +112,7 @@ class FaultWatch:
             if now - self._well_since < self._config.recovery:
                 reason = f"recovering: {self._last.reason}"
                 return Verdict(Severity.SLOW, reason, good_joints, good_snapshot, age)
-            self._last = None
+            self._last, self._cause = None, ""
         return Verdict(Severity.NONE, "", good_joints, good_snapshot, age)
 
     def _time(self, now: float) -> tuple[bool, tuple[Severity, str]]:
@@ -157,14 +161,6 @@ class FaultWatch:
         age = now - joints.stamp
         if age > self._config.joints_stale:
             return None, (brake, f"joint state is {age * 1e3:.0f} ms old")
-        known, self._joints = self._joints, joints
-        if known is not None:
-            elapsed = abs(joints.stamp - known.stamp)
-            moved = np.abs(q - known.position) - 1.5 * limits.velocity * elapsed
-            if moved.max() > JUMP:
-                j = int(np.argmax(moved))
-                self._joints = joints
-                return None, (brake, f"{names[j]} jumped by {moved[j]:.2f} rad")
         disobeys = self._obedience.fault(now, joints)
         return joints, (brake if disobeys else Severity.NONE, disobeys)
 
@@ -173,6 +169,8 @@ class FaultWatch:
     ) -> tuple[WorkspaceSnapshot | None, tuple[Severity, str]]:
         slow = Severity.SLOW
         known = self._snapshot
+        if snapshot is not self._heard[0]:
+            self._heard = snapshot, now
         if snapshot is None:
             return known, (slow, "no map yet")
         if known is not None and snapshot.sequence < known.sequence:
@@ -207,7 +205,10 @@ class FaultWatch:
                 return slow, f"camera {name} has sent nothing yet"
             age = now - status.stamp
             if age > limit:
+                silent = now - self._heard[1]
                 why = f" ({status.reason})" if status.reason else ""
+                if silent > SILENT:
+                    why = f" (the map has been silent for {silent * 1e3:.0f} ms)"
                 return slow, f"camera {name} is {age * 1e3:.0f} ms old{why}"
             if not status.alive:
                 return slow, f"camera {name} is not trusted ({status.reason or 'no reason given'})"

@@ -20,6 +20,7 @@ from armsight.runtime.latency import Latency
 from armsight.runtime.parts import MakeParts, Parts
 from armsight.runtime.perceiver_component import PerceiverComponent
 from armsight.runtime.picture_orders import PictureOrders
+from armsight.runtime.renewed_map import RenewedMap
 from armsight.runtime.sensing import SensingComponent, SensorTap
 from armsight.runtime.session_devices import SessionDevices
 from armsight.runtime.simulated_loop import SimulatedLoop
@@ -28,6 +29,9 @@ from armsight.runtime.wall_loop import WallLoop
 
 if TYPE_CHECKING:
     from armsight.workcell import Cell
+
+MAP_PATIENCE = 1.0
+"""A round of the map that takes longer in real time is given up, and the map with it [s]."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,8 @@ def assemble(wanted: Wanted, devices: SessionDevices) -> Assembly:
 
     channels = Channels()
     parts = wanted.make(cell, config)
+    if devices.wall and isinstance(parts.workspace, RenewedMap):
+        parts.workspace.patience = MAP_PATIENCE
     link = devices.command_link(wanted.mode) if parts.elsewhere is not None else None
     sensing = SensingComponent(
         channels, devices.arm, devices.cameras, devices.sensors, config.sensing_period

@@ -17,7 +17,7 @@ from armsight.arrays import Points
 from armsight.devices.data import DeclaredSolids, JointState, RgbdCameraInfo, RgbdFrame, Wrench
 from armsight.devices.history import JointHistory
 from armsight.devices.protocols import Arm
-from armsight.errors import DeviceError
+from armsight.errors import ArmsightError, DeviceError
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.tracked import TrackedRegion
 from armsight.motion.intents import Intent
@@ -181,8 +181,11 @@ class MappingComponent:
         history: JointHistory = self._channels.history
         tracked = self._tracked(now)
         if not frames:  # it only ages the cameras' health: next to nothing to compute
-            snapshot = self._workspace.update(frames, history, now, tracked)
-            self._channels.snapshot.publish(snapshot, now)
+            found = self._map(frames, history, now, tracked)
+            if isinstance(found, str):
+                self.problem = found
+            else:
+                self._channels.snapshot.publish(found, now)
             return
         if self.beside is not None:  # the loop goes on reading joints meanwhile
             history = history.copy()
@@ -190,9 +193,22 @@ class MappingComponent:
             self,
             now,
             self._latency,
-            lambda: self._workspace.update(frames, history, now, tracked),
+            lambda: self._map(frames, history, now, tracked),
             self._publish,
         )
+
+    def _map(
+        self,
+        frames: Sequence[RgbdFrame],
+        history: JointHistory,
+        now: float,
+        tracked: TrackedRegion | None,
+    ) -> WorkspaceSnapshot | str:
+        """What the map finds; what it fails of, in words: the guard stops when no map comes."""
+        try:
+            return self._workspace.update(frames, history, now, tracked)
+        except ArmsightError as error:
+            return str(error)
 
     def _hear(self, now: float) -> None:
         """What the perceivers say of the cameras, and of other arms."""
@@ -222,7 +238,10 @@ class MappingComponent:
         permit = None if status is None else status.permit
         return None if permit is None or permit.kind != "thing" else permit.region
 
-    def _publish(self, snapshot: WorkspaceSnapshot, visible_at: float) -> None:
+    def _publish(self, snapshot: WorkspaceSnapshot | str, visible_at: float) -> None:
+        if isinstance(snapshot, str):
+            self.problem = snapshot
+            return
         wrong = [f"camera {c.name} {c.reason}" for c in snapshot.cameras if c.excluded]
         self.problem = "; ".join([*wrong, *map(str, snapshot.inside)])
         self._tell_doubts(snapshot, visible_at)

@@ -14,6 +14,7 @@ from armsight.motion.planner import PlannerConfig, RrtConnectPlanner
 from armsight.motion.pose_planner import PosePlanner
 from armsight.runtime.components import Guards, Maps
 from armsight.runtime.configure import guard_config, mapping_config
+from armsight.runtime.renewed_map import RenewedMap
 from armsight.runtime.warm_up import Progress, warm_up
 
 if TYPE_CHECKING:
@@ -72,12 +73,20 @@ class Recipe:
         Args:
             planner: somebody's own.
         """
-        robot = self.robot
-        return (
-            WorkspaceMap(robot, self.cameras, self.static, self.mapping),
-            planner or self._planner(),
-            Guard(robot, self.cameras, self.guard),
-        )
+        guard = Guard(self.robot, self.cameras, self.guard)
+        return self.map(), planner or self.planner(), guard
+
+    def map(self) -> WorkspaceMap:
+        """A map that has seen nothing."""
+        return WorkspaceMap(self.robot, self.cameras, self.static, self.mapping)
+
+    def planner(self) -> Planner:
+        """The cell's own."""
+        robot, (speed, acceleration) = self.robot, self.guard.planned
+        planning = PlannerConfig(speed=speed, acceleration=acceleration)
+        paths = RrtConnectPlanner(robot, CollisionModel(robot), planning)
+        among_people = SeparationPlanner(paths, robot, self.cameras, self.guard)
+        return PosePlanner(among_people, robot, robot.limits.scaled(speed, acceleration))
 
     def warm_up(self, progress: Progress, planner: Planner | None = None) -> None:
         """Compile and exercise parts that are thrown away."""
@@ -88,13 +97,6 @@ class Recipe:
         """A guard in the process of the command path."""
         self.warm_up(lambda stage, done: None)
         return Guard(self.robot, self.cameras, self.guard)
-
-    def _planner(self) -> Planner:
-        robot, (speed, acceleration) = self.robot, self.guard.planned
-        planning = PlannerConfig(speed=speed, acceleration=acceleration)
-        paths = RrtConnectPlanner(robot, CollisionModel(robot), planning)
-        among_people = SeparationPlanner(paths, robot, self.cameras, self.guard)
-        return PosePlanner(among_people, robot, robot.limits.scaled(speed, acceleration))
 
 
 def make_parts(cell: Cell, config: SessionConfig) -> Parts:
@@ -108,7 +110,9 @@ def make_parts(cell: Cell, config: SessionConfig) -> Parts:
         config.planning_time,
     )
     return Parts(
-        *recipe.make(config.planner),
+        RenewedMap(recipe.map),
+        config.planner or recipe.planner(),
+        Guard(recipe.robot, recipe.cameras, recipe.guard),
         lambda progress: recipe.warm_up(progress, config.planner),
         recipe.guard_elsewhere,
     )
