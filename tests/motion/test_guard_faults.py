@@ -165,6 +165,22 @@ def test_an_arm_that_goes_on_when_it_is_told_to_rest_is_noticed(moving):
     assert "does not follow" in decision.status.reason
 
 
+def test_an_arm_that_hears_nothing_any_more_is_noticed_by_its_speed(moving):
+    """It goes on for its watchdog's time, then brakes: its way tells only 0.1 s later."""
+    q, v, began = moving.q.copy(), moving.v.copy(), moving.now
+    brake = moving.robot.limits.acceleration
+    while True:
+        since = moving.now - began
+        ramp = np.minimum(max(since - 0.1, 0.0), np.abs(v) / brake)
+        slower = v - np.sign(v) * brake * ramp
+        at = q + v * min(since, 0.1) + 0.5 * (v + slower) * ramp
+        decision = moving.tick(joints=JointState(moving.now, at, slower))
+        if decision.brake:
+            break
+        assert since < 0.25
+    assert "does not follow: told to go at" in decision.status.reason
+
+
 @pytest.mark.parametrize("late", [-0.06, -0.03, -0.015, 0.015])
 def test_drives_that_answer_sooner_or_later_than_declared_are_no_fault(late):
     world = QuickCell(goals=[A, B])
