@@ -271,11 +271,15 @@ def test_lies_contacts_and_kills():
         "began": True, "stood": 0.15, "lost": 1.0, "readable": True, "gone": True, "again": True,
         "left": ["run.mcap.partial"], "case": "still", "who": "both",
     }  # fmt: skip
-    bad = [kill | {"left": ["run.mcap", "run.mcap.partial"]}, kill | {"lost": 2.0}]
+    bad = [
+        kill | {"left": ["run.mcap", "run.mcap.partial"]},
+        kill | {"lost": 2.0, "readable": False},
+    ]
     rows = {row.key: row for row in kill_rows([kill, *bad, kill | {"again": False}])}
     assert rows["kill_files"].value == 0.5
     assert rows["kill_restart"].value == 0.75
     assert rows["kill_stop_s"].met
+    assert rows["kill_lost_s"].value == 1.0, "of those that can be read"
     assert len(list(faults._notes([other("still", named=math.inf)], bad))) == 3
 
 

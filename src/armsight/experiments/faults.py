@@ -15,7 +15,6 @@ from armsight.experiments.faults_cases import CASES
 from armsight.experiments.faults_lies import KINDS
 from armsight.experiments.faults_rows import (
     NAMED,
-    RESTS,
     STOPPED,
     contact_row,
     kill_rows,
@@ -61,9 +60,9 @@ as real ones do, under the wall clock, with recorded pictures of the cell
 (`experiments/wall_lab.py`: nobody is in them); the arm outlives the programs, and rests 0.1 s
 after its last command. Here a map that hangs does hang, and the arm's clock is that of a device.
 `kill_stop_s` counts until the arm stands for good, `kill_files` are kills after which the recording
-can be read up to 1.5 s before (before the disk was full), and nothing half-written lies beside it,
-`kill_restart` those after which no process is left and the same program, started again, moves the
-arm: it is the one that is killed next, or, after six of them, ends in order.
+can be read and nothing half-written lies beside it, `kill_restart` those after which no process is
+left and the same program, started again, moves the arm: it is the one that is killed next, or,
+after six of them, ends in order.
 """
 
 
@@ -119,7 +118,7 @@ def _notes(others: list[dict[str, Any]], kills: list[dict[str, Any]]) -> Iterato
         if not r["began"]:
             yield f"Kill in `{r['case']}`: the arm did not move before."
         elif not (whole(r) and restarted(r)):
-            wrong = {key: r[key] for key in ("readable", "lost", "left", "gone", "again")}
+            wrong = {key: r[key] for key in ("readable", "left", "gone", "again")}
             yield f"Kill of {r['who']} in `{r['case']}`: {wrong}."
 
 
@@ -132,7 +131,7 @@ def _named(lies: list[dict[str, Any]], others: list[dict[str, Any]]) -> Figure:
 def _stopped(others: list[dict[str, Any]], kills: list[dict[str, Any]]) -> Figure:
     times = {c.name: [r["stood"] for r in others if r["case"] == c.name] for c in CASES if c.stops}
     times["killed"] = [r["stood"] for r in kills if r["began"]]
-    return _strip(times, "s until the arm stands", {"must": STOPPED, "must, killed": RESTS})
+    return _strip(times, "s until the arm stands", {"must": STOPPED})
 
 
 def _strip(times: dict[str, list[float]], label: str, lines: dict[str, float]) -> Figure:

@@ -42,8 +42,6 @@ STARTS, ENDS = 240.0, 20.0
 """A program has to move the arm, and to be gone, within [s] on a busy machine."""
 LOOKS = 1.0
 """After a kill the arm is looked at for so long [s]."""
-LOSS = 1.5
-"""A recording may lack so much before the kill [s]: it is written once a second."""
 
 
 @dataclass(frozen=True)
