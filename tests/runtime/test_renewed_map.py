@@ -1,5 +1,6 @@
 """A map that raises, runs out of memory or hangs is replaced, and the run goes on."""
 
+import itertools
 import threading
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from armsight.devices.history import JointHistory
 from armsight.errors import LoopError, UsageError
 from armsight.runtime.config import SessionMode
 from armsight.runtime.parts import Parts
-from armsight.runtime.renewed_map import RenewedMap
+from armsight.runtime.renewed_map import PAUSE, RenewedMap
 from armsight.runtime.session import Session
 
 
@@ -55,8 +56,24 @@ def frail():
     return type("Frail", (Frail,), {"made": []})
 
 
-def look(made, now=0.0):
-    return made.update([], JointHistory(), now)
+SECONDS = itertools.count()
+
+
+def look(made):
+    """A second later."""
+    return made.update([], JointHistory(), float(next(SECONDS)))
+
+
+def test_between_two_there_is_a_pause(frail):
+    """One that fails at every picture would take a core by being made."""
+    made = RenewedMap(frail)
+    frail.fails = ValueError("shapes")
+    for k in range(60):
+        with pytest.raises(LoopError, match="shapes"):
+            made.update([], JointHistory(), 0.1 * k)
+    assert len(frail.made) == pytest.approx(6.0 / PAUSE, abs=1)
+    frail.fails = None
+    assert made.update([], JointHistory(), -3.0).sequence == 0, "the clock was turned back"
 
 
 @pytest.mark.parametrize("error", [ValueError("shapes"), MemoryError(), IndexError(3)])
@@ -150,6 +167,6 @@ def test_a_run_goes_on_and_says_what_was_wrong(frail, wall):
     problem = {h.name: h.problem for h in session.health()}["mapping"]
     assert problem == "the map failed (ValueError: shapes); it begins anew"
     frail.fails = None
-    session.run(0.3)
+    session.run(PAUSE + 0.3)
     assert session.snapshot().sequence > last.sequence
     assert not {h.name: h.problem for h in session.health()}["mapping"]

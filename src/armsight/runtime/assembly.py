@@ -30,7 +30,7 @@ from armsight.runtime.wall_loop import WallLoop
 if TYPE_CHECKING:
     from armsight.workcell import Cell
 
-MAP_PATIENCE = 1.0
+MAP_PATIENCE = 2.0
 """A round of the map that takes longer in real time is given up, and the map with it [s]."""
 
 

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+PAUSE = 0.5
+"""A map that failed is replaced after this time [s]: a new one takes 0.15 s of a core, and may fail
+at its first picture as well."""
+
 
 class RenewedMap:
     """Implements :class:`~armsight.runtime.components.Maps`.
@@ -46,7 +50,7 @@ class RenewedMap:
         self._excluded: dict[str, str] = {}
         self._first = 0
         self._next = 0
-        self._said = ""
+        self._said, self._failed = "", 0.0
         self._words = threading.Lock()
 
     def update(
@@ -61,10 +65,12 @@ class RenewedMap:
         Raises:
             LoopError: the map failed, and the next round has another.
         """
+        if self._map is None and 0.0 <= now - self._failed < PAUSE:
+            raise LoopError(self._words_of_failure)
         snapshot, fault = self._round(lambda: self._living().update(frames, joints, now, tracked))
         if snapshot is None:
-            self._give_up(fault)
-            raise LoopError(f"the map failed ({fault}); it begins anew")
+            self._give_up(fault, now)
+            raise LoopError(self._words_of_failure)
         if self._first:
             snapshot = replace(snapshot, sequence=self._first + snapshot.sequence)
         self._next = snapshot.sequence + 1
@@ -101,10 +107,14 @@ class RenewedMap:
                 self._map, self._first = found, self._next
             return self._map
 
-    def _give_up(self, fault: str) -> None:
+    @property
+    def _words_of_failure(self) -> str:
+        return f"the map failed ({self._said}); it begins anew"
+
+    def _give_up(self, fault: str, now: float) -> None:
         with self._words:
             failed: Any = self._map
-            self._map, self._said = None, fault
+            self._map, self._said, self._failed = None, fault, now
         with contextlib.suppress(Exception):
             failed.close()  # its threads
 
