@@ -10,6 +10,7 @@ from doubles import FakeGuard, FakeMap, FakePlanner, make_cell
 from armsight.devices.data import DeclaredSolids
 from armsight.devices.history import JointHistory
 from armsight.errors import LoopError, UsageError
+from armsight.runtime import assembly
 from armsight.runtime.config import SessionMode
 from armsight.runtime.parts import Parts
 from armsight.runtime.renewed_map import PAUSE, RenewedMap
@@ -170,3 +171,20 @@ def test_a_run_goes_on_and_says_what_was_wrong(frail, wall):
     session.run(PAUSE + 0.3)
     assert session.snapshot().sequence > last.sequence
     assert not {h.name: h.problem for h in session.health()}["mapping"]
+
+
+def test_in_real_time_a_map_that_hangs_is_given_up(frail, monkeypatch):
+    monkeypatch.setattr(assembly, "MAP_PATIENCE", 0.1)
+    made = RenewedMap(frail)
+    frail.made[0].fails = end = threading.Event()
+    parts = Parts(made, FakePlanner(), FakeGuard())
+    session = Session(
+        make_cell(), None, mode=SessionMode(wall=True), make=lambda cell, config: parts
+    )
+    session.run(0.3)
+    problem = {h.name: h.problem for h in session.health()}["mapping"]
+    assert problem == "the map failed (did not return within 0.1 s); it begins anew"
+    session.run(PAUSE + 0.3)
+    end.set()
+    assert session.snapshot() is not None
+    assert len(frail.made) == 2

@@ -43,13 +43,13 @@ class ForeignThread:
     Args:
         name: of the thread.
         patience: how long a call may take on the wall clock [s]. Much longer than any deadline:
-            who is merely late is answered by the guard long before. The first call may take
-            :data:`FIRST` times as long.
+            who is merely late is answered by the guard long before.
+        first: the first call may take so many times as long.
     """
 
-    def __init__(self, name: str, patience: float) -> None:
+    def __init__(self, name: str, patience: float, first: float = FIRST) -> None:
         self._name = name
-        self._patience, self._later = FIRST * patience, patience
+        self._patience, self._later = first * patience, patience
         self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self.hung = False

@@ -80,7 +80,7 @@ class RenewedMap:
         """What a round found; or None, and why."""
         if self.patience is not None:
             if self._thread is None:
-                self._thread = ForeignThread("armsight-map", self.patience)
+                self._thread = ForeignThread("armsight-map", self.patience, first=1.0)
             outcome = self._thread.call(job)
             if outcome.hung:
                 self._thread = None
