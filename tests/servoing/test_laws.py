@@ -228,7 +228,7 @@ class Word:
 
     def __init__(self, stamp, command):
         self.stamp, self.command, self.wanted = stamp, command, None
-        self.goal, self.reached, self.permit = "", False, None
+        self.goal, self.reached, self.permit, self.reason = "", False, None, ""
 
 
 def chase(target, seconds, delay=0.056, **settings):

@@ -7,6 +7,7 @@ the cell believes (docs/servoing.md).
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -101,6 +102,8 @@ class Eyes:
         along: (3,) where the target goes on, which fixed cameras see; None for one that ends.
         screens: (k, 3) middles and (k,) radii of balls that hide the target from fixed cameras [m].
         marked: the tool has a mark that the pair sees.
+        lies: by how much the stamps of a camera are later than its exposures [s]; the pair is then
+            taken to be where the joints were at the stamp.
         aside: (3,) how far a tip on springs is out of its seat now, in ``base`` [m].
     """
 
@@ -116,15 +119,22 @@ class Eyes:
     along: Vector3 | None = None
     screens: tuple[Points, Floats] | None = None
     marked: bool = True
+    lies: dict[str, float] = field(default_factory=dict)
     aside: Vector3 = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         self._due: dict[str, float] = {c.name: c.phase for c in self.fixed}
         self._due["wrist"] = 0.005
         self._waiting: list[tuple[float, Look]] = []
+        self._lying: list[tuple[float, Look]] = []
+        self._joints: deque[tuple[float, JointVector]] = deque(maxlen=32)
 
     def expose(self, now: float, q: JointVector, ball: Path) -> None:
         """Take what is due at ``now`` [s] with the joints (n,) as they are."""
+        if self.lies:
+            self._joints.append((now, q.copy()))
+            self._waiting += [(at, self._moved_along(k)) for at, k in self._lying if k.stamp <= now]
+            self._lying = [one for one in self._lying if one[1].stamp > now]
         for camera in self.fixed:
             if now >= self._due[camera.name] - 1e-9:
                 self._due[camera.name] += 1.0 / camera.rate
@@ -145,9 +155,29 @@ class Eyes:
         )
 
     def _send(self, now: float, latency: float, look: Look) -> None:
-        stamp = look.stamp + self.rng.uniform(-1, 1) * self.errors.jitter
+        lie = self.lies.get(look.camera, 0.0)
+        stamp = look.stamp + self.rng.uniform(-1, 1) * self.errors.jitter + lie
         seen = tuple(replace(s, stamp=stamp) for s in look.sightings)
-        self._waiting.append((now + latency, replace(look, stamp=stamp, sightings=seen)))
+        told = (now + latency, replace(look, stamp=stamp, sightings=seen))
+        (self._lying if lie and look.wrist else self._waiting).append(told)
+
+    def _moved_along(self, look: Look) -> Look:
+        """What the pair saw, if it is taken to have been where the joints were at the stamp."""
+        assert self.pair is not None
+        _, q = min(self._joints, key=lambda one: abs(one[0] - look.stamp))
+        T = flange_pose(self.robot, q) @ self.pair.believed
+        A = T @ inverse(look.T_base_camera)
+        seen = tuple(
+            replace(
+                s,
+                position=(A @ [*s.position, 1.0])[:3],
+                surface=(A @ [*s.surface, 1.0])[:3],
+                normal=None if s.normal is None else A[:3, :3] @ s.normal,
+            )
+            for s in look.sightings
+        )
+        mark = None if look.mark is None else A[:3, :3] @ look.mark
+        return replace(look, T_base_camera=T, sightings=seen, mark=mark)
 
     def _sees(self, name: str, now: float) -> bool:
         if any(who in (name, "all") and a <= now < b for who, a, b in self.hidden):

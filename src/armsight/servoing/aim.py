@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from armsight.arrays import Floats, JointVector, Vector3
+from armsight.arrays import Floats, JointVector, Pose, Vector3
+from armsight.geometry.pose import make_pose
 from armsight.robots.kinematics import link_poses, tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
 from armsight.servoing.aim_kernels import Chain, Cost, Goal, aimed_joints, highest, tip_error
@@ -43,6 +44,13 @@ class Weights:
     axis: float = 0.10
     roll: float = 0.03
     posture: Floats = field(default_factory=lambda: np.full(6, 0.004))
+
+
+def aim_pose(aim: Aim) -> Pose:
+    """``T_base_tcp`` of a tool that is at an aim, pointing as it shall."""
+    y = aim.down - aim.axis * float(aim.axis @ aim.down)
+    y = y / max(float(np.linalg.norm(y)), 1e-9)
+    return make_pose(np.stack([np.cross(y, aim.axis), y, aim.axis], axis=1), aim.position)
 
 
 def pose_error(robot: Robot, q: JointVector, aim: Aim) -> Floats:

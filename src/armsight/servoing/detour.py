@@ -36,6 +36,9 @@ class Detour:
     Args:
         name: of the goal, for the page and the log.
         first: it begins with one, as soon as a permit holds.
+
+    Attributes:
+        failed: why the planner knew none when it was asked last, in words; empty where it did.
     """
 
     def __init__(self, name: str, first: bool = False) -> None:
@@ -49,6 +52,7 @@ class Detour:
         self._next = -math.inf
         self._goal: PoseIntent | None = None
         self._target = np.zeros(3)
+        self.failed = ""
 
     @property
     def going(self) -> bool:
@@ -74,7 +78,10 @@ class Detour:
             return None
         if self._goal is not None:
             arrived = guard.reached and guard.goal == self.name
+            self._hear(guard.reason)
             moved = float(np.linalg.norm(target - self._target)) > GONE
+            if arrived or moved:
+                self.failed = ""
             if arrived or moved or now > self._began + LONGEST:
                 self._goal, self._share, self._next = None, 1.0, now + PAUSE
             return self._goal
@@ -91,6 +98,12 @@ class Detour:
         self._began, self._target = now, np.array(target)
         self._goal = PoseIntent(self.name, place, tolerance=0.01, tolerance_rad=0.05)
         return self._goal
+
+    def _hear(self, reason: str) -> None:
+        """The guard tells of a plan that failed by the name of its goal."""
+        told, word = f"goal {self.name}: ", reason.removeprefix("recovering: ")
+        if word.startswith(told):
+            self.failed = word.removeprefix(told).removeprefix("goal: ")
 
 
 def _driven(guard: GuardStatus) -> float:

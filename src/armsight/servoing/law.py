@@ -17,12 +17,11 @@ import numpy as np
 
 from armsight.arrays import JointVector, Pose, Vector3
 from armsight.devices.data import JointState
-from armsight.geometry.pose import make_pose
 from armsight.motion.arm_model import DelayedArm
 from armsight.motion.data import GuardStatus
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
-from armsight.servoing.aim import Aim, Weights, held_under, joint_velocity, joints_for
+from armsight.servoing.aim import Aim, Weights, aim_pose, held_under, joint_velocity, joints_for
 from armsight.servoing.ceiling import NEAR, Ceiling
 
 SETTLES, THERE = 60, 0.01
@@ -106,9 +105,7 @@ class VelocityLaw:
 
     def pose(self, aim: Aim) -> Pose | None:
         """``T_base_tcp`` at an aim; None where the arm would have to rise above its ceiling."""
-        y = aim.down - aim.axis * float(aim.axis @ aim.down)
-        y = y / max(float(np.linalg.norm(y)), 1e-9)
-        wished = make_pose(np.stack([np.cross(y, aim.axis), y, aim.axis], axis=1), aim.position)
+        wished = aim_pose(aim)
         ceiling, start = self._ceiling, self._wanted
         if ceiling is None or start is None:
             return wished

@@ -17,6 +17,7 @@ from armsight.robots.robot import Robot
 from armsight.robots.sprung_tip import SprungTip
 from armsight.servoing.aim import Aim, Weights
 from armsight.servoing.approach import Funnel, along_the_tool, facing, side, touch_aim
+from armsight.servoing.clocks import ClockWatch
 from armsight.servoing.docking import Direction, Touchable
 from armsight.servoing.estimate import FilterConfig, TargetEstimate, TargetFilter
 from armsight.servoing.law import LawConfig, VelocityLaw
@@ -127,6 +128,11 @@ class Chase(Protocol):
         ...
 
     @property
+    def warning(self) -> str:
+        """What is wrong with the cameras, in words; empty where nothing is known to be."""
+        ...
+
+    @property
     def iterations(self) -> int:
         """Segments begun."""
         ...
@@ -177,11 +183,13 @@ class OurChase:
         self.robot, self.config = robot, config
         self.filter = TargetFilter(cameras, wrist, config.filter)
         self.law = VelocityLaw(robot, config.law, config.weights)
+        self.clocks = ClockWatch(cameras)
         self.reset()
 
     def reset(self) -> None:
         """Begin anew; what was learned of the cameras is forgotten, too."""
         self.filter.reset()
+        self.clocks.reset()
         self.law.reset()
         self.state, self.reason = "wait", "nothing seen yet"
         self.place: Vector3 | None = None
@@ -200,13 +208,19 @@ class OurChase:
         return self.filter.estimate
 
     @property
+    def warning(self) -> str:
+        """Which camera lies about time."""
+        return self.clocks.words
+
+    @property
     def iterations(self) -> int:
         """It has none: it goes on all the time."""
         return 0
 
     def see(self, look: Look) -> None:
         """One camera looked."""
-        self.filter.add(look)
+        if self.filter.add(look) and self.filter.estimate is not None:
+            self.clocks.see(look, self.filter.estimate.at(look.stamp)[0])
 
     def led(self) -> None:
         """A planned way may end with other joints than the law's own would have."""
@@ -328,6 +342,11 @@ class PaperChase:
     def estimate(self) -> TargetEstimate | None:
         """V has none."""
         return None
+
+    @property
+    def warning(self) -> str:
+        """V compares no cameras."""
+        return ""
 
     @property
     def switches(self) -> int:

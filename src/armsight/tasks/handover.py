@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from armsight.devices.data import JointState
+from armsight.motion.data import GuardStatus
 from armsight.motion.face import Face
 from armsight.motion.intents import Intent, PoseIntent, Rest, VelocityIntent
 from armsight.motion.permits import PermitRequest
@@ -119,6 +121,12 @@ class HandoverTask(ServoTask):
         if self.restless and self.phase in ("wait", "lower"):
             return None
         return super()._permit(observation)
+
+    def _hindered(self, now: float, joints: JointState, guard: GuardStatus | None) -> str:
+        """Nothing: a restless palm is waited for, and what is let go is not come to any more."""
+        if self.restless or self.phase not in ("wait", "lower"):
+            return ""
+        return super()._hindered(now, joints, guard)
 
     def _go_on(self, observation: Observation, now: float) -> None:
         """The next phase, if this one is over."""

@@ -26,10 +26,12 @@ from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.sprung_tip import press_depth
+from armsight.servoing.aim import Aim
 from armsight.servoing.creeping import STILL, Creeping
 from armsight.servoing.detour import BEFORE, Detour
 from armsight.servoing.docking import Docking
 from armsight.servoing.eyes import Eye, WristEye
+from armsight.servoing.hindrance import Hindrance, Reach
 from armsight.servoing.modes import SEEN_WITHIN, Chase, ChaseConfig, make_chase, tool_direction
 from armsight.servoing.patience import STATED, Patience
 from armsight.servoing.sighting import Look, Looks, Sighting
@@ -61,7 +63,8 @@ class ServoTask:
         eyes: the perceivers.
         config: of the chase.
         standoff: how far before it the tip stays [m].
-        patience: a permit that stays refused for so long is given up [s].
+        patience: a target that stays refused, out of reach or behind something for so long is given
+            up [s].
 
     Attributes:
         touches: when the tip came to touch the target, as far as is known [s].
@@ -86,6 +89,8 @@ class ServoTask:
         self.perceivers = tuple(eyes)
         self.detour = Detour(f"way to {dock.name}", dock.planned)
         self.patience = Patience(patience)
+        reach = Reach(chase.robot, config.weights, config.law.ceiling)
+        self.hindrance = Hindrance(reach)
         self.creeping = Creeping(dock.creeps if standoff == 0.0 else 0.0)
         self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
         self.reset()
@@ -96,6 +101,7 @@ class ServoTask:
         self.detour.reset()
         self.creeping.reset()
         self.patience.reset()
+        self.hindrance.reset()
         self._looks: dict[str, Look] = {}
         self.touches: list[float] = []
         self._touching = False
@@ -132,7 +138,8 @@ class ServoTask:
             self.touches.append(now)
         self._touching = touching
         answer = None if observation.guard is None else observation.guard.permit
-        gave_up = self.patience.update(now, answer, self.chase.place)
+        hindered = self._hindered(now, joints, observation.guard)
+        gave_up = self.patience.update(now, answer, self.chase.place, hindered)
         self._face = self._show(observation, joints, touching)
         if wish is None or gave_up:
             return Rest(self._ahead or gave_up or self.chase.reason)
@@ -148,6 +155,20 @@ class ServoTask:
             wish.exposure,
             wish.exposure + wish.lasts,
             permit,
+        )
+
+    def _hindered(self, now: float, joints: JointState, guard: GuardStatus | None) -> str:
+        """Why the tip does not come to its target, in words; empty where it does."""
+        config, place, seen = self.chase.config, self.chase.place, self.chase.touchable()
+        if place is None or seen is None:
+            return self.hindrance.update(now, math.inf, None, joints.position, guard, False)
+        axis, down = tool_direction(config, place, seen.normal)
+        gap = max(config.funnel.gap, 0.0)
+        aim = Aim(place - (config.radius + gap) * axis, np.zeros(3), axis, down)
+        may = guard is not None and guard.permit is not None and guard.permit.holds
+        left = self.chase.distance - gap
+        return self.hindrance.update(
+            now, left, aim, joints.position, guard, may, self.detour.failed
         )
 
     def _around(self, now: float, guard: GuardStatus | None) -> PoseIntent | None:
@@ -276,7 +297,11 @@ class ServoTask:
         distance = 1e3 * chase.distance
         return Face(
             state="gave up" if self.patience.gave_up else "touch" if touching else chase.state,
-            reason=self.patience.gave_up or self._missed() or chase.reason,
+            reason=self.patience.gave_up
+            or self._missed()
+            or self.hindrance.words
+            or chase.warning
+            or chase.reason,
             figures=(
                 Figure("touches", float(len(self.touches))),
                 Figure("switches", float(chase.switches)),
