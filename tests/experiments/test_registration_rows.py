@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +10,12 @@ import pytest
 
 from armsight.experiments.calibration_sphere import _off_at, corners_of, over_table
 from armsight.experiments.servo_registration import _corners, _means
+from armsight.experiments.wrist_registration import as_built, errors
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import look_at, make_pose
+from armsight.workcell import open_cell
+from armsight.workcell.build import simulated_world
+from armsight.workcell.packaged import load
 
 LENS = PinholeCamera.from_fov(512, 424, 1.2, 1.05)
 LOWER, UPPER = np.array([-0.8, -1.0, 0.7]), np.array([1.4, 1.0, 1.9])
@@ -39,3 +44,25 @@ def test_the_worst_corner_is_that_of_its_cameras_mean():
     ]
     assert _means(done) == [pytest.approx(4.0)]
     assert _corners(done) == [pytest.approx(5.0)]
+
+
+def test_a_point_through_a_pair_that_is_as_believed_is_where_it_is():
+    """And through one whose mount is 3 mm off by 3 mm, wherever the arm stands."""
+    workcell = load("ur10_servoing")
+    with open_cell(workcell, 3, calibrated=False) as cell:
+        world = simulated_world(cell)
+        (pair,) = world.stereo_cameras
+        exact = replace(pair.unit, depth=pair.info.left, color=pair.info.right)
+        exact = replace(exact, T_depth_color=pair.info.T_left_right)
+        pair.unit = exact
+        T = pair.T_mount_camera
+        told = SimpleNamespace(spec=world.spec, arm=SimpleNamespace(compliance=0.0))
+        told._cell = world._cell
+        for off in (0.0, 0.003):
+            moved = T @ make_pose(None, (0.0, off, 0.0))
+            rng = np.random.default_rng(0)
+            found = errors(cell.robot, cell.robot, told, pair, moved, rng)
+            assert found == pytest.approx(off, abs=1e-6)
+        built = as_built(cell.robot, world, 3)
+        found = errors(cell.robot, built, world, pair, T, np.random.default_rng(0))
+        assert 0.0002 < found.mean() < 0.004

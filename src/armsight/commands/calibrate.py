@@ -52,6 +52,8 @@ class Calibrate:
             (the tool sphere_marker); their lenses stay as they are.
         plug: no board: a standing stereo pair and the charging plug in the hand are calibrated by
             showing the plug to the pair (docs/charging.md); people are looked out for as ever.
+        wrist: no board: the stereo pair on the flange is calibrated by its own looks at a red ball
+            of 80 mm that stands still before the arm; nobody may be in the cell meanwhile.
         markerless: no board: the fixed cameras are placed by their view of the arm on its patrol.
         camera: only this one, with --markerless; which pair, with --plug; or whose pictures a
             recorded set has, with --from and a workcell whose calibration file is to keep it.
@@ -81,6 +83,7 @@ class Calibrate:
     write: bool = True
     sphere: bool = False
     plug: bool = False
+    wrist: bool = False
     markerless: bool = False
     camera: str | None = None
     fresh: bool = False
@@ -121,6 +124,10 @@ class Calibrate:
             return calibrate_sphere(
                 self.workcell, self.seed, self.write, self.cell_is_empty, page, self.force
             )
+        if self.wrist:
+            from armsight.commands.calibrate_wrist import calibrate_wrist
+
+            return calibrate_wrist(self.workcell, self.seed, self.write, self.cell_is_empty, page)
         if self.markerless:
             from armsight.commands.calibrate_markerless import calibrate_markerless
 

@@ -19,6 +19,7 @@ USED: dict[str, set[str]] = {
     | {"robot", "camera", "force"},
     "--plug": _LIVE | {"plug", "out", "camera", "views", "fresh"},
     "--sphere": _LIVE | {"sphere", "force"},
+    "--wrist": _LIVE | {"wrist"},
     "--markerless": _LIVE | {"markerless", "camera", "force"},
     "a live calibration": _LIVE
     | {"out", "board", "keep_lenses", "goal_mm", "views", "paper", "fresh", "force"},
@@ -27,6 +28,8 @@ USED: dict[str, set[str]] = {
 INSTEAD = {
     ("--sphere", "out"): "what is found goes into the cell's calibration file",
     ("--markerless", "out"): "what is found goes into the cell's calibration file",
+    ("--wrist", "out"): "what is found goes into the cell's calibration file",
+    ("--wrist", "force"): "what is found goes into the cell's calibration file",
     ("--plug", "force"): "what is found goes into the cell's calibration file",
     ("a live calibration", "camera"): "it goes with --markerless, --plug or --from",
     (
