@@ -22,17 +22,22 @@ class Servo(Working):
         standoff: how far before the surface the tip stays [m]; 0 touches.
         patience: an arm whose contact goes on being refused for so long gives up, and says why [s];
             inf: never.
+        fetch: before a hand-over the item is taken from where the cell's file says that items lie
+            (`[items]`); without, the gripper holds it already.
     """
 
     task: Literal["ball", "held_ball", "bullseye", "straw", "hand"] = "ball"
     mode: Literal["ours", "paper", "fixed"] = "ours"
     standoff: float = 0.0
     patience: float = 30.0
+    fetch: bool = False
 
     def run(self) -> int:
         """Servo; prints how it went."""
         from armsight.commands.run import run_and_tell
         from armsight.tasks.servo import ServoOptions
 
-        options = ServoOptions(self.task, self.mode, self.standoff, patience=self.patience)
+        options = ServoOptions(
+            self.task, self.mode, self.standoff, patience=self.patience, fetch=self.fetch
+        )
         return run_and_tell(self, options.make)

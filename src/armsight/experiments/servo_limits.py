@@ -83,7 +83,7 @@ def one(setup: Setup, name: str, seed: tuple[int, int]) -> dict[str, Any]:
 
 def restless(setup: Setup, rng: np.random.Generator) -> tuple[Path, int]:
     """A target's path that wanders at up to 0.4 m/s, jumps and teleports; and how often it did."""
-    place = world_to_base(setup, [rng.uniform(*BOX)])[0]
+    place = world_to_base(setup, [list(rng.uniform(*BOX))])[0]
     smooth = path_of(place, float(rng.uniform(0.0, 0.4)), rng)
     times, offs = [0.0], [np.zeros(3)]
     while times[-1] < SECONDS:
@@ -92,7 +92,7 @@ def restless(setup: Setup, rng: np.random.Generator) -> tuple[Path, int]:
         if which == 0:
             off = offs[-1] + rng.uniform(-0.25, 0.25, 3)
         elif which == 1:
-            off = world_to_base(setup, [rng.uniform(*ANYWHERE)])[0] - place
+            off = world_to_base(setup, [list(rng.uniform(*ANYWHERE))])[0] - place
         else:
             off = np.zeros(3)
         offs.append(off)

@@ -14,7 +14,7 @@ from armsight.devices.data import StereoInfo
 from armsight.experiments.calibration_cell import carried_out
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Progress
-from armsight.geometry.pose import transform
+from armsight.geometry.pose import inverse, transform
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 from armsight.runtime.config import SessionConfig
@@ -129,7 +129,7 @@ def measured(info: StereoInfo, pair: SimulatedStereo, points: Points) -> Points:
     """(k, 3) points of the left lens's frame as a pair has them whose lenses are believed."""
     unit = pair.unit
     assert unit.color is not None
-    T_right_left = np.linalg.inv(unit.T_depth_color)
+    T_right_left = inverse(unit.T_depth_color)
     left = unit.depth.project(points)
     right = unit.color.project(transform(T_right_left, points))
     return np.asarray(info.lenses.triangulate(left, right))

@@ -99,7 +99,9 @@ class CalibrateWristTask(ProcedureTask[WristResult]):
         self.standing: dict[str, tuple[Solid, ...]] = {}
         ball = Ball(RADIUS)
         eyes = [Eye(name, ball) for name in self._fixed]
-        self.perceivers = (*eyes, WristEye(setup.pair.name, ball, cell.robot))
+        self.perceivers: tuple[Eye | WristEye, ...] = (
+            *eyes, WristEye(setup.pair.name, ball, cell.robot),
+        )  # fmt: skip
         self._state, self._shown = "looking for the ball", dict[str, Bytes]()
         self._counts = [0, 0]
         super().__init__(

@@ -1,4 +1,4 @@
-"""V's hand-over: wait above a palm that moves, come down, let the item go, and leave."""
+"""V's hand-over: fetch the item, wait above a palm that moves, come down, let go, and leave."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from armsight.motion.intents import Intent, PoseIntent, Rest, VelocityIntent
 from armsight.motion.permits import PermitRequest
 from armsight.motion.task import Observation
 from armsight.robots.kinematics import tcp_pose
+from armsight.tasks.fetch import Fetch
 from armsight.tasks.servo_task import ServoTask
 
 WAITS, LETS_GO, LEAVES = 0.07, 0.035, 0.20
@@ -46,6 +47,7 @@ class HandoverTask(ServoTask):
 
     Attributes:
         opening: width of the open gripper [m].
+        fetch: takes the item into the gripper first; None where that holds it already.
         phase: wait, lower, let go, leave or done; since: when it began [s].
         restless: the palm is faster than is come to, or was lately: no permit is asked for, and the
             arm stands, farther away, until it is calm.
@@ -55,10 +57,13 @@ class HandoverTask(ServoTask):
     """
 
     opening: float = 0.085
+    fetch: Fetch | None = None
 
     def reset(self) -> None:
-        """Nothing has been seen; the item is held."""
+        """Nothing has been seen; the item is held, or has to be fetched."""
         super().reset()
+        if self.fetch is not None:
+            self.fetch.reset()
         self.phase, self.since, self.released = "wait", -math.inf, math.inf
         self.failed, self.unsure, self._held = "", "", False
         self._above = math.inf
@@ -74,6 +79,8 @@ class HandoverTask(ServoTask):
             return Rest(self._ended)
         self._watch(now)
         intent = super().update(observation)
+        if self._fetches:
+            return self._fetched(observation, now)
         self._go_on(observation, now)
         if self.restless and self.phase == "wait":
             return intent if isinstance(intent, Rest) else Rest(self._waits)
@@ -83,9 +90,29 @@ class HandoverTask(ServoTask):
             return replace(intent, width=self._width)
         return intent
 
+    @property
+    def _fetches(self) -> bool:
+        """Whether the item is not in the gripper yet."""
+        return self.fetch is not None and not self.fetch.done
+
+    def _fetched(self, observation: Observation, now: float) -> Intent:
+        """One round of fetching; the palm is looked at meanwhile, and nothing is asked of it."""
+        assert self.fetch is not None
+        intent = self.fetch.update(observation)
+        self.chase.led()
+        self.patience.reset()
+        self.hindrance.reset()
+        self.detour.reset()
+        if self.fetch.phase == "failed":
+            self.failed = self.fetch.words
+            self._begin("done", WAITS, now)
+        return intent
+
     def face(self) -> Face:
         """What the page shows."""
         face = super().face()
+        if self.fetch is not None and self._fetches:
+            return replace(face, state=f"fetch: {self.fetch.phase}", reason=self.fetch.words)
         if self.phase == "wait":
             return replace(face, reason=self._waits) if self.restless else face
         reason = self._ended if self.phase == "done" else self.failed or face.reason
@@ -118,13 +145,13 @@ class HandoverTask(ServoTask):
 
     def _permit(self, observation: Observation) -> PermitRequest | None:
         """None to a restless palm: the arm keeps its whole distance from who moves so."""
-        if self.restless and self.phase in ("wait", "lower"):
+        if self._fetches or (self.restless and self.phase in ("wait", "lower")):
             return None
         return super()._permit(observation)
 
     def _hindered(self, now: float, joints: JointState, guard: GuardStatus | None) -> str:
         """Nothing: a restless palm is waited for, and what is let go is not come to any more."""
-        if self.restless or self.phase not in ("wait", "lower"):
+        if self._fetches or self.restless or self.phase not in ("wait", "lower"):
             return ""
         return super()._hindered(now, joints, guard)
 

@@ -20,6 +20,7 @@ from armsight.servoing.modes import ChaseConfig, make_chase
 from armsight.servoing.patience import STATED
 from armsight.servoing.segments import SegmentConfig
 from armsight.servoing.targets.ball import Ball
+from armsight.tasks.fetch import fetch_in
 from armsight.tasks.handover import HandoverTask
 from armsight.tasks.servo_task import Mode, ServoTask
 from armsight.workcell.beliefs import tip_of
@@ -46,6 +47,8 @@ class ServoOptions:
         ball_radius: of the red ball [m].
         patience: the arm gives up, with the reason, after a permit to touch was refused for so long
             [s], until the target has moved by 0.1 m; `inf` waits for ever.
+        fetch: the gripper takes the item from where the cell's file says that items lie, before a
+            hand-over; without, it holds it already.
     """
 
     target: Literal["ball", "held_ball", "bullseye", "straw", "hand"] = "ball"
@@ -53,6 +56,7 @@ class ServoOptions:
     standoff: float = 0.0
     ball_radius: float = 0.04
     patience: float = STATED
+    fetch: bool = False
 
     def make(self, cell: Cell) -> ServoTask:
         """The task for a cell.
@@ -69,7 +73,12 @@ class ServoOptions:
         if not self.patience > 0.0:
             raise UsageError(f"a patience of {self.patience:g} s; expected above 0, or inf")
         dock = docking(self.target, self.ball_radius)
-        return servo_task(cell, dock, self.mode, self.standoff, self.patience)
+        task = servo_task(cell, dock, self.mode, self.standoff, self.patience)
+        if self.fetch:
+            if not isinstance(task, HandoverTask):
+                raise UsageError("only what is handed over is fetched: fetch goes with a hand")
+            task.fetch = fetch_in(cell.workcell, task.opening, cell.T_world_base)
+        return task
 
 
 def servo_task(

@@ -27,6 +27,7 @@ from armsight.workcell.fields import (
 from armsight.workcell.schema_devices import (
     CameraSection,
     GripperSection,
+    ItemsSection,
     PlugSection,
     RobotSection,
     StereoSection,
@@ -145,6 +146,7 @@ class Workcell(Section):
     stereo: tuple[StereoSection, ...] = key((), "Stereo pairs.")
     wrench: WrenchSection | None = key(None, "The force sensor at the flange, if there is one.")
     gripper: GripperSection | None = key(None, "The gripper, if there is one.")
+    items: ItemsSection | None = key(None, "Where items lie that the gripper fetches.")
     tip: TipSection | None = key(None, "How the tool's tip gives way, if it does.")
     plug: PlugSection | None = key(None, "The charging plug, if the flange carries one.")
     solid: tuple[SolidSection, ...] = key((), "What stands still and is known: table, walls.")

@@ -13,10 +13,12 @@ from armsight.geometry.pose import from_quaternion, from_rpy, look_at
 from armsight.workcell.fields import (
     Connection,
     DriverName,
+    Extent,
     Joints,
     Model,
     Name,
     NotNegative,
+    Number,
     Positive,
     Quaternion,
     Section,
@@ -181,6 +183,14 @@ class GripperSection(Section):
     speed: Positive = key(0.1, "Of the fingertips against each other.", "m/s", le=2.0)
     force_n: Positive = key(40.0, "With which a real gripper closes.", "N", le=1000.0)
     connection: Connection = key({}, "What a real driver needs; the driver's page says what.")
+
+
+class ItemsSection(Section):
+    """Where the items lie that the gripper fetches, upright boxes, one at a time."""
+
+    position: Triple = key(..., "Middle of an item that lies there.", "m")
+    size: Extent = key((0.04, 0.04, 0.05), "Its edges along its x, its y and upwards.", "m")
+    yaw_deg: Number = key(0.0, "How it is turned about the vertical.", "deg")
 
 
 class TipSection(Section):

@@ -1,0 +1,235 @@
+"""The item is fetched by contact in the simulated world, and whatever goes wrong is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from armsight.devices.data import GripperState, JointState
+from armsight.errors import UsageError
+from armsight.experiments.quick_cell import QuickCell
+from armsight.experiments.servo_cell import OWN, plate
+from armsight.experiments.servo_handover import CELL
+from armsight.experiments.servo_world import declare, make_task, mapped_box, set_up
+from armsight.geometry.pose import inverse
+from armsight.motion.intents import PoseIntent, Rest
+from armsight.motion.task import Observation
+from armsight.robots.kinematics import sphere_centers
+from armsight.simulation.world import SimulatedWorld
+from armsight.tasks.fetch import ABOVE, CLOSES, JAMMED, fetch_in
+from armsight.tasks.servo import ServoOptions
+from armsight.workcell import open_cell
+from armsight.workcell.packaged import load
+from armsight.workcell.simulated import world_spec
+
+SETUP = set_up(1.0, 1.0, CELL)
+BASE = SETUP.workcell.robot.T_world_base
+OPENING = 0.085
+
+
+def fetching():
+    return fetch_in(SETUP.workcell, OPENING, BASE)
+
+
+class ItemCell(QuickCell):
+    """Guard and planner over the simulated world's arm, gripper and items, its map by the truth."""
+
+    def __init__(self, item=True):
+        super().__init__(
+            [], robot=SETUP.robot, config=SETUP.guard, rate=60.0, box=mapped_box(SETUP)
+        )
+        declare(self, SETUP)
+        spec = world_spec(SETUP.workcell)
+        objects = tuple(o for o in spec.objects if o.solid.name == "item" and item)
+        spec = replace(
+            spec, cameras=(), stereo=(), objects=objects, arm=replace(spec.arm, kinematic_error=0.0)
+        )
+        self.world, self.has_item = SimulatedWorld(spec, 0), item
+        self.width = None
+        self.item = self.place()
+
+    def place(self):
+        """(3,) where the item is, in base."""
+        if not self.has_item:
+            return np.full(3, np.nan)
+        return (inverse(BASE) @ self.world._pose("item"))[:3, 3]
+
+    def snapshot_at(self, stamp):
+        empty = super().snapshot_at(stamp)
+        if not hasattr(self, "world") or not self.has_item:
+            return empty
+        points = plate((0.04, 0.04), 0.05, np.eye(3), self.place())
+        index = np.unique(self.grid.index(points), axis=0)
+        points = self.grid.center(index)
+        away = np.linalg.norm(points[:, None] - sphere_centers(self.robot, self.q)[None], axis=2)
+        seen = ((away - self.robot.spheres.radius).min(axis=1) > OWN) & np.isfinite(points).all(1)
+        hazards = np.asarray(points[seen], np.float32)
+        return replace(
+            empty, hazards=hazards, hazard_unknown=np.zeros(len(hazards), bool), cloud=hazards
+        )
+
+    def drive(self, until):
+        sent = self.commands[-1]
+        if sent[-1]:
+            self.world.arm.stop()
+        else:
+            self.world.arm.command_velocity(sent[:-1])
+        self.world.advance(until)
+        state = self.world.arm.read()
+        if state is not None:
+            self.q, self.v = state.position, state.velocity
+        self.now = until
+        self.guard.feel(list(iter(self.world.wrench.read, None)))
+
+    def round(self, task, gripper):
+        """One round of a task; the newest state of the gripper."""
+        gripper = self.world.gripper.read() or gripper
+        status = self.log[-1] if self.log else None
+        joints = JointState(self.now, self.q.copy(), self.v.copy())
+        wish = task.update(Observation(self.now, self.robot, joints, status, gripper=gripper))
+        width = getattr(wish, "width", None)
+        if width is not None and width != self.width:
+            self.width = width
+            self.world.gripper.move(width)
+        self.tick(goal=wish)
+        return gripper
+
+
+def run(cell, task, seconds, until):
+    gripper = None
+    while cell.now < seconds and not until():
+        gripper = cell.round(task, gripper)
+    return gripper
+
+
+def test_the_item_is_taken_from_its_place_held_and_lifted():
+    cell, task = ItemCell(), make_task(SETUP, "ours", dock="hand")
+    task.fetch = fetching()
+    task.reset()
+    began = cell.place()
+    try:
+        gripper = run(cell, task, 25.0, lambda: task.fetch.done)
+        assert task.fetch.phase == "held", task.fetch.words
+        for _ in range(60):  # it waits for a palm, with the item
+            gripper = cell.round(task, gripper)
+        up = task.config.vertical
+        assert (cell.place() - began) @ up > 0.9 * ABOVE
+        assert gripper.holding
+        assert 0.035 < gripper.width < 0.045
+        assert {c.owner for c in cell.world.truth.contacts} == {"item"}
+        assert task.phase == "wait"
+        assert not task.failed
+    finally:
+        cell.world.close()
+
+
+def test_where_nothing_lies_it_is_tried_twice_and_said():
+    cell, task = ItemCell(item=False), make_task(SETUP, "ours", dock="hand")
+    task.fetch = fetching()
+    task.reset()
+    try:
+        run(cell, task, 40.0, lambda: task.phase == "done")
+        assert task.failed.startswith("no item where items lie: the gripper closed on nothing")
+        assert task.face().reason == task.failed
+        assert isinstance(task.update(Observation(cell.now, cell.robot)), Rest)
+        assert not cell.world.truth.contacts
+    finally:
+        cell.world.close()
+
+
+def told(fetch, seconds, gripper, reached=""):
+    """Rounds of an arm that is where it was sent; its gripper says the same all the time."""
+    intents = []
+    for k in range(round(seconds / 0.008)):
+        now = told.now + 0.008 * k
+        word = SimpleNamespace(goal=reached, reached=bool(reached), reason="somebody is near")
+        joints = JointState(now, SETUP.robot.home, np.zeros(6))
+        state = None if gripper is None else replace(gripper, stamp=now)
+        intents.append(fetch.update(Observation(now, SETUP.robot, joints, word, gripper=state)))
+    told.now = now + 0.008
+    return intents
+
+
+told.now = 1.0
+OPEN = GripperState(0.0, OPENING, False, False)
+
+
+def at_the_item(fetch):
+    (*_, down) = told(fetch, 0.1, OPEN, "above the items")
+    told(fetch, 0.1, OPEN, "the item")
+    return down
+
+
+def test_it_comes_down_straight_with_open_fingers_and_a_permit_for_the_item():
+    fetch = fetching()
+    (above, *_) = told(fetch, 0.05, OPEN)
+    down = at_the_item(fetch)
+    assert isinstance(above, PoseIntent)
+    assert isinstance(down, PoseIntent)
+    assert above.width == down.width == OPENING
+    item = BASE @ above.permit.region.T_base_region
+    assert np.allclose(item[:3, 3], SETUP.workcell.items.position, atol=1e-9)
+    assert (np.array(above.permit.region.size) > SETUP.workcell.items.size).all()
+    T = BASE @ above.T_base_tcp
+    assert np.allclose(T[:3, 2], (0.0, 0.0, -1.0), atol=1e-9)
+    assert np.allclose(T[:2, 3], SETUP.workcell.items.position[:2], atol=1e-9)
+    assert T[2, 3] == pytest.approx(SETUP.workcell.items.position[2] + ABOVE, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("width", "holding", "words"),
+    [
+        (OPENING, False, "did not close on the item: 85 mm; it is jammed"),
+        (0.070, True, "did not close on the item: 70 mm"),
+    ],
+)
+def test_a_gripper_that_does_not_close_on_the_item_is_said_after_two_seconds(width, holding, words):
+    fetch = fetching()
+    at_the_item(fetch)
+    assert fetch.phase == "grip"
+    told(fetch, JAMMED - 0.2, GripperState(0.0, width, False, holding))
+    assert not fetch.done
+    told(fetch, 0.4, GripperState(0.0, width, False, holding))
+    assert fetch.phase == "failed"
+    assert words in fetch.words
+
+
+def test_what_slips_while_it_is_lifted_is_said():
+    fetch = fetching()
+    at_the_item(fetch)
+    (*_, wish) = told(fetch, CLOSES + 0.1, GripperState(0.0, 0.040, False, True))
+    assert fetch.phase == "up"
+    assert wish.width == 0.0
+    told(fetch, 0.05, GripperState(0.0, 0.002, False, False))
+    assert fetch.phase == "failed"
+    assert "slipped" in fetch.words
+
+
+def test_a_way_that_is_not_free_and_a_gripper_that_is_dumb_are_said():
+    fetch = fetching()
+    told(fetch, 20.2, OPEN)
+    assert fetch.words == "could not come to where items lie: somebody is near"
+    fetch = fetching()
+    told(fetch, 0.1, None, "above the items")
+    told(fetch, 0.1, None, "the item")
+    told(fetch, CLOSES + 0.1, None)
+    assert "no gripper says" in fetch.words
+
+
+def test_what_a_cell_lacks_for_fetching_is_said():
+    bare = SETUP.workcell.model_copy(update={"items": None})
+    with pytest.raises(UsageError, match=r"add \[items\]"):
+        fetch_in(bare, OPENING, BASE)
+    with pytest.raises(UsageError, match="do not go into a gripper that opens to 30 mm"):
+        fetch_in(SETUP.workcell, 0.03, BASE)
+    with (
+        open_cell(load("ur10_servoing"), seed=0) as cell,
+        pytest.raises(UsageError, match="fetch goes with a hand"),
+    ):
+        ServoOptions(fetch=True).make(cell)
+    with open_cell(load(CELL), seed=0) as cell:
+        assert ServoOptions("hand", fetch=True).make(cell).fetch is not None
+        assert ServoOptions("hand").make(cell).fetch is None
