@@ -1,5 +1,6 @@
 """A lid in the visit: found in pictures, opened before and shut after, under a permit."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -334,6 +335,22 @@ def test_an_open_lid_is_said_to_the_map_beside_the_car_and_again_where_the_arm_w
     assert (first, second != lid) == (car, True)
     body.lid(None)
     assert list(body.standing) == [car]
+
+
+def test_what_is_kept_of_a_lid_and_its_finger_puts_them_where_they_stood():
+    """A push latch that has just let go lets go, and a finger that is out stays out."""
+    bench, other = (StationBench(load("ur10_charging_lid"), seed=s) for s in (3, 4))
+    bench.world.gripper.move(0.0)
+    bench.world.advance(2.5)
+    bench.world.lid.latch = (False, True)
+    bench.world.advance(bench.now + 0.5)
+    open_by = bench.world.lid.angle
+    assert open_by > 0.1
+    other.world.memory.put(json.loads(json.dumps(bench.world.memory.take())))
+    other.world.advance(other.now + 0.3)
+    assert not other.world.lid.shut
+    assert other.world.lid.angle == pytest.approx(open_by, abs=0.05)
+    assert other.world.gripper.read().width < OUT
 
 
 @pytest.mark.slow  # a whole visit: a hundred simulated seconds of contact physics

@@ -4,7 +4,7 @@ import math
 
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import State
-from armsight.experiments.charging_rows import agreement_row, fault_rows, visit_rows
+from armsight.experiments.charging_rows import agreement_row, fault_rows, rows_of, visit_rows
 from armsight.experiments.station_bench import StationBench, charging_cell, make_station
 
 
@@ -33,6 +33,21 @@ def test_rows_of_other_ways_hold_no_budget():
         [{"fault": "numb", "good": True}], "here", "bench_"
     )]  # fmt: skip
     assert all(row.key.startswith("bench_") and row.must is None for row in every)
+
+
+def test_forces_while_somebody_moves_the_car_are_of_those_visits_alone():
+    forces = {"axial_n": 80.0, "lateral_n": 20.0, "pull_n": 40.0}
+    wrong = [{"fault": "numb", "good": True, **dict.fromkeys(forces, 300.0)},
+             {"fault": "pushed", "good": True, **forces}]  # fmt: skip
+    rows = {row.key: row for row in fault_rows(wrong, "here")}
+    assert {key: rows[f"moved_{key}"].value for key in forces} == forces
+
+
+def test_seated_visits_are_told_by_what_was_drawn_of_them():
+    visits = [visit() | {"light": "dim"}, visit(said=False) | {"light": "dim"},
+              visit() | {"light": "glare"}]  # fmt: skip
+    rows = {row.condition: row for row in rows_of(visits, "here", "light")}
+    assert (rows["here: dim"].value, rows["here: dim"].n, rows["here: glare"].value) == (0.5, 2, 1)
 
 
 def test_two_conditions_agree_where_the_interval_of_their_difference_holds_nothing():

@@ -8,33 +8,40 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armsight.experiments.charging_faults import FAULTS, faulty_visit
-from armsight.experiments.charging_rows import agreement_row, fault_rows, visit_rows
+from armsight.experiments.charging_rows import agreement_row, fault_rows, rows_of, visit_rows
 from armsight.experiments.charging_visits import TYPES, angled_cell, bench_visit, random_cell
 from armsight.experiments.episodes import Episode, part_of, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.station_eyes import Mode
+from armsight.experiments.station_weather import surroundings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 11
+VERSION = 12
 ABOUT = """
 Cars with Type 2, Type 1 and CCS2 inlets in turn, parked within 20 x 20 cm and 10 deg, the port at
 0.75 to 0.95 m, looking up by 0 to 20 deg (the motions of this bench are straight lines of joint
 angles: round a steeper flank a way has to be planned), no flank nearer than 8 cm to the plug at its
-stand-by; each lamp at 0.2 to 1.8 of its brightness; clearance 0.3 to 0.6 mm, friction 0.1 to 0.4,
-mated contacts 10 to 35 N; the packaged cells' arm with its errors, plug in its soft mount with
-cable, force sensor. Seated: within 1 mm of the seat and 2 deg by the truth while the station says
-that it charges. Two ways of looking (`charging-guarded` has a third):
+stand-by; each lamp at 0.2 to 1.8 of the light's brightness; clearance 0.3 to 0.6 mm, friction 0.1
+to 0.4, mated contacts 10 to 35 N; the packaged cells' arm with its errors, plug in its soft mount
+with cable, force sensor. Seated: within 1 mm of the seat and 2 deg by the truth while the station
+says that it charges. Two ways of looking (`charging-guarded` has a third):
 
 * *pictures searched* (no prefix): contact physics, and the pairs' pictures rendered, searched and
   fitted as in the cell, their true poses off by what the cell's calibration leaves; no guard, no
-  map; motions are followed as they are wanted. In a fifth as many visits something goes wrong, six
-  kinds in turn: ice in the inlet (8 to 28 mm deep), an inlet of another type, a car that drives
-  off, one that is moved by 3 cm without a word, a permit that is withdrawn, a force sensor that
-  dies. Recovered: out again (or, without a force sensor, known to be in and left there), nothing
-  pressed with more than 125 N, and the words say what it was, or it ended seated after all (moved,
-  permit).
+  map; motions are followed as they are wanted. By seed: one of four places of the standing pair,
+  1.0 to 2.3 m from the port, on both sides of it; one of five lights (indoor, dim, a low sun before
+  which the arm may stand, overcast, over-exposed); dull to glossy plastic that mirrors the sky,
+  dirt, in a quarter of them drops of water, in 0.3 of them a hard shadow (as in `port-pose`). In a
+  fifth as many visits something goes wrong, nine kinds in turn: ice in the inlet (8 to 28 mm deep),
+  an inlet of another type, a car that drives off, one that is moved by 3 cm without a word, a
+  permit that is withdrawn, a force sensor that dies, and a car that somebody pushes (5 to 20 mm
+  along the ground, at 0.02 to 0.1 m/s), leans on (3 to 10 mm down and 0.3 to 1 deg, one to three
+  times) or draws away (5 to 20 mm, at 0.01 to 0.05 m/s) without a word while the plug goes in, is
+  in, or comes out. Recovered: out again (or, without a force sensor, known to be in and left
+  there), nothing pressed with more than 125 N, and the words say what it was, or it ended seated
+  after all (moved, permit, pushed, leaned on, drawn away).
 * *looks drawn* (`bench_`, no budget; a fifth as many): the same cars, but a look is the truth with
   errors drawn (3 mm and 1 deg from afar, 0.8 mm and 0.6 deg from near, standard deviations).
 
@@ -81,6 +88,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         done += count
     rows = [
         *visit_rows(found["searched"], SEARCHED),
+        *rows_of(found["searched"], SEARCHED, "place"),
+        *rows_of(found["searched"], SEARCHED, "light"),
         *fault_rows(found["searched wrong"], SEARCHED),
         *visit_rows(found["no second look"], BLIND, "ablation_no_second_look_"),
         *visit_rows(found["drawn"], DRAWN, "bench_"),
@@ -95,12 +104,15 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
 def _visit(rendered: bool, seed: int, i: int, second_look: bool = True) -> dict[str, Any]:
     cell = random_cell(np.random.default_rng((seed, 51, i)), TYPES[i % len(TYPES)])
-    return bench_visit(cell, 10_000 * seed + i, rendered, second_look=second_look)
+    around = surroundings(np.random.default_rng((seed, 56, i))) if rendered else None
+    return bench_visit(cell, 10_000 * seed + i, rendered, second_look=second_look, around=around)
 
 
 def _fault(rendered: bool, seed: int, i: int) -> dict[str, Any]:
     cell = random_cell(np.random.default_rng((seed, 52, i)))
-    return faulty_visit(cell, FAULTS[i % len(FAULTS)], 10_000 * seed + 5000 + i, rendered)
+    around = surroundings(np.random.default_rng((seed, 57, i))) if rendered else None
+    fault = FAULTS[i % len(FAULTS)]
+    return faulty_visit(cell, fault, 10_000 * seed + 5000 + i, rendered, around)
 
 
 def _angled(mode: Mode, seed: int, i: int) -> dict[str, Any]:

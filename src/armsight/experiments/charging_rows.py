@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from armsight.experiments.car_nudges import KINDS
 from armsight.experiments.charging_visits import FORCE
 from armsight.experiments.rows import Row, share_row, wilson
 
@@ -70,6 +71,15 @@ def visit_rows(visits: Visits, where: str, prefix: str = "", waits: bool = False
     return rows
 
 
+def rows_of(visits: Visits, where: str, what: str) -> list[Row]:
+    """Shares of seated visits by what was drawn of them, such as their light."""
+    return [
+        _share("seated_in", "fully in, and said so", f"{where}: {value}", mine, "full")
+        for value in sorted({v[what] for v in visits})
+        for mine in [[v for v in visits if v[what] == value]]
+    ]
+
+
 def fault_rows(wrong: Visits, where: str, prefix: str = "") -> list[Row]:
     """Rows of visits in which something goes wrong, all of them and by what it was."""
     budget = (1.0, 0.98, 1.0) if not prefix else (None, None, None)
@@ -78,6 +88,12 @@ def fault_rows(wrong: Visits, where: str, prefix: str = "") -> list[Row]:
     for fault in dict.fromkeys(v["fault"] for v in wrong):
         mine = [v for v in wrong if v["fault"] == fault]
         rows.append(_share(f"{prefix}recovered_of", what, f"{where}: {fault}", mine, "good"))
+    moved = [v for v in wrong if v["fault"] in KINDS]
+    for key, force in (("axial_n", "along"), ("lateral_n", "across"), ("pull_n", "on the way out")):
+        if moved:
+            said = f"greatest force {force} while somebody moves the car"
+            peak = max(v[key] for v in moved)
+            rows.append(Row(f"{prefix}moved_{key}", said, where, peak, "N", len(moved)))
     return rows
 
 

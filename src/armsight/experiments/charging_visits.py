@@ -17,6 +17,7 @@ from armsight.experiments.station_bench import (
     parked,
 )
 from armsight.experiments.station_eyes import POST, Mode
+from armsight.experiments.station_weather import Surroundings
 from armsight.robots.kinematics import tcp_pose
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell import robot_in
@@ -93,6 +94,7 @@ def bench_visit(
     rendered: bool = False,
     mode: Mode = "ours",
     second_look: bool = True,
+    around: Surroundings | None = None,
 ) -> dict[str, Any]:
     """A visit in contact physics, scored by the truth.
 
@@ -102,10 +104,13 @@ def bench_visit(
         rendered: whether the looks are pictures, rendered and searched; else they are drawn.
         mode: of the station.
         second_look: whether it looks again from near.
+        around: where the pair stands, light and weather; None: light at random alone.
     """
-    bench = StationBench(cell, seed, rendered, mode)
+    cell = cell if around is None else around.moved(cell)
+    bench = StationBench(cell, seed, rendered, mode, around)
     with bench.world:
-        light_at_random(bench.world, np.random.default_rng((seed, 55)))
+        if around is None:
+            light_at_random(bench.world, np.random.default_rng((seed, 55)))
         station = make_station(bench, None, SimulatedCar(seconds=2.0), mode, second_look)
         station.begin()
         said, depth, tilt = False, float("nan"), float("nan")
@@ -115,6 +120,7 @@ def bench_visit(
                 said, (depth, tilt) = True, bench.score()
         outcome = station.outcomes[-1] if station.outcomes else station.outcome
         found = figures(cell, outcome, said, depth, tilt)
+        found |= {} if around is None else {"place": around.place, "light": around.light}
         return found | at_the_end(bench.world, outcome, bench.peaks, bench.score()[0])
 
 

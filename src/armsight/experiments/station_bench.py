@@ -7,6 +7,7 @@ Motions to a pose are followed as they are wanted.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from armsight.charging.vehicle import Vehicle
 from armsight.charging.visit import Seen, StationOptions
 from armsight.devices.data import JointState, Wrench
 from armsight.experiments.station_eyes import FLANGE, POST, DrawnEyes, Eyes, Mode, RenderedEyes
+from armsight.experiments.station_weather import Surroundings
 from armsight.geometry.pose import inverse
 from armsight.motion.data import GuardMode, GuardStatus
 from armsight.motion.ik import solve_ik
@@ -83,6 +85,7 @@ class StationBench:
         seed: of sensor and looks.
         rendered: whether the pairs' pictures are rendered and searched; else looks are drawn.
         mode: of the station that looks at them.
+        around: light, dirt and wet about the port; None: as the cell's file has it.
 
     Attributes:
         peaks: greatest forces so far.
@@ -93,11 +96,17 @@ class StationBench:
     """
 
     def __init__(
-        self, workcell: Workcell, seed: int = 0, rendered: bool = False, mode: Mode = "ours"
+        self,
+        workcell: Workcell,
+        seed: int = 0,
+        rendered: bool = False,
+        mode: Mode = "ours",
+        around: Surroundings | None = None,
     ):
         self.workcell = workcell
         self.robot = robot_in(workcell)
         spec = replace(world_spec(workcell), cameras=())
+        spec = spec if around is None else around.glossy(spec)
         self.world = SimulatedWorld(spec if rendered else replace(spec, stereo=()), seed)
         car, plug = workcell.simulation.car, workcell.plug
         assert car is not None
@@ -105,9 +114,11 @@ class StationBench:
         vehicle = vehicle_of(workcell, plug.vehicle)
         lid = None if vehicle is None else vehicle.lid
         T_port_lid = None if lid is None or vehicle is None else vehicle.T_port_lid
-        self._eyes: Eyes = DrawnEyes(car.port, seed, T_port_lid, self._lid_shut)
+        self._eyes: Eyes = DrawnEyes(car.port, seed, T_port_lid, self._lid_shut, plug.kind)
         if rendered:
-            self._eyes = RenderedEyes(self.world, self.robot, plug.kind, mode, lid)
+            self._eyes = RenderedEyes(self.world, self.robot, plug.kind, mode, lid, around)
+        if around is not None:
+            around.light_up(self.world)
         self._status = _status("", False, None)
         self._wrench: Wrench | None = None
         self._joints: JointState | None = None
@@ -285,8 +296,12 @@ def make_station(
     car: Vehicle,
     mode: Mode = "ours",
     second_look: bool = True,
+    shows: Sequence[JointVector] = (),
 ) -> Station:
-    """A station of the bench's cell; without a second look it goes in by the standing pair's."""
+    """A station of the bench's cell; without a second look it goes in by the standing pair's.
+
+    It shows its plug at some (n,) joints [rad], if somebody asks for that.
+    """
     cell, plug = bench.workcell, bench.workcell.plug
     assert plug is not None
     pairs = {p.name: p.T_mount_camera for p in cell.stereo}
@@ -299,4 +314,6 @@ def make_station(
         assert cell.gripper is not None
         lid = LidSetup(vehicle, T_finger, cell.gripper.opening)
     journal = Journal(file)
-    return Station(bench.robot, bench.robot.home, car, journal, options, near, lid=lid)
+    return Station(
+        bench.robot, bench.robot.home, car, journal, options, near, lid=lid, shows=lambda: shows
+    )

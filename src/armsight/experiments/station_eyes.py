@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -16,16 +16,18 @@ from armsight.charging.looking import INLETS_OF
 from armsight.charging.vehicle_file import LidShape
 from armsight.devices.data import JointState
 from armsight.devices.history import JointHistory
-from armsight.geometry.pose import exp
+from armsight.experiments.station_weather import POST, Surroundings
+from armsight.geometry.pose import exp, inverse
 from armsight.robots.robot import Robot
 from armsight.runtime.posing import posed_pair
 from armsight.simulation.world import SimulatedWorld
 
-POST, FLANGE = "post", "flange"
-"""The pairs of the packaged cells."""
+FLANGE = "flange"
+"""The pair of the packaged cells that the arm carries."""
 EVERY = 0.6
 """Between two drawn looks of a pair [s]."""
 Mode = Literal["ours", "paper"]
+__all__ = ["FLANGE", "POST", "DrawnEyes", "Eyes", "Mode", "RenderedEyes"]
 
 
 class Eyes(Protocol):
@@ -70,6 +72,7 @@ class DrawnEyes:
         seed: of the errors.
         T_port_lid: where a lid is, or None.
         shut: whether it is.
+        plug: type of the plug that is shown to it.
     """
 
     def __init__(
@@ -78,8 +81,11 @@ class DrawnEyes:
         seed: int,
         T_port_lid: Pose | None = None,
         shut: Callable[[], bool] = lambda: False,
+        plug: str = "",
     ) -> None:
         self._port, self._T_port_lid, self._shut = port, T_port_lid, shut
+        self._plug = plug
+        self._T_shown: Pose | None = None
         self._rng = np.random.default_rng((seed, 77))
         self._last: dict[str, float] = {}
 
@@ -95,13 +101,18 @@ class DrawnEyes:
         """See :class:`Eyes`; a drawn look is as good without."""
 
     def show(self, T_base_plug: Pose | None) -> None:
-        """See :class:`Eyes`; drawn looks show no plugs."""
+        """See :class:`Eyes`; it is where it is believed, but for the look's errors."""
+        self._T_shown = T_base_plug
 
     def _drawn(self, pair: str, now: float, T_base_port: Pose) -> PortLook | LidLook:
         errors = FAR if pair == POST else NEAR
         sigma = np.array([errors.lateral, errors.lateral, errors.depth] + [errors.tilt] * 2)
         sigma = np.append(sigma, errors.roll)
         off = exp(self._rng.standard_normal(6) * sigma)
+        if self._T_shown is not None and pair == POST:
+            T, name = self._T_shown @ off, self._plug
+            shown = SeenPort(name, errors.score, T, np.diag(sigma**2), False)
+            return PortLook(now, pair, (shown,), np.zeros((4, 4, 3), np.uint8))
         if self._T_port_lid is not None and self._shut():
             T_lid = np.asarray(T_base_port @ self._T_port_lid @ off)
             picture = np.zeros((4, 4, 3), np.uint8)
@@ -120,6 +131,7 @@ class RenderedEyes:
         plug: type of the station's plug.
         mode: the station's.
         lid: that the car has, or None.
+        around: what weather and dirt make of the pictures; None leaves them as rendered.
     """
 
     def __init__(
@@ -129,8 +141,9 @@ class RenderedEyes:
         plug: str,
         mode: Mode,
         lid: LidShape | None = None,
+        around: Surroundings | None = None,
     ) -> None:
-        self._world, self._robot = world, robot
+        self._world, self._robot, self._around = world, robot, around
         self._eyes = {
             POST: PortEye(POST, INLETS, paper=mode == "paper"),
             FLANGE: PortEye(FLANGE, INLETS_OF[plug], (0.15, 0.8)),
@@ -159,6 +172,9 @@ class RenderedEyes:
             if frame is None or camera.info.name not in wanted:
                 continue
             view = posed_pair(frame, camera.info, self._robot, self._history)
+            if self._around is not None and view.T_base_camera is not None:
+                T = np.asarray(inverse(view.T_base_camera) @ T_base_port)
+                view = replace(view, frame=self._around.over(frame, camera.info, T))
             lid = self._lids.get(camera.info.name)
             for eye in (self._eyes[camera.info.name], *(() if lid is None else (lid,))):
                 seen = eye.update([view])

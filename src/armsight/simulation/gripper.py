@@ -31,10 +31,18 @@ class SimulatedGripper:
 
     def reset(self) -> None:
         """Back to time 0: open."""
-        self._start = (0.0, self._spec.opening)
-        self._target = self._spec.opening
+        self.stand(self._spec.opening)
         self._told = -1
         self._felt: tuple[float, float] | None = None
+
+    @property
+    def stands(self) -> float:
+        """Where its drive would have the width now [m]."""
+        return self.wanted(self._clock.now())
+
+    def stand(self, width: float) -> None:
+        """It stands at a width [m], as one does whose program has ended."""
+        self._start, self._target = (0.0, width), width
 
     @property
     def opening(self) -> float:

@@ -122,9 +122,18 @@ class Lid:
         held = self._latched or self._spec.latch == "spring"
         return self._q >= 0 and self.angle < SHUT and held
 
+    @property
+    def latch(self) -> tuple[bool, bool]:
+        """Whether a push latch holds, and whether the next push toggles it."""
+        return self._latched, self._armed
+
+    @latch.setter
+    def latch(self, state: tuple[bool, bool]) -> None:
+        self._latched, self._armed = state
+
     def reset(self) -> None:
         """Shut, and held."""
-        self._latched, self._armed = True, True
+        self.latch = (True, True)
 
     def push(self) -> None:
         """Write the torque for the next step."""

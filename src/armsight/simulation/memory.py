@@ -9,6 +9,8 @@ import numpy as np
 
 from armsight.simulation.arm import SimulatedArm
 from armsight.simulation.gl import mujoco
+from armsight.simulation.gripper import SimulatedGripper
+from armsight.simulation.lid import Lid
 from armsight.simulation.parked_car import ParkedCar
 
 
@@ -19,19 +21,34 @@ class Memory:
     watchdog stopped it.
 
     Args:
-        model, data: MuJoCo's; arm: its drives; car: or None.
+        model, data: MuJoCo's; arm: its drives; car, lid, gripper: or None.
     """
 
-    def __init__(self, model: Any, data: Any, arm: SimulatedArm, car: ParkedCar | None) -> None:
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        arm: SimulatedArm,
+        car: ParkedCar | None,
+        lid: Lid | None = None,
+        gripper: SimulatedGripper | None = None,
+    ) -> None:
         self._model, self._data, self._arm, self._car = model, data, arm, car
+        self._lid, self._gripper = lid, gripper
 
     def take(self) -> dict[str, list[Any]]:
-        """Joints, what the drives hold, and the car's port, as JSON knows them."""
+        """Joints, what the drives hold, car, lid's latch and gripper, as JSON knows them."""
         kept = {
             "joints": self._data.qpos.tolist(),
             "reference": self._arm.reference_position.tolist(),
         }
-        return kept if self._car is None else kept | {"car": self._car.T_world_socket.tolist()}
+        if self._car is not None:
+            kept["car"] = self._car.T_world_socket.tolist()
+        if self._lid is not None:
+            kept["latch"] = list(self._lid.latch)
+        if self._gripper is not None:
+            kept["gripper"] = [self._gripper.stands]
+        return kept
 
     def put(self, kept: Mapping[str, list[Any]]) -> None:
         """Everything stands where it stood, at rest; for an arm that nobody has commanded yet."""
@@ -41,4 +58,8 @@ class Memory:
         self._arm.reference_velocity = np.zeros(len(self._arm.reference_position))
         if self._car is not None:
             self._car.T_world_socket = np.asarray(kept["car"], float)
+        if self._lid is not None:
+            self._lid.latch = (bool(kept["latch"][0]), bool(kept["latch"][1]))
+        if self._gripper is not None:
+            self._gripper.stand(float(kept["gripper"][0]))
         mujoco.mj_forward(self._model, self._data)

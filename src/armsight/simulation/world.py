@@ -104,7 +104,6 @@ class SimulatedWorld:
             seed,
             compliance(robot, scale, self._cell.greatest_load),
         )
-        self.memory = Memory(self._cell.model, self._data, self.arm, self.car)
         self.cameras = tuple(
             SimulatedCamera(camera, self.clock, self._cell.materials, (seed, 20 + i))
             for i, camera in enumerate(spec.cameras)
@@ -119,6 +118,9 @@ class SimulatedWorld:
             else SimulatedWrench(spec.wrench, self.clock, spec.time_step, (seed, 30))
         )
         self.gripper = None if spec.gripper is None else SimulatedGripper(spec.gripper, self.clock)
+        self.memory = Memory(
+            self._cell.model, self._data, self.arm, self.car, self.lid, self.gripper
+        )
         self._shutters: tuple[SimulatedCamera | SimulatedStereo, ...] = (
             *self.cameras,
             *self.stereo_cameras,
@@ -173,12 +175,19 @@ class SimulatedWorld:
         self._followers.reset(self._data)
         mujoco.mj_forward(self._cell.model, self._data)
 
-    def relight(self, lamps: Sequence[float] | Floats, around: float) -> None:
+    def relight(
+        self,
+        lamps: Sequence[float] | Floats,
+        around: float,
+        first: tuple[Vector3, Vector3] | None = None,
+    ) -> None:
         """Another light: times of day and weather. Depth and contact do not change.
 
         Args:
             lamps: (L,) factors of the brightness of each lamp (``simulation/looks.py``).
             around: factor of the light that comes from everywhere.
+            first: where the first lamp, which casts shadows, stands, and what it is turned to, in
+                world [m]; None leaves it.
 
         Raises:
             ValueError: not as many factors as lamps.
@@ -190,6 +199,9 @@ class SimulatedWorld:
             light[:] *= np.asarray(lamps)[:, None]
         shown.ambient[:] *= around
         shown.diffuse[:] *= around
+        if first is not None:
+            model.light_pos[0], model.light_dir[0] = first[0], first[1] - first[0]
+            model.light_dir[0] /= np.linalg.norm(model.light_dir[0])
 
     @property
     def lamps(self) -> int:
