@@ -9,7 +9,7 @@ from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import State
 from armsight.errors import ArmsightError
 from armsight.experiments.station_bench import StationBench, charging_cell, make_station
-from armsight.experiments.station_doomed import Left, in_a_fresh_process, kill_a_copy
+from armsight.experiments.station_doomed import FreshProcesses, Left, kill_a_copy
 from armsight.experiments.station_phases import LID_PHASES, PHASES, showing
 
 
@@ -52,15 +52,16 @@ def test_what_follows_is_another_process_that_reads_the_file_and_comes_home(visi
     bench, station, file = visit
     for _ in range(60):
         bench.step(station)
-    left = Left(bench.world.memory.take(), file.read_bytes(), -0.2, "second look")
-    found = in_a_fresh_process(bench.workcell, left, tmp_path / "again.json", 7)
-    assert found["safe"]
-    assert found["words"].startswith("was stopped")
-    assert not (tmp_path / "again.json").exists()
-    without = in_a_fresh_process(
-        bench.workcell, Left(left.world, None, -0.2, ""), tmp_path / "again.json", 7
-    )
-    assert without["words"] == "", "without its file it knows of no visit"
+    world, again = bench.world.memory.take(), tmp_path / "again.json"
+    with FreshProcesses(bench.workcell, 7) as fresh:
+        found = fresh.follow(Left(world, file.read_bytes(), -0.2, "second look"), again)
+        assert found["safe"]
+        assert found["words"].startswith("was stopped")
+        assert not again.exists()
+        without = fresh.follow(Left(world, None, -0.2, ""), again)
+        assert without["words"] == "", "without its file it knows of no visit"
+        with pytest.raises(ArmsightError, match="ended with status"):
+            fresh.follow(Left({}, None, -0.2, ""), again)
 
 
 def test_every_state_in_which_a_station_is_at_work_is_a_phase():

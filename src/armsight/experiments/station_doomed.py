@@ -104,18 +104,16 @@ def _be_killed(
         os._exit(1)  # whatever went wrong: a copy must not go on as if it were the visit
 
 
-def follow(cell: Workcell, left: Left, file: Path, seed: int) -> dict[str, Any]:
+def follow(bench: StationBench, left: Left, file: Path) -> dict[str, Any]:
     """What becomes of it, in this process: does it end with the plug safely out, and home?
 
     Args:
-        cell: of the visit.
+        bench: a world of the cell in which nothing has happened yet.
         left: what the killed process left.
         file: where the station keeps its own.
-        seed: of sensor and looks.
     """
     if left.file is not None:
         file.write_bytes(left.file)
-    bench = StationBench(cell, seed)
     bench.world.memory.put(left.world)
     bench.stop()
     station = make_station(bench, file, SimulatedCar(seconds=2.0))
@@ -129,7 +127,6 @@ def follow(cell: Workcell, left: Left, file: Path, seed: int) -> dict[str, Any]:
     force = max(bench.peaks.axial, bench.peaks.lateral)
     touched = len(bench.world.truth.moving_contacts) if lid is None else 0  # a finger is to touch
     home = bool(away < AT_HOME and not file.exists())
-    bench.world.close()
     return {
         "safe": bool(ended and out and home and force <= FORCE and not touched),
         "words": words,
@@ -140,28 +137,63 @@ def follow(cell: Workcell, left: Left, file: Path, seed: int) -> dict[str, Any]:
     }
 
 
-def in_a_fresh_process(cell: Workcell, left: Left, file: Path, seed: int) -> dict[str, Any]:
-    """:func:`follow` in a process forked from a server that has loaded the code and nothing else.
+class FreshProcesses:
+    """Processes that know nothing of a visit, each for what one killed process has left.
 
-    Raises:
-        ArmsightError: it ended without a word.
+    They are forked from one that has loaded the code and has the simulation ready, that never was
+    part of a visit, and itself comes from a server that has loaded the code and nothing else.
+
+    Args:
+        cell: of the visit.
+        seed: of sensor and looks.
     """
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    ours, its = context.Pipe(duplex=False)
-    process = context.Process(target=_follow_and_say, args=(its, cell, left, file, seed))
-    process.start()
-    its.close()
-    try:
-        return dict(ours.recv())
-    except EOFError:
-        process.join()
-        raise ArmsightError(
-            f"the station that was started again ended with code {process.exitcode}"
-        ) from None
-    finally:
-        process.join()
+
+    def __init__(self, cell: Workcell, seed: int) -> None:
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload([__name__])
+        self._talk, its = context.Pipe()
+        self._process = context.Process(target=_serve, args=(its, cell, seed))
+        self._process.start()
+        its.close()
+
+    def __enter__(self) -> FreshProcesses:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._talk.close()
+        self._process.join()
+
+    def follow(self, left: Left, file: Path) -> dict[str, Any]:
+        """See :func:`follow`.
+
+        Raises:
+            ArmsightError: the process ended without a word.
+        """
+        try:
+            self._talk.send((left, file))
+            found: dict[str, Any] | int = self._talk.recv()
+        except EOFError:
+            found = -1
+        if isinstance(found, int):
+            raise ArmsightError(f"a station that was started again ended with status {found}")
+        return found
 
 
-def _follow_and_say(say: Connection, cell: Workcell, left: Left, file: Path, seed: int) -> None:
-    say.send(follow(cell, left, file, seed))
+def _serve(talk: Connection, cell: Workcell, seed: int) -> None:
+    """Fork a process for each that is asked for."""
+    bench = StationBench(cell, seed)
+    while True:
+        try:
+            left, file = talk.recv()
+        except EOFError:
+            return
+        pid = os.fork()
+        if pid == 0:
+            try:
+                talk.send(follow(bench, left, file))
+                os._exit(0)
+            finally:
+                os._exit(1)
+        status = os.waitpid(pid, 0)[1]
+        if status != 0:
+            talk.send(status)

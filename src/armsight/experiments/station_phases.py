@@ -22,7 +22,7 @@ from armsight.devices.camera_models import stereo_pair
 from armsight.experiments.charging_visits import TYPES, random_cell
 from armsight.experiments.lid_visits import VEHICLES, lid_cell
 from armsight.experiments.station_bench import StationBench, make_station
-from armsight.experiments.station_doomed import in_a_fresh_process, kill_a_copy
+from armsight.experiments.station_doomed import FreshProcesses, kill_a_copy
 from armsight.experiments.station_eyes import POST
 from armsight.geometry.pose import inverse
 from armsight.workcell.schema import Workcell
@@ -108,7 +108,7 @@ def _visit(
     """One visit, a copy of it killed in each phase; it ends where no phase is left."""
     bench = StationBench(cell, seed)
     kills: list[dict[str, Any]] = []
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, FreshProcesses(cell, seed + 500) as fresh:
         file = Path(folder) / "station.json"
         station = make_station(bench, file, SimulatedCar(seconds=2.5), shows=showing(cell, bench))
         if shown:
@@ -122,7 +122,7 @@ def _visit(
                 life = _Life(phase, bench, station, rng)
                 dead = kill_a_copy(bench, life.go_on, station, file)
                 again = Path(folder) / "again.json"
-                found = in_a_fresh_process(cell, dead, again, seed + 500)
+                found = fresh.follow(dead, again)
                 again.unlink(missing_ok=True)
                 kills.append({"phase": phase.name, "depth_mm": 1e3 * dead.depth, **found})
         words = station.outcomes[-1].problem if station.outcomes else station.words
