@@ -41,6 +41,25 @@ def test_a_way_is_as_free_as_where_it_is_least_so():
     assert room.on_way(FAR) == pytest.approx(0.0, abs=0.02)
 
 
+def test_a_way_beside_somebody_lasts_as_long_as_the_guard_makes_it():
+    """Measured: at 0.64 m from unseen space 0.07 m/s, at 0.54 m 0.011."""
+    room = Room(ROBOT)
+    assert room.lasts(FAR) == 0.0
+    room.here = HERE
+    tip = sphere_centers(ROBOT, HERE)[-1]
+    radius = np.asarray(ROBOT.spheres.radius)
+    there = HERE + np.array([0.02, 0.0, 0.0, 0.0, 0.0, 0.0])
+    way = np.linalg.norm(sphere_centers(ROBOT, there) - sphere_centers(ROBOT, HERE), axis=1).max()
+    for gap, speed in ((0.64, 0.07), (0.54, 0.011)):
+        outwards = tip * [1.0, 1.0, 0.0] / np.linalg.norm(tip[:2])
+        hazards = np.asarray((tip + (gap + 0.02 + radius[-1]) * outwards)[None], np.float32)
+        room.snapshot = SimpleNamespace(sequence=gap, hazards=hazards, hazard_radius=0.02)
+        least = room.left(HERE) + 0.56  # a wrist may be nearer than the tip
+        assert least == pytest.approx(gap, abs=0.06)
+        expected = way / (speed * (least - 0.52) / (gap - 0.52))
+        assert room.lasts(there) == pytest.approx(expected, rel=0.4)
+
+
 def setup(**changes):
     lens = PinholeCamera(1280, 960, 1200.0, 1200.0, 640.0, 480.0)
     pair = converging_pair(lens, 0.2, np.arctan(0.2 / 1.2))
@@ -71,6 +90,31 @@ def test_a_place_to_which_the_way_is_closed_waits_for_those_beside_it():
     assert gone_to(taken(), places)[0] == 0
     behind = taken(on_way=lambda q: -1.0 if q[0] == near[0] else 1.0)
     assert gone_to(behind, places)[0] == 1
+
+
+def test_of_near_places_the_one_is_gone_to_first_that_the_guard_lets_it_go_to_soonest():
+    """A way of 2 s beside unseen space lasted 18."""
+    near, beside, far = (ROBOT.home + turn * np.eye(6)[0] for turn in (0.2, 0.5, 2.6))
+    places = np.array([near, beside, far])
+    slow = setup(lasts=lambda q: 18.0 if q[0] == near[0] else 0.0)
+    taken = plug_procedure._Taken(slow, lambda news: None, lambda look: None, [])
+    assert taken._soonest(places) == [1, 2, 0]
+
+
+@pytest.mark.parametrize(("many", "least"), [(True, 0.1), (False, 0.0)])
+def test_places_with_room_to_spare_are_chosen_where_there_are_enough(many, least):
+    rooms = {}
+    s = setup(room=lambda q: rooms[q.tobytes()])
+    rng = np.random.default_rng(3)
+    joints, _ = plug_views(s.believed, ROBOT, s.pair.lenses, "type2_plug", 60, rng)
+    assert len(joints) > 24
+    spacious = 20 if many else 5
+    for k, q in enumerate(joints):
+        rooms[q.tobytes()] = 0.2 if k < spacious else 0.02
+    taken = plug_procedure._Taken(s, lambda news: None, lambda look: None, [])
+    kept = plug_procedure._promising(s, taken, joints, closed=False)
+    assert len(kept) == (20 if many else len(joints))
+    assert min(rooms[joints[k].tobytes()] for k in kept) > least
 
 
 def test_places_to_which_the_way_is_closed_wait(monkeypatch):

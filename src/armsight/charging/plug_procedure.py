@@ -48,6 +48,11 @@ CARRIES = 3
 """The joints that carry the arm about; the others turn its wrist."""
 ROUNDS = 3
 """Of taking out how the plug hangs about where it was found to be held."""
+SPARE = (0.10, 0.05, 0.0)
+"""Places with so much more room than the guard asks for are chosen from, where there are enough of
+them: beside less it makes the arm slow, 10 to 18 s for a way of 2 s [m]."""
+SOME = 8
+"""Of so many places that are near the one that the arm is soonest at is gone to."""
 RANGE = (0.3, 1.2)
 """Where a plug is searched that is not where it is expected [m]."""
 
@@ -65,6 +70,7 @@ class PlugSetup:
         free: whether the arm may stand at joint angles.
         room: how much farther than the guard asks for the arm would be there from whoever could be
             somewhere, as far as is known now [m]; on_way: and at least on the way there.
+        lasts: how long the guard makes the way there at least [s].
         here: (n,) where the arm is [rad], where somebody says so.
         looks: how many are taken, with those that are there already.
         speed, acceleration: shares of the arm's limits.
@@ -81,6 +87,7 @@ class PlugSetup:
     acceleration: float = 0.5
     room: Callable[[JointVector], float] = lambda joints: np.inf
     on_way: Callable[[JointVector], float] = lambda joints: np.inf
+    lasts: Callable[[JointVector], float] = lambda joints: 0.0
     here: Callable[[], JointVector | None] = lambda: None
 
     @property
@@ -221,23 +228,31 @@ class _Taken:
     def round(
         self, places: JointPath, stage: str, answer: PlugCalibration
     ) -> Generator[Request, bool | Looked, None]:
-        """Go to (c, n) [rad], to the nearest first to which there is a way by the newest map.
+        """Go to (c, n) [rad], to the soonest first to which there is a way by the newest map.
 
         Whatever is behind a place that the arm must keep from waits until it is somewhere else; at
         least one is gone to.
         """
-        setup, before = self._setup, self.tried
-        robot, speed, acceleration = setup.robot, setup.speed, setup.acceleration
+        before = self.tried
         left = list(places)
         while left:
-            here = setup.here()
-            start = self.here if here is None else here
-            order = np.argsort(travel_seconds(robot, start, np.array(left), speed, acceleration))
-            ways = (int(k) for k in order if self._open(left[k]))
-            k = next(ways, int(order[0]) if self.tried == before else None)
+            order = self._soonest(np.array(left))
+            ways = (k for k in order if self._open(left[k]))
+            k = next(ways, order[0] if self.tried == before else None)
             if k is None:
                 return
             yield from self._look(left.pop(k), stage, answer)
+
+    def _soonest(self, places: JointPath) -> list[int]:
+        """Order of (c, n) [rad]: the nearest, those first that the guard lets it go to soonest."""
+        setup, here = self._setup, self._setup.here()
+        start = self.here if here is None else here
+        travel = travel_seconds(setup.robot, start, places, setup.speed, setup.acceleration)
+        order = [int(k) for k in np.argsort(travel)]
+        return (
+            sorted(order[:SOME], key=lambda k: max(travel[k], setup.lasts(places[k])))
+            + order[SOME:]
+        )
 
     def _open(self, goal: JointVector) -> bool:
         """Whether the guard lets the arm go to (n,) [rad] and stand there, as far as is known."""
@@ -279,17 +294,19 @@ class _Taken:
 
 
 def _promising(setup: PlugSetup, taken: _Taken, joints: JointPath, closed: bool) -> Ints:
-    """Of (c, n) configurations those that the guard lets the arm stand at; else the roomiest.
+    """Of (c, n) configurations those at which the arm is soon; else the roomiest.
 
     Where ways to others were ``closed``, those that it can go to from where it is.
     """
     room = np.array([setup.room(q) for q in joints])
-    good = np.flatnonzero(taken.promising(joints) & (room > 0.0))
-    if closed:
-        near = good[[setup.on_way(joints[k]) >= 0.0 for k in good]]
-        good = near if len(near) >= LEAST_VIEWS else good
-    if len(good) >= LEAST_VIEWS:
-        return good
+    hopeful = taken.promising(joints)
+    for spare in SPARE:
+        good = np.flatnonzero(hopeful & (room > spare))
+        if closed and len(good) >= LEAST_VIEWS:
+            near = good[[setup.on_way(joints[k]) >= 0.0 for k in good]]
+            good = near if len(near) >= LEAST_VIEWS else good
+        if len(good) >= (setup.looks if spare > 0.0 else LEAST_VIEWS):
+            return good
     return np.argsort(-room, kind="stable")[: 2 * LEAST_VIEWS]
 
 

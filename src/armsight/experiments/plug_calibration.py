@@ -24,7 +24,9 @@ from armsight.charging.plug_views import expected_noise, plug_views, tour
 from armsight.charging.pose import fit_pose
 from armsight.devices.camera_models import stereo_pair
 from armsight.experiments.cache import RunCache
+from armsight.experiments.episodes import part_of, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.plug_calibration_guarded import guarded_run
 from armsight.experiments.port_pictures import Album
 from armsight.experiments.port_scene import LIGHTS, PortView
 from armsight.experiments.rows import Row
@@ -52,8 +54,14 @@ driven in the order of the shortest next way, photographed (rendered, five light
 that score below 0.7, whose roll is doubtful, or that contradict the others are dropped. The error
 is that of the tip, by the calibrated arm, against where the calibrated camera says that it is, in
 60 other places of the workspace; sag, and play of the plug in its holder, are not in it.
-`robot_time_s` is travel at half speed and 0.5 s a look, from the home position.
+`travel_s` is travel at half speed and 0.5 s a look, from the home position, as nobody slows it.
+
+`robot_time_s` is measured: half as many runs of `armsight calibrate ur10_charging --plug`, from
+cold to the last look, in the cell with its guard and map and rendered cameras, 26 looks, the moves
+chosen and made by itself; the cell's true errors are drawn by the seed. A run that fails has no
+time, and counts as longer than any.
 """
+GUARDED_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -163,9 +171,17 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     cache = RunCache("plug-calibration", seed, {"version": VERSION})
     results = []
     for i in range(runs):
-        progress("cells", i / runs)
+        progress("cells", 0.5 * i / runs)
         results.append(cache.get(i, partial(measure, album, seed, i)))
     album.close()
+    guarded = run_episodes(
+        "plug-calibration",
+        guarded_run,
+        range(max(1, runs // 2)),
+        seed,
+        {"version": GUARDED_VERSION, "part": "guarded"},
+        part_of(progress, 0.5, 0.5),
+    )
     rows = []
     where = f"{LOOKS} looks, {runs} cells"
     for prefix, how in (
@@ -208,18 +224,17 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     seconds = [r["seconds"] for r in results]
     rows.append(
         Row(
-            "robot_time_s",
-            "travel and looks, from cold, median",
+            "travel_s",
+            "travel and looks, as nobody slows them, median",
             where,
             float(np.median(seconds)),
             "s",
             runs,
             min(seconds),
             max(seconds),
-            must=150,
-            aim=90,
         )
     )
+    rows += guarded_rows(guarded)
     rows.append(
         Row(
             "dropped",
@@ -240,7 +255,39 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
             runs,
         )
     )
-    return Outcome(tuple(rows), {"cells": lambda: _plot(results)})
+    notes = tuple(
+        f"guarded, run {i + 1}: {r['failure'] or '; '.join(r['problems'])}"
+        for i, r in enumerate(guarded)
+        if r["failure"] or r["problems"]
+    )
+    return Outcome(tuple(rows), {"cells": lambda: _plot(results)}, notes)
+
+
+def guarded_rows(guarded: list[dict[str, Any]]) -> list[Row]:
+    """Time of the runs with the guard, and how far off the pair is afterwards."""
+    where = f"guarded, {LOOKS} looks wanted"
+    seconds = [np.inf if r["failure"] else r["seconds"] for r in guarded]
+    rows = [
+        Row(
+            "robot_time_s",
+            "from cold, moves made by itself, median",
+            where,
+            float(np.median(seconds)),
+            "s",
+            len(guarded),
+            min(seconds),
+            max(seconds),
+            must=150,
+            aim=90,
+        )
+    ]
+    used = float(np.mean([r["used"] for r in guarded]))
+    rows.append(Row("used", "looks used, mean", where, used, n=len(guarded)))
+    for key, unit in (("pair_mm", "mm"), ("pair_deg", "deg")):
+        what = "true error of the pair's place" if unit == "mm" else "of its attitude"
+        worst = float(max(r[key] for r in guarded))
+        rows.append(Row(key, f"{what}, greatest", where, worst, unit, len(guarded)))
+    return rows
 
 
 def _plot(results: list[dict[str, Any]]) -> Figure:

@@ -13,7 +13,7 @@ from armsight.experiments.cache import RunCache
 from armsight.experiments.episodes import part_of, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, share_row
-from armsight.experiments.station_phases import LID_PHASES, PHASES, lid_kills, plain_kills
+from armsight.experiments.station_phases import COPIES, LID_PHASES, PHASES, lid_kills, plain_kills
 from armsight.experiments.station_sigkill import killed
 
 VERSION = 9
@@ -27,10 +27,11 @@ another one is started from the file that it left. Where arm, plug, lid and car 
 simulation is handed to it, as real ones would stand where the arm's watchdog stopped it. Two ways:
 
 * *station*: contact physics (`experiments/station_bench.py`: no guard, looks drawn from the pairs'
-  errors). Cars of the three types parked at random, and cars under a lid with both latches; the
-  plug is shown to the standing pair first. A visit under way is forked where a phase begins, the
-  copy goes on to a moment within the phase and is killed, the visit goes on to its next phase. What
-  is started again is a process that never was a copy of the visit. Safe: it ends by itself, nobody
+  errors). Cars of the three types parked at random, the plug shown to the standing pair first; and
+  cars under a lid with both latches, half of the kills while it is opened, half while it is shut. A
+  visit under way is forked where a phase begins, the copy goes on to a moment within the phase and
+  is killed (of a visit under a lid two copies), the visit goes on to its next phase. What is
+  started again is a process that never was part of a visit. Safe: it ends by itself, nobody
   asked for help, at its stand-by, its file gone, the plug out of the car by the truth (more than
   5 cm before its face), nothing pressed with more than 125 N, nothing touched but the port (a
   finger touches its lid).
@@ -59,10 +60,13 @@ Kills = list[dict[str, Any]]
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` kills in each phase, and a tenth as many of the whole program."""
     station: Kills = []
-    for k, (part, visit) in enumerate((("plain", plain_kills), ("lid", lid_kills))):
+    halved = max(1, runs // COPIES)
+    for k, (part, visit, count) in enumerate(
+        (("plain", plain_kills, runs), ("lid", lid_kills, halved))
+    ):
         share = part_of(progress, 0.25 * k, 0.25)
         settings = {"version": VERSION, "part": part}
-        visits = run_episodes("station-kill", visit, range(runs), seed, settings, share)
+        visits = run_episodes("station-kill", visit, range(count), seed, settings, share)
         station += [kill for found in visits for kill in found["kills"]]
     cache = RunCache("station-kill", seed, {"version": GUARDED_VERSION})
     whole: Kills = []

@@ -27,6 +27,8 @@ from armsight.experiments.station_eyes import POST
 from armsight.geometry.pose import inverse
 from armsight.workcell.schema import Workcell
 
+COPIES = 2
+"""Of a visit under a lid are killed in each phase, at moments of their own: it takes long."""
 PATIENCE = 240.0
 """For a visit in which nothing is killed [s]."""
 Deed = Callable[[StationBench, Station], None]
@@ -94,7 +96,7 @@ def lid_kills(seed: int, i: int) -> dict[str, Any]:
     """Likewise a car whose port is under a lid: in turns as it is opened, and as it is shut."""
     rng = np.random.default_rng((seed, 44, i))
     cell = lid_cell(rng, tuple(VEHICLES)[i // 2 % len(VEHICLES)])
-    return {"kills": _visit(cell, LID_PHASES, 1000 * seed + i, rng, shutting=i % 2 == 1)}
+    return {"kills": _visit(cell, LID_PHASES, 1000 * seed + i, rng, COPIES, shutting=i % 2 == 1)}
 
 
 def _visit(
@@ -102,10 +104,11 @@ def _visit(
     phases: tuple[Phase, ...],
     seed: int,
     rng: np.random.Generator,
+    copies: int = 1,
     shown: bool = False,
     shutting: bool = False,
 ) -> list[dict[str, Any]]:
-    """One visit, a copy of it killed in each phase; it ends where no phase is left."""
+    """One visit, copies of it killed in each phase; it ends where no phase is left."""
     bench = StationBench(cell, seed)
     kills: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder, FreshProcesses(cell, seed + 500) as fresh:
@@ -119,16 +122,17 @@ def _visit(
             bench.step(station)
             for phase in [p for p in left if _begins(p, station, shutting)]:
                 left.remove(phase)
-                life = _Life(phase, bench, station, rng)
-                dead = kill_a_copy(bench, life.go_on, station, file)
-                again = Path(folder) / "again.json"
-                found = fresh.follow(dead, again)
-                again.unlink(missing_ok=True)
-                kills.append({"phase": phase.name, "depth_mm": 1e3 * dead.depth, **found})
+                for _ in range(copies):
+                    life = _Life(phase, bench, station, rng)
+                    dead = kill_a_copy(bench, life.go_on, station, file)
+                    again = Path(folder) / "again.json"
+                    found = fresh.follow(dead, again)
+                    again.unlink(missing_ok=True)
+                    kills.append({"phase": phase.name, "depth_mm": 1e3 * dead.depth, **found})
         words = station.outcomes[-1].problem if station.outcomes else station.words
     bench.world.close()
     never = {"safe": False, "words": f"the visit did not come to it: {words}"}
-    return kills + [{"phase": p.name, **never} for p in left]
+    return kills + [{"phase": p.name, **never} for p in left for _ in range(copies)]
 
 
 def _begins(phase: Phase, station: Station, shutting: bool) -> bool:

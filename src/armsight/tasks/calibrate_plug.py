@@ -132,7 +132,9 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
         """
         self._room, self._sees = Room(setup.robot), False
         room = self._room
-        setup = replace(setup, room=room.left, on_way=room.on_way, here=lambda: room.here)
+        setup = replace(
+            setup, room=room.left, on_way=room.on_way, lasts=room.lasts, here=lambda: room.here
+        )
         self._face, self._told = _PlugFace(setup), told
         super().__init__(
             (),
