@@ -12,20 +12,23 @@ from armsight.devices.data import GripperState, JointState
 from armsight.errors import UsageError
 from armsight.experiments.quick_cell import QuickCell
 from armsight.experiments.servo_cell import OWN, plate
-from armsight.experiments.servo_handover import CELL
-from armsight.experiments.servo_world import declare, make_task, mapped_box, set_up
-from armsight.geometry.pose import inverse
+from armsight.experiments.servo_eyes import Errors
+from armsight.experiments.servo_handover import CELL, _hand
+from armsight.experiments.servo_world import declare, make_eyes, make_task, mapped_box, set_up
+from armsight.geometry.pose import from_rpy, inverse
 from armsight.motion.intents import PoseIntent, Rest
 from armsight.motion.task import Observation
 from armsight.robots.kinematics import sphere_centers
+from armsight.simulation.targets import TargetSpec, target_object
 from armsight.simulation.world import SimulatedWorld
-from armsight.tasks.fetch import ABOVE, CLOSES, JAMMED, fetch_in
+from armsight.tasks.fetch import ABOVE, CLOSES, JAMMED, fetch_in, with_item
 from armsight.tasks.servo import ServoOptions
 from armsight.workcell import open_cell
 from armsight.workcell.packaged import load
 from armsight.workcell.simulated import world_spec
 
-SETUP = set_up(1.0, 1.0, CELL)
+BARE = set_up(1.0, 1.0, CELL)
+SETUP = replace(BARE, robot=with_item(BARE.robot, BARE.workcell.items.size))
 BASE = SETUP.workcell.robot.T_world_base
 OPENING = 0.085
 
@@ -37,13 +40,23 @@ def fetching():
 class ItemCell(QuickCell):
     """Guard and planner over the simulated world's arm, gripper and items, its map by the truth."""
 
-    def __init__(self, item=True):
+    def __init__(self, item=True, palm=None):
         super().__init__(
             [], robot=SETUP.robot, config=SETUP.guard, rate=60.0, box=mapped_box(SETUP)
         )
         declare(self, SETUP)
         spec = world_spec(SETUP.workcell)
         objects = tuple(o for o in spec.objects if o.solid.name == "item" and item)
+        self.eyes, self.skin, self.offered = None, np.zeros((0, 3)), np.zeros((0, 3))
+        if palm is not None:
+            hand = target_object(TargetSpec("hand", "hand", palm))
+            objects += (replace(hand, mass=0.6, surface=75e3, hold=500.0),)
+            T = inverse(BASE) @ palm
+            self.skin, self.palm = _hand(T) + T[:3, 3], T[:3, 3]
+            errors = replace(Errors(arm=0.0), hidden_near=0.5)
+            self.eyes = make_eyes(SETUP, errors, np.random.default_rng(1))
+            self.eyes.normal, self.eyes.along = T[:3, 2], -T[:3, 0]
+            self.eyes.marked = False
         spec = replace(
             spec, cameras=(), stereo=(), objects=objects, arm=replace(spec.arm, kinematic_error=0.0)
         )
@@ -61,7 +74,7 @@ class ItemCell(QuickCell):
         empty = super().snapshot_at(stamp)
         if not hasattr(self, "world") or not self.has_item:
             return empty
-        points = plate((0.04, 0.04), 0.05, np.eye(3), self.place())
+        points = np.concatenate([plate((0.04, 0.04), 0.05, np.eye(3), self.place()), self.offered])
         index = np.unique(self.grid.index(points), axis=0)
         points = self.grid.center(index)
         away = np.linalg.norm(points[:, None] - sphere_centers(self.robot, self.q)[None], axis=2)
@@ -89,7 +102,14 @@ class ItemCell(QuickCell):
         gripper = self.world.gripper.read() or gripper
         status = self.log[-1] if self.log else None
         joints = JointState(self.now, self.q.copy(), self.v.copy())
-        wish = task.update(Observation(self.now, self.robot, joints, status, gripper=gripper))
+        seen = ()
+        if self.eyes is not None and task.fetch.done:  # the palm comes once it is fetched
+            self.offered = self.skin
+            self.eyes.expose(self.now, self.q, lambda _: self.palm)
+            seen = self.eyes.arrived(self.now)
+        wish = task.update(
+            Observation(self.now, self.robot, joints, status, gripper=gripper, perceived=seen)
+        )
         width = getattr(wish, "width", None)
         if width is not None and width != self.width:
             self.width = width
@@ -122,6 +142,25 @@ def test_the_item_is_taken_from_its_place_held_and_lifted():
         assert {c.owner for c in cell.world.truth.contacts} == {"item"}
         assert task.phase == "wait"
         assert not task.failed
+    finally:
+        cell.world.close()
+
+
+def test_what_was_fetched_is_let_go_above_the_palm():
+    """By contact alone: the fingers carry it and let go. It falls past the simulated palm, which
+    holds nothing, down to the bench: what counts is beside what of the palm it fell."""
+    palm = from_rpy((0.0, 0.0, np.pi), (0.80, 0.0, 1.08))
+    cell, task = ItemCell(palm=palm), make_task(SETUP, "ours", dock="hand")
+    task.fetch = fetching()
+    task.reset()
+    try:
+        run(cell, task, 30.0, lambda: task.phase == "done")
+        assert task.face().reason == "the item has been handed over", (
+            task.phase, task.fetch.words, cell.log[-1].reason, str(cell.log[-1].permit),
+        )  # fmt: skip
+        away = BASE[:3, :3] @ (cell.place() - cell.palm)
+        assert np.linalg.norm(away[:2]) < 0.03
+        assert {c.owner for c in cell.world.truth.contacts} == {"item"}
     finally:
         cell.world.close()
 

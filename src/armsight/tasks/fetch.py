@@ -13,11 +13,14 @@ import numpy as np
 from armsight.arrays import Pose
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse, make_pose
+from armsight.geometry.shapes import Solid
 from armsight.motion.intents import Intent, PoseIntent, Rest
 from armsight.motion.permits import PermitRequest
 from armsight.motion.regions import Region
 from armsight.motion.task import Observation
+from armsight.robots.held import holding
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
+from armsight.robots.robot import Robot
 from armsight.workcell.schema import Workcell
 
 ABOVE, HIGHER = 0.12, 0.005
@@ -200,6 +203,24 @@ class Fetch:
         y = max(ways, key=lambda way: float(way @ tcp[:3, 1]))
         R = np.stack([np.cross(y, -up), y, -up], axis=1)
         return make_pose(R, self.T_base_item[:3, 3] + HIGHER * up)
+
+
+def with_item(robot: Robot, size: tuple[float, float, float]) -> Robot:
+    """An arm whose gripper counts as holding an item, all the time.
+
+    The guard knows no arm that changes: so an empty gripper keeps what it may hold clear as well,
+    and what it holds is no stranger beside it.
+
+    Args:
+        robot: with its gripper.
+        size: of the item, its last edge along the gripper [m].
+    """
+    tool = robot.tool
+    assert tool is not None
+    T = tool.T_flange_tcp @ make_pose(None, (0.0, 0.0, HIGHER))
+    wide = max(size[:2])  # along either edge, as it is gripped
+    item = Solid("item", "box", (wide, wide, size[2]), T)
+    return robot.without_tool().with_tool(holding(tool, [item]))
 
 
 def fetch_in(workcell: Workcell, opening: float, T_world_base: Pose) -> Fetch:

@@ -193,9 +193,12 @@ class HandoverTask(ServoTask):
             self._begin("done", LEAVES, now)
 
     def _slipped(self, observation: Observation) -> bool:
-        """Whether the gripper has held something, and says that it no longer does."""
+        """Whether the gripper has held something, and says that it no longer does.
+
+        Fingers that move say nothing: they give a little where the arm swings what they hold.
+        """
         gripper = observation.gripper
-        if gripper is None or gripper.holding is None:
+        if gripper is None or gripper.holding is None or gripper.moving:
             return False
         held, self._held = self._held, gripper.holding
         return held and not gripper.holding

@@ -20,7 +20,7 @@ from armsight.servoing.modes import ChaseConfig, make_chase
 from armsight.servoing.patience import STATED
 from armsight.servoing.segments import SegmentConfig
 from armsight.servoing.targets.ball import Ball
-from armsight.tasks.fetch import fetch_in
+from armsight.tasks.fetch import fetch_in, with_item
 from armsight.tasks.handover import HandoverTask
 from armsight.tasks.servo_task import Mode, ServoTask
 from armsight.workcell.beliefs import tip_of
@@ -73,11 +73,18 @@ class ServoOptions:
         if not self.patience > 0.0:
             raise UsageError(f"a patience of {self.patience:g} s; expected above 0, or inf")
         dock = docking(self.target, self.ball_radius)
-        task = servo_task(cell, dock, self.mode, self.standoff, self.patience)
+        fetch = None
         if self.fetch:
-            if not isinstance(task, HandoverTask):
-                raise UsageError("only what is handed over is fetched: fetch goes with a hand")
-            task.fetch = fetch_in(cell.workcell, task.opening, cell.T_world_base)
+            if self.target != "hand" or self.standoff > 0.0 or cell.gripper is None:
+                raise UsageError(
+                    "only what is handed over is fetched: fetch goes with a hand, without a "
+                    "standoff, and a gripper"
+                )
+            fetch = fetch_in(cell.workcell, cell.gripper.opening, cell.T_world_base)
+            cell.robot = with_item(cell.robot, fetch.size)  # of all that is made for it from now on
+        task = servo_task(cell, dock, self.mode, self.standoff, self.patience)
+        if isinstance(task, HandoverTask):
+            task.fetch = fetch
         return task
 
 
