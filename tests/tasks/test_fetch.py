@@ -249,7 +249,7 @@ def test_what_slips_while_it_is_lifted_is_said():
 
 def test_a_way_that_is_not_free_and_a_gripper_that_is_dumb_are_said():
     fetch = fetching()
-    told(fetch, 20.2, OPEN)
+    told(fetch, 30.2, OPEN)
     assert fetch.words == "could not come to where items lie: somebody is near"
     fetch = fetching()
     told(fetch, 0.1, None, "above the items")

@@ -37,7 +37,7 @@ NOTHING = 0.3
 """Fingers nearer to each other than this share of the item's least width hold nothing ..."""
 WIDER = 1.4
 """... and fingers that stand farther apart than this times its greatest hold something else."""
-LATE = 20.0
+LATE = 30.0
 """A way that takes longer is given up [s]."""
 TRIES = 2
 """So often it is tried."""
