@@ -68,6 +68,24 @@ def test_no_weather_leaves_a_picture_as_it_is_and_dirt_stays_on_the_port():
     assert np.corrcoef(*levels)[0, 1] > 0.8
 
 
+def test_dirt_is_as_bright_as_the_light_that_falls_on_it():
+    """In a dark cell it shone by itself, and hid a port 1 m away that anybody sees."""
+    cell = charging_cell()
+    section = next(p for p in cell.stereo if p.name == POST)
+    bench = StationBench(cell, 5, rendered=True)
+    with bench.world:
+        info = next(c for c in bench.world.stereo_cameras if c.info.name == POST).info
+    T = inverse(section.T_mount_camera) @ T_PORT
+    black = np.zeros((info.left.height, info.left.width, 3), np.uint8)
+    frame, dirty = StereoFrame(POST, 3, 0.0, 0.0, black, black), Style(1, 0, 0.01, 0.9, 0, 0, 1, 1)
+    level = [
+        Surroundings("as packaged", light, 0.1, dirty, 1).over(frame, info, T).left.max()
+        for light in ("indoor", "dim")
+    ]
+    assert level[1] == pytest.approx(0.3 * level[0], abs=2.0)
+    assert level[0] > 20
+
+
 def test_a_low_sun_stands_before_the_port():
     around = Surroundings("as packaged", "low_sun", 0.1, CLEAN, 4)
     bench = StationBench(charging_cell(), 5, around=around)

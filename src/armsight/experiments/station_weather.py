@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from armsight.arrays import ColorImage, Floats32, Pose, Vector3
+from armsight.arrays import ColorImage, Floats, Pose, Vector3
 from armsight.devices.data import StereoFrame, StereoInfo
 from armsight.experiments.port_scene import LIGHTS, Light
 from armsight.experiments.port_weather import Style, expose, weather
@@ -81,11 +81,9 @@ class Surroundings:
     def light_up(self, world: SimulatedWorld) -> None:
         """Each lamp by itself, so that shadows and shine come from anywhere."""
         rng = np.random.default_rng((self.seed, 1))
-        lamps = BRIGHT[self.light] * rng.uniform(0.2, 1.8, world.lamps)
-        around = AROUND[self.light] * float(rng.uniform(0.4, 1.3))
+        lamps, around = self._lamps(world.lamps)
         sun = None
         if self.light == "low_sun" and world.car is not None:
-            lamps[0] = rng.uniform(2.0, 3.3)
             T = world.car.T_world_socket
             side, height = rng.uniform(-1.1, 1.1), rng.uniform(0.05, 0.35)
             out = np.arctan2(T[1, 2], T[0, 2]) + side
@@ -93,6 +91,14 @@ class Surroundings:
             direction[2] = np.sin(height)
             sun = (T[:3, 3] + SUN * direction, T[:3, 3])
         world.relight(lamps, around, sun)
+
+    def _lamps(self, count: int = 3) -> tuple[Floats, float]:
+        """Factors of each lamp's brightness, and of the light from everywhere."""
+        rng = np.random.default_rng((self.seed, 3))
+        lamps = BRIGHT[self.light] * rng.uniform(0.2, 1.8, count)
+        if self.light == "low_sun":
+            lamps[0] = rng.uniform(2.0, 3.3)
+        return lamps, AROUND[self.light] * float(rng.uniform(0.4, 1.3))
 
     def over(self, frame: StereoFrame, info: StereoInfo, T_left_port: Pose) -> StereoFrame:
         """A pair's pictures with what weather and dirt make of them.
@@ -103,14 +109,16 @@ class Surroundings:
             T_left_port: the port in the left lens's frame, truly.
         """
         rng = np.random.default_rng((self.seed, 2, frame.sequence, info.name == POST))
+        lamps, around = self._lamps()
+        level = 0.5 * (around + float(lamps.mean()))  # dirt and sky are as bright as the light is
         pictures: list[ColorImage] = []
         for picture, lens, T in (
             (frame.left, info.left, np.eye(4)),
             (frame.right, info.right, info.lenses.T_left_right),
         ):
             grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.float32)
-            seen: Floats32 = weather(grey, lens, inverse(T) @ T_left_port, self.style)
-            shown = expose(seen, self.style, rng)
+            seen = weather(grey / np.float32(level), lens, inverse(T) @ T_left_port, self.style)
+            shown = expose(seen * np.float32(level), self.style, rng)
             pictures.append(np.ascontiguousarray(np.dstack([shown] * 3)))
         return replace(frame, left=pictures[0], right=pictures[1])
 
