@@ -53,6 +53,7 @@ NAMES: dict[str, str] = {
     "charging": "T3: visits of the charging station, cars parked at random",
     "charging-guarded": "T3: visits of the whole guarded cell, with somebody about",
     "station-kill": "T3: the charging station killed in every phase, and started again",
+    "station-kill-guarded": "T3: the whole charging program killed likewise",
     "plug-calibration": "T3: calibration without a marker, the plug before the pair",
     "calibration-real": "real hand-eye sets, beside the figures published with them",
 }

@@ -145,7 +145,7 @@ class FreshProcesses:
 
     Args:
         cell: of the visit.
-        seed: of sensor and looks.
+        seed: of the visit: another one's arm has other errors, and holds the plug elsewhere.
     """
 
     def __init__(self, cell: Workcell, seed: int) -> None:

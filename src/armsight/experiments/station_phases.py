@@ -111,7 +111,7 @@ def _visit(
     """One visit, copies of it killed in each phase; it ends where no phase is left."""
     bench = StationBench(cell, seed)
     kills: list[dict[str, Any]] = []
-    with tempfile.TemporaryDirectory() as folder, FreshProcesses(cell, seed + 500) as fresh:
+    with tempfile.TemporaryDirectory() as folder, FreshProcesses(cell, bench.world.seed) as fresh:
         file = Path(folder) / "station.json"
         station = make_station(bench, file, SimulatedCar(seconds=2.5), shows=showing(cell, bench))
         if shown:
