@@ -25,8 +25,6 @@ LEAST_PLACES = 6
 """Places of the sphere that a camera must have seen."""
 OFFSET_SIGMA, SCALE_SIGMA, HANGS_SIGMA = 0.02, 0.01, 0.05
 """What is known before: a camera's depth offset [m] and scale, and where the sphere hangs [m]."""
-NONE = 1e-4
-"""Share of them that is left to what measures by two lenses."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,6 @@ def register_spheres(
     rng: np.random.Generator,
     sigma: float = 0.002,
     tolerance: float = 0.05,
-    depth: bool = True,
 ) -> SphereRegistration:
     """Cameras in base from a sphere's centres in each one's frame, the arm carrying it.
 
@@ -150,7 +147,6 @@ def register_spheres(
         rng: for the start.
         sigma: of a centre, the arm's own error included [m].
         tolerance: a place further off than this at the start is a mistaken marker [m].
-        depth: the cameras' depth has an offset and a scale, which are found, too.
 
     Raises:
         CalibrationError: no camera saw enough places, or they all lie on a line.
@@ -190,11 +186,11 @@ def register_spheres(
             f"no camera saw the sphere in {LEAST_PLACES} places; check that it hangs on the arm, "
             "its diameter, and that the cameras look at it"
         )
-    return _refine(T_arm, z, there, T, hangs, sigma, depth)
+    return _refine(T_arm, z, there, T, hangs, sigma)
 
 
 def _refine(
-    T_arm: Poses, z: Floats, there: Mask, start: Poses, hangs: Vector3, sigma: float, depth: bool
+    T_arm: Poses, z: Floats, there: Mask, start: Poses, hangs: Vector3, sigma: float
 ) -> SphereRegistration:
     """All cameras and the sphere's place on the flange at once: Gauss-Newton, Huber weights.
 
@@ -205,8 +201,7 @@ def _refine(
     T, x = start.copy(), np.zeros(n)
     x[-3:] = hangs
     prior = np.zeros(n)
-    known = 1.0 if depth else NONE
-    prior[6:-3:8], prior[7:-3:8] = (known * OFFSET_SIGMA) ** -2, (known * SCALE_SIGMA) ** -2
+    prior[6:-3:8], prior[7:-3:8] = OFFSET_SIGMA**-2, SCALE_SIGMA**-2
     prior[-3:] = HANGS_SIGMA**-2
     mean = np.zeros(n)
     mean[-3:] = hangs

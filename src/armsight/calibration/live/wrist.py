@@ -2,7 +2,8 @@
 
 The sphere's registration with its roles exchanged: there fixed cameras see a ball that the arm
 carries, at a place in the flange's frame that is not known; here the camera is carried, and the
-ball's place in ``base`` is not known. Seen from the flange it is the base that moves.
+ball's place in ``base`` is not known. Seen from the flange it is the base that moves. As there an
+error of the distances is found, too: a ball that is not as large as it should be lies too near.
 """
 
 from __future__ import annotations
@@ -197,7 +198,7 @@ def solve_wrist(
         )
     T_flange_base = np.array([inverse(one.T_base_flange) for one in looks])
     found = register_spheres(
-        T_flange_base, [[one.center] for one in looks], place, rng, SIGMA, 0.03, depth=False
+        T_flange_base, [[one.center] for one in looks], place, rng, SIGMA, 0.03
     )
     return WristResult(
         found.T_base_camera[0], found.covariance[0], found.hangs, found.used[0],
