@@ -10,7 +10,6 @@ from armsight.arrays import Bytes, Pose, Vector3
 from armsight.calibration.live.seen import LookAt, Looked
 from armsight.calibration.live.wrist import (
     FRAMES,
-    KEPT,
     WristLook,
     WristResult,
     WristSetup,
@@ -18,8 +17,7 @@ from armsight.calibration.live.wrist import (
 )
 from armsight.devices.data import StereoInfo
 from armsight.errors import CalibrationError
-from armsight.geometry.pose import inverse, make_pose
-from armsight.geometry.shapes import Solid
+from armsight.geometry.pose import inverse
 from armsight.mapping.config import MappingConfig
 from armsight.motion.face import Face, Figure, Picture, PointsMark
 from armsight.motion.task import Observation, Subscriptions
@@ -79,11 +77,7 @@ def _colored(cell: Cell) -> list[str]:
 
 
 class CalibrateWristTask(ProcedureTask[WristResult]):
-    """Finds the ball with the fixed cameras, and looks at it with the pair from all around.
-
-    Attributes:
-        standing: the ball, once it has been found: the guard keeps the arm from it.
-    """
+    """Finds the ball with the fixed cameras, and looks at it with the pair from all around."""
 
     name = "calibrate the wrist's pair"
 
@@ -96,7 +90,7 @@ class CalibrateWristTask(ProcedureTask[WristResult]):
             rng: of views.
         """
         self.setup, self._fixed = setup, _colored(cell)
-        self.standing: dict[str, tuple[Solid, ...]] = {}
+        self._place: Vector3 | None = None
         ball = Ball(RADIUS)
         eyes = [Eye(name, ball) for name in self._fixed]
         self.perceivers: tuple[Eye | WristEye, ...] = (
@@ -114,7 +108,7 @@ class CalibrateWristTask(ProcedureTask[WristResult]):
 
     def reset(self) -> None:
         """From the beginning."""
-        self.standing = {}
+        self._place = None
         self._places: dict[str, list[Vector3]] = {}
         self._looks: list[Look] = []
         super().reset()
@@ -167,10 +161,8 @@ class CalibrateWristTask(ProcedureTask[WristResult]):
         good = [m for m in means if np.linalg.norm(m - middle) < 2.0 * TOGETHER]
         if not good:
             return None
-        place = np.asarray(np.mean(good, axis=0))
-        solid = Solid("ball", "sphere", (RADIUS + KEPT, 0.0, 0.0), make_pose(None, place))
-        self.standing = {"ball": (solid,)}
-        return place
+        self._place = np.asarray(np.mean(good, axis=0))
+        return self._place
 
     def _seen(self) -> WristLook | None:
         """The mean of the newest looks of the pair; None where they show no ball at rest."""
@@ -190,10 +182,8 @@ class CalibrateWristTask(ProcedureTask[WristResult]):
 
     def _as_it_is(self) -> Face:
         """What the page shows."""
-        marks = tuple(
-            PointsMark("ball", solid.T_frame_solid[None, :3, 3], 0.02, (230, 40, 40))
-            for solid in self.standing.get("ball", ())
-        )
+        place = self._place
+        marks = () if place is None else (PointsMark("ball", place[None], 0.02, (230, 40, 40)),)
         return Face(
             state=self._state,
             figures=(

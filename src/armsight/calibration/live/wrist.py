@@ -31,8 +31,9 @@ SPREAD, CANDIDATES, ROUNDS = 1.2, 40000, 10
 """Views are drawn this far around home [rad], so many at a time, so often at most."""
 RIM = 0.04
 """Of a picture's width that the ball keeps from its edge."""
-KEPT = 0.03
-"""So far the arm keeps from the ball [m]; it is believed to be where the fixed cameras have it."""
+KEPT, ON_WAY, STEP = 0.03, 0.025, 0.03
+"""So far the arm keeps from the ball where it looks, and on its way [m], judged every so many [rad]
+of it: the ball is believed to be where the fixed cameras have it."""
 REST, FRAMES = 0.3, 4
 """Before each look [s], and exposures that are averaged."""
 LEAST = 8
@@ -118,7 +119,8 @@ def wrist_procedure(
     Raises:
         CalibrationError: nobody sees the ball, or it can be looked at too seldom.
     """
-    yield LookAt((), REST, FRAMES)
+    looked = yield LookAt((), REST, FRAMES)
+    assert isinstance(looked, Looked)
     place = find()
     if place is None:
         raise CalibrationError(
@@ -127,20 +129,31 @@ def wrist_procedure(
         )
     goals = choose_views(setup, place, rng)
     looks: list[WristLook] = []
-    for number, goal in enumerate(goals):
-        arrived = yield MoveTo(goal, "look at the ball")
-        if not arrived:
+    count, home, from_home = len(goals), np.asarray(setup.robot.home, float), False
+    while goals:
+        at = looked.joints
+        clear = [k for k, goal in enumerate(goals) if keeps_off(setup, at, goal, place)]
+        if not clear:
+            if from_home or not keeps_off(setup, at, home, place):
+                break
+            from_home = True
+            yield MoveTo(home, "away from the ball")
+            looked = Looked(home, [])
             continue
-        yield LookAt((0,), REST, FRAMES)
+        from_home = False
+        goal = goals.pop(min(clear, key=lambda k: float(np.abs(goals[k] - at).max())))
+        yield MoveTo(goal, "look at the ball")
+        looked = yield LookAt((0,), REST, FRAMES)
+        assert isinstance(looked, Looked)
         look = taken()
         if look is not None:
             looks.append(look)
-        told(number + 1, len(goals), look)
+        told(count - len(goals), count, look)
     return solve_wrist(looks, place, rng)
 
 
 def choose_views(setup: WristSetup, place: Vector3, rng: np.random.Generator) -> list[JointVector]:
-    """Configurations in which both lenses see a ball, unlike each other, in a short order.
+    """Configurations in which both lenses see a ball, unlike each other.
 
     Args:
         setup: what is there.
@@ -175,7 +188,7 @@ def choose_views(setup: WristSetup, place: Vector3, rng: np.random.Generator) ->
             f"from {len(found)} places only: it needs {LEAST}; put it before the arm, 0.2 to 0.4 m "
             "from where the pair can come"
         )
-    return _short_way([found[k] for k in _unlike(np.array(features), setup.looks)], robot.home)
+    return [found[k] for k in _unlike(np.array(features), setup.looks)]
 
 
 def solve_wrist(
@@ -229,10 +242,20 @@ def _in_camera(T_base_camera: Floats, place: Vector3) -> Points:
     return np.asarray(np.einsum("kji,kj->ki", T_base_camera[:, :3, :3], off))
 
 
-def _clear(setup: WristSetup, joints: JointVector, place: Vector3) -> bool:
+def keeps_off(setup: WristSetup, start: JointVector, end: JointVector, place: Vector3) -> bool:
+    """Whether the arm keeps from the ball on the straight way between (n,) joints [rad].
+
+    That is the way which the planner takes, since the map has no ball.
+    """
+    steps = max(int(np.ceil(np.abs(end - start).max() / STEP)), 1)
+    ways = (start + (end - start) * k / steps for k in range(steps + 1))
+    return all(_clear(setup, q, place, ON_WAY) for q in ways)
+
+
+def _clear(setup: WristSetup, joints: JointVector, place: Vector3, kept: float = KEPT) -> bool:
     """Whether the arm, with its tool, keeps from the ball."""
     away = np.linalg.norm(sphere_centers(setup.robot, joints) - place, axis=1)
-    return bool((away - setup.robot.spheres.radius).min() > setup.radius + KEPT)
+    return bool((away - setup.robot.spheres.radius).min() > setup.radius + kept)
 
 
 def _unlike(features: Floats, count: int) -> list[int]:
@@ -243,12 +266,3 @@ def _unlike(features: Floats, count: int) -> list[int]:
         chosen.append(int(np.argmax(nearest)))
         nearest = np.minimum(nearest, np.linalg.norm(features - features[chosen[-1]], axis=1))
     return chosen
-
-
-def _short_way(goals: list[JointVector], start: JointVector) -> list[JointVector]:
-    """Always on to the nearest."""
-    out, at = [], np.asarray(start, float)
-    while goals:
-        at = goals.pop(int(np.argmin([np.abs(g - at).max() for g in goals])))
-        out.append(at)
-    return out
