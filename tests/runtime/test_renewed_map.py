@@ -188,3 +188,10 @@ def test_in_real_time_a_map_that_hangs_is_given_up(frail, monkeypatch):
     end.set()
     assert session.snapshot() is not None
     assert len(frail.made) == 2
+
+
+def test_closing_it_ends_the_threads_of_the_map_that_lives(frail):
+    made = RenewedMap(frail)
+    made.close()
+    assert [one.closed for one in frail.made] == [True]
+    made.close()  # may be repeated

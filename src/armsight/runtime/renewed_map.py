@@ -154,3 +154,11 @@ class RenewedMap:
                 self._solids[word.name] = word
             else:
                 self._solids.pop(word.name, None)
+
+    def close(self) -> None:
+        """End the map's threads; no round may come after."""
+        with self._words:
+            living: Any = self._map
+            self._map = None
+        if living is not None and hasattr(living, "close"):
+            living.close()
