@@ -36,6 +36,16 @@ class VoxelGrid:
         """(n, 3) centres in ``base`` [m] of (n, 3) voxel indices."""
         return np.asarray((np.asarray(index) + 0.5) * self.voxel + self.origin)
 
+    def around(self, center: Vector3, reach: Vector3 | float) -> tuple[Ints, tuple[slice, ...]]:
+        """The box of voxels within ``reach`` [m] of (3,) a place, along each axis.
+
+        Returns:
+            (3,) its lowest index, and its slices; what is outside of the grid is not in it.
+        """
+        low = np.clip(self.index((center - reach)[None])[0], 0, self.shape)
+        high = np.clip(self.index((center + reach)[None])[0] + 1, 0, self.shape)
+        return low, tuple(slice(int(a), int(b)) for a, b in zip(low, high))
+
 
 @dataclass(frozen=True)
 class CameraStatus:

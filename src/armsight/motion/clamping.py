@@ -70,9 +70,7 @@ def firm_near(snapshot: WorkspaceSnapshot, region: Region) -> Floats32:
     """(f, 3) centres of what is firm in and close around a region [m]."""
     grid, center = snapshot.grid, region.center(snapshot.stamp)
     reach = 0.5 * region.extent + LOOKED
-    low = np.clip(grid.index((center - reach)[None])[0], 0, grid.shape)
-    high = np.clip(grid.index((center + reach)[None])[0] + 1, 0, grid.shape)
-    box = tuple(slice(int(a), int(b)) for a, b in zip(low, high))
+    low, box = grid.around(center, reach)
     declared = (snapshot.state[box] == OCCUPIED) & np.isneginf(snapshot.last_occupied[box])
     found = [np.asarray(grid.center(np.argwhere(declared) + low), np.float32)]
     things = np.asarray(snapshot.things, np.float32).reshape(-1, 3)

@@ -270,7 +270,7 @@ class PermitOffice:
         velocity = own_motion(grant.region.velocity, self._force.push)
         radius = 0.0 if seen is None else seen.hazard_radius
         near = Hazards.at(touchable, radius)
-        clamp = Clamp(self._firm, touchable.astype(np.float32), radius, slowly)
+        clamp = Clamp(self._firm, near.blocks.points, radius, slowly)
         return GentleSpeed(name, near, speed, velocity, parts, middle, clamp)
 
     def _give_way(self, now: float) -> None:

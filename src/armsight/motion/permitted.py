@@ -126,13 +126,8 @@ def outside_the_map(snapshot: WorkspaceSnapshot, region: Region) -> bool:
 def voxels_within(snapshot: WorkspaceSnapshot, region: Region) -> tuple[NDArray[np.int64], ...]:
     """Indices (i, j, k) of the voxels not seen free in which what is in a region may be."""
     grid, grown = snapshot.grid, grown_by(snapshot, region)
-    center = region.center(snapshot.stamp)
-    reach = 0.5 * region.extent + grown
-    low = np.maximum(grid.index((center - reach)[None])[0], 0)
-    high = np.minimum(grid.index((center + reach)[None])[0] + 1, grid.shape)
-    if (low >= high).any():
-        return tuple(np.zeros(0, np.int64) for _ in range(3))
-    part = snapshot.state[low[0] : high[0], low[1] : high[1], low[2] : high[2]]
+    low, box = grid.around(region.center(snapshot.stamp), 0.5 * region.extent + grown)
+    part = snapshot.state[box]
     index = np.argwhere((part == OCCUPIED) | (part == UNKNOWN)) + low
     inside = region.distance(grid.center(index), snapshot.stamp) <= grown
     return tuple(index[inside].T)

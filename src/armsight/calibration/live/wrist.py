@@ -165,6 +165,7 @@ def choose_views(setup: WristSetup, place: Vector3, rng: np.random.Generator) ->
     """
     robot, pair = setup.robot, setup.pair
     lower, upper = robot.limits.lower, robot.limits.upper
+    T_home_base = inverse(flange_poses(robot, robot.home[None])[0])
     found: list[JointVector] = []
     features: list[Floats] = []
     for _ in range(ROUNDS):
@@ -178,7 +179,7 @@ def choose_views(setup: WristSetup, place: Vector3, rng: np.random.Generator) ->
         for k in np.flatnonzero(in_view(pair, seen, setup.radius)):
             if _clear(setup, joints[k], place) and setup.free(joints[k]):
                 found.append(joints[k])
-                turn = log(inverse(flange_poses(robot, robot.home[None])[0]) @ flange[k])[3:]
+                turn = log(T_home_base @ flange[k])[3:]
                 features.append(np.concatenate([seen[k] / LENGTH, turn / TURN]))
         if len(found) >= 4 * setup.looks:
             break
