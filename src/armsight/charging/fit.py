@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from armsight.arrays import Floats, Ints, Mask, Points, Pose
 from armsight.charging.kernels.edges import edge_search
@@ -195,7 +194,6 @@ def _solve(
 
     Without ``alike`` (see :func:`_alike`) make and light are not unknown.
     """
-    k = len(model.rims)
     d = np.concatenate(offsets)
     seen = np.isfinite(d)
     r = np.where(seen, d, 0.0)
@@ -205,53 +203,80 @@ def _solve(
     size = np.abs(r) / (1.5 * spread)
     weight = np.where(seen, 1.0 / np.maximum(size, 1.0), 0.0)
     weight *= np.where(np.abs(r) > 4.0 * spread, 0.1, 1.0) / spread**2
-    by_pose = np.concatenate([row.by_pose for row in rows])
+    A = np.concatenate([row.by_pose for row in rows])
+    H = A.T @ (A * weight[:, None]) + np.eye(6) * 1e-6
+    g = A.T @ (weight * r)
     if alike is None:
-        A, prior, about = by_pose, np.diag(np.full(6, 1e-6)), np.zeros(6)
+        step = np.linalg.solve(H, g)
     else:
-        A, prior, about = _with_nuisance(model, rows, by_pose, make, alike)
-    H = A.T @ (A * weight[:, None]) + prior
-    g = A.T @ (weight * r) - prior @ about
-    x = np.linalg.solve(H, g)
-    if alike is not None:
-        make = make + x[6 : 6 + MAKE * k].reshape(k, MAKE)
-        rest = H[6:, 6:]
-        information = H[:6, :6] - H[:6, 6:] @ np.linalg.solve(rest, H[6:, :6])
-    else:
-        information = H
-    step = x[:6]
+        rims = _by_rim(model, rows, r, weight, make, alike)
+        known = np.linalg.solve(rims.own, np.concatenate([rims.cross, rims.g[:, :, None]], 2))
+        taken = np.einsum("kip,kiq->pq", rims.cross, known)
+        H = H - taken[:, :6]
+        step = np.linalg.solve(H, g - taken[:, 6])
+        make = make + (known[..., 6] - known[..., :6] @ step)[:, :MAKE]
     # a first guess may be far off, but not by more than what was searched
     too_far = max(np.linalg.norm(step[:3]) / 0.05, np.linalg.norm(step[3:]) / 0.25, 1.0)
-    return step / too_far, information, make
+    return step / too_far, H, make
 
 
-def _with_nuisance(
-    model: Curves, rows: Sequence[_Row], by_pose: Floats, make: Floats, alike: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Columns of pose, make, and light on each edge in each picture; what is known before."""
+@dataclass(frozen=True)
+class _Rims:
+    """Normal equations of each edge's own unknowns: make, then light in each picture.
+
+    Attributes:
+        own: (rims, m, m) among themselves, with what is known before.
+        cross: (rims, m, 6) with the pose.
+        g: (rims, m) right side.
+    """
+
+    own: Floats
+    cross: Floats
+    g: Floats
+
+
+def _by_rim(
+    model: Curves,
+    rows: Sequence[_Row],
+    r: Floats,
+    weight: Floats,
+    make: Floats,
+    alike: Floats,
+) -> _Rims:
+    """Edges share nothing but the pose, so each has a small system of its own."""
     k, n, views = len(model.rims), len(model.points), len(rows)
-    A = np.zeros((n * views, 6 + MAKE * k + LIGHT * k * views))
-    A[:, :6] = by_pose
-    index = np.arange(n)
+    m = MAKE + LIGHT * views
+    own, cross, g = np.zeros((k, m, m)), np.zeros((k, m, 6)), np.zeros((k, m))
+    own += _known_before(model, alike)
+    g[:, :MAKE] -= np.einsum("kii->ki", own)[:, :MAKE] * make
     for v, row in enumerate(rows):
-        at = index + v * n
-        for c in range(MAKE):
-            A[at, 6 + MAKE * model.rim + c] = row.by_make[:, c]
-        own = 6 + MAKE * k + LIGHT * (v * k + model.rim)
         x, y = row.normals.T
-        for c, column in enumerate((x, y, np.ones(n), x * x - y * y, 2.0 * x * y)):
-            A[at, own + c] = column
+        lit = np.column_stack([x, y, np.ones(n), x * x - y * y, 2.0 * x * y])
+        at = np.r_[:MAKE, MAKE + LIGHT * v : MAKE + LIGHT * (v + 1)]
+        A, b = np.column_stack([row.by_make, lit]), weight[v * n : (v + 1) * n]
+        Ab = A * b[:, None]
+        for i in range(k):
+            of = model.rim == i
+            own[i][np.ix_(at, at)] += Ab[of].T @ A[of]
+            cross[i, at] += Ab[of].T @ row.by_pose[of]
+            g[i, at] += Ab[of].T @ r[v * n : (v + 1) * n][of]
+    return _Rims(own, cross, g)
+
+
+def _known_before(model: Curves, alike: Floats) -> Floats:
+    """(rims, m, m) information of make by its tolerances, and of what light may do."""
     size, place, depth = np.array(
         [(rim.radius_tolerance, rim.place_tolerance, rim.depth_tolerance) for rim in model.rims]
     ).T
     tolerance = np.column_stack([size, place, place, depth, size])
     light = np.array([SHIFT_SIGMA, SHIFT_SIGMA, SWELL_SIGMA, OVAL_SIGMA, OVAL_SIGMA])
     deep = np.array([2.0 if rim.kind == "mouth" else 1.0 for rim in model.rims])
-    own = np.concatenate([np.full(6, 1e-6), tolerance.ravel() ** -2.0])
-    lit = np.kron(np.linalg.inv(alike), np.diag((deep[:, None] * light).ravel() ** -2.0))
-    prior = np.asarray(block_diag(np.diag(own), lit))
-    about = np.concatenate([np.zeros(6), make.ravel(), np.zeros(LIGHT * k * views)])
-    return A, prior, about
+    lit = np.kron(np.linalg.inv(alike), np.diag(light**-2.0))
+    m = MAKE + len(lit)
+    known = np.zeros((len(model.rims), m, m))
+    known[:, range(MAKE), range(MAKE)] = tolerance**-2.0
+    known[:, MAKE:, MAKE:] = lit / deep[:, None, None] ** 2
+    return known
 
 
 def _alike(looks: Sequence[Look], T_ref_port: Pose) -> Floats:
