@@ -19,6 +19,15 @@ def test_a_lid_is_opened_and_shut_again_in_contact_physics(latch):
     assert found["force_n"] < 80
 
 
+@pytest.mark.parametrize("latch", ["push", "spring"])
+def test_which_latch_it_is_is_found_by_pressing_before_pulling(latch):
+    found = run_trial(draw(np.random.default_rng(9), latch, told=False))
+    assert found["open_said"] == ""
+    assert found["open_deg"] > 85
+    assert found["shut_true"]
+    assert found["force_n"] < 80
+
+
 @pytest.mark.parametrize(
     ("latch", "fault", "words"),
     [
@@ -32,6 +41,14 @@ def test_what_is_wrong_with_a_lid_is_said(latch, fault, words):
     assert not found["opened"]
     assert words in found["open_said"]
     assert found["force_n"] < 80
+
+
+def test_a_lid_that_neither_way_opens_is_said_so():
+    trial = draw(np.random.default_rng(8), "push", "stuck", told=False)
+    found = run_trial(trial)
+    assert not found["opened"]
+    assert "stays shut, pressed with 45 N as well" in found["open_said"]
+    assert "pulled with 50 N" in found["open_said"]
 
 
 def test_a_hand_that_is_held_still_waits_and_goes_on():

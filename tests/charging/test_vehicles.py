@@ -72,7 +72,7 @@ def test_a_packaged_vehicle_lets_its_plug_in_and_closes_round_it(name):
         ("thickness_m = 0.6", "thickness = 0.6", "thickness: Extra inputs are not permitted"),
         ("front_mm = 10", "front_mm 10", "not TOML"),
         ("front_mm = 10", "front_mm = 1" + 5000 * "0", "not TOML"),
-        ("lean_deg = [-5, 25]", '[lid]\nlatch = "magnet"', "lid.latch: Input should be 'push' or"),
+        ("lean_deg = [-5, 25]", '[lid]\nlatch = "magnet"', "lid.latch: Input should be 'push',"),
         ("lean_deg = [-5, 25]", '[lid]\nlatch = "push"\nopens_deg = 40', "lid.opens_deg"),
         ("lean_deg = [-5, 25]", '[lid]\nlatch = "push"', "opening_mm.right ends within the lid"),
         (

@@ -2,9 +2,10 @@
 
 The finger is a rod beside the plug with a pin across its tip, which a linear actuator puts out. A
 push latch is pressed and let go, and the lid comes out by itself; a catch is pulled over, the pin
-hooked behind the lid's free edge from the recess beside it. Then the pin leads the lid along the
-arc of its hinge. To shut it the rod leads it back from outside and presses until it catches, and
-touches it once more: what springs open again is not shut.
+hooked behind the lid's free edge from the recess beside it; of a latch that is not known pressing
+is tried first, since nothing has to reach behind an edge for it. Then the pin leads the lid along
+the arc of its hinge. To shut it the rod leads it back from outside and presses until it catches,
+and touches it once more: what springs open again is not shut.
 
 Frames: ``lid``, middle of its outer surface when it is shut, x right and y up for who looks, z
 towards who looks, the hinge at the left; the finger's, z along the rod into the car, x to the left.
@@ -48,7 +49,7 @@ class LidOptions:
     """How a lid is worked.
 
     Attributes:
-        latch: ``push``, or ``spring``: a catch to be pulled over.
+        latch: ``push``; ``spring``, a catch to be pulled over; or ``unknown``: found by trying.
         half: half its edge [m]; thick: its thickness [m].
         radius: of rod and pin [m]; pin: how far it sticks out to the left [m].
         admittance: of mount and arm.
@@ -58,7 +59,7 @@ class LidOptions:
         patience: for one motion at most [s].
     """
 
-    latch: Literal["push", "spring"]
+    latch: Literal["push", "spring", "unknown"]
     half: float = 0.075
     thick: float = 0.008
     radius: float = 0.005
@@ -146,7 +147,7 @@ class LidHand:
     def _open(self) -> Plan:
         problem = yield from self._find_shut()
         if not problem:
-            problem = yield from (self._push() if self.options.latch == "push" else self._pull())
+            problem = yield from self._unlatch()
         if not problem:
             problem = yield from self._lead(self._inside, self.options.open)
         if not problem:
@@ -200,15 +201,29 @@ class LidHand:
         self._face = self._p[2] - self.options.radius
         return ""
 
-    def _push(self) -> Plan:
-        """The latch lets go of what is pressed in and let out."""
+    def _unlatch(self) -> Plan:
+        o = self.options
+        if o.latch != "spring":
+            if (yield from self._push()):
+                return (yield from self._hook())
+            if o.latch == "push":
+                return f"the lid stays shut: pressed with {o.push:.0f} N, its latch does not let go"
+        problem = yield from self._pull()
+        if problem and o.latch == "unknown":
+            return f"the lid stays shut, pressed with {o.push:.0f} N as well: {problem}"
+        return problem
+
+    def _push(self) -> Generator[tuple[Vector3, Vector3], None, bool]:
+        """Press the lid in and let it out; whether its latch has let go."""
         o = self.options
         self.words = "presses the latch"
         yield from self._press(INWARD, o.push, 0.02)
         yield from self._to(self._p + 0.06 * OUTWARD)
         yield from self._against(INWARD, 0.07)
-        if self._p[2] - o.radius < self._face + AJAR:
-            return f"the lid stays shut: pressed with {o.push:.0f} N, its latch does not let go"
+        return bool(self._p[2] - o.radius >= self._face + AJAR)
+
+    def _hook(self) -> Plan:
+        """The pin behind the free edge of a lid that stands ajar."""
         under = self._face + 0.010
         way = (0.055, 0.06), (0.108, 0.06), (0.108, under), (0.083, under)
         return (yield from self._by(*way))

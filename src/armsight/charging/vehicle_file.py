@@ -63,13 +63,14 @@ class LidShape(_Table):
     """A lid over the port, flush with the body: 150 x 150 x 8 mm, a recess for fingers beside it.
 
     Attributes:
-        latch: ``push`` opens when it is pushed in; ``spring`` is pulled over its catch.
+        latch: ``push`` opens when it is pushed in; ``spring`` is pulled over its catch;
+            ``unknown``: the station finds out, pushing first.
         hinge: at which of its edges, for who looks at it; the recess is at the other.
         opens_deg: how far it opens.
         middle_mm: of its middle from the AC contacts, to the right and up.
     """
 
-    latch: Literal["push", "spring"]
+    latch: Literal["push", "spring", "unknown"] = "unknown"
     hinge: Literal["left", "right", "top", "bottom"] = "left"
     opens_deg: Annotated[float, Field(ge=80.0, le=135.0, allow_inf_nan=False)] = 106.0
     middle_mm: tuple[Offset, Offset] = (0.0, 0.0)

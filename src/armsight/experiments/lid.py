@@ -23,9 +23,10 @@ right a recess for fingers. Two latches, 15 to 30 N at the free edge: `push`, wh
 what is pressed in, a spring lifting the lid by 12 deg; `spring`, a catch to be pulled over. A
 spring in the hinge holds it open from 40 deg on. What is believed of the lid is off by 1.5 mm and
 0.8 deg along and about each axis (standard deviations). The law (`charging/lid.py`) is told
-joints and wrench alone. Opened: 85 deg or more by the truth, *and* said so; shut again: in its
-latch by the truth, *and* said so, of all. In a quarter as many trials something is wrong: frozen
-shut, jams at 35 deg, missing, a latch that does not hold; named: the words say so.
+joints and wrench alone, and which latch it is; *not told*: half as many of each, where pressing is
+tried before pulling. Opened: 85 deg or more by the truth, *and* said so; shut again: in its latch
+by the truth, *and* said so, of all. In a quarter as many trials something is wrong: frozen shut,
+jams at 35 deg, missing, a latch that does not hold; named: the words say so.
 
 `visit_*`: whole visits of the station in contact physics (no guard), a quarter as many of each
 latch: the car parked within 10 x 20 cm and 10 deg, the lid found in rendered pictures, from the
@@ -59,18 +60,26 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         progress(fault, (runs + 0.5 * i) / (1.3 * runs))
         rng = np.random.default_rng((seed, 62, i))
         wrong.append(cache.get(10**5 + i, partial(_scored, draw(rng, latch, fault))))
+    for i in range(max(runs // 2, 1)):
+        for k, latch in enumerate(LATCHES):
+            progress(f"{latch}, not told", (1.25 * runs + 0.05 * i) / (1.3 * runs))
+            rng = np.random.default_rng((seed, 64, k, i))
+            trial = draw(rng, latch, told=False)
+            good.append(cache.get(3 * 10**5 + 2 * i + k, partial(_scored, trial)))
     visits = [
         cache.get(2 * 10**5 + 10**4 * k + i, partial(lid_visit, seed, latch, i))
         for k, latch in enumerate(LATCHES)
         for i in range(max(runs // 4, 1))
     ]
     rows = []
-    for latch in LATCHES:
-        mine = [v for v in good if v["latch"] == latch]
-        rows.append(_share("lid_opened", "open, and said so", f"{latch} latch", mine, "opened"))
-        rows.append(_share("lid_closed", "shut again, and said so", f"{latch} latch", mine, "shut"))
+    told = [v for v in good if v["told"]]
+    kinds = {f"{latch} latch": [v for v in told if v["latch"] == latch] for latch in LATCHES}
+    kinds["latch not told, of both"] = [v for v in good if not v["told"]]
+    for condition, mine in kinds.items():
+        rows.append(_share("lid_opened", "open, and said so", condition, mine, "opened"))
+        rows.append(_share("lid_closed", "shut again, and said so", condition, mine, "shut"))
     for key, what in (("open_s", "to open it"), ("shut_s", "to shut it")):
-        times = [v[key] for v in good if v["opened"] and np.isfinite(v[key])]
+        times = [v[key] for v in told if v["opened"] and np.isfinite(v[key])]
         if times:
             low, high = min(times), max(times)
             median = float(np.median(times))

@@ -36,6 +36,7 @@ class LidTrial:
         off: (6,) how wrong the belief of its pose is, as a twist in its frame [m], [rad].
         fault: nothing; does not open at all; jams half-way; is not there; does not catch.
         seed: of the sensor.
+        told: whether the hand is told which latch it is.
     """
 
     latch: Latch
@@ -47,9 +48,10 @@ class LidTrial:
     off: tuple[float, ...]
     fault: Fault
     seed: int
+    told: bool = True
 
 
-def draw(rng: np.random.Generator, latch: Latch, fault: Fault = "") -> LidTrial:
+def draw(rng: np.random.Generator, latch: Latch, fault: Fault = "", told: bool = True) -> LidTrial:
     """A random trial, turned by up to 30 deg; the belief is off by twice what a look's is."""
     sigma = np.array([1.5e-3] * 3 + [np.deg2rad(0.8)] * 3)
     return LidTrial(
@@ -62,6 +64,7 @@ def draw(rng: np.random.Generator, latch: Latch, fault: Fault = "") -> LidTrial:
         tuple(float(v) for v in rng.standard_normal(6) * sigma),
         fault,
         int(rng.integers(2**31)),
+        told,
     )
 
 
@@ -72,6 +75,7 @@ def run_trial(trial: LidTrial) -> dict[str, Any]:
     angle = bench.lid.angle
     result = {
         "latch": trial.latch,
+        "told": trial.told,
         "fault": trial.fault,
         "open_deg": float(np.rad2deg(angle)),
         "open_said": opening.problem,
@@ -105,7 +109,7 @@ class LidBench:
     """
 
     def __init__(self, trial: LidTrial) -> None:
-        self.options = LidOptions(trial.latch)
+        self.options = LidOptions(trial.latch if trial.told else "unknown")
         self._robot = load_robot("ur10")
         facing = make_pose([[0, 0, -1], [-1, 0, 0], [0, 1, 0]], [0.95, 0.16, trial.height])
         T = facing @ from_rpy((-trial.lean, 0.0, 0.0)) @ from_rpy((0.0, trial.yaw, 0.0))

@@ -169,9 +169,10 @@ def socket_spec(workcell: Workcell) -> SocketSpec | None:
 def _lid(section: CarSection, vehicle: VehicleShape | None) -> LidSpec | None:
     if vehicle is None or vehicle.lid is None:
         return None
+    latch = vehicle.lid.latch
     return LidSpec(
         vehicle.T_port_lid,
-        vehicle.lid.latch,
+        section.lid_latch if latch == "unknown" else latch,
         section.lid_holds_n,
         stuck=0.0 if section.lid == "stuck" else None,
         there=section.lid != "missing",

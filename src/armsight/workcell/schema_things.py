@@ -269,6 +269,9 @@ class CarSection(Section):
     lid: Literal["shut", "stuck", "missing"] = key(
         "shut", "Of a vehicle that has one: `shut`; `stuck`, which nobody opens; or `missing`."
     )
+    lid_latch: Literal["push", "spring"] = key(
+        "push", "Its latch, where the vehicle's file does not say."
+    )
     lid_holds_n: Positive = key(22.0, "Force at its edge that works its latch.", "N", le=100.0)
     blocked_mm: Positive | None = key(
         None, "Ice or a bent pin lets no plug deeper than this; without the key none does.", "mm"
