@@ -39,6 +39,8 @@ SETTLED = 0.8
 """A guess that scores as much is the port at its place, or holds it."""
 HOPELESS = 0.25
 """A guess that scores less is no port, nor is its mirror image."""
+SMALLEST = 48
+"""Of a picture, the shorter side [px]."""
 WHOLE = 1280 * 960
 """Pixels of a picture for which the options' numbers are meant."""
 ALONE = 0.95
@@ -170,7 +172,7 @@ def check_picture(image: Bytes, lens: PinholeCamera) -> None:
             f"find: the picture has {w}x{h} pixels, its lens {lens.width}x{lens.height}; "
             "give the lens of this picture"
         )
-    if min(image.shape) < 48:
+    if min(image.shape) < SMALLEST:
         raise UsageError(
             f"find: a picture of {image.shape[1]}x{image.shape[0]} pixels is too small"
         )

@@ -9,10 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 
 from armsight.arrays import Pose
-from armsight.charging.find import INLETS, FindOptions
+from armsight.charging.find import INLETS, SMALLEST, FindOptions, find_ports
 from armsight.charging.plane_fit import contact_pixels, paper_pose
 from armsight.charging.ports.table import PORTS
 from armsight.charging.pose import PortPose, locate
@@ -53,7 +54,8 @@ fit that scores below 0.7 calls itself spoilt, one whose next roll or mirrored t
 likely doubtful: their share has its own row, and errors are those of the others.
 `paper_*` rows: the contacts of the same pictures triangulated by equation 1 of the paper, and the
 plane of equations 2 and 3; `ablation_plane_*`: the same plane with exact triangulation. The CCS1
-pictures are other people's renderings, found and fitted without any start.
+pictures are other people's renderings, found and fitted without any start; `others_false`: pictures
+that others took or drew to match shapes in, by a lens as long as they are wide.
 """
 
 
@@ -118,13 +120,17 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         results.append(cache.get(key, partial(measure, album, pair, view)))
     album.close()
     rows = _rows(results[: len(near)], results[len(near) :])
-    notes: tuple[str, ...] = ()
-    folder = os.environ.get("ARMSIGHT_CCS1")
-    if folder:
-        rows += _foreign(Path(folder))
-    else:
-        notes = ("The CCS1 pictures of others were not at hand (`ARMSIGHT_CCS1=FOLDER`).",)
-    return Outcome(tuple(rows), {"errors": lambda: _plot(results[: len(near)])}, notes)
+    notes = []
+    for name, what, score in (
+        ("ARMSIGHT_CCS1", "The CCS1 pictures of others", _foreign),
+        ("ARMSIGHT_PORTLESS", "Pictures without a port that others took", _portless),
+    ):
+        folder = os.environ.get(name)
+        if folder:
+            rows += score(Path(folder))
+        else:
+            notes.append(f"{what} were not at hand (`{name}=FOLDER`).")
+    return Outcome(tuple(rows), {"errors": lambda: _plot(results[: len(near)])}, tuple(notes))
 
 
 def _rms(values: list[float]) -> float:
@@ -343,6 +349,21 @@ def _foreign(folder: Path) -> list[Row]:
             aim=0.6,
         ),
     ]
+
+
+def _portless(folder: Path) -> list[Row]:
+    """Ports found in a folder's pictures, of which none shows one."""
+    looked_at = found = 0
+    for file in sorted(f for f in folder.rglob("*") if f.suffix in (".png", ".jpg", ".bmp")):
+        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        if image is None or min(image.shape) < SMALLEST:
+            continue
+        (h, w), f = image.shape, float(max(image.shape))
+        lens = PinholeCamera(w, h, f, f, 0.5 * (w - 1), 0.5 * (h - 1))
+        looked_at += 1
+        found += len(find_ports(np.asarray(image), lens))
+    what = "ports found in pictures of circles, crosses and boards without one, one picture each"
+    return [Row("others_false", what, "pictures of others", found, n=looked_at, must=0, aim=0)]
 
 
 def _plot(near: list[dict[str, Any]]) -> Figure:
