@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Vector3
 from armsight.experiments.cache import RunCache
-from armsight.experiments.frame import Experiment, Outcome, Progress
+from armsight.experiments.frame import Draw, Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, bootstrap
 from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
 from armsight.experiments.servo_world import (
@@ -31,6 +31,9 @@ from armsight.servoing.estimate import FilterConfig, TargetFilter
 from armsight.servoing.law import LawConfig
 from armsight.servoing.master import PaperMaster
 from armsight.servoing.sighting import Look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TICK = 0.008
 NEAR = 0.015
@@ -76,12 +79,16 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     ]
     found: dict[str, list[Any]] = {}
     for i, (name, part) in enumerate(parts):
-        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 12})
+        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 13})
         found[name] = []
         for k in range(runs):
             found[name].append(cache.get(k, partial(part, seed, k)))
             progress(f"{name}: {k + 1} of {runs}", (i + (k + 1) / runs) / len(parts))
-    return Outcome(tuple(_rows(found, runs)))
+    plots: dict[str, Draw] = {
+        "following": partial(_following, found),
+        "border": partial(_at_the_border, found),
+    }
+    return Outcome(tuple(_rows(found, runs)), plots)
 
 
 def fixed(mode: str, errors: Errors, seed: int, k: int) -> list[float]:
@@ -178,12 +185,13 @@ def track(
     trial = Trial(setup, eyes, task, ball, start, seed=k)
     course = trial.run(10.5)
     config = task.chase.config
-    errors = []
+    errors, wanted = [], []
     for now, tip in zip(course.times, course.tips):
         at = ball(now)
         flat = facing(at, config.vertical, config.front)
         axis = math.cos(config.pitch) * flat - math.sin(config.pitch) * config.vertical
-        errors.append(float(np.linalg.norm(tip - (at - (0.04 + standoff) * axis))))
+        wanted.append(at - (0.04 + standoff) * axis)
+        errors.append(float(np.linalg.norm(tip - wanted[-1])))
     times, wrong = np.array(course.times), np.array(course.error)
     again = [_again(times, wrong, end) for _, _, end in eyes.hidden if end < times[-1] - 0.5]
     late = times > 3.0
@@ -193,7 +201,14 @@ def track(
         "again": again,
         "harm": course.harm,
         "switches": task.chase.switches / course.times[-1],
+        "drawn": _thinned(course.times, course.tips, wanted) if k == 0 else None,
     }
+
+
+def _thinned(times: Sequence[float], *courses: Sequence[Vector3]) -> list[list[float]]:
+    """Rows of a time [s] and of each course's place [m], every 40 ms: what is drawn."""
+    table = np.column_stack([times, *(np.asarray(course) for course in courses)])
+    return [[float(v) for v in row] for row in np.round(table[::5], 5)]
 
 
 def _new_looks(eyes: Eyes, now: float, last: dict[str, float]) -> Iterator[Look]:
@@ -233,6 +248,7 @@ def border(mode: str, seed: int, k: int) -> dict[str, Any]:
     seen: dict[str, float] = {}
     jumps, others = list[float](), list[float]()
     before, source, changed = None, 0.0, -math.inf
+    drawn: list[list[float]] = []
     for step in range(round(10.0 / TICK)):
         now = step * TICK
         eyes.expose(now, home, ball)
@@ -261,7 +277,10 @@ def border(mode: str, seed: int, k: int) -> dict[str, Any]:
             elif looked:
                 others.append(jump)
         before, source = place, chase.source_number
-    return {"switches": chase.switches / 10.0, "jumps": jumps, "others": others}
+        if k == 0:
+            off = float((place - ball(now)) @ side)
+            drawn.append([now, off, float((ball(now) - ball(0.0)) @ side), source])
+    return {"switches": chase.switches / 10.0, "jumps": jumps, "others": others, "drawn": drawn}
 
 
 def _joints_at(setup: Setup, place: Vector3) -> JointVector:
@@ -403,6 +422,47 @@ def _rows(found: dict[str, list[Any]], runs: int) -> list[Row]:
         )
     )  # fmt: skip
     return rows
+
+
+def _following(found: dict[str, list[Any]]) -> Figure:
+    """The first run's circle from the front, and its error over time, seen all along or not."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    path, error = figure.subplots(1, 2, width_ratios=(1, 2))
+    for name, label in (("track", "seen all along"), ("gaps", "hidden for 0.5 s in every 2 s")):
+        table = np.array(found[name][0]["drawn"])
+        time, tip, goal = table[:, 0], table[:, 1:4], table[:, 4:7]
+        if name == "track":
+            path.plot(goal[:, 1], goal[:, 2], color="0.7", lw=3, label="where it should be")
+            path.plot(tip[:, 1], tip[:, 2], lw=0.9, label="the tip")
+        error.semilogy(time, 1e3 * np.linalg.norm(tip - goal, axis=1), lw=0.9, label=label)
+    for i in range(4):
+        error.axvspan(3.0 + 2.0 * i, 3.5 + 2.0 * i, color="0.92")
+    error.axhline(12.0, color="0.6", lw=0.8)
+    path.set(xlabel="y [m]", ylabel="z [m]", aspect="equal")
+    error.set(xlabel="[s]", ylabel="tip from where it should be [mm]")
+    path.legend(fontsize=7, loc="center")
+    error.legend(fontsize=7)
+    return figure
+
+
+def _at_the_border(found: dict[str, list[Any]]) -> Figure:
+    """Where the ball is taken to be while it leaves the pair's view, and which sensor leads."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    ways = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axes, (name, title) in zip(ways, (("border", "ours"), ("paper_border", "V's mode"))):
+        table = np.array(found[name][0]["drawn"])
+        near = table[:, 3] > 2.5
+        axes.plot(table[:, 0], 1e3 * table[:, 1], color="0.5", lw=0.6)
+        axes.plot(table[near, 0], 1e3 * table[near, 1], ".", ms=2, label="the pair leads")
+        axes.plot(table[~near, 0], 1e3 * table[~near, 1], ".", ms=2, label="fixed cameras")
+        axes.set(title=title, xlabel="[s]")
+        axes.legend(fontsize=7)
+    ways[0].set(ylabel="taken to be beside the ball by [mm]")
+    return figure
 
 
 EXPERIMENT = Experiment(

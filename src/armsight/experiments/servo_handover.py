@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.servoing.aim import Aim, joints_for
 from armsight.simulation.targets import TargetSpec, target_object
 from armsight.tasks.servo_task import ServoTask
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CELL = "ur10_handover"
 LIMIT = 15.0
@@ -86,7 +90,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("fixed_", "fixed", v_errors, max(runs // 2, 1)),
     ]
     results = run_plan("servo-handover", CELL, plan, one, seed, progress)
-    return Outcome(tuple(_rows(results)), {}, _notes(results))
+    return Outcome(tuple(_rows(results)), {"ways": partial(_ways, results)}, _notes(results))
 
 
 def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[str, Any]:
@@ -120,14 +124,18 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
         np.asarray(inverse(item.solid.T_frame_solid) @ T_world_palm), seed=k,
     )  # fmt: skip
     try:
-        found = _watched(cell, eyes, make_task(setup, mode, dock="hand"), T, speed)
-        return {**found, "clip": clip}
+        found, way = _watched(cell, eyes, make_task(setup, mode, dock="hand"), T, speed)
+        return {**found, "clip": clip, "way": way if k < 6 else None}
     finally:
         cell.close()
 
 
-def _watched(cell: PushedCell, eyes: Any, task: ServoTask, T: Pose, speed: float) -> dict[str, Any]:
+def _watched(
+    cell: PushedCell, eyes: Any, task: ServoTask, T: Pose, speed: float
+) -> tuple[dict[str, Any], list[list[float]]]:
+    """What came of it; rows of time [s], tip beside and above the palm [m], force [N] so far."""
     status: Any = None
+    way: list[list[float]] = []
     off, let_go, presses = math.nan, math.inf, Presses()
     up = task.config.vertical
     while cell.now < LIMIT and task.phase != "done":  # type: ignore[attr-defined]
@@ -136,7 +144,12 @@ def _watched(cell: PushedCell, eyes: Any, task: ServoTask, T: Pose, speed: float
         presses.look(cell, status.permit)
         if math.isinf(let_go) and now > task.released + OPENED:  # type: ignore[attr-defined]
             let_go, off = now, _lands(cell, up)
-    return {
+        if len(way) * 0.04 <= now:
+            apart = tcp_pose(cell.robot, cell.q)[:3, 3] - cell.place(cell.now)
+            high = float(apart @ up)
+            beside = float(np.linalg.norm(apart - high * up))
+            way.append([round(v, 4) for v in (now, beside, high, float(presses.force))])
+    found = {
         "mm": 1e3 * off if math.isfinite(off) else None,
         "seconds": let_go if math.isfinite(let_go) else None,
         "touched": bool(cell.contacts),
@@ -149,6 +162,7 @@ def _watched(cell: PushedCell, eyes: Any, task: ServoTask, T: Pose, speed: float
         "last": cell.log[-1].reason,
         "permit": str(status.permit or ""),
     }
+    return found, way
 
 
 def _lands(cell: PushedCell, up: Vector3) -> float:
@@ -251,6 +265,31 @@ def _why(trial: dict[str, Any]) -> str:
     if trial["mm"] is not None:
         return f"{trial['mm']:.0f} mm off"
     return f"{trial['phase']}: {trial['permit'] or trial['last']}{clip}"
+
+
+def _ways(results: dict[str, list[dict[str, Any]]]) -> Figure:
+    """Ways to the palm of the first six of ours, and where items land, by mode."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    ways, lands = figure.subplots(1, 2)
+    kinds = ("at rest", "moving", "as recorded")
+    for k, trial in enumerate(results[""][:6]):
+        table = 1e2 * np.array(trial["way"])
+        ways.plot(table[:, 1], table[:, 2], color=f"C{k % 3}", lw=0.9,
+                  label=kinds[k] if k < 3 else None)  # fmt: skip
+    for prefix, label in (("", "ours"), ("paper_", "V's hybrid"), ("fixed_", "V's, fixed")):
+        found = results[prefix]
+        values = np.sort([r["mm"] for r in found if r["mm"] is not None])
+        share = np.arange(1, len(values) + 1) / len(found)
+        lands.step(values, share, where="post", label=f"{label}, {len(found)}")
+    lands.axvline(1e3 * LANDS, color="0.6", lw=0.8, ls=":")
+    ways.set(xlabel="beside the palm [cm]", ylabel="above it [cm]")
+    lands.set(xlabel="lands from the palm's middle [mm]", ylabel="share of all", xlim=(0.0, 120.0),
+              ylim=(0.0, 1.02))  # fmt: skip
+    ways.legend(fontsize=7)
+    lands.legend(fontsize=7)
+    return figure
 
 
 EXPERIMENT = Experiment(

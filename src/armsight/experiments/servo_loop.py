@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from armsight.experiments.servo_world import (
     set_up,
     world_to_base,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STANDOFF = 0.10
 """The tip follows so far before the ball [m]."""
@@ -68,9 +72,9 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         steps.append(cache.get(k, lambda k=k: one(setup, (seed, k))))  # type: ignore[misc]
         progress(f"step {k + 1} of {runs}", 0.3 * (k + 1) / runs)
     counted = bulk(BULK * runs, seed, lambda say, share: progress(say, 0.3 + 0.6 * share))
-    return Outcome(
-        tuple(_rows(steps, counted, rendered(seed))), {}, (*_notes(steps), _counted(counted))
-    )
+    rows = _rows(steps, counted, rendered(seed))
+    notes = (*_notes(steps), _counted(counted))
+    return Outcome(tuple(rows), {"times": partial(_times, steps)}, notes)
 
 
 def one(setup: Setup, seed: tuple[int, int]) -> dict[str, Any]:
@@ -245,6 +249,30 @@ def _counted(counted: list[dict[str, Any]]) -> str:
 def _notes(steps: list[dict[str, Any]]) -> tuple[str, ...]:
     missed = sum(s["reaction_ms"] is None for s in steps)
     return (f"Steps without an answer within {WATCHED:g} s: {missed} of {len(steps)}.",)
+
+
+def _times(steps: list[dict[str, Any]]) -> Figure:
+    """What share of steps is answered by when, and of rounds is done by when."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    answers, rounds = figure.subplots(1, 2)
+    for key, label, must in (
+        ("reaction_ms", "since the picture arrived", 60.0),
+        ("exposure_ms", "since it was exposed", 100.0),
+    ):
+        values = np.sort([s[key] for s in steps if s[key] is not None])
+        share = np.arange(1, len(values) + 1) / len(steps)
+        (line,) = answers.step(values, share, where="post", label=label)
+        answers.axvline(must, color=line.get_color(), lw=0.8, ls=":")
+    costs = np.sort(np.concatenate([s["control_ms"] for s in steps]))
+    rounds.plot(costs, 1.0 - np.arange(len(costs)) / len(costs))
+    rounds.axvline(6.0, color="0.6", lw=0.8, ls=":")
+    answers.set(xlabel="[ms]", ylabel="share of steps answered", ylim=(0.0, 1.02))
+    answers.legend(fontsize=7)
+    rounds.set(xlabel="a round of task and guard takes [ms]", ylabel="share that takes longer",
+               yscale="log")  # fmt: skip
+    return figure
 
 
 EXPERIMENT = Experiment(
