@@ -40,6 +40,8 @@ TURNED_BACK = 1.0
 """A clock that is this much earlier than before was turned back [s]."""
 FLUSH_SECONDS = 1.0
 """A recording that is killed loses at most this much [s] and what was waiting."""
+LATE = 0.5
+"""In real time pictures and clouds are dropped while the oldest waits for longer [s]."""
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -101,7 +103,7 @@ class Recorder:
         self._writer = McapWriter(Path(path))
         self._scribe = Scribe(cell, self._writer, pictures == "small")
         self._thinning = Thinning() if pictures == "small" else None
-        self._queue = ByteQueue(waiting_bytes)
+        self._queue = ByteQueue(waiting_bytes, LATE)
         try:
             self._scribe.describe()
         except OSError as error:
@@ -138,7 +140,7 @@ class Recorder:
             return
         if not self._put(stream.size(reading), lambda: self._scribe.reading(reading, now), now):
             self.dropped += 1
-            self.problem = f"{self.dropped} readings not recorded: the disk is too slow"
+            self.problem = f"{self.dropped} readings not recorded: disk or processor too slow"
 
     # -- called by the loop ---------------------------------------------------------------------
 
