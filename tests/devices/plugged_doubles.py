@@ -10,6 +10,7 @@ from port_doubles import (
     GripperDouble,
     Log,
     StereoDouble,
+    SwitchDouble,
     WrenchDouble,
 )
 
@@ -51,6 +52,11 @@ class Camera(CameraDouble):
 
 
 class Stereo(StereoDouble):
+    def __init__(self, settings):
+        super().__init__(settings, LOG)
+
+
+class Switch(SwitchDouble):
     def __init__(self, settings):
         super().__init__(settings, LOG)
 

@@ -15,6 +15,7 @@ from armsight.devices.port import (
     GripperReading,
     StereoReading,
     StereoReport,
+    SwitchReading,
     WrenchReading,
 )
 from armsight.errors import DeviceError
@@ -158,6 +159,22 @@ class WrenchDouble:
 
     def read(self):
         return WrenchReading(time.perf_counter(), self.told, -self.told)
+
+    def close(self):
+        pass
+
+
+class SwitchDouble:
+    """On from the ``connection``'s ``on_at`` to ``off_at`` seconds after it was opened."""
+
+    def __init__(self, settings, log):
+        self.began, self.settings = time.perf_counter(), settings
+        log.calls.append(("open", settings))
+
+    def read(self):
+        after = time.perf_counter() - self.began
+        told = self.settings.connection
+        return SwitchReading(None, told.get("on_at", 1e9) <= after < told.get("off_at", 1e9))
 
     def close(self):
         pass

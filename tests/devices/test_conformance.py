@@ -11,6 +11,7 @@ from port_doubles import (
     GripperDouble,
     Log,
     StereoDouble,
+    SwitchDouble,
     WrenchDouble,
     hang,
 )
@@ -22,6 +23,7 @@ from armsight.devices.port import (
     ArmSettings,
     CameraSettings,
     GripperSettings,
+    SwitchSettings,
     WrenchSettings,
 )
 from armsight.errors import DeviceError, UsageError
@@ -56,6 +58,7 @@ class GoodArm(ArmDouble):
         ("stereo", lambda s: StereoDouble(s, Log()), CameraSettings("c")),
         ("wrench", lambda s: WrenchDouble(s, Log()), WrenchSettings({}, 100.0)),
         ("gripper", lambda s: GripperDouble(s, Log()), GRIPPER),
+        ("switch", lambda s: SwitchDouble(s, Log()), SwitchSettings({}, 20.0)),
     ],
 )
 def test_good_drivers_conform(kind, opener, settings):

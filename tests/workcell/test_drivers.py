@@ -49,6 +49,8 @@ driver = "{HERE}:Wrench"
 [gripper]
 driver = "{HERE}:Gripper"
 opening = 0.05
+[empty_switch]
+driver = "{HERE}:Switch"
 """
 
 
@@ -76,7 +78,7 @@ def test_a_cell_of_drivers_that_are_in_no_catalogue():
         assert info.T_mount_camera == pytest.approx(T)
         assert cell.stereo[0].info.mounted_on == "flange"
         assert cell.gripper.opening == 0.05
-        assert len(cell.health()) == 5
+        assert len(cell.health()) == 6
     cell.close()
     assert LOG.count("stop") == 0  # nobody commanded it
     assert LOG.count("close") == 2
@@ -108,6 +110,28 @@ def test_simulated_cameras_see_a_real_arm_where_it_is(gl):
             cell.world.advance(cell.world.clock.now() + 0.2)
             pictures.append(cell.cameras[0].read().depth)
         assert np.nanmean(np.abs(pictures[0] - pictures[1]) > 0.02) > 0.005
+
+
+@pytest.mark.parametrize(("on_at", "words"), [(0.8, 1), (0.0, 0)])
+def test_a_switch_that_is_turned_on_says_that_the_cell_is_empty(
+    monkeypatch, tmp_path, on_at, words
+):
+    """One that is on from the start says nothing."""
+    monkeypatch.setenv("ARMSIGHT_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "runtime"))
+    from doubles import make_fake_parts
+
+    made = []
+
+    def make(*given):
+        made.append(make_fake_parts(*given))
+        return made[-1]
+
+    switch = f'[empty_switch]\ndriver = "{HERE}:Switch"\nconnection = {{ on_at = {on_at} }}\n'
+    with open_cell(parse_workcell(REAL + switch)) as cell:
+        session = Session(cell, None, make=make, mode=SessionMode(look_only=True))
+        session.run(2.0)
+    assert made[-1].workspace.calls.count("empty") == words
 
 
 # --- finding them -------------------------------------------------------------------------------
@@ -182,6 +206,8 @@ def test_only_names_are_drivers(name):
         (('name = "pair"', 'name = "c"'), '.name: "c" is taken by camera[1]'),
         (('driver = "plugged_doubles:Stereo"', 'model = "kinect_v2"'), "is no stereo pair"),
         (('driver = "plugged_doubles:Wrench"', 'driver = "rtde"'), "wrench.driver: unknown driver"),
+        ((f'driver = "{HERE}:Switch"', ""), "empty_switch.driver: missing"),
+        ((f"{HERE}:Switch", "simulated"), "empty_switch.driver: unknown driver"),
         (("opening = 0.05", "opening = 50"), "gripper.opening: found 50, expected at most 0.5"),
         (("rpy_deg = [0, 0, 0]", ""), "expected exactly one"),
     ],

@@ -47,7 +47,7 @@ class Doctor:
 
     port: int = Page().port
     driver: str | None = None
-    kind: Literal["arm", "camera", "stereo", "wrench", "gripper"] | None = None
+    kind: Literal["arm", "camera", "stereo", "wrench", "gripper", "switch"] | None = None
     option: tuple[str, ...] = ()
     robot: str = "ur5"
     seconds: float = 3.0

@@ -16,6 +16,7 @@ from armsight.devices.port import (
     Connection,
     GripperSettings,
     Kind,
+    SwitchSettings,
     WrenchSettings,
 )
 from armsight.errors import UsageError
@@ -110,4 +111,6 @@ def _settings(kind: Kind, connection: Connection, robot: str) -> Any:
         return WrenchSettings(connection, 100.0)
     if kind == "gripper":
         return GripperSettings(connection, 0.085, 0.05, 20.0)
+    if kind == "switch":
+        return SwitchSettings(connection, 20.0)
     return CameraSettings("doctor", connection)

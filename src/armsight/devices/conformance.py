@@ -188,6 +188,10 @@ def _values(kind: Kind, readings: Sequence[Any], report: Any, settings: Any) -> 
             raise DeviceError("force and torque are not 3 finite numbers each")
         force, torque = np.linalg.norm(values.mean(axis=0).reshape(2, 3), axis=1)
         return f"mean force {force:.2f} N, torque {torque:.3f} N m (is the tool's weight in it?)"
+    if kind == "switch":
+        if not all(isinstance(r.on, bool) for r in readings):
+            raise DeviceError(f"on is {first.on!r}, expected True or False")
+        return f"on in {sum(r.on for r in readings)} of {len(readings)} readings"
     width = float(first.width)
     if not -0.01 <= width <= 1.5 * settings.opening + 0.01:
         raise DeviceError(f"width {width:g}, expected metres up to {settings.opening:g}")

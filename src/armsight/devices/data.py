@@ -130,6 +130,14 @@ class GripperState:
 
 
 @dataclass(frozen=True)
+class SwitchState:
+    """Whether a switch is on, at ``stamp`` [s]."""
+
+    stamp: float
+    on: bool
+
+
+@dataclass(frozen=True)
 class EmptyCell:
     """Somebody's word, given at ``stamp`` [s], that nobody is in the cell."""
 

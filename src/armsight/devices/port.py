@@ -23,13 +23,14 @@ from armsight.devices.data import ArmMode, DepthNoise
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
 
-Kind = Literal["arm", "camera", "stereo", "wrench", "gripper"]
+Kind = Literal["arm", "camera", "stereo", "wrench", "gripper", "switch"]
 GROUPS: dict[Kind, str] = {
     "arm": "armsight.arms",
     "camera": "armsight.cameras",
     "stereo": "armsight.stereo_cameras",
     "wrench": "armsight.wrench_sensors",
     "gripper": "armsight.grippers",
+    "switch": "armsight.switches",
 }
 """Entry-point group of each kind of driver."""
 
@@ -350,4 +351,35 @@ class GripperDriver(Protocol):
 
     def close(self) -> None:
         """Let go of it; the fingers stay."""
+        ...
+
+
+# --- switch ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SwitchSettings:
+    """What a switch's driver is told: connection, and readings a second [Hz]."""
+
+    connection: Connection
+    rate: float
+
+
+@dataclass(frozen=True)
+class SwitchReading:
+    """Whether it is on."""
+
+    stamp: float | None
+    on: bool
+
+
+class SwitchDriver(Protocol):
+    """Called with :class:`SwitchSettings`."""
+
+    def read(self) -> SwitchReading | None:
+        """The state now; may wait for as long as a reading of this rate takes."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it."""
         ...

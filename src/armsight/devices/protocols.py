@@ -16,6 +16,7 @@ from armsight.devices.data import (
     RgbdFrame,
     StereoFrame,
     StereoInfo,
+    SwitchState,
     Wrench,
 )
 
@@ -157,5 +158,17 @@ class Gripper(Protocol):
 
         Raises:
             DeviceError: the gripper is lost.
+        """
+        ...
+
+
+class Switch(Protocol):
+    """A switch that somebody turns who has seen that nobody is in the cell."""
+
+    def read(self) -> SwitchState | None:
+        """The newest state that has arrived since the last call, or None.
+
+        Raises:
+            DeviceError: the switch is lost.
         """
         ...

@@ -147,7 +147,7 @@ def _as_recorded(text: str, description: CellDescription) -> str:
         document["robot"]["tool"] = description.tool
     for key in ("person", "object", "undeclared", "target"):
         document.get("simulation", {}).pop(key, None)
-    for key in ("camera", "stereo", "wrench", "gripper", "tip", "patrol"):
+    for key in ("camera", "stereo", "wrench", "gripper", "empty_switch", "tip", "patrol"):
         document.pop(key, None)
     for key in ("driver", "connection"):
         document.get("robot", {}).pop(key, None)

@@ -27,6 +27,7 @@ from armsight.runtime.command_relay import CommandRelay
 from armsight.runtime.component import Component
 from armsight.runtime.components import GuardComponent
 from armsight.runtime.config import SessionConfig, SessionMode
+from armsight.runtime.empty_switch import EmptySwitch
 from armsight.runtime.parts import MakeParts, make_parts
 from armsight.runtime.priority import favoured
 from armsight.runtime.session_devices import SessionDevices
@@ -364,6 +365,8 @@ class Session:
         self._channels, self._parts, self._loop = made.channels, made.parts, made.loop
         self._sensing, self._guard, self._task = made.sensing, made.guard, made.task
         self._components = made.components
+        if self.cell.empty_switch is not None:
+            self._sensing.taps.append(EmptySwitch(self.declare_empty))
         if self._task is not None:
             self._task.on_standing = lambda name, solids: self._tell_solids(
                 DeclaredSolids(self.now(), name, tuple(solids))

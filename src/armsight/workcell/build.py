@@ -11,7 +11,15 @@ from armsight.arrays import JointVector, Pose
 from armsight.devices.clock import WallClock
 from armsight.devices.data import RgbdCameraInfo, StereoInfo
 from armsight.devices.line import DeviceHealth
-from armsight.devices.protocols import Arm, Clock, ForceSensor, Gripper, RgbdCamera, StereoCamera
+from armsight.devices.protocols import (
+    Arm,
+    Clock,
+    ForceSensor,
+    Gripper,
+    RgbdCamera,
+    StereoCamera,
+    Switch,
+)
 from armsight.devices.world import World
 from armsight.errors import DeviceError, UsageError
 from armsight.geometry.pose import inverse
@@ -33,6 +41,7 @@ from armsight.workcell.opening import (
     open_camera,
     open_gripper,
     open_stereo,
+    open_switch,
     open_wrench,
 )
 from armsight.workcell.schema import Workcell
@@ -56,6 +65,7 @@ class Cell:
         world: the simulation or the recording behind the devices, or None.
         stereo: stereo pairs, in the file's order.
         wrench: the force sensor at the flange, or None; gripper: likewise.
+        empty_switch: what says that nobody is in the cell, or None.
         mixed: a simulation stands behind some of the devices, and time is the computer's.
         show_joints: shows a real arm's joints to the simulation behind the cameras, or None.
         calibration: what was believed when it was opened; None for a cell that has none.
@@ -73,6 +83,7 @@ class Cell:
     stereo: tuple[StereoCamera, ...] = ()
     wrench: ForceSensor | None = None
     gripper: Gripper | None = None
+    empty_switch: Switch | None = None
     mixed: bool = False
     show_joints: Callable[[JointVector], None] | None = None
     calibration: CellCalibration | None = None
@@ -83,10 +94,10 @@ class Cell:
         return self.world is not None and not self.mixed
 
     @property
-    def sensors(self) -> tuple[StereoCamera | ForceSensor | Gripper, ...]:
+    def sensors(self) -> tuple[StereoCamera | ForceSensor | Gripper | Switch, ...]:
         """Everything that is read besides the arm and the depth cameras."""
-        hand = (self.wrench, self.gripper)
-        return (*self.stereo, *(device for device in hand if device is not None))
+        others = (self.wrench, self.gripper, self.empty_switch)
+        return (*self.stereo, *(device for device in others if device is not None))
 
     @property
     def guard_cameras(self) -> list[RgbdCameraInfo]:
@@ -187,6 +198,9 @@ def open_cell(
             wrench = keep(open_wrench(workcell.wrench, clock))
         if workcell.gripper is not None and gripper is None:
             gripper = keep(open_gripper(workcell.gripper, clock))
+        switch = None
+        if workcell.empty_switch is not None:
+            switch = keep(open_switch(workcell.empty_switch, clock))
         return Cell(
             workcell,
             robot,
@@ -205,6 +219,7 @@ def open_cell(
             ),
             wrench=wrench,
             gripper=gripper,
+            empty_switch=switch,
             mixed=mixed,
             show_joints=None if world is None or own_arm else world.show_joints,
             calibration=calibration,
@@ -218,8 +233,9 @@ def open_cell(
 
 def _device_sections(workcell: Workcell) -> list[Any]:
     """Every table of the file that has a driver."""
-    hand = [section for section in (workcell.wrench, workcell.gripper) if section is not None]
-    return [workcell.robot, *workcell.camera, *workcell.stereo, *hand]
+    others = (workcell.wrench, workcell.gripper, workcell.empty_switch)
+    there = [section for section in others if section is not None]
+    return [workcell.robot, *workcell.camera, *workcell.stereo, *there]
 
 
 def simulated_world(cell: Cell) -> SimulatedWorld:

@@ -35,8 +35,9 @@ def _plugged_in(kind: Kind) -> dict[str, EntryPoint]:
 
 
 def driver_names(kind: Kind) -> tuple[str, ...]:
-    """``simulated`` and every driver of a kind that is installed."""
-    return (SIMULATED, *sorted(_plugged_in(kind)))
+    """Every driver of a kind that is installed, and ``simulated``, which no switch is."""
+    made_up = () if kind == "switch" else (SIMULATED,)
+    return (*made_up, *sorted(_plugged_in(kind)))
 
 
 def is_known(kind: Kind, name: str) -> bool:

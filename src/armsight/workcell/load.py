@@ -33,7 +33,7 @@ from armsight.workcell.schema_things import (
 LARGEST = 1_000_000
 """A workcell file is never larger [bytes]."""
 
-_HAND: dict[str, Kind] = {"wrench": "wrench", "gripper": "gripper"}
+_HAND: dict[str, Kind] = {"wrench": "wrench", "gripper": "gripper", "empty_switch": "switch"}
 
 SectionT = TypeVar("SectionT", bound=Section)
 

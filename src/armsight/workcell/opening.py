@@ -14,6 +14,7 @@ from armsight.devices.data import RgbdCameraInfo, StereoInfo
 from armsight.devices.driven_arm import DrivenArm
 from armsight.devices.driven_cameras import DrivenCamera, DrivenStereo
 from armsight.devices.driven_hand import DrivenGripper, DrivenWrench
+from armsight.devices.driven_switch import DrivenSwitch
 from armsight.devices.line import STOP_SECONDS, DeviceHealth
 from armsight.devices.port import (
     ArmSettings,
@@ -21,6 +22,7 @@ from armsight.devices.port import (
     CameraSettings,
     GripperSettings,
     StereoReport,
+    SwitchSettings,
     WrenchSettings,
 )
 from armsight.errors import DeviceError
@@ -30,6 +32,7 @@ from armsight.workcell.drivers import find_driver
 from armsight.workcell.schema import Workcell
 from armsight.workcell.schema_devices import (
     CameraSection,
+    EmptySwitchSection,
     GripperSection,
     MountedSection,
     RobotSection,
@@ -122,6 +125,12 @@ def open_stereo(
     latency = None if section.latency_ms is None else section.latency_ms / 1e3
     settings = CameraSettings(section.name, section.connection, section.rate_hz)
     return DrivenStereo(settings, find_driver("stereo", section.driver), describe, clock, latency)
+
+
+def open_switch(section: EmptySwitchSection, clock: WallClock) -> DrivenSwitch:
+    """Open the switch that says that the cell is empty."""
+    settings = SwitchSettings(section.connection, section.rate_hz)
+    return DrivenSwitch(settings, find_driver("switch", section.driver), clock)
 
 
 def open_wrench(section: WrenchSection, clock: WallClock) -> DrivenWrench:

@@ -26,6 +26,7 @@ from armsight.workcell.fields import (
 )
 from armsight.workcell.schema_devices import (
     CameraSection,
+    EmptySwitchSection,
     GripperSection,
     ItemsSection,
     PlugSection,
@@ -146,6 +147,9 @@ class Workcell(Section):
     stereo: tuple[StereoSection, ...] = key((), "Stereo pairs.")
     wrench: WrenchSection | None = key(None, "The force sensor at the flange, if there is one.")
     gripper: GripperSection | None = key(None, "The gripper, if there is one.")
+    empty_switch: EmptySwitchSection | None = key(
+        None, "What says that nobody is in the cell, if there is such a switch."
+    )
     items: ItemsSection | None = key(None, "Where items lie that the gripper fetches.")
     tip: TipSection | None = key(None, "How the tool's tip gives way, if it does.")
     plug: PlugSection | None = key(None, "The charging plug, if the flange carries one.")

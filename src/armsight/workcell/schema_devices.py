@@ -185,6 +185,18 @@ class GripperSection(Section):
     connection: Connection = key({}, "What a real driver needs; the driver's page says what.")
 
 
+class EmptySwitchSection(Section):
+    """A switch, or the reset button of a door: turned on, nobody is in the cell.
+
+    Only being turned on counts, and only while nobody is seen. A simulated cell has its page's
+    button instead.
+    """
+
+    driver: DriverName = key(..., "The name of a driver, or its `module:Class`.")
+    rate_hz: Positive = key(20.0, "Readings a second.", "Hz", ge=5.0, le=1000.0)
+    connection: Connection = key({}, "What the driver needs; its page says what.")
+
+
 class ItemsSection(Section):
     """Where the items lie that the gripper fetches, upright boxes, one at a time."""
 
