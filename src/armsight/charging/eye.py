@@ -10,6 +10,7 @@ import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats, Mask, Pose
 from armsight.calibration import se3
+from armsight.charging.closer import Stack, Where, find_closer
 from armsight.charging.find import PLUGS, FindOptions
 from armsight.charging.fit import model_points
 from armsight.charging.plane_fit import contact_pixels, paper_pose
@@ -27,6 +28,8 @@ SHOWN = 360
 """Width of the pictures that are shown [px]."""
 SHOWN_PLUGS = FindOptions(PLUGS, (0.3, 1.2))
 """Looked for where the arm shows its plug."""
+CLEAR = 0.6
+"""Score of a port that is clear enough."""
 FITS = 48
 """Edges of the part that is shown, at least [px]."""
 
@@ -74,6 +77,8 @@ class PortEye:
         ports: types to look for.
         distance: nearest and farthest [m].
         paper: the poses are the charging paper's: equation 1 and a plane through the contacts.
+        where: a port can be, in ``base``: where nothing is clear it is looked for there more
+            closely (:mod:`armsight.charging.closer`); None: it is not.
 
     Attributes:
         shown: ``T_base_plug`` of a plug that the arm shows: it looks for plugs then; else None.
@@ -90,11 +95,13 @@ class PortEye:
         ports: Sequence[str],
         distance: tuple[float, float] = (0.25, 2.8),
         paper: bool = False,
+        where: Where | None = None,
     ) -> None:
         self.name = f"ports/{pair}"
         self.stereo = (pair,)
         self._options = FindOptions(tuple(ports), distance)
         self._paper = paper
+        self._where, self._stack = where, Stack()
         self.shown: Pose | None = None
 
     def warm_up(self) -> None:
@@ -119,6 +126,8 @@ class PortEye:
             held = which_held((left, right), pair, PLUGS, np.asarray(T_left_plug))
         options = self._options if self.shown is None else SHOWN_PLUGS
         found = locate((left, right), pair, options) if held is None else (held,)
+        if self._where is not None and self.shown is None:
+            found = self._closer(view, (left, right), found)
         ports = []
         for pose in found:
             T = self._pose(pose, pair)
@@ -131,6 +140,19 @@ class PortEye:
         picture = drawn(frame.left, info.left, found[0] if found else None)
         reason = "" if ports else "no port in the pictures"
         return PortLook(frame.stamp, info.name, tuple(ports), picture, reason)
+
+    def _closer(
+        self, view: PosedPair, images: tuple[Bytes, Bytes], found: tuple[PortPose, ...]
+    ) -> tuple[PortPose, ...]:
+        """What was found; where none of it is clear, what is found more closely."""
+        where, T, o = self._where, view.T_base_camera, self._options
+        assert where is not None
+        assert T is not None
+        bright = self._stack.add(images, view.frame.stamp)
+        if any(p.score >= CLEAR for p in found):
+            return found
+        closer = find_closer(bright, view.info.lenses, o.ports, o.distance, where.seen_from(T))
+        return found if closer is None else (closer,)
 
     def _pose(self, pose: PortPose, pair: StereoPair) -> Pose | None:
         if not self._paper or self.shown is not None:

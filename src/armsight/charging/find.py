@@ -179,18 +179,34 @@ def check_picture(image: Bytes, lens: PinholeCamera) -> None:
 
 
 def search(
-    levels: Sequence[Level], lens: PinholeCamera, options: FindOptions
+    levels: Sequence[Level],
+    lens: PinholeCamera,
+    options: FindOptions,
+    rings: Floats | None = None,
 ) -> tuple[Detection, ...]:
-    """As :func:`find_ports`, of a picture whose sizes are there already."""
-    return _merge(_found(levels, lens, options))
+    """As :func:`find_ports`, of a picture whose sizes are there already.
+
+    Args:
+        levels: of the picture.
+        lens: that took it.
+        options: what to look for.
+        rings: to try, see :func:`armsight.charging.rings.find_rings`; without them the picture's.
+    """
+    return _merge(_found(levels, lens, options, rings))
 
 
-def _found(levels: Sequence[Level], lens: PinholeCamera, options: FindOptions) -> list[Detection]:
+def _found(
+    levels: Sequence[Level],
+    lens: PinholeCamera,
+    options: FindOptions,
+    rings: Floats | None = None,
+) -> list[Detection]:
     largest = lens.fx * 0.050 / options.distance[0]
     # a window holds fewer things that are no port
     share = float(np.clip(3.0 * levels[0].gx.size / WHOLE, 0.3, 1.0))
     seeds, most = round(share * options.seeds), round(share * options.rings)
-    rings = find_rings(levels, largest, seeds, most, options.tilts, options.beside)
+    if rings is None:
+        rings = find_rings(levels, largest, seeds, most, options.tilts, options.beside)
     climbs = Climbs(
         round(share * options.climbs),
         round(share * options.guesses),

@@ -143,7 +143,7 @@ def _rough(
 
     Score; u, v, scale, tilt along x and y, roll, as at the level that the last column names.
     """
-    size_m = _ring_radius(name)
+    size_m = ring_radius(name)
     nearest, farthest = (lens.fx * size_m / d for d in (0.8 * distance[0], 1.2 * distance[1]))
     rows, fitting = [np.zeros((0, 8))], []
     for k, rings in groups:
@@ -206,7 +206,7 @@ def template(name: str) -> tuple[Floats32, Floats32]:
 
 
 @lru_cache(maxsize=32)
-def _ring_radius(name: str) -> float:
+def ring_radius(name: str) -> float:
     """Radius of the outer of the two rims that a double ring stands for [m]."""
     entry = port(name)
     rim = entry.of_kind("mouth")[0].outline.radius

@@ -68,8 +68,10 @@ class Looker:
 
     def of_ours(self, look: PortLook) -> SeenPort | None:
         """The surest port that the plug fits into, or None."""
-        fits = INLETS_OF[self._options.plug]
-        good = [p for p in look.ports if p.port in fits and p.score >= self._options.least]
+        o, fits = self._options, INLETS_OF[self._options.plug]
+        again = o.mode == "ours" and o.near  # the near one looks at it again
+        least = o.least_far if look.pair == o.far and again else o.least
+        good = [p for p in look.ports if p.port in fits and p.score >= least]
         return max(good, key=lambda p: p.score, default=None)
 
     def why_none(self, look: PortLook) -> str:

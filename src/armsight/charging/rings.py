@@ -11,11 +11,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from armsight.arrays import Floats, Floats32, Ints
+from armsight.arrays import Floats, Floats32, Ints, Pose
+from armsight.charging.kernels.rigid import flat_pose
 from armsight.charging.kernels.rings import best_rings
 from armsight.charging.kernels.templates import distinct
 from armsight.charging.kernels.votes import vote_centers, vote_crests
 from armsight.charging.pyramid import Level
+from armsight.geometry.camera import PinholeCamera
 
 VOTE_RADII = np.array([4.0, 5.0, 6.5, 8.0, 10.0], np.float32)
 RING_RADII = np.geomspace(8.5, 21.0, 10)
@@ -25,6 +27,11 @@ RING_SHARE = 0.76
 BESIDE = np.array([[0, 0], [2, 0], [-2, 0], [0, 2], [0, -2]], np.float32)
 """Where else about a seed a close search looks: lit from one side a slanted port draws the votes
 aside, by up to a third of its radius [px of the size that was voted in]."""
+GRID, STEP = 0.2, 0.12
+"""Rings that are tried everywhere lie so far apart, and are so much larger each than the next, as
+shares of their size."""
+LEANS = np.deg2rad([[12.0, 0.0], [-12.0, 0.0], [0.0, 12.0], [0.0, -12.0]])
+"""They lean as is expected, or by so much more or less."""
 LEAST_VOTES = 80
 LEAST_RING = 0.2
 CROWD = 12
@@ -63,6 +70,47 @@ def find_rings(
     every = np.concatenate(rows)
     every = every[np.argsort(-every[:, 0], kind="stable")]
     return np.asarray(every[distinct(every, most, max(most // CROWD, 1))])
+
+
+def rings_everywhere(
+    lens: PinholeCamera, T_lens_port: Pose, within: float, radii: tuple[float, float]
+) -> Floats:
+    """Rings at every place of a picture, as a port would show that is about as far and so turned.
+
+    Args:
+        lens: that took the picture.
+        T_lens_port: about where a port is.
+        within: of that place [m].
+        radii: the smallest and the largest of outer rings [m].
+
+    Returns:
+        Rows as of :func:`find_rings`.
+    """
+    z = float(T_lens_port[2, 3])
+    least, most = lens.fx * radii[0] / (z + within), lens.fx * radii[1] / (z - within)
+    sizes = np.geomspace(least, most, max(int(np.ceil(np.log(most / least) / STEP)), 2))
+    lean = _lean_of(T_lens_port)
+    leans = np.array([lean, *(lean + off for off in LEANS)])
+    rows = []
+    for size in sizes:
+        u, v = np.arange(0.0, lens.width, GRID * size), np.arange(0.0, lens.height, GRID * size)
+        at = np.stack(np.meshgrid(u, v, indexing="ij"), -1).reshape(-1, 2)
+        place = np.repeat(at, len(leans), axis=0)
+        tilt = np.tile(leans, (len(at), 1))
+        ones = np.ones((len(place), 1))
+        rows.append(np.hstack([ones, place, tilt, size * ones]))
+    return np.concatenate(rows)
+
+
+def _lean_of(T: Pose) -> Floats:
+    """(2,) lean about the picture's x and y [rad] of a port, seen along the ray to it."""
+    straight = flat_pose(float(T[0, 3]), float(T[1, 3]), float(T[2, 3]), 0.0, 0.0, 0.0)
+    along_ray = straight[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    x, y, z = along_ray.T @ T[:3, 2]  # leaning by 0 it is (0, 0, -1)
+    aside = float(np.hypot(x, y))
+    if aside < 1e-9:
+        return np.zeros(2)
+    return np.array([y, -x]) / aside * float(np.arctan2(aside, -z))
 
 
 def level_for(radius: Floats, levels: int) -> Ints:

@@ -309,6 +309,10 @@ class StationCore:
         self._side += 1
         self._go(self.state, seen.now, words)
 
+    def possible(self, T_base_port: Pose) -> bool:
+        """Whether a port can be at a pose, as far as this station can tell; from any thread."""
+        return not self._impossible(T_base_port)
+
     def _impossible(self, T_base_port: Pose) -> str:
         """Why a port cannot be there, or nobody can plug in, in words; empty when that can be."""
         away = float(np.linalg.norm(T_base_port[:3, 3]))

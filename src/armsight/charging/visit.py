@@ -70,7 +70,8 @@ class StationOptions:
         lid_from: distance of the near look at a lid [m].
         far_sigma, near_sigma: of a port's place in ``base`` by each pair, beyond what the pictures
             leave open: calibration and arm [m].
-        least: score of a port that is believed.
+        least: score of a port that is believed; least_far: by the standing pair, where the one on
+            the flange looks again.
         reach: a port farther from the base is out of reach [m].
         cable: what hangs on the plug [N]; None where nobody knows: then nobody asks what it weighs.
     """
@@ -98,6 +99,7 @@ class StationOptions:
     far_sigma: float = 0.004
     near_sigma: float = 0.002
     least: float = 0.6
+    least_far: float = 0.5
     reach: float = 1.35
     cable: float | None = None
 

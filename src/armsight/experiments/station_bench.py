@@ -7,7 +7,7 @@ Motions to a pose are followed as they are wanted.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from armsight.motion.steering import joints_of_twist
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.simulation.plugs import Caught, Plugged
 from armsight.simulation.world import SimulatedWorld
+from armsight.tasks.parked_car import where_parked
 from armsight.workcell import robot_in, world_spec
 from armsight.workcell.car import finger_pose, vehicle_of
 from armsight.workcell.packaged import load
@@ -93,6 +94,7 @@ class StationBench:
         withdrawn: why the guard withdraws the permit, in words; empty while it grants it.
         numb: the force sensor says nothing any more.
         bias: (6,) that the force sensor says too much [N], [N m].
+        possible: whether a port can be at a pose in ``base``, by the station.
     """
 
     def __init__(
@@ -114,9 +116,11 @@ class StationBench:
         vehicle = vehicle_of(workcell, plug.vehicle)
         lid = None if vehicle is None else vehicle.lid
         T_port_lid = None if lid is None or vehicle is None else vehicle.T_port_lid
+        self.possible: Callable[[Pose], bool] = lambda T_base_port: True
         self._eyes: Eyes = DrawnEyes(car.port, seed, T_port_lid, self._lid_shut, plug.kind)
         if rendered:
-            self._eyes = RenderedEyes(self.world, self.robot, plug.kind, mode, lid, around)
+            where = where_parked(plug, workcell.robot.T_world_base, lambda T: self.possible(T))
+            self._eyes = RenderedEyes(self.world, self.robot, plug.kind, mode, lid, around, where)
         if around is not None:
             around.light_up(self.world)
         self._status = _status("", False, None)
@@ -308,12 +312,20 @@ def make_station(
     near = pairs[FLANGE] if second_look else None
     mount = Admittance((1e3 * plug.mount_n_per_mm, plug.mount_nm_per_rad), 0.074)
     law = InsertOptions(admittance=mount, port_depth=0.002)
-    options = StationOptions(plug.kind, mode, law, POST, FLANGE, cable=plug.cable_n)
+    seen_near = FLANGE if second_look else ""
+    options = StationOptions(plug.kind, mode, law, POST, seen_near, cable=plug.cable_n)
     vehicle, T_finger, lid = vehicle_of(cell, plug.vehicle), finger_pose(plug), None
     if vehicle is not None and vehicle.lid is not None and T_finger is not None:
         assert cell.gripper is not None
         lid = LidSetup(vehicle, T_finger, cell.gripper.opening)
-    journal = Journal(file)
-    return Station(
-        bench.robot, bench.robot.home, car, journal, options, near, lid=lid, shows=lambda: shows
+
+    def contradiction(T_base_port: Pose) -> str:
+        T_world_port = np.asarray(cell.robot.T_world_base @ T_base_port)
+        return "" if vehicle is None else vehicle.contradiction(T_world_port)
+
+    journal, home = Journal(file), bench.robot.home
+    station = Station(
+        bench.robot, home, car, journal, options, near, contradiction, lid, shows=lambda: shows
     )
+    bench.possible = station.possible
+    return station

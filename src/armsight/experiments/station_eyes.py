@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from armsight.arrays import Pose
+from armsight.charging.closer import Where
 from armsight.charging.eye import PortEye, PortLook, SeenPort
 from armsight.charging.find import INLETS
 from armsight.charging.lid_eye import LidEye, LidLook
@@ -132,6 +133,7 @@ class RenderedEyes:
         mode: the station's.
         lid: that the car has, or None.
         around: what weather and dirt make of the pictures; None leaves them as rendered.
+        where: a port can be, in ``base``.
     """
 
     def __init__(
@@ -142,10 +144,16 @@ class RenderedEyes:
         mode: Mode,
         lid: LidShape | None = None,
         around: Surroundings | None = None,
+        where: Where | None = None,
     ) -> None:
         self._world, self._robot, self._around = world, robot, around
         self._eyes = {
-            POST: PortEye(POST, INLETS, paper=mode == "paper"),
+            POST: PortEye(
+                POST,
+                INLETS,
+                paper=mode == "paper",
+                where=None if mode == "paper" or lid is not None else where,
+            ),
             FLANGE: PortEye(FLANGE, INLETS_OF[plug], (0.15, 0.8)),
         }
         self._lids = {} if lid is None else {pair: LidEye(pair, lid) for pair in (POST, FLANGE)}

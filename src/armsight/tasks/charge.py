@@ -40,7 +40,7 @@ from armsight.motion.face import (
 from armsight.motion.intents import Intent, Rest
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
-from armsight.tasks.parked_car import ParkedCarOnMap
+from armsight.tasks.parked_car import ParkedCarOnMap, where_parked
 from armsight.tasks.plug_places import PlugPlaces
 from armsight.tasks.vehicles import open_vehicle
 from armsight.workcell.car import check_tool, finger_pose, vehicle_of
@@ -154,7 +154,14 @@ class ChargeOptions:
         )
         if self.show_plug:
             station.check.ask()
-        eyes: list[PortEye | LidEye] = [PortEye(fixed[0], looked_for, paper=self.mode == "paper")]
+        paper = self.mode == "paper"
+        # under a lid that is shut there is no port to be looked for more closely
+        where = (
+            None
+            if paper or lid is not None
+            else where_parked(section, cell.T_world_base, station.possible)
+        )
+        eyes: list[PortEye | LidEye] = [PortEye(fixed[0], looked_for, paper=paper, where=where)]
         if carried and self.mode == "ours":
             eyes.append(PortEye(carried[0].name, fits, (0.15, 0.8)))
         if lid is not None and lid.shape.lid is not None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from armsight.arrays import Floats, Pose
+from armsight.charging.closer import Where
 from armsight.charging.moves import apart
 from armsight.charging.vehicle_file import VehicleShape
+from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.workcell.schema_devices import PlugSection
 
 ELSEWHERE = (0.03, float(np.deg2rad(2.5)))
 """Found farther than this from where its body was declared, it has moved [m], [rad]."""
@@ -116,3 +120,20 @@ class ParkedCarOnMap:
             return ""
         self._lid = None  # the finger was still there, say: once more
         return f"the open lid: {lid.reason}"
+
+
+def where_parked(
+    section: PlugSection, T_world_base: Pose, possible: Callable[[Pose], bool]
+) -> Where:
+    """Where a port can be, in ``base``.
+
+    Args:
+        section: of the cell's file.
+        T_world_base: where the robot stands.
+        possible: whether one can be at a pose in ``base``.
+    """
+    parking = section.parking
+    if parking is None:
+        return Where(possible)
+    about = np.asarray(inverse(T_world_base) @ parking.pose)
+    return Where(possible, about, parking.within_m)

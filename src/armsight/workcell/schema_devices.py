@@ -28,6 +28,7 @@ from armsight.workcell.fields import (
     Triple,
     key,
 )
+from armsight.workcell.port_pose import port_pose
 
 
 class RobotSection(Section):
@@ -223,6 +224,20 @@ class TipSection(Section):
     )
 
 
+class ParkingSection(Section):
+    """About where the port of a parked car is: where none is clear it is looked for there again."""
+
+    position: Triple = key(..., "Middle of its AC contacts.", "m")
+    yaw_deg: Number = key(180.0, "Where it looks: 0 is along world x, 90 along y.", "deg")
+    lean_deg: Number = key(10.0, "How much it looks up.", "deg", ge=-60.0, le=60.0)
+    within_m: Positive = key(0.2, "No car is parked farther from there.", "m", le=1.0)
+
+    @property
+    def pose(self) -> Pose:
+        """See :func:`~armsight.workcell.port_pose.port_pose`."""
+        return port_pose(self.position, self.yaw_deg, self.lean_deg)
+
+
 class PlugSection(Section):
     """The charging plug that the flange carries, and the mount that lets it give way."""
 
@@ -256,6 +271,9 @@ class PlugSection(Section):
         "`hatchback_catch`, `crossover`, `city_car`) or a "
         "vehicle file. Its body is declared where its port is found; without the key the car's "
         "side has to be among the cell's solids.",
+    )
+    parking: ParkingSection | None = key(
+        None, "About where ports of parked cars are, if that is known."
     )
     car: Text = key(
         "",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Literal
 
@@ -10,7 +9,7 @@ import numpy as np
 from pydantic import model_validator
 
 from armsight.arrays import Pose
-from armsight.geometry.pose import from_rpy, make_pose
+from armsight.geometry.pose import from_rpy
 from armsight.geometry.shapes import Solid
 from armsight.workcell.fields import (
     Color,
@@ -26,6 +25,7 @@ from armsight.workcell.fields import (
     Triple,
     key,
 )
+from armsight.workcell.port_pose import port_pose
 
 
 class ShapeSection(Section):
@@ -279,10 +279,5 @@ class CarSection(Section):
 
     @property
     def pose(self) -> Pose:
-        """The port's frame in world: x right and y up for who looks at it, z towards who looks."""
-        yaw, lean = math.radians(self.yaw_deg), math.radians(self.lean_deg)
-        z = np.array(
-            [math.cos(yaw) * math.cos(lean), math.sin(yaw) * math.cos(lean), math.sin(lean)]
-        )
-        x = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
-        return make_pose(np.column_stack([x, np.cross(z, x), z]), self.position)
+        """See :func:`~armsight.workcell.port_pose.port_pose`."""
+        return port_pose(self.position, self.yaw_deg, self.lean_deg)
