@@ -126,3 +126,24 @@ def test_a_pose_leans_as_it_was_made_to():
         at = [float(v) for v in rng.uniform((-0.5, -0.5, 0.5), (0.5, 0.5, 2.0))]
         pose = flat_pose(*at, float(lean[0]), float(lean[1]), roll)
         np.testing.assert_allclose(_lean_of(pose), lean, atol=1e-6)
+
+
+def test_a_near_look_searches_about_where_the_port_was_seen(bright):
+    """The eye's own way: nothing clear, and a belief that is off by a centimetre."""
+    from armsight.charging.eye import PortEye
+    from armsight.devices.data import StereoFrame, StereoInfo
+    from armsight.motion.perception import PosedPair
+
+    info = StereoInfo(
+        "flange", "painted", LENS, PAIR.right, PAIR.T_left_right, "flange", np.eye(4), 2.0, 0.0
+    )
+    eye = PortEye("flange", ("type2",), DISTANCE)
+    for expected in (None, T @ exp(np.array([0.01, 0.0, 0.01, 0.0, 0.0, 0.0]))):
+        eye.expected = expected
+        for k in range(MOST):
+            left, right = (np.dstack([image] * 3) for image in dark(k))
+            frame = StereoFrame("flange", k, 0.3 * k, 0.3 * k, left, right)
+            look = eye.update([PosedPair(frame, info, None, np.eye(4))])
+        assert look is not None
+        assert len(look.ports) == (expected is not None)
+    assert np.linalg.norm((look.ports[0].T_base_port - T)[:3, 3]) < 3e-3

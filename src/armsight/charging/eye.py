@@ -28,6 +28,8 @@ SHOWN = 360
 """Width of the pictures that are shown [px]."""
 SHOWN_PLUGS = FindOptions(PLUGS, (0.3, 1.2))
 """Looked for where the arm shows its plug."""
+NEARBY = 0.04
+"""A port is no farther from where an earlier look saw it [m]."""
 CLEAR = 0.6
 """Score of a port that is clear enough."""
 FITS = 48
@@ -82,6 +84,8 @@ class PortEye:
 
     Attributes:
         shown: ``T_base_plug`` of a plug that the arm shows: it looks for plugs then; else None.
+        expected: ``T_base_port`` by an earlier look: where none is clear it is looked for about
+            there; else None.
     """
 
     latency = 0.6
@@ -103,6 +107,7 @@ class PortEye:
         self._paper = paper
         self._where, self._stack = where, Stack()
         self.shown: Pose | None = None
+        self.expected: Pose | None = None
 
     def warm_up(self) -> None:
         """Compile what finds and fits."""
@@ -126,8 +131,11 @@ class PortEye:
             held = which_held((left, right), pair, PLUGS, np.asarray(T_left_plug))
         options = self._options if self.shown is None else SHOWN_PLUGS
         found = locate((left, right), pair, options) if held is None else (held,)
-        if self._where is not None and self.shown is None:
-            found = self._closer(view, (left, right), found)
+        where = self._where
+        if self.expected is not None:
+            where = Where(lambda T: True, self.expected, NEARBY)
+        if where is not None and self.shown is None:
+            found = self._closer(view, (left, right), found, where)
         ports = []
         for pose in found:
             T = self._pose(pose, pair)
@@ -142,11 +150,14 @@ class PortEye:
         return PortLook(frame.stamp, info.name, tuple(ports), picture, reason)
 
     def _closer(
-        self, view: PosedPair, images: tuple[Bytes, Bytes], found: tuple[PortPose, ...]
+        self,
+        view: PosedPair,
+        images: tuple[Bytes, Bytes],
+        found: tuple[PortPose, ...],
+        where: Where,
     ) -> tuple[PortPose, ...]:
         """What was found; where none of it is clear, what is found more closely."""
-        where, T, o = self._where, view.T_base_camera, self._options
-        assert where is not None
+        T, o = view.T_base_camera, self._options
         assert T is not None
         bright = self._stack.add(images, view.frame.stamp)
         if any(p.score >= CLEAR for p in found):

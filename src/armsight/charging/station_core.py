@@ -278,6 +278,12 @@ class StationCore:
         return self.finger.T_base_lid if near and self.finger is not None else None
 
     @property
+    def expected_port(self) -> Pose | None:
+        """``T_base_port`` of the port that is being looked at from near; else None."""
+        near = self.state is State.LOOK and self.port is not None
+        return self.port.T_base_port if near and self.port is not None else None
+
+    @property
     def shown(self) -> Pose | None:
         """``T_base_plug`` of the plug while it is shown to the standing pair; else None."""
         return self._T_shown if self.state is State.SHOW else None

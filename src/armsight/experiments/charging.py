@@ -18,7 +18,7 @@ from armsight.experiments.station_weather import surroundings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 13
+VERSION = 14
 ABOUT = """
 Cars with Type 2, Type 1 and CCS2 inlets in turn, parked within 20 x 20 cm and 10 deg, the port at
 0.75 to 0.95 m, looking up by 0 to 20 deg (the motions of this bench are straight lines of joint

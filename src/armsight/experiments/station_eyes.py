@@ -40,8 +40,8 @@ class Eyes(Protocol):
         """Those that have become known at ``now`` [s]; the true pose is for drawn ones."""
         ...
 
-    def expect(self, T_base_lid: Pose | None) -> None:
-        """About where a lid is, or None."""
+    def expect(self, T_base_lid: Pose | None, T_base_port: Pose | None) -> None:
+        """About where a lid is, and a port that is looked at from near; or None."""
         ...
 
     def show(self, T_base_plug: Pose | None) -> None:
@@ -98,7 +98,7 @@ class DrawnEyes:
         self._last |= dict.fromkeys(due, now)
         return tuple(self._drawn(pair, now, T_base_port) for pair in due)
 
-    def expect(self, T_base_lid: Pose | None) -> None:
+    def expect(self, T_base_lid: Pose | None, T_base_port: Pose | None) -> None:
         """See :class:`Eyes`; a drawn look is as good without."""
 
     def show(self, T_base_plug: Pose | None) -> None:
@@ -160,8 +160,9 @@ class RenderedEyes:
         self._history = JointHistory()
         self._known: list[tuple[float, PortLook | LidLook]] = []
 
-    def expect(self, T_base_lid: Pose | None) -> None:
-        """See :attr:`LidEye.expected`."""
+    def expect(self, T_base_lid: Pose | None, T_base_port: Pose | None) -> None:
+        """See :attr:`LidEye.expected` and :attr:`PortEye.expected`."""
+        self._eyes[FLANGE].expected = T_base_port
         for eye in self._lids.values():
             eye.expected = T_base_lid
 

@@ -307,7 +307,7 @@ class ChargeTask:
         for eye in self._lid_eyes:
             eye.expected = station.expected_lid
         for looking in self._port_eyes:
-            looking.shown = station.shown
+            looking.shown, looking.expected = station.shown, station.expected_port
         self._on_map(observation)
         self._pairs = wish.pairs
         self._face = self._show(observation)
