@@ -6,7 +6,7 @@ import pytest
 from armsight.recognition.any_arm.evidence import Surface
 from armsight.recognition.any_arm.heat import Places
 from armsight.recognition.any_arm.model import Look
-from armsight.recognition.any_arm.presence import is_arm, may_be_arm
+from armsight.recognition.any_arm.presence import is_arm, is_speck, may_be_arm
 
 
 def _look(clear: float, found: float, none: float, unknown: float) -> Look:
@@ -49,3 +49,12 @@ def test_what_only_looks_a_little_like_one_is_none(
     seen = _look(clear, found, none, unknown)
     assert not is_arm(seen, 1.0 / 3.0)
     assert not may_be_arm(seen, 60.0)
+
+
+def test_a_speck_that_nothing_speaks_for_is_no_arm() -> None:
+    mask = np.zeros((100, 100), np.float32)
+    mask[:6, :8] = 0.9  # 48 of 10,000
+    assert is_speck(mask, 0.0)
+    assert not is_speck(mask, 0.06)
+    mask[6, :3] = 0.9
+    assert not is_speck(mask, 0.0)

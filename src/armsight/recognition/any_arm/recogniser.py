@@ -26,6 +26,7 @@ from armsight.recognition.any_arm.presence import (
     STAYS,
     SURE,
     is_arm,
+    is_speck,
     may_be_arm,
     sureness,
 )
@@ -135,6 +136,7 @@ class ArmRecogniser:
             shown = longest
         if not arms and doubtful:
             arms = [self._judged(*doubtful[0], lens)[0]]
+        arms = [arm for arm in arms if not is_speck(arm.mask, arm.trust)]
         notes = list(picture.notes)
         if not arms:
             notes.append("no robot arm found")
