@@ -267,7 +267,7 @@ def test_a_dead_force_sensor_at_the_lid_is_somebodys_to_help_and_a_car_that_move
 def test_a_finger_that_does_not_come_away_from_an_open_lid_is_somebodys_to_help():
     """What kept it there was not said, and the arm set out for the second look with it."""
     hand = LidHand(LidOptions("push"))
-    hand._find_shut, hand._push, hand._lead = (_done,) * 3
+    hand._find_shut, hand._unlatch, hand._lead = (_done,) * 3
     hand._against = lambda *a: _done(True)
     hand._plan = hand._open()
     held = make_pose(R_LID_FINGER, [0.02, 0.0, 0.10])

@@ -199,6 +199,7 @@ def make_cell():
         health=lambda: (),
         stereo=(),
         gripper=None,
+        empty_switch=None,
     )
 
 
