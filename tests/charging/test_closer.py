@@ -147,3 +147,21 @@ def test_a_near_look_searches_about_where_the_port_was_seen(bright):
         assert look is not None
         assert len(look.ports) == (expected is not None)
     assert np.linalg.norm((look.ports[0].T_base_port - T)[:3, 3]) < 3e-3
+
+
+def test_pictures_from_elsewhere_do_not_add_up():
+    """A pair on an arm that has moved on sees the same dark wall, a centimetre aside."""
+    from types import SimpleNamespace
+
+    from armsight.charging.eye import PortEye
+
+    eye = PortEye("flange", ("type2",), DISTANCE)
+    lenses = SimpleNamespace(lenses=PAIR)
+    places = [np.eye(4), np.eye(4), exp(np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0]))]
+    counts = []
+    for k, place in enumerate(places):
+        frame = SimpleNamespace(stamp=0.3 * k)
+        view = SimpleNamespace(frame=frame, info=lenses, T_base_camera=place)
+        eye._closer(view, dark(k), (), Where(lambda pose: False, T, 0.03))
+        counts.append(eye._stack._count)
+    assert counts == [1, 2, 1]

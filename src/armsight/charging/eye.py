@@ -30,6 +30,8 @@ SHOWN_PLUGS = FindOptions(PLUGS, (0.3, 1.2))
 """Looked for where the arm shows its plug."""
 NEARBY = 0.04
 """A port is no farther from where an earlier look saw it [m]."""
+RESTS = 1e-3
+"""A pair that has moved or turned by no more than this is where it was [m], [rad]."""
 CLEAR = 0.6
 """Score of a port that is clear enough."""
 FITS = 48
@@ -106,6 +108,7 @@ class PortEye:
         self._options = FindOptions(tuple(ports), distance)
         self._paper = paper
         self._where, self._stack = where, Stack()
+        self._seen_from: Pose | None = None
         self.shown: Pose | None = None
         self.expected: Pose | None = None
 
@@ -159,6 +162,8 @@ class PortEye:
         """What was found; where none of it is clear, what is found more closely."""
         T, o = view.T_base_camera, self._options
         assert T is not None
+        if self._seen_from is None or not np.allclose(self._seen_from, T, atol=RESTS):
+            self._seen_from, self._stack = T, Stack()
         bright = self._stack.add(images, view.frame.stamp)
         if any(p.score >= CLEAR for p in found):
             return found
