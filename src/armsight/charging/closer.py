@@ -153,26 +153,25 @@ def find_closer(
         least_evidence=-2.0,
         least_rough=ROUGH,
     )
-    for which in ((0,), (1,)):  # what one picture shows clearly enough the other need not
-        found = _best([views[k] for k in which], views, options, where)
+    for view in views:  # what one picture shows clearly enough the other need not
+        found = _best(view, views, options, where)
         if found is not None:
             return found
     return None
 
 
 def _best(
-    searched: Sequence[View], views: Sequence[View], options: FindOptions, where: Where
+    searched: View, views: Sequence[View], options: FindOptions, where: Where
 ) -> PortPose | None:
-    """The likeliest port in all views, of what some of them show by themselves."""
+    """The likeliest port in all views, of what one of them shows by itself."""
     images, lenses = [image for image, _, _ in views], [lens for _, lens, _ in views]
     T_lens_ref = [T for _, _, T in views]
     places: list[tuple[float, str, Pose]] = []
-    for image, lens, T in searched:
-        for d in _seen(image, lens, T, options, where)[:CANDIDATES]:
-            start = np.asarray(inverse(T) @ d.T_camera_port)
-            coarse = fit_at_size(images, lenses, T_lens_ref, PORTS[d.port], start)
-            if where.about is not None or where.possible(coarse.T_ref_port):
-                places.append((coarse.score, d.port, coarse.T_ref_port))
+    for d in _seen(*searched, options, where)[:CANDIDATES]:
+        start = np.asarray(inverse(searched[2]) @ d.T_camera_port)
+        coarse = fit_at_size(images, lenses, T_lens_ref, PORTS[d.port], start)
+        if where.about is not None or where.possible(coarse.T_ref_port):
+            places.append((coarse.score, d.port, coarse.T_ref_port))
     places.sort(key=lambda place: -place[0])
     found: list[PortPose] = []
     for _, name, T in places:
@@ -217,9 +216,7 @@ def _part(
     right, bottom = min(lens.width, int(u + half)), min(lens.height, int(v + half))
     if min(right - left, bottom - top) < SMALLEST:
         return None
-    own = replace(
-        lens, width=right - left, height=bottom - top, cx=lens.cx - left, cy=lens.cy - top
-    )
+    own = lens.window(top, bottom, left, right)
     return np.ascontiguousarray(image[top:bottom, left:right]), own
 
 

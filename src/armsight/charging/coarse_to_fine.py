@@ -58,9 +58,7 @@ def fit_at_size(
             continue
         top, bottom, left, right = window
         part = image[top:bottom, left:right]
-        own = replace(
-            lens, width=right - left, height=bottom - top, cx=lens.cx - left, cy=lens.cy - top
-        )
+        own = lens.window(top, bottom, left, right)
         looks.append(look(*_resized(part, own, scale), T_l, SMOOTHING if blur is None else blur))
         corners.append(np.array([left, top], float))
     if not looks:

@@ -147,9 +147,7 @@ def find_ports(
     found: list[Detection] = []
     for top, bottom, left, right in windows:
         part = np.ascontiguousarray(image[top:bottom, left:right])
-        own = replace(
-            lens, width=right - left, height=bottom - top, cx=lens.cx - left, cy=lens.cy - top
-        )
+        own = lens.window(top, bottom, left, right)
         for d in _found(pyramid(part), own, options):
             found.append(replace(d, pixel=d.pixel + np.array([left, top])))
     return _merge(found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -66,9 +66,7 @@ def look(
     if window is not None:
         top, bottom, left, right = window
         image = image[top:bottom, left:right]
-        lens = replace(
-            lens, width=right - left, height=bottom - top, cx=lens.cx - left, cy=lens.cy - top
-        )
+        lens = lens.window(top, bottom, left, right)
     gx, gy = gradients(image, smoothing)
     T = np.eye(4) if T_lens_ref is None else T_lens_ref
     return Look(gx, gy, lens, T, max(noise_of(gx, gy), 0.05))

@@ -36,7 +36,7 @@ from armsight.motion.steering import joints_of_twist
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.simulation.plugs import Caught, Plugged
 from armsight.simulation.world import SimulatedWorld
-from armsight.tasks.parked_car import where_parked
+from armsight.tasks.parked_car import ParkedCarOnMap, where_parked
 from armsight.workcell import robot_in, world_spec
 from armsight.workcell.car import finger_pose, vehicle_of
 from armsight.workcell.packaged import load
@@ -318,12 +318,8 @@ def make_station(
     if vehicle is not None and vehicle.lid is not None and T_finger is not None:
         assert cell.gripper is not None
         lid = LidSetup(vehicle, T_finger, cell.gripper.opening)
-
-    def contradiction(T_base_port: Pose) -> str:
-        T_world_port = np.asarray(cell.robot.T_world_base @ T_base_port)
-        theirs = vehicle is None or mode == "paper"  # the paper's station knows no car
-        return "" if theirs or vehicle is None else vehicle.contradiction(T_world_port)
-
+    known = None if mode == "paper" else vehicle  # the paper's station knows no car
+    contradiction = ParkedCarOnMap(known, cell.robot.T_world_base).contradiction
     journal, home = Journal(file), bench.robot.home
     station = Station(
         bench.robot, home, car, journal, options, near, contradiction, lid, shows=lambda: shows

@@ -5,7 +5,7 @@ Pixel centres are at whole numbers counted from 0: an ideal image of width w has
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -96,6 +96,12 @@ class PinholeCamera:
         """(h, w, 3) points [m] in the camera frame; NaN where depth is NaN."""
         z = np.asarray(depth)[..., None]
         return np.concatenate([self.rays.astype(z.dtype) * z, z], axis=-1)
+
+    def window(self, top: int, bottom: int, left: int, right: int) -> PinholeCamera:
+        """The same lens for the rows and columns of such a part of its pictures [px]."""
+        return replace(
+            self, width=right - left, height=bottom - top, cx=self.cx - left, cy=self.cy - top
+        )
 
     def scaled(self, factor: float) -> PinholeCamera:
         """The same lens at another resolution (pixel centres stay where they belong)."""
