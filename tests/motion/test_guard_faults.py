@@ -145,7 +145,7 @@ def test_readings_that_stand_still_while_the_arm_moves_are_noticed(moving):
     q, began = moving.q.copy(), moving.now
     while not (decision := frozen(moving, q)).brake:
         assert moving.now < began + 0.35
-    assert "does not follow: told to go" in decision.status.reason
+    assert "does not follow" in decision.status.reason
     stopped = moving.now
     while moving.now < stopped + 4.0:
         assert frozen(moving, q).brake
@@ -165,8 +165,8 @@ def test_an_arm_that_goes_on_when_it_is_told_to_rest_is_noticed(moving):
     assert "does not follow" in decision.status.reason
 
 
-def test_an_arm_that_hears_nothing_any_more_is_noticed_by_its_speed(moving):
-    """It goes on for its watchdog's time, then brakes: its way tells only 0.1 s later."""
+def test_an_arm_that_hears_nothing_any_more_is_noticed(moving):
+    """It goes on for its watchdog's time, then brakes."""
     q, v, began = moving.q.copy(), moving.v.copy(), moving.now
     brake = moving.robot.limits.acceleration
     while True:
@@ -177,8 +177,8 @@ def test_an_arm_that_hears_nothing_any_more_is_noticed_by_its_speed(moving):
         decision = moving.tick(joints=JointState(moving.now, at, slower))
         if decision.brake:
             break
-        assert since < 0.25
-    assert "does not follow: told to go at" in decision.status.reason
+        assert since < 0.2
+    assert "does not follow" in decision.status.reason
 
 
 @pytest.mark.parametrize("late", [-0.06, -0.03, -0.015, 0.015])
@@ -190,7 +190,9 @@ def test_drives_that_answer_sooner_or_later_than_declared_are_no_fault(late):
     assert not any("does not follow" in status.reason for status in world.log)
 
 
-@pytest.mark.parametrize(("brakes", "noticed"), [(1.0, False), (0.7, False), (0.3, True)])
+@pytest.mark.parametrize(
+    ("brakes", "noticed"), [(1.0, False), (0.9, False), (0.8, False), (0.7, True), (0.3, True)]
+)
 def test_brakes_that_are_far_weaker_than_declared_are_noticed_when_they_are_used(brakes, noticed):
     place = np.array([0.0, -2.0, 0.5])
     world = QuickCell([Ball(lambda t: place, 0.08)], goals=[A, B])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from armsight.experiments.faults_cases import CASES, Case
+from armsight.experiments.faults_devices import DRIFT, OFF
 from armsight.experiments.faults_lies import FREEING, KINDS
 from armsight.experiments.rows import Row, share_row
 
@@ -17,6 +18,9 @@ NAMED, NAMED_AIM = 0.3, 0.15
 """A fault is to be named within [s]."""
 STOPPED = 0.5
 """The arm is to stand within [s], as docs/guard.md promises."""
+CREPT, CREPT_AIM = 1.5, 1.0
+"""Readings that creep away are to stop the arm before they lie by this [deg]: of such a fault it is
+not the time that harms. 1.5 deg are 24 mm at 0.9 m."""
 LOST = 1.5
 """A recording may lack so much before a kill [s]: it is written once a second."""
 LIES, OTHERS = "cameras lie", "other faults"
@@ -41,9 +45,20 @@ def lie_rows(results: Results) -> Iterator[Row]:
 def other_rows(results: Results) -> Iterator[Row]:
     """Of all other faults."""
     yield from _noticed([r["named"] for r in results], OTHERS, "faults")
-    stopping = {case.name for case in CASES if case.stops}
-    times = [r["stood"] for r in results if r["case"] in stopping]
-    yield _stop("stop_s", OTHERS, times, STOPPED)
+    at_once = {case.name for case in CASES if case.stops and case.name != "drifts"}
+    times = [r["stood"] for r in results if r["case"] in at_once]
+    yield _stop("stop_s", f"{OTHERS} that begin at once", times, STOPPED)
+    crept = [r["stood"] for r in results if r["case"] == "drifts"]
+    yield Row(
+        "drifts_off_deg",
+        "by how much a reading that creeps away lies when the arm stands, greatest",
+        "2 deg in a second",
+        float(np.rad2deg(OFF) * min(max(crept, default=math.nan) / DRIFT, 1.0)),
+        "deg",
+        n=len(crept),
+        must=CREPT,
+        aim=CREPT_AIM,
+    )
     yield _blamed(results, OTHERS)
     yield _recovered(results, OTHERS)
     for case in CASES:

@@ -189,5 +189,5 @@ def settings() -> dict[str, Any]:
         "speeds": [MOVES, HELD],
         "near": NEAR,
         "cases": [case.name for case in CASES],
-        "version": 1,
+        "version": 2,
     }

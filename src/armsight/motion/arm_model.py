@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -52,6 +53,11 @@ class DelayedArm:
     def told(self) -> JointVector | None:
         """(n,) what was commanded last [rad/s]; None before that, and after a stop."""
         return None if not self._sent or self._sent[-1][2] else self._sent[-1][1]
+
+    @property
+    def acts(self) -> float:
+        """When the oldest command that is known acts, or acted [s]; inf before there is one."""
+        return self._sent[0][0] if self._sent else math.inf
 
     def forget(self) -> None:
         """Nothing is known of earlier commands (the clock jumped)."""

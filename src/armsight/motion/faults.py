@@ -13,6 +13,7 @@ from armsight.arrays import JointVector
 from armsight.devices.data import JointState, RgbdCameraInfo
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import commanded_arm
+from armsight.motion.dead_reckoning import DeadReckoning
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.obedience import Obedience
 from armsight.robots.robot import Robot
@@ -69,7 +70,8 @@ class FaultWatch:
             for c in cameras
         }
         arms = [commanded_arm(robot, config, share) for share in (1.0, 0.5, 0.0)]
-        self._obedience = Obedience(arms, robot.joint_names)
+        reckoning = DeadReckoning(commanded_arm(robot, config), robot.joint_names)
+        self._obedience = Obedience(arms, robot.joint_names, reckoning)
         self._now = -math.inf
         self._snapshot: WorkspaceSnapshot | None = None
         self._heard: tuple[WorkspaceSnapshot | None, float] = (None, -math.inf)

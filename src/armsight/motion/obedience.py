@@ -15,6 +15,7 @@ import numpy as np
 from armsight.arrays import Floats, JointVector
 from armsight.devices.data import JointState
 from armsight.motion.arm_model import DelayedArm
+from armsight.motion.dead_reckoning import DeadReckoning
 
 WINDOW = 0.25
 """A reading is compared with what one so much older, and the commands since, lead to [s]."""
@@ -42,10 +43,14 @@ class Obedience:
     Args:
         arms: models of the drives, for this watch alone, of different delays, the likeliest first.
         names: (n) of the joints.
+        reckoning: what watches for readings that creep away.
     """
 
-    def __init__(self, arms: Sequence[DelayedArm], names: tuple[str, ...]) -> None:
+    def __init__(
+        self, arms: Sequence[DelayedArm], names: tuple[str, ...], reckoning: DeadReckoning
+    ) -> None:
         self._arms = tuple(arms)
+        self._reckoning = reckoning
         self._names = names
         self._readings: deque[JointState] = deque()
         self._until = -np.inf
@@ -56,11 +61,13 @@ class Obedience:
         """A command (or a stop) was sent at ``now`` [s]."""
         for arm in self._arms:
             arm.sent(now, velocity, brake)
+        self._reckoning.sent(now, velocity, brake)
 
     def forget(self) -> None:
         """Time was lost: neither commands nor readings before it say anything."""
         for arm in self._arms:
             arm.forget()
+        self._reckoning.forget()
         self._readings.clear()
         self._until, self._unlike = -np.inf, np.inf
 
@@ -78,6 +85,9 @@ class Obedience:
         readings = self._readings
         if readings and joints.stamp <= readings[-1].stamp:
             return
+        crept = self._reckoning.fault(joints)
+        if crept:
+            self._say(now, crept)
         if readings and self._stepped(now, readings[-1], joints):
             readings.clear()  # from one side of a step to the other nothing leads
         readings.append(joints)

@@ -1,0 +1,152 @@
+"""Where the joints are by their commands alone, and readings that creep away from there.
+
+Readings that drift by a degree or two in a second, and say that they move so, look for a quarter of
+a second like drives that answer a little sooner or later. They do not for long: a drive's delay is
+always the same, so it can be learnt, and what it holds back comes in the end.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from armsight.arrays import JointVector
+from armsight.devices.data import JointState
+from armsight.motion.arm_model import ArmState, DelayedArm
+
+PERIOD = 0.03
+"""It is looked this often [s]: what creeps is slow."""
+SLACK = 0.01
+"""Readings may be elsewhere by so much [rad] ..."""
+TIMING, RAMP, LATELY = 0.01, 0.2, 0.3
+"""... by what so much time makes of the joint's speed [s], and by this share of the way on which it
+would be braked: delays and ramps are not known better. The fastest of so long ago counts [s]."""
+SHARE, BRAKED = 0.01, 0.3
+"""Ways may be wrong by the first share for ever, those of a stop by the second."""
+MEMORY = 10.0
+"""Changes of speed tell how late the drives are; those of so long ago count a third [s]."""
+UNKNOWN = 0.005
+"""Before the squares of these changes come to more, the delay is not known [rad^2/s^2]."""
+
+
+class DeadReckoning:
+    """Plays commands forward from one reading and compares all later ones with that.
+
+    Args:
+        arm: a model of the drives, for this watch alone. They may be sooner, or later, by as much
+            as its delay.
+        names: (n) of the joints.
+    """
+
+    def __init__(self, arm: DelayedArm, names: tuple[str, ...]) -> None:
+        self._arm = arm
+        self._names = names
+        self._delay = _Delay(arm.delay)
+        self._led: ArmState | None = None
+        self._under_way = False
+
+    def sent(self, now: float, velocity: JointVector, brake: bool) -> None:
+        """A command (or a stop) was sent at ``now`` [s]."""
+        self._arm.sent(now, velocity, brake)
+
+    def forget(self) -> None:
+        """Neither commands nor readings before this say anything."""
+        self._arm.forget()
+        self._begin()
+
+    def fault(self, joints: JointState) -> str:
+        """Which joint is elsewhere, and by how much, or nothing; then it begins anew.
+
+        Args:
+            joints: a reading that is well-formed, later than those before.
+        """
+        led = self._led
+        if led is None or not self._under_way:
+            # What was commanded before the first command that is known is under way until it acts.
+            self._under_way = joints.stamp >= self._arm.acts + self._arm.delay
+            self._start(joints)
+        elif joints.stamp >= led.time + PERIOD:
+            left, over = self._compare(led, joints)
+            j = int(np.argmax(over))
+            if over[j] > 0.0:
+                self._begin()
+                return (
+                    f"{self._names[j]} does not follow: it says that it is "
+                    f"{np.rad2deg(left[j]):.1f} deg beside where its commands led it; "
+                    "check its encoder and its drive"
+                )
+        return ""
+
+    def _begin(self) -> None:
+        """The next reading is believed."""
+        self._led, self._under_way = None, False
+        self._delay.forget()
+
+    def _start(self, joints: JointState) -> None:
+        """Believe a reading."""
+        position, self._speed = np.array(joints.position), np.array(joints.velocity)
+        self._led = ArmState(joints.stamp, position, self._speed)
+        self._off = self._anchor = np.zeros_like(position)
+        self._fast = np.abs(self._speed)
+
+    def _compare(self, before: ArmState, joints: JointState) -> tuple[JointVector, JointVector]:
+        """(n,) how far the joints are from where they were led, and by how much too far [rad]."""
+        led = self._ahead(before, joints.stamp)
+        off = np.asarray(joints.position) - led.position
+        speed = 0.5 * (led.velocity + joints.velocity)  # halfway between the model and the drives
+        elapsed = led.time - before.time
+        sooner, unknown = self._delay.learn(elapsed, off - self._off, speed - self._speed)
+        self._led, self._off, self._speed = led, off, speed
+        self._fast = np.maximum(np.abs(led.velocity), math.exp(-elapsed / LATELY) * self._fast)
+        left = joints.position - self._ahead(led, led.time + sooner).position - self._anchor
+        free = unknown * self._fast > 0.5 * SLACK  # where it began depends on a delay not known yet
+        drift = np.where(free, np.inf, self._drift(before, led))
+        self._anchor = self._anchor + np.clip(left, -drift, drift)
+        room = (TIMING + unknown + 0.5 * RAMP * self._fast / self._arm.brake) * self._fast
+        return left, np.where(free, 0.0, np.abs(left) - SLACK - room)
+
+    def _drift(self, before: ArmState, led: ArmState) -> JointVector:
+        """(n,) by how much readings may go astray for ever on the way between two states [rad]."""
+        slowing = np.abs(led.velocity - before.velocity) / (led.time - before.time)
+        stops = slowing > 1.02 * self._arm.acceleration  # no command does that
+        share = np.where(stops, BRAKED * slowing / self._arm.brake, SHARE)
+        return np.asarray(share * np.abs(led.position - before.position))
+
+    def _ahead(self, state: ArmState, until: float) -> ArmState:
+        """What commands make of a state until then [s]; before it, what its speed does."""
+        if until < state.time:
+            back = (until - state.time) * state.velocity
+            return ArmState(until, state.position + back, state.velocity)
+        return self._arm.ahead(JointState(state.time, state.position, state.velocity), until)
+
+
+class _Delay:
+    """By how much drives are sooner than declared, learnt from how they change their speed.
+
+    Drives that are sooner by a time are ahead by that time's way, and by more when the speed grows:
+    least squares over the changes of both, the last ones foremost.
+    """
+
+    def __init__(self, most: float) -> None:
+        self._most = most
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is known."""
+        self._squares, self._products = 0.0, 0.0
+
+    def learn(self, elapsed: float, off: JointVector, faster: JointVector) -> tuple[float, float]:
+        """By how much they are sooner, and how far that is unknown [s].
+
+        Args:
+            elapsed: in this time [s] ...
+            off: (n,) ... the drives came ahead by so much [rad], ...
+            faster: (n,) ... and became faster by this [rad/s].
+        """
+        kept = math.exp(-elapsed / MEMORY)
+        self._squares = kept * self._squares + float(faster @ faster)
+        self._products = kept * self._products + float(faster @ off)
+        known = self._squares + UNKNOWN
+        sooner = max(-self._most, min(self._products / known, self._most))
+        return sooner, self._most * UNKNOWN / known
