@@ -14,7 +14,7 @@ from armsight.experiments.lid_visits import lid_visit
 from armsight.experiments.rows import Row, share_row
 from armsight.simulation.spec import Latch
 
-VERSION = 3
+VERSION = 4
 ABOUT = """
 A UR10 in MuJoCo as in `insertion`, with a finger beside its plug: a rod of 10 mm with a pin of 15
 mm across its tip, 5 cm before the plug's mouth, in the plug's soft mount. A lid of 150 x 150 x 8

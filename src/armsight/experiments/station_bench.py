@@ -2,7 +2,8 @@
 
 Two hundred milliseconds of processor time a simulated second, so it serves the many visits, the
 kill test and the station's own tests. Looks are drawn from their errors, or rendered and searched.
-Motions to a pose are followed as they are wanted.
+Motions to a pose are planned as in a session, round what is declared and round the car where its
+port was found, and followed.
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ from armsight.charging.vehicle import Vehicle
 from armsight.charging.visit import Seen, StationOptions
 from armsight.devices.data import JointState, Wrench
 from armsight.experiments.station_eyes import FLANGE, POST, DrawnEyes, Eyes, Mode, RenderedEyes
+from armsight.experiments.station_ways import StationWays
 from armsight.experiments.station_weather import Surroundings
 from armsight.geometry.pose import inverse
 from armsight.motion.data import GuardMode, GuardStatus
-from armsight.motion.ik import solve_ik
 from armsight.motion.intents import Intent, JointIntent, PoseIntent, VelocityIntent
 from armsight.motion.permits import Permit, PermitState
 from armsight.motion.steering import joints_of_twist
+from armsight.motion.trajectory import Trajectory
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.simulation.plugs import Caught, Plugged
 from armsight.simulation.world import SimulatedWorld
@@ -46,8 +48,10 @@ TICK = 0.008
 """Between two commands [s]."""
 CAUGHT = 0.3
 """How far from the plug its cable is caught [m]."""
-CRUISE, RISE = 0.6, 1.2
-"""Speed and acceleration of the joints on the way to a pose [rad/s], [rad/s^2]."""
+RESTS = 2e-3
+"""A joint slower than this rests [rad/s]."""
+RISE = 4.8
+"""Greatest acceleration of a joint [rad/s^2]."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,7 @@ class StationBench:
     Attributes:
         peaks: greatest forces so far.
         looks: newest of each pair; lids: likewise of the lid.
+        car: what the map counts of the car.
         withdrawn: why the guard withdraws the permit, in words; empty while it grants it.
         numb: the force sensor says nothing any more.
         bias: (6,) that the force sensor says too much [N], [N m].
@@ -127,8 +132,12 @@ class StationBench:
         self._wrench: Wrench | None = None
         self._joints: JointState | None = None
         self._T_base_world = inverse(workcell.robot.T_world_base)
-        self._goal = ""
-        self._path: JointVector | None = None
+        known = None if mode == "paper" else vehicle  # the paper's station knows no car
+        self.car = ParkedCarOnMap(known, workcell.robot.T_world_base)
+        self._ways = StationWays(workcell, self.robot, self.car, seed)
+        self._goal, self._reason = "", ""
+        self._motion: Trajectory | None = None
+        self._began, self._again = 0.0, 0.0
         self._speed = np.zeros(self.robot.n)
         self.looks: dict[str, PortLook] = {}
         self.lids: dict[str, LidLook] = {}
@@ -168,6 +177,8 @@ class StationBench:
                 None if hand is None else hand.wanted(self.now),
             )
             wish = station.step(seen)
+            if station.port is not None:
+                self._ways.found(station.port, station.lid_open)
             self._eyes.expect(station.expected_lid, station.expected_port)
             self._eyes.show(station.shown)
             for look in self._eyes.look(self.now, joints, wish.pairs, self.T_base_port):
@@ -242,11 +253,14 @@ class StationBench:
         if isinstance(intent, JointIntent | PoseIntent):
             name = intent.name
             if name != self._goal:
-                self._goal, self._path = name, self._solve(intent, q)
-            if self._path is not None:
-                away = self._path - q
-                wanted = np.clip(2.5 * away, -CRUISE, CRUISE)
-                reached = bool(np.abs(away).max() < 1e-3)
+                self._goal, self._motion, self._again = name, None, 0.0
+            if self._motion is None:
+                self._plan(intent, joints)
+            if self._motion is not None:
+                since, away = self.now - self._began, self._motion.end - q
+                ends = since >= self._motion.duration
+                wanted = np.clip(2.5 * away, -0.1, 0.1) if ends else self._motion.velocity(since)
+                reached = bool(ends and np.abs(away).max() < 1e-3)
         elif isinstance(intent, VelocityIntent):
             self._goal = ""
             velocity: Floats = intent.velocity
@@ -254,22 +268,27 @@ class StationBench:
                 R = tcp_pose(robot, q)[:3, :3]
                 velocity = np.concatenate([R @ velocity[:3], R @ velocity[3:]])
             wanted = joints_of_twist(tcp_jacobian(robot, q), velocity)
-        step = np.clip(wanted - self._speed, -RISE * 4 * TICK, RISE * 4 * TICK)
+        step = np.clip(wanted - self._speed, -RISE * TICK, RISE * TICK)
         self._speed = self._speed + step
-        self._status = _status(name, reached, given)
+        self._status = _status(name, reached, given, self._reason)
         return self._speed
 
-    def _solve(self, intent: JointIntent | PoseIntent, q: JointVector) -> JointVector | None:
-        if isinstance(intent, JointIntent):
-            return np.asarray(intent.position, float)
-        found = solve_ik(self.robot, intent.T_base_tcp, q, np.random.default_rng(0))
-        return found[0] if found else None
+    def _plan(self, intent: JointIntent | PoseIntent, joints: JointState) -> None:
+        """Once the arm rests, and every half second until there is a way."""
+        if (
+            self.now < self._again
+            or max(np.abs(joints.velocity).max(), *np.abs(self._speed)) > 2e-3
+        ):
+            return
+        plan = self._ways.plan(intent, joints.position)
+        self._motion, self._reason = plan.trajectory, plan.failure
+        self._began, self._again = self.now, self.now + 0.5
 
 
-def _status(goal: str, reached: bool, permit: Permit | None) -> GuardStatus:
+def _status(goal: str, reached: bool, permit: Permit | None, reason: str = "") -> GuardStatus:
     nothing: Any = None
     return GuardStatus(
-        0.0, GuardMode.PREDICTIVE, "", goal, reached, np.zeros(6), 1.0, np.inf, 0.0, nothing,
+        0.0, GuardMode.PREDICTIVE, reason, goal, reached, np.zeros(6), 1.0, np.inf, 0.0, nothing,
         nothing, nothing, nothing, 0, 0.0, permit=permit,
     )  # fmt: skip
 
@@ -318,8 +337,7 @@ def make_station(
     if vehicle is not None and vehicle.lid is not None and T_finger is not None:
         assert cell.gripper is not None
         lid = LidSetup(vehicle, T_finger, cell.gripper.opening)
-    known = None if mode == "paper" else vehicle  # the paper's station knows no car
-    contradiction = ParkedCarOnMap(known, cell.robot.T_world_base).contradiction
+    contradiction = bench.car.contradiction
     journal, home = Journal(file), bench.robot.home
     station = Station(
         bench.robot, home, car, journal, options, near, contradiction, lid, shows=lambda: shows

@@ -58,6 +58,12 @@ class ParkedCarOnMap:
         """What to say, see :class:`~armsight.motion.task.Task`."""
         return self._bodies if self._lid is None else self._bodies | dict([self._lid])
 
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """Its body where it was found last, and its open lid."""
+        newest = list(self._bodies.values())[-1:] + ([] if self._lid is None else [self._lid[1]])
+        return tuple(solid for solids in newest for solid in solids)
+
     def lid(self, T_base_port: Pose | None) -> None:
         """The lid stands open, of the port that is here; None: it does not, or nobody knows."""
         if self.shape is None or T_base_port is None:
