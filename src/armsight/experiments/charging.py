@@ -21,15 +21,16 @@ if TYPE_CHECKING:
 VERSION = 15
 ABOUT = """
 Cars with Type 2, Type 1 and CCS2 inlets in turn, parked within 20 x 20 cm and 10 deg, the port at
-0.75 to 0.95 m, looking up by 0 to 20 deg, no flank nearer than 8 cm to the plug at its stand-by; each lamp at 0.2 to 1.8 of the light's brightness; clearance 0.3 to 0.6 mm, friction 0.1
+0.75 to 0.95 m, looking up by 0 to 20 deg, no flank nearer than 8 cm to the plug at its
+stand-by; each lamp at 0.2 to 1.8 of the light's brightness; clearance 0.3 to 0.6 mm, friction 0.1
 to 0.4, mated contacts 10 to 35 N; the packaged cells' arm with its errors, plug in its soft mount
 with cable, force sensor. Seated: within 1 mm of the seat and 2 deg by the truth while the station
 says that it charges. Two ways of looking (`charging-guarded` has a third):
 
 * *pictures searched* (no prefix): contact physics, and the pairs' pictures rendered, searched and
-  fitted as in the cell, their true poses off by what the cell's calibration leaves; no guard, and a map
-  that sees nothing: ways are planned round what is declared, and round the car where its port was
-  found. By seed: one of four places of the standing pair,
+  fitted as in the cell, their true poses off by what the cell's calibration leaves; no guard, and
+  a map that sees nothing: ways are planned round what is declared, and round the car where its port
+  was found. By seed: one of four places of the standing pair,
   1.0 to 2.3 m from the port, on both sides of it; one of five lights (indoor, dim, a low sun before
   which the arm may stand, overcast, over-exposed); dull to glossy plastic that mirrors the sky,
   dirt, in a quarter of them drops of water, in 0.3 of them a hard shadow (as in `port-pose`). In a

@@ -95,7 +95,7 @@ class StationBench:
     Attributes:
         peaks: greatest forces so far.
         looks: newest of each pair; lids: likewise of the lid.
-        car: what the map counts of the car.
+        car: what the map counts of the car; ways: round it.
         withdrawn: why the guard withdraws the permit, in words; empty while it grants it.
         numb: the force sensor says nothing any more.
         bias: (6,) that the force sensor says too much [N], [N m].
@@ -134,7 +134,7 @@ class StationBench:
         self._T_base_world = inverse(workcell.robot.T_world_base)
         known = None if mode == "paper" else vehicle  # the paper's station knows no car
         self.car = ParkedCarOnMap(known, workcell.robot.T_world_base)
-        self._ways = StationWays(workcell, self.robot, self.car, seed)
+        self.ways = StationWays(workcell, self.robot, self.car, seed)
         self._goal, self._reason = "", ""
         self._motion: Trajectory | None = None
         self._began, self._again = 0.0, 0.0
@@ -178,7 +178,7 @@ class StationBench:
             )
             wish = station.step(seen)
             if station.port is not None:
-                self._ways.found(station.port, station.lid_open)
+                self.ways.found(station.port, station.lid_open)
             self._eyes.expect(station.expected_lid, station.expected_port)
             self._eyes.show(station.shown)
             for look in self._eyes.look(self.now, joints, wish.pairs, self.T_base_port):
@@ -280,7 +280,7 @@ class StationBench:
             or max(np.abs(joints.velocity).max(), *np.abs(self._speed)) > 2e-3
         ):
             return
-        plan = self._ways.plan(intent, joints.position)
+        plan = self.ways.plan(intent, joints.position)
         self._motion, self._reason = plan.trajectory, plan.failure
         self._began, self._again = self.now, self.now + 0.5
 
