@@ -71,9 +71,9 @@ def test_half_a_second_of_the_rendered_cell():
         assert {p.name for p in face.pictures} == {c.info.name for c in cell.cameras} | {"wrist"}
         shown = {p.name: p.image for p in face.pictures}
         green = (shown["wrist"] == (20, 230, 60)).all(axis=2).any(axis=0)
-        half = len(green) // 2
-        assert green[:half].any(), "the ball is drawn in by the left lens"
-        assert green[half:].any(), "and by the right one"
+        third = len(green) // 3
+        assert green[:third].any(), "the ball is drawn in by the left lens"
+        assert green[third : 2 * third].any(), "and by the right one"
         assert [curve.name for curve in face.curves] == ["distance", "force", "source"]
         assert face_fault(face) == ""
         assert face.state == "near"

@@ -14,10 +14,13 @@ from armsight.geometry.pose import inverse, transform
 from armsight.motion.perception import CameraUse, PosedFrame, PosedPair
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
+from armsight.servoing.planes import depth_picture
 from armsight.servoing.sighting import Look, Looks, Sighting, believable
 
 SHOWN = 320
 """Pictures are shown at least so wide, at a whole fraction of their size [px]."""
+REDRAWN = 0.5
+"""Depth is drawn anew after so long [s]."""
 MARK_RADIUS = 0.03
 """A mark seen farther from where the joints say than this is something else [m]."""
 
@@ -118,6 +121,7 @@ class WristEye:
         self._target, self._robot, self._mark = target, robot, mark
         self._at = np.zeros(3) if T_tcp_mark is None else np.asarray(T_tcp_mark, float)
         self._surface = surface
+        self._depth: tuple[float, ColorImage] | None = None
 
     def warm_up(self) -> None:
         """Let the target compile what it needs: a first look would take seconds."""
@@ -125,6 +129,7 @@ class WristEye:
 
     def reset(self) -> None:
         """A simulated cell begins anew: the target forgets what it has seen."""
+        self._depth = None
         _call("reset", self._target, self._mark)
 
     def update(self, frames: Sequence[PosedPair]) -> Looks | None:
@@ -156,10 +161,28 @@ class WristEye:
             sightings,
             None if best is None else best.position - expected,
             np.eye(3) if best is None else best.covariance,
-            # Pictures of unlike lenses are not of one size: the left one alone is shown then.
-            np.hstack(both) if both[0].shape[0] == both[1].shape[0] else both[0],
+            beside([*both, self._depths(view)]),
         )
         return Looks(look.stamp, (look,), wrong)
+
+    def _depths(self, view: PosedPair) -> ColorImage:
+        """What the pair sees in depth, drawn a few times a second: nothing is told by it."""
+        stamp = view.frame.stamp
+        if self._depth is None or not 0.0 <= stamp - self._depth[0] < REDRAWN:
+            self._depth = stamp, depth_picture(view)
+        return self._depth[1]
+
+
+def beside(pictures: Sequence[ColorImage]) -> ColorImage:
+    """Pictures in a row, all as high as the first; those of unlike lenses are not of one size."""
+    height = pictures[0].shape[0]
+    fitted = [
+        p
+        if p.shape[0] == height
+        else cv2.resize(p, (round(p.shape[1] * height / p.shape[0]), height))
+        for p in pictures
+    ]
+    return np.asarray(np.hstack(fitted), np.uint8)
 
 
 def _call(name: str, *targets: Target | None) -> None:
