@@ -178,6 +178,14 @@ def seen_port(cell, name="type2", score=0.9, away=0.0, doubtful=False):
         (lambda cell: (), "no port"),
         (lambda cell: (seen_port(cell, "type1"),), "the port is type1: the type2_plug does not"),
         (lambda cell: (seen_port(cell, score=0.4),), "no port that is clear enough"),
+        (
+            lambda cell: (seen_port(cell, score=0.4), seen_port(cell, "type1", 0.6)),
+            "looks most like type1 (score 0.60), and there the type2_plug does not fit",
+        ),
+        (
+            lambda cell: (seen_port(cell, score=0.45), seen_port(cell, "type1", 0.42)),
+            "no port that is clear enough",
+        ),
         (lambda cell: (seen_port(cell, away=0.8),), "out of reach"),
     ],
 )

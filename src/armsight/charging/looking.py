@@ -17,6 +17,8 @@ INLETS_OF = {"type1_plug": ("type1",), "type2_plug": ("type2",), "ccs2_plug": ("
 """Which inlets a plug enters."""
 OTHER = 0.75
 """Score of a port of another type of which it is said that it is one."""
+PERHAPS = 0.5
+"""Score of a port of another type of which it is said that it may be one."""
 STILL = 0.01
 """Joints below this speed rest [rad/s]."""
 
@@ -76,7 +78,14 @@ class Looker:
 
     def why_none(self, look: PortLook) -> str:
         """Why there is none, in words."""
+        plug = self._options.plug
         other = next((p for p in look.ports if p.score >= OTHER), None)
         if other is not None:
-            return f"the port is {other.port}: the {self._options.plug} does not fit"
-        return look.reason or "no port that is clear enough"
+            return f"the port is {other.port}: the {plug} does not fit"
+        unclear = max(look.ports, key=lambda p: p.score, default=None)
+        if unclear is None or unclear.port in INLETS_OF[plug] or unclear.score < PERHAPS:
+            return look.reason or "no port that is clear enough"
+        return (
+            f"no port that is clear enough; what is seen looks most like {unclear.port} "
+            f"(score {unclear.score:.2f}), and there the {plug} does not fit"
+        )
