@@ -53,7 +53,7 @@ def other_rows(results: Results) -> Iterator[Row]:
         "drifts_off_deg",
         "by how much a reading that creeps away lies when the arm stands, greatest",
         "2 deg in a second",
-        float(np.rad2deg(OFF) * min(max(crept, default=math.nan) / DRIFT, 1.0)),
+        float(np.rad2deg(OFF)) * min(max(crept, default=math.nan) / DRIFT, 1.0),
         "deg",
         n=len(crept),
         must=CREPT,
