@@ -10,6 +10,7 @@ from armsight.charging.admittance import Admittance
 from armsight.charging.eye import PortLook, SeenPort
 from armsight.charging.insert import Answer, InsertOptions, Phase
 from armsight.charging.journal import Entry, Journal, JournalError
+from armsight.charging.looking import Looker
 from armsight.charging.moves import before_port
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, VehicleStatus
@@ -199,6 +200,14 @@ def test_what_it_finds_decides_and_is_said(cell, ports, words):
         stub.looks = (PortLook(stub.now, "post", ports(cell), np.zeros((4, 4, 3), np.uint8)),)
     assert not stub.station.busy
     assert words in stub.station.outcomes[-1].problem
+
+
+def test_half_of_a_ccs2_is_not_told_as_another_type(cell):
+    looker = Looker(replace(OPTIONS, plug="ccs2_plug"))
+    for score, words in ((0.6, "no port that is clear enough"), (0.8, "the port is type2")):
+        look = PortLook(0.0, "post", (seen_port(cell, "type2", score),), np.zeros((4, 4, 3)))
+        assert looker.why_none(look).startswith(words)
+        assert "looks most like" not in looker.why_none(look)
 
 
 def test_a_look_from_before_the_arm_rested_is_not_taken(cell):

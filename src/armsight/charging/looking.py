@@ -15,6 +15,8 @@ from armsight.charging.visit import Seen, StationOptions
 AnyLook = TypeVar("AnyLook", PortLook, LidLook)
 INLETS_OF = {"type1_plug": ("type1",), "type2_plug": ("type2",), "ccs2_plug": ("ccs2",)}
 """Which inlets a plug enters."""
+MAY_BE_OURS = INLETS_OF | {"ccs2_plug": ("ccs2", "type2")}
+"""What such an inlet may look like where it is not clear: the upper half of a CCS2 is a Type 2."""
 OTHER = 0.75
 """Score of a port of another type of which it is said that it is one."""
 PERHAPS = 0.5
@@ -83,7 +85,7 @@ class Looker:
         if other is not None:
             return f"the port is {other.port}: the {plug} does not fit"
         unclear = max(look.ports, key=lambda p: p.score, default=None)
-        if unclear is None or unclear.port in INLETS_OF[plug] or unclear.score < PERHAPS:
+        if unclear is None or unclear.port in MAY_BE_OURS[plug] or unclear.score < PERHAPS:
             return look.reason or "no port that is clear enough"
         return (
             f"no port that is clear enough; what is seen looks most like {unclear.port} "

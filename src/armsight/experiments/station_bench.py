@@ -268,6 +268,8 @@ class StationBench:
                 R = tcp_pose(robot, q)[:3, :3]
                 velocity = np.concatenate([R @ velocity[:3], R @ velocity[3:]])
             wanted = joints_of_twist(tcp_jacobian(robot, q), velocity)
+        else:
+            self._goal = ""  # after a rest a way is planned anew
         step = np.clip(wanted - self._speed, -RISE * TICK, RISE * TICK)
         self._speed = self._speed + step
         self._status = _status(name, reached, given, self._reason)
@@ -275,10 +277,7 @@ class StationBench:
 
     def _plan(self, intent: JointIntent | PoseIntent, joints: JointState) -> None:
         """Once the arm rests, and every half second until there is a way."""
-        if (
-            self.now < self._again
-            or max(np.abs(joints.velocity).max(), *np.abs(self._speed)) > 2e-3
-        ):
+        if self.now < self._again or np.abs([joints.velocity, self._speed]).max() > RESTS:
             return
         plan = self.ways.plan(intent, joints.position)
         self._motion, self._reason = plan.trajectory, plan.failure
