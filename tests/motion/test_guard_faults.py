@@ -10,6 +10,7 @@ from armsight.errors import UsageError
 from armsight.experiments.quick_cell import Ball, QuickCell
 from armsight.mapping.snapshot import OCCUPIED, CameraStatus
 from armsight.motion.data import GuardMode
+from armsight.motion.dead_reckoning import DeadReckoning
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import JointIntent
 from armsight.motion.task import Observation
@@ -140,11 +141,29 @@ def frozen(moving, q):
     return moving.tick(joints=JointState(moving.now, q, np.zeros(6)))
 
 
-def test_readings_that_stand_still_while_the_arm_moves_are_noticed(moving):
-    """Fresh stamps, the same angles again and again."""
-    q, began = moving.q.copy(), moving.now
+def until_noticed(moving, q):
+    began = moving.now
     while not (decision := frozen(moving, q)).brake:
         assert moving.now < began + 0.35
+    return decision
+
+
+@pytest.fixture
+def by_a_quarter_second(monkeypatch):
+    """Only what obedience itself sees counts: dead reckoning says nothing."""
+    monkeypatch.setattr(DeadReckoning, "fault", lambda self, joints: "")
+
+
+@pytest.mark.usefixtures("by_a_quarter_second")
+def test_readings_that_stand_still_are_noticed_by_their_way(moving):
+    decision = until_noticed(moving, moving.q.copy())
+    assert "does not follow: told to go" in decision.status.reason
+
+
+def test_readings_that_stand_still_while_the_arm_moves_are_noticed(moving):
+    """Fresh stamps, the same angles again and again."""
+    q = moving.q.copy()
+    decision = until_noticed(moving, q)
     assert "does not follow" in decision.status.reason
     stopped = moving.now
     while moving.now < stopped + 4.0:
@@ -165,8 +184,8 @@ def test_an_arm_that_goes_on_when_it_is_told_to_rest_is_noticed(moving):
     assert "does not follow" in decision.status.reason
 
 
-def test_an_arm_that_hears_nothing_any_more_is_noticed(moving):
-    """It goes on for its watchdog's time, then brakes."""
+def unheard(moving):
+    """An arm that goes on for its watchdog's time, then brakes; until that is noticed."""
     q, v, began = moving.q.copy(), moving.v.copy(), moving.now
     brake = moving.robot.limits.acceleration
     while True:
@@ -176,9 +195,20 @@ def test_an_arm_that_hears_nothing_any_more_is_noticed(moving):
         at = q + v * min(since, 0.1) + 0.5 * (v + slower) * ramp
         decision = moving.tick(joints=JointState(moving.now, at, slower))
         if decision.brake:
-            break
-        assert since < 0.2
-    assert "does not follow" in decision.status.reason
+            return since, decision.status.reason
+        assert since < 0.25
+
+
+def test_an_arm_that_hears_nothing_any_more_is_noticed(moving):
+    since, reason = unheard(moving)
+    assert since <= 0.2
+    assert "does not follow" in reason
+
+
+@pytest.mark.usefixtures("by_a_quarter_second")
+def test_an_arm_that_hears_nothing_any_more_is_noticed_by_its_speed(moving):
+    """Its way tells only 0.1 s later."""
+    assert "does not follow: told to go at" in unheard(moving)[1]
 
 
 @pytest.mark.parametrize("late", [-0.06, -0.03, -0.015, 0.015])

@@ -9,7 +9,6 @@ import numpy as np
 from armsight.arrays import JointVector
 from armsight.charging.eye import SeenPort
 from armsight.devices.history import JointHistory
-from armsight.geometry.pose import inverse
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.data import PlanRequest
@@ -20,6 +19,7 @@ from armsight.runtime.configure import guard_config, mapping_config
 from armsight.runtime.parts import Recipe
 from armsight.tasks.calibration_cell import unseen_is_empty
 from armsight.tasks.parked_car import ParkedCarOnMap
+from armsight.workcell.build import solids_in_base
 from armsight.workcell.schema import Workcell
 
 LIMIT = 0.3
@@ -37,12 +37,11 @@ class StationWays:
     """
 
     def __init__(self, workcell: Workcell, robot: Robot, car: ParkedCarOnMap, seed: int) -> None:
-        T_base_world = inverse(workcell.robot.T_world_base)
-        solids = (s.solid for s in workcell.solid)
-        static = tuple(replace(s, T_frame_solid=T_base_world @ s.T_frame_solid) for s in solids)
         mapping = mapping_config(workcell, workcell.robot.T_world_base, robot.reach)
         alone = replace(unseen_is_empty(mapping), threads=1)
-        self._recipe = Recipe(robot, (), static, alone, guard_config(workcell), LIMIT)
+        self._recipe = Recipe(
+            robot, (), solids_in_base(workcell), alone, guard_config(workcell), LIMIT
+        )
         self._planner = self._recipe.planner()
         self._car = car
         self._rng = np.random.default_rng((seed, 77))
