@@ -16,6 +16,10 @@ from armsight.experiments.faults_lab import SIZE, SharedTrouble, set_trouble
 from armsight.experiments.faults_parts import STALL, FullDisk, Stall, TroubledMap, TroubledTime
 from armsight.experiments.faults_rows import contact_row, kill_rows, lie_rows, other_rows
 from armsight.experiments.wall_lab import LabArm
+from armsight.motion.data import GuardMode, GuardStatus
+from armsight.recording import messages
+from armsight.recording.mcap_file import McapWriter
+from armsight.recording.status_messages import guard_to_status
 from armsight.runtime.shared_block import SharedBlock
 
 BY_NAME = {case.name: case for case in CASES}
@@ -294,3 +298,24 @@ def test_a_loop_that_stood_is_named_and_the_cell_goes_on(gl, monkeypatch):
     assert result["stood"] < 0.5
     assert result["recovered"]
     assert result["contacts"] == 0
+
+
+def test_the_last_words_of_a_program_are_those_it_said_most_often(tmp_path):
+    (tmp_path / "run0").mkdir()
+    for name in ("run0", "run1"):
+        (tmp_path / f"{name}.err").write_bytes(b"a warning\nTrouble: the last line\n")
+    writer = McapWriter(tmp_path / "run0" / "run.mcap")
+    for tick in range(10):
+        mode, reason = (GuardMode.STOPPED, f"camera a is {200 + tick} ms old")
+        if tick >= 7:
+            mode, reason = GuardMode.IDLE, ""
+        status = GuardStatus(
+            0.1 * tick, mode, reason, "", False, np.zeros(6), 0.0, 1.0, 1.0, None, None, None, None,
+            1, 0.1,
+        )  # fmt: skip
+        data = messages.encode_diagnostics([guard_to_status(status)], status.stamp)
+        writer.write("/guard/status", messages.DIAGNOSTICS, data, tick, tick)
+    writer.flush()
+    words = faults_kill.last_words(tmp_path, "run0")
+    assert words == "70% stopped camera a is # ms old; 30% idle; Trouble: the last line"
+    assert "run1" in faults_kill.last_words(tmp_path, "run1")

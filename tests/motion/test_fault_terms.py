@@ -21,7 +21,7 @@ CONFIG = GuardConfig()
 INFO = QuickCell([]).info
 SLOW = replace(INFO, name="slow", rate=15.0, latency=0.04)
 QUICK = replace(INFO, name="quick", rate=60.0, latency=0.0)
-ALLOWED = {"slow": 0.04 + 1.5 / 15.0 + CONFIG.compute_latency, "quick": CONFIG.stale_after}
+ALLOWED = {"slow": 0.04 + 2.5 / 15.0 + CONFIG.compute_latency, "quick": CONFIG.stale_after}
 EMPTY = make_snapshot([])
 HOME = ROBOT.home.copy()
 STILL = np.zeros(6)

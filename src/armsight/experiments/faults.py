@@ -116,7 +116,7 @@ def _notes(others: list[dict[str, Any]], kills: list[dict[str, Any]]) -> Iterato
             yield f"`{r['case']}`, clocks by {r['jump']:.2f} s: {named}, {end}."
     for r in kills:
         if not r["began"]:
-            yield f"Kill in `{r['case']}`: the arm did not move before."
+            yield f"Kill in `{r['case']}`: the arm did not move before ({r['words']})."
         elif not (whole(r) and restarted(r)):
             wrong = {key: r[key] for key in ("readable", "left", "gone", "again")}
             yield f"Kill of {r['who']} in `{r['case']}`: {wrong}."

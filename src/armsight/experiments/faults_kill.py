@@ -10,11 +10,13 @@ import contextlib
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,13 +124,14 @@ def program(made: Bench, name: str, about: dict[str, Any]) -> Iterator[subproces
     told = about | made.places | {"recording": str(folder / "run.mcap")}
     file.write_text(json.dumps(told), encoding="utf-8")
     path = os.pathsep.join(p for p in sys.path if p)
-    process = subprocess.Popen(  # noqa: S603 - our own words, no shell
-        [sys.executable, "-m", "armsight.experiments.faults_process", str(file)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env=os.environ | {"PYTHONPATH": path, "ARMSIGHT_RUNTIME_DIR": str(made.folder)},
-    )
+    with (made.folder / f"{name}.err").open("wb") as errors:
+        process = subprocess.Popen(  # noqa: S603 - our own words, no shell
+            [sys.executable, "-m", "armsight.experiments.faults_process", str(file)],
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+            env=os.environ | {"PYTHONPATH": path, "ARMSIGHT_RUNTIME_DIR": str(made.folder)},
+        )
     try:
         yield process
     finally:
@@ -145,7 +148,7 @@ def killed(made: Bench, name: str, about: dict[str, Any], who: Who, after: float
         told = json.loads(process.stdout.readline() or '{"guard": 0}')
         guard = int(told["guard"])
         if not (guard and _wait(lambda: made.speed > MOVES, STARTS)):
-            return {"began": False}
+            return {"began": False, "words": last_words(made.folder, name)}
         begin = time.perf_counter()
         set_trouble(made.trouble, begin)
         time.sleep(after)
@@ -204,6 +207,31 @@ def read_recording(path: Path) -> tuple[float, bool]:
             return 1e-9 * reader.span[1], count > 0
     except (RecordingError, OSError):
         return -math.inf, False
+
+
+def last_words(folder: Path, name: str) -> str:
+    """What a program's guard said most often, in shares of its ticks, and its last line of stderr.
+
+    Args:
+        folder: of the bench.
+        name: of the program there.
+    """
+    from armsight.errors import RecordingError
+    from armsight.recording import messages
+    from armsight.recording.mcap_file import McapReader
+    from armsight.recording.status_messages import GUARD
+
+    file, said = folder / name / "run.mcap", Counter[str]()
+    try:
+        with McapReader(file if file.exists() else file.with_name("run.mcap.partial")) as reader:
+            for _, kind, record in reader.messages(["/guard/status"]):
+                told = messages.decode_diagnostics(messages.decode(record.data, kind))[GUARD]
+                said[re.sub(r"-?\d+(\.\d+)?", "#", f"{told[2]['mode']} {told[1]}".strip())] += 1
+    except (RecordingError, OSError) as error:
+        said[str(error)] += 1
+    words = [f"{n / said.total():.0%} {what[:120]}" for what, n in said.most_common(4)]
+    errors = (folder / f"{name}.err").read_text(encoding="utf-8", errors="replace").strip()
+    return "; ".join(words + errors.splitlines()[-1:])
 
 
 def stood_after(arm: LabArm, since: float) -> float:

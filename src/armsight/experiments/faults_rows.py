@@ -22,7 +22,7 @@ CREPT, CREPT_AIM = 1.5, 1.0
 """Readings that creep away are to stop the arm before they lie by this [deg]: of such a fault it is
 not the time that harms. 1.5 deg are 24 mm at 0.9 m."""
 LOST = 1.5
-"""A recording may lack so much before a kill [s]: it is written once a second."""
+"""A recording may lack so much before a kill [s]: it is written twice a second."""
 LIES, OTHERS = "cameras lie", "other faults"
 
 
@@ -107,7 +107,7 @@ def kill_rows(results: Results) -> Iterator[Row]:
     yield Row(
         "kill_lost_s",
         "what a recording lacks before the kill (or before the disk was full), greatest",
-        "written once a second; what still waits is lost",
+        "written twice a second; what still waits is lost",
         max((r["lost"] for r in began if r["readable"]), default=math.nan),
         "s",
         n=len(began),

@@ -27,7 +27,7 @@ class MappingConfig:
         crop: radius about the base beyond which points are left out of the snapshot's cloud [m]
             (T2). They are hazards all the same.
         stale_after: a camera is not alive once its newest frame is older than this [s], or than
-            its declared latency and one and a half of its periods, whichever is more.
+            its declared latency and two and a half of its periods, whichever is more.
         future: a stamp may be this far ahead of the clock [s] (clocks are never exact).
         stamp_error: greatest error of a depth stamp against the joints' stamps [s].
         min_returns: a frame with a smaller share of valid pixels is refused as empty.

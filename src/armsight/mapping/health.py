@@ -9,6 +9,10 @@ from armsight.errors import UsageError
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.snapshot import CameraStatus
 
+PERIODS = 2.5
+"""A camera whose newest picture is its latency and so many periods old is silent: one picture may
+be lost, as cables and busy machines do it, and the next one be half a period late."""
+
 
 def check_camera(info: RgbdCameraInfo) -> None:
     """Refuse what would have a map free what nobody saw: comparisons with NaN are false.
@@ -52,7 +56,7 @@ class CameraHealth:
         self._dropped = 0
         self._refusal = self._warning = ""
         period = 1.0 / info.rate if info.rate > 0 else 0.0
-        self.allowed_age = max(config.stale_after, info.latency + 1.5 * period)
+        self.allowed_age = max(config.stale_after, info.latency + PERIODS * period)
 
     def admit(self, frame: RgbdFrame, now: float) -> bool:
         """Whether a frame may be used, by all that can be told without looking at its pixels."""

@@ -17,12 +17,12 @@ from armsight.motion.arm_model import ArmState, DelayedArm
 
 PERIOD = 0.03
 """It is looked this often [s]: what creeps is slow."""
-SLACK = 0.01
+SLACK = 0.009
 """Readings may be elsewhere by so much [rad] ..."""
-TIMING, RAMP, LATELY = 0.01, 0.2, 0.3
+TIMING, RAMP, LATELY = 0.01, 0.1, 0.3
 """... by what so much time makes of the joint's speed [s], and by this share of the way on which it
 would be braked: delays and ramps are not known better. The fastest of so long ago counts [s]."""
-SHARE, BRAKED = 0.01, 0.3
+SHARE, BRAKED = 0.006, 0.3
 """Ways may be wrong by the first share for ever, those of a stop by the second."""
 MEMORY = 10.0
 """Changes of speed tell how late the drives are; those of so long ago count a third [s]."""

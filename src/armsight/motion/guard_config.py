@@ -31,7 +31,7 @@ class GuardConfig:
         gain: of the position correction while following [1/s].
         off_path: distance from the path at which it is given up and planned anew [rad].
         stale_after: image age at which the arm slows down and stops [s]; never less than a
-            camera's declared latency and one and a half of its periods.
+            camera's declared latency and two and a half of its periods.
         joints_stale: age of the joint state at which the arm brakes [s].
         future: how far a stamp may lie ahead of the clock [s].
         late: time between two ticks that counts as a missed deadline [s].

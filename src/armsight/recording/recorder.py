@@ -38,7 +38,7 @@ HEALTH_PERIOD = 1.0
 """Between records of everybody's health [s]."""
 TURNED_BACK = 1.0
 """A clock that is this much earlier than before was turned back [s]."""
-FLUSH_SECONDS = 1.0
+FLUSH_SECONDS = 0.5
 """A recording that is killed loses at most this much [s] and what was waiting."""
 LATE = 0.5
 """In real time pictures and clouds are dropped while the oldest waits for longer [s]."""
