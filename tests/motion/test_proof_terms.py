@@ -61,7 +61,7 @@ def passes(point, ages, config=CONFIG, speed=SPEED):
     joints = JointState(NOW, ROBOT.home.copy(), speed.copy())
     filter_.see(snapshot)
     verdict = watch.check(NOW, joints, snapshot)
-    filter_.measure(NOW, verdict.age)
+    filter_.measure(NOW, verdict.age, well=True)
     tick = look(filter_, NOW, config.period, verdict, joints, snapshot)
     tick.command = speed.copy()
     return filter_.stops_in_time(tick)
@@ -182,7 +182,19 @@ def test_what_was_measured_of_reaction_has_the_drives_answer_in_it():
     """Older pictures than declared: the person comes until the next decision has the arm brake."""
     filter_, _ = filter_and_watch()
     for k in range(200):
-        filter_.measure(NOW + 0.008 * k, 0.6)
+        filter_.measure(NOW + 0.008 * k, 0.6, well=True)
     answers = CONFIG.start_delay + 2 * CONFIG.period  # the next tick, which may be one late
     assert filter_.reaction.value >= 0.6 + answers - 1e-9
     assert filter_.reaction.value < 0.6 + answers + 0.05
+
+
+def test_an_age_for_which_the_arm_stands_counts_now_and_not_afterwards():
+    """Maps are silent now and then: the arm stood for ten seconds after each of them."""
+    filter_, _ = filter_and_watch()
+    least = filter_.reaction.declared
+    filter_.measure(NOW, 0.02, well=True)
+    assert filter_.monitor.law.T_person == filter_.reaction.value == least
+    filter_.measure(NOW + 0.008, 0.6, well=False)
+    assert filter_.monitor.law.T_person == pytest.approx(0.6 + CONFIG.start_delay + 2 * CONFIG.period)
+    filter_.measure(NOW + 0.016, 0.02, well=False)
+    assert filter_.monitor.law.T_person == filter_.reaction.value == least

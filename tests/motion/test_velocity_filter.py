@@ -41,7 +41,7 @@ def words(points, motion, unseen=False, seen=True):
         filter_.see(snapshot)
     joints = JointState(NOW, ROBOT.home.copy(), np.zeros(6))
     verdict = FaultWatch(ROBOT, cameras, CONFIG).check(NOW, joints, snapshot)
-    filter_.measure(NOW, verdict.age)
+    filter_.measure(NOW, verdict.age, well=True)
     tick = look(filter_, NOW, CONFIG.period, verdict, joints, snapshot)
     view = filter_.judge(tick, motion)
     return filter_.who(view), view
@@ -119,7 +119,7 @@ def test_in_contact_no_ramp_makes_the_tool_faster_than_what_was_and_what_is_want
     """Each joint as far as it can: a tip met a ball with 0.5 m/s on its way from 0.15 to 0.08."""
     filter_ = VelocityFilter(ROBOT, [QuickCell([]).info], CONFIG, CollisionModel(ROBOT))
     filter_.see(EMPTY)
-    filter_.measure(NOW, 0.03)
+    filter_.measure(NOW, 0.03, well=True)
     body, q = filter_.monitor.body, ROBOT.home.copy()
     part = int(np.flatnonzero(body.link == ROBOT.n)[-1])
     center = body.motion(q, np.zeros(6))[0][part]

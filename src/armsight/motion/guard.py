@@ -113,11 +113,6 @@ class Guard:
         self._waiting_since = math.inf
 
     @property
-    def reaction_time(self) -> float:
-        """T_r in use [s]."""
-        return self._filter.reaction.value
-
-    @property
     def body(self) -> MovingBody:
         """The parts that are protected."""
         return self._filter.monitor.body
@@ -152,7 +147,8 @@ class Guard:
             self._leaving = self._route is not None
             self._executed.clear()
         fresh = self._see(now, intent, verdict)
-        self._filter.measure(now, None if verdict.snapshot is None else verdict.age)
+        age = None if verdict.snapshot is None else verdict.age
+        self._filter.measure(now, age, well=verdict.severity == Severity.NONE)
         if verdict.joints is None or verdict.severity == Severity.BRAKE:
             return self._blind(now, verdict, began)
         tick = look(self._filter, now, elapsed, verdict, verdict.joints, self._snapshot)

@@ -9,6 +9,7 @@ Four questions, in this order: how much of the motion does separation allow (:me
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -71,11 +72,16 @@ class VelocityFilter:
         self.arm.forget()
         self.reaction.clear()
 
-    def measure(self, now: float, age: float | None) -> None:
-        """The oldest picture of the map in use has an age [s] at ``now`` [s]; None without one."""
-        if age is not None:
-            self.reaction.add(now, age + self._after_decision)
-        self.monitor.set_reaction(self.reaction.value, self.hazards.radius)
+    def measure(self, now: float, age: float | None, well: bool) -> None:
+        """The oldest picture of the map in use has an age [s] at ``now`` [s]; None without one.
+
+        While something is not ``well`` the arm comes to rest, so that such an age counts now and
+        says nothing about how old a picture will be when it goes on.
+        """
+        T_r = self._after_decision + (age if age is not None and math.isfinite(age) else 0.0)
+        if well:
+            self.reaction.add(now, T_r)
+        self.monitor.set_reaction(max(self.reaction.value, T_r), self.hazards.radius)
 
     def judge(self, tick: Tick, motion: JointVector) -> SeparationView:
         """What separation allows of a motion (n,) [rad/s] from where the arm will be."""
