@@ -10,6 +10,7 @@ from armsight.devices.port import ArmSettings, CameraSettings
 from armsight.experiments import wall_lab, wall_loop
 from armsight.experiments.wall_lab import Arm, Camera, LabArm, moved, record
 from armsight.experiments.wall_lab_kernels import draw
+from armsight.robots import load_robot
 from armsight.runtime.shared_block import SharedBlock
 from armsight.workcell import open_cell, simulated_world
 
@@ -40,8 +41,8 @@ def test_the_arm_moves_as_small_steps_of_a_ramp_do():
 def test_the_arm_notes_its_commands_and_rests_when_none_come(lab):
     block, arm = lab
     arm.place(0.1 * SIX)
-    settings = ArmSettings("a", {"lab": block.name}, tuple("abcdef"), SIX, 5.0 * SIX, 500.0, 0.1)
-    driver = Arm(settings)
+    names, connection = tuple("abcdef"), {"lab": block.name, "robot": "ur5"}
+    driver = Arm(ArmSettings("a", connection, names, SIX, 5.0 * SIX, 500.0, 0.1))
     assert driver.read().position == pytest.approx(0.1 * SIX)
     before = time.perf_counter()
     driver.command_velocity(0.2 * SIX)
@@ -51,6 +52,12 @@ def test_the_arm_notes_its_commands_and_rests_when_none_come(lab):
     assert speed == pytest.approx(np.zeros(6), abs=1e-12)
     # Ramps of 0.04 s up and down about 0.06 s at speed, all at 0.2 rad/s at most.
     assert far == pytest.approx((0.1 + 0.2 * 0.1) * SIX, abs=1e-6)
+    driver.stop()
+    stopped = arm.commands()[-1]
+    _, speed = arm.joints(stopped)
+    _, slower = arm.joints(stopped + 0.005)
+    braked = load_robot("ur5").limits.acceleration * 0.005  # as its guard is told that it can
+    assert slower == pytest.approx(np.maximum(speed - braked, 0.0), abs=1e-9)
     driver.close()
 
 

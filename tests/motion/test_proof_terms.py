@@ -195,6 +195,8 @@ def test_an_age_for_which_the_arm_stands_counts_now_and_not_afterwards():
     filter_.measure(NOW, 0.02, well=True)
     assert filter_.monitor.law.T_person == filter_.reaction.value == least
     filter_.measure(NOW + 0.008, 0.6, well=False)
-    assert filter_.monitor.law.T_person == pytest.approx(0.6 + CONFIG.start_delay + 2 * CONFIG.period)
+    assert filter_.monitor.law.T_person == pytest.approx(
+        0.6 + CONFIG.start_delay + 2 * CONFIG.period
+    )
     filter_.measure(NOW + 0.016, 0.02, well=False)
     assert filter_.monitor.law.T_person == filter_.reaction.value == least

@@ -131,12 +131,13 @@ class LabArm:
 
 
 class Arm:
-    """The driver of the arm; ``connection``: name of the memory (``lab``)."""
+    """The driver of the arm; ``connection``: name of the memory (``lab``), and of its ``robot``."""
 
     def __init__(self, settings: ArmSettings) -> None:
         self._block = _attach(settings.connection)
         self._arm = LabArm(self._block)
         self._settings = settings
+        self._brake = load_robot(str(settings.connection["robot"])).limits.acceleration
 
     def read(self) -> ArmReading:
         """Where it is now."""
@@ -148,8 +149,8 @@ class Arm:
         self._arm.command(velocity, self._settings.watchdog, self._settings.acceleration)
 
     def stop(self) -> None:
-        """Ramp to rest."""
-        self._arm.command(np.zeros(6), self._settings.watchdog, self._settings.acceleration)
+        """Ramp to rest as fast as its drives can."""
+        self._arm.command(np.zeros(6), self._settings.watchdog, self._brake)
 
     def close(self) -> None:
         """Let go of the memory."""

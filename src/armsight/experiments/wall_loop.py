@@ -165,7 +165,7 @@ def behind_drivers(workcell: Workcell, lab: str, folder: Path) -> Workcell:
     """The same cell with the lab's arm and cameras."""
     name, module = workcell.robot.model, "armsight.experiments.wall_lab"
     robot = workcell.robot.model_copy(
-        update={"driver": f"{module}:Arm", "connection": {"lab": lab}}
+        update={"driver": f"{module}:Arm", "connection": {"lab": lab, "robot": name}}
     )
     cameras = tuple(
         section.model_copy(

@@ -74,7 +74,7 @@ class DeadReckoning:
                 return (
                     f"{self._names[j]} does not follow: it says that it is "
                     f"{np.rad2deg(left[j]):.1f} deg beside where its commands led it; "
-                    "check its encoder and its drive"
+                    "check its encoder, its drive, and how hard it brakes"
                 )
         return ""
 
