@@ -23,12 +23,15 @@ SECONDS = 30.0
 BEGIN = 1.0
 """What happens before is the start: no picture has come yet [s]."""
 JITTER_MS, ERROR_MM, ERROR_DEG = 20.0, 5.0, 0.5
+LOST = 0.001
+"""Share of the pictures that never come, as cables and busy machines lose them."""
 HALTED = (GuardMode.STOPPED, GuardMode.REFLEX)
 
 ABOUT = """
 The packaged cell `ur5_four_cameras` without people: a UR5 patrols under four simulated Kinect v2
 with depth noise, stamps wrong by up to 20 ms, and calibration errors of 5 mm and 0.5 deg (standard
-deviation, drawn anew for each run). The map is told that stamps may be 20 ms off
+deviation, drawn anew for each run); one picture in a thousand is lost (since November 2026; 216 an
+hour). The map is told that stamps may be 20 ms off
 (`MappingConfig.stamp_error`), and believes the cameras to be within 5 mm and 0.5 deg. A false stop
 is a change to "stopped" or "reflex" while there is a goal, after the first second. The interval is
 that of a Poisson rate.
@@ -40,8 +43,9 @@ def episode(seed: int, run: int) -> dict[str, Any]:
     from armsight.runtime.config import SessionConfig
     from armsight.runtime.configure import mapping_config
     from armsight.runtime.session import Session
+    from armsight.simulation.camera_faults import Fault
     from armsight.tasks.patrol import PatrolTask
-    from armsight.workcell import open_cell
+    from armsight.workcell import open_cell, simulated_world
 
     workcell = with_simulation(
         packaged_cell(),
@@ -52,6 +56,8 @@ def episode(seed: int, run: int) -> dict[str, Any]:
         calibration_error_deg=ERROR_DEG,
     )
     with open_cell(workcell, seed=int(np.random.default_rng((seed, run)).integers(2**31))) as cell:
+        for camera in simulated_world(cell).cameras:
+            camera.faults.add(Fault("drop", amount=LOST))
         task = PatrolTask(workcell.goals, workcell.patrol.dwell_s)
         watch = Watch()
         mapping = replace(
@@ -80,7 +86,7 @@ def stops(log: list[GuardStatus]) -> int:
 
 def settings() -> dict[str, Any]:
     """All that changes a run, besides its seed."""
-    return {"seconds": SECONDS, "errors": [JITTER_MS, ERROR_MM, ERROR_DEG], "version": 5}
+    return {"seconds": SECONDS, "errors": [JITTER_MS, ERROR_MM, ERROR_DEG, LOST], "version": 6}
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
