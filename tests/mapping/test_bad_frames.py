@@ -8,7 +8,6 @@ import pytest
 from armsight.devices.data import DepthNoise, JointState
 from armsight.devices.history import JointHistory
 from armsight.errors import UsageError
-from armsight.mapping.health import CameraHealth
 from armsight.mapping.snapshot import FREE, OCCUPIED, UNKNOWN
 from armsight.mapping.workspace_map import WorkspaceMap
 
@@ -224,17 +223,6 @@ def test_without_joints_at_its_exposure_a_frame_is_of_no_use(joints):
     snapshot = made.update([scenes.frame(INFO, 0.1, picture(), 0)], history, 0.101)
     assert "no joint reading at its exposure" in status(snapshot).reason
     assert not (snapshot.state == FREE).any()
-
-
-@pytest.mark.parametrize("rate", [15.0, 30.0])
-def test_one_picture_may_be_lost_and_two_may_not(rate):
-    """Cables lose one now and then; the guard counts with how old the last one is."""
-    info = replace(INFO, rate=rate, latency=0.04)
-    health = CameraHealth(info, replace(CONFIG, stale_after=0.02))
-    health.accept(scenes.frame(info, 5.0, picture(), 7))
-    arrives = 5.0 + 0.04  # after its exposure; the one after a lost one comes 2 periods later
-    assert health.alive(arrives + 2.4 / rate)
-    assert not health.alive(arrives + 2.6 / rate)
 
 
 def test_a_camera_that_dies_and_returns(world):

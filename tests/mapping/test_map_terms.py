@@ -113,9 +113,9 @@ def test_what_calibration_leaves_is_neither_arm_nor_table_beside_themselves(erro
 
 @pytest.mark.parametrize(
     ("rate", "latency", "age"),
-    [(30.0, 0.0, 0.1), (15.0, 0.04, 0.14), (5.0, 0.04, 0.34), (0.0, 0.3, 0.3)],
+    [(30.0, 0.0, 0.1), (15.0, 0.04, 0.04 + 1 / 6), (5.0, 0.04, 0.54), (0.0, 0.3, 0.3)],
 )
-def test_a_camera_is_alive_for_its_latency_and_one_and_a_half_periods(rate, latency, age):
+def test_a_camera_is_alive_for_its_latency_and_two_and_a_half_periods(rate, latency, age):
     info = replace(LEFT, rate=rate, latency=latency)
     health = CameraHealth(info, CONFIG)
     assert not health.alive(0.0)
