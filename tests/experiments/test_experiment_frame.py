@@ -249,3 +249,11 @@ def test_machine_names_no_host():
     assert "cores" in machine()
     assert socket.gethostname() not in machine()
     assert commit()
+
+
+@pytest.mark.parametrize("value", [np.float64(2.0), np.int64(2), 2])
+def test_a_row_of_numpys_numbers_is_missed_and_written_like_any_other(value):
+    row = Row("key", "what", "condition", value, must=1.0, aim=3)
+    assert row.met is False, "is, as whoever counts the missed ones asks"
+    assert row.aimed is True
+    assert json.loads(json.dumps(row.to_json()))["met"] is False

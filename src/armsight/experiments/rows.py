@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -64,20 +65,20 @@ class Row:
             return False
         if self.strict and self.value == budget:
             return False
-        return self.value <= budget if self.better == "lower" else self.value >= budget
+        return bool(self.value <= budget if self.better == "lower" else self.value >= budget)
 
     def to_json(self) -> dict[str, Any]:
         """The row as JSON knows it: numbers as numbers, NaN and infinity as null."""
         fields = asdict(self)
         del fields["better"], fields["strict"], fields["why"]
-        row = {k: _number(v) if isinstance(v, float) else v for k, v in fields.items()}
+        row = {k: _number(float(v)) if isinstance(v, Real) else v for k, v in fields.items()}
         return row | {"met": self.met}
 
 
 def _number(value: float) -> float | int | None:
     if not math.isfinite(value):
         return None
-    return int(value) if float(value).is_integer() and abs(value) < 2**53 else value
+    return int(value) if value.is_integer() and abs(value) < 2**53 else value
 
 
 def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
