@@ -93,9 +93,11 @@ class Director:
 
     def _said(self) -> str:
         assert self._session is not None
-        status = self._session.status()
+        status, snapshot = self._session.status(), self._session.snapshot()
         said = [] if status is None else [status.reason]
-        return "; ".join([*said, *(h.problem for h in self._session.health() if h.problem)])
+        said += [h.problem for h in self._session.health() if h.problem]
+        said += [] if snapshot is None else [c.reason for c in snapshot.cameras if c.reason]
+        return "; ".join(said)
 
     def _well(self) -> bool:
         """Every camera is believed, and the guard pursues its goal or waits for somebody."""
