@@ -47,9 +47,9 @@ moving, `stop_s` counts until it stands.
 **Something else goes wrong** for 2 s, from a moment on at which the arm moves faster than
 0.15 rad/s (the cases stand in the table; `late` lasts 0.3 s). Clocks jump by 0.1 to 3 s and
 back again, the computer's as guard and map are told it. Named is a fault when the guard, or the
-health of a component or a camera, says it in words (`experiments/faults_cases.py`) while it lasts; what names
-the wrong culprit does not count. `stop_s` ends when the true joints are slower than 0.05 rad/s.
-Recovered is a run in which, within 9 s after the fault, every camera is believed, nothing is said
+health of a component or a camera, says it in words (`experiments/faults_cases.py`) while it lasts;
+what names the wrong culprit does not count. `stop_s` ends when the true joints are slower than
+0.05 rad/s. Recovered is a run in which, within 9 s after the fault, every camera is believed, nothing is said
 of the fault any more, and the arm has moved again, or somebody is within 1.5 m of it; with a full
 disk it is one in which the recording can be read up to there. A map that hangs hands out nothing
 new here: a simulated clock stands while it waits.

@@ -18,7 +18,7 @@ class Case:
         name: of the case.
         place: where it goes wrong.
         what: in words.
-        named: one of these words must be said, by the guard or of a component's or a camera's health.
+        named: one of these words must be said, by the guard or of a component or a camera.
         stops: the arm has to come to rest.
     """
 
