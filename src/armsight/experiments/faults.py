@@ -49,10 +49,10 @@ moving, `stop_s` counts until it stands.
 back again, the computer's as guard and map are told it. Named is a fault when the guard, or the
 health of a component or a camera, says it in words (`experiments/faults_cases.py`) while it lasts;
 what names the wrong culprit does not count. `stop_s` ends when the true joints are slower than
-0.05 rad/s. Recovered is a run in which, within 9 s after the fault, every camera is believed, nothing is said
-of the fault any more, and the arm has moved again, or somebody is within 1.5 m of it; with a full
-disk it is one in which the recording can be read up to there. A map that hangs hands out nothing
-new here: a simulated clock stands while it waits.
+0.05 rad/s. Recovered is a run in which, within 9 s after the fault, every camera is believed,
+nothing is said of the fault any more, and the arm has moved again, or somebody is within 1.5 m of
+it; with a full disk it is one in which the recording can be read up to there. A map that hangs
+hands out nothing new here: a simulated clock stands while it waits.
 
 **And the program is killed** by SIGKILL within 2 s after each of these other faults began: the
 session's process, that of its command path, or both at once. Arm and cameras stand behind drivers
