@@ -75,10 +75,11 @@ class Arm:
         {"ramp": 2.0 * RAMP},
         {"brake": 0.9 * BRAKE},
         {"brake": 1.2 * BRAKE},
+        {"delay": 0.02, "ramp": 2.0 * RAMP, "brake": 1.2 * BRAKE, "gain": 0.997},
     ],
 )
 def test_drives_that_are_a_little_other_than_declared_are_no_fault(drives, seed):
-    assert Arm(seed, **drives).run(30.0) == ""
+    assert Arm(seed, **drives).run(60.0, fastest=1.5 if seed % 2 else 0.8) == ""
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -91,6 +92,27 @@ def test_readings_that_creep_away_are_named(seed, rate, delay):
     said = arm.run(2.0, creep=np.deg2rad(rate))
     assert said.startswith("a does not follow: it says that it is")
     assert abs(arm.lie[0]) < np.deg2rad(2.0), "before it is much"
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("delay", [DELAY, 0.02])
+def test_readings_of_an_arm_that_is_known_creep_less_far(seed, delay):
+    arm = Arm(seed, delay)
+    assert arm.run(12.0 + 0.1 * seed) == ""
+    assert arm.run(2.0, creep=np.deg2rad(2.0))
+    assert abs(arm.lie[0]) < np.deg2rad(1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_drives_that_give_way_to_a_load_are_no_fault(seed):
+    """By twice what the packaged arms do when a plug is pressed into its seat."""
+    arm = Arm(seed)
+    assert arm.run(12.0) == ""
+    for _ in range(3):
+        assert arm.run(0.1, creep=0.045) == ""
+        assert arm.run(1.0) == ""
+        assert arm.run(0.1, creep=-0.045) == ""
+        assert arm.run(1.0) == ""
 
 
 def test_what_crept_is_believed_afterwards_and_what_goes_on_creeping_is_named_again():

@@ -270,5 +270,5 @@ def settings() -> dict[str, Any]:
         "times": [*KILLED, LOOKS],
         "links": LINKS,
         "cases": [case.name for case in CASES],
-        "version": 2,
+        "version": 3,
     }

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from armsight.arrays import JointVector
+from armsight.arrays import JointVector, Mask
 from armsight.devices.data import JointState
 from armsight.motion.arm_model import ArmState, DelayedArm
 
@@ -24,10 +24,18 @@ TIMING, RAMP, LATELY = 0.01, 0.1, 0.3
 would be braked: delays and ramps are not known better. The fastest of so long ago counts [s]."""
 SHARE, BRAKED = 0.006, 0.3
 """Ways may be wrong by the first share for ever, those of a stop by the second."""
+MOVES = 0.05
+"""Joints are in motion above it [rad/s]."""
 MEMORY = 10.0
 """Changes of speed tell how late the drives are; those of so long ago count a third [s]."""
 UNKNOWN = 0.005
 """Before the squares of these changes come to more, the delay is not known [rad^2/s^2]."""
+USUAL, LEAST = 4.0, 0.006
+"""Of the room that all this makes, so many times what the arm has needed of it lately is left to
+it, never less than this [rad]: drives of the packaged arms give way by 0.0023 rad to 70 N."""
+MOVED, ROUND, USED = 3.0, 2.0, 30.0
+"""What it needs is known after so long in motion [s], but for the last of rounds of so long [s]:
+what creeps must not make room for itself. What was needed so long ago counts a third [s]."""
 
 
 class DeadReckoning:
@@ -43,6 +51,7 @@ class DeadReckoning:
         self._arm = arm
         self._names = names
         self._delay = _Delay(arm.delay)
+        self._usual = _Usual()
         self._led: ArmState | None = None
         self._under_way = False
 
@@ -82,6 +91,7 @@ class DeadReckoning:
         """The next reading is believed."""
         self._led, self._under_way = None, False
         self._delay.forget()
+        self._usual.forget()
 
     def _start(self, joints: JointState) -> None:
         """Believe a reading."""
@@ -89,6 +99,7 @@ class DeadReckoning:
         self._led = ArmState(joints.stamp, position, self._speed)
         self._off = self._anchor = np.zeros_like(position)
         self._fast = np.abs(self._speed)
+        self._stopped, self._braked = np.full(len(position), -np.inf), np.zeros(len(position))
 
     def _compare(self, before: ArmState, joints: JointState) -> tuple[JointVector, JointVector]:
         """(n,) how far the joints are from where they were led, and by how much too far [rad]."""
@@ -96,22 +107,39 @@ class DeadReckoning:
         off = np.asarray(joints.position) - led.position
         speed = 0.5 * (led.velocity + joints.velocity)  # halfway between the model and the drives
         elapsed = led.time - before.time
-        sooner, unknown = self._delay.learn(elapsed, off - self._off, speed - self._speed)
+        drift, calm = self._drift(before, led)
+        gained, faster = np.where(calm, [off - self._off, speed - self._speed], 0.0)
+        sooner, unknown = self._delay.learn(elapsed, gained, faster)
         self._led, self._off, self._speed = led, off, speed
         self._fast = np.maximum(np.abs(led.velocity), math.exp(-elapsed / LATELY) * self._fast)
         left = joints.position - self._ahead(led, led.time + sooner).position - self._anchor
         free = unknown * self._fast > 0.5 * SLACK  # where it began depends on a delay not known yet
-        drift = np.where(free, np.inf, self._drift(before, led))
-        self._anchor = self._anchor + np.clip(left, -drift, drift)
-        room = (TIMING + unknown + 0.5 * RAMP * self._fast / self._arm.brake) * self._fast
-        return left, np.where(free, 0.0, np.abs(left) - SLACK - room)
+        most = np.where(free, np.inf, drift)
+        astray = np.clip(left, -most, most)
+        self._anchor = self._anchor + astray
+        self._braked = np.maximum(self._braked - np.abs(astray), 0.0)
+        timing = TIMING + unknown + 0.5 * RAMP * self._fast / self._arm.brake
+        room = SLACK + timing * self._fast
+        if not free.any() and calm.all() and self._fast.max() > MOVES:
+            self._usual.learn(elapsed, float((np.abs(left) / room).max()))
+        usual = np.maximum(self._usual.share * room, LEAST)
+        room = np.where(calm, np.minimum(usual, room), room)
+        return left, np.where(free, 0.0, np.abs(left) - room)
 
-    def _drift(self, before: ArmState, led: ArmState) -> JointVector:
-        """(n,) by how much readings may go astray for ever on the way between two states [rad]."""
+    def _drift(self, before: ArmState, led: ArmState) -> tuple[JointVector, Mask]:
+        """By how much readings may go astray for ever between two states, and who is calm.
+
+        (n,) [rad], (n,): calm is a joint that has not been stopped lately. Drives that brake
+        otherwise than declared still do when the model of them stands.
+        """
         slowing = np.abs(led.velocity - before.velocity) / (led.time - before.time)
+        way = np.abs(led.position - before.position)
         stops = slowing > 1.02 * self._arm.acceleration  # no command does that
-        share = np.where(stops, BRAKED * slowing / self._arm.brake, SHARE)
-        return np.asarray(share * np.abs(led.position - before.position))
+        self._stopped = np.where(stops, led.time, self._stopped)
+        calm = led.time > self._stopped + LATELY
+        share = np.where(stops, BRAKED * slowing / self._arm.brake, 0.0)
+        self._braked = np.where(calm, 0.0, self._braked + share * way)
+        return SHARE * way + self._braked, calm
 
     def _ahead(self, state: ArmState, until: float) -> ArmState:
         """What commands make of a state until then [s]; before it, what its speed does."""
@@ -150,3 +178,30 @@ class _Delay:
         known = self._squares + UNKNOWN
         sooner = max(-self._most, min(self._products / known, self._most))
         return sooner, self._most * UNKNOWN / known
+
+
+class _Usual:
+    """Which share of its room an arm is left.
+
+    Learnt from the arm: drives that are as they are declared need next to nothing of it.
+    """
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is known: all of the room is left."""
+        self.share = 1.0
+        self._time = self._before = self._last = self._now = 0.0
+        self._ends = ROUND
+
+    def learn(self, elapsed: float, used: float) -> None:
+        """In this time in motion [s] so much of the room was used."""
+        self._time += elapsed
+        self._now = max(self._now, used)
+        if self._time >= self._ends:
+            self._ends += ROUND
+            self._before = max(math.exp(-ROUND / USED) * self._before, self._last)
+            self._last, self._now = self._now, 0.0
+            if self._time >= MOVED + ROUND:
+                self.share = min(USUAL * self._before, 1.0)
