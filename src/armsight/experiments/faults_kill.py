@@ -200,13 +200,17 @@ def read_recording(path: Path) -> tuple[float, bool]:
     from armsight.errors import RecordingError
     from armsight.recording.mcap_file import McapReader
 
-    file = path if path.exists() else path.with_name(path.name + ".partial")
     try:
-        with McapReader(file) as reader:
+        with McapReader(_written(path)) as reader:
             count = sum(1 for _ in reader.messages())
             return 1e-9 * reader.span[1], count > 0
     except (RecordingError, OSError):
         return -math.inf, False
+
+
+def _written(path: Path) -> Path:
+    """What there is of a recording: it has its name once it is closed."""
+    return path if path.exists() else path.with_name(path.name + ".partial")
 
 
 def last_words(folder: Path, name: str) -> str:
@@ -221,9 +225,9 @@ def last_words(folder: Path, name: str) -> str:
     from armsight.recording.mcap_file import McapReader
     from armsight.recording.status_messages import GUARD
 
-    file, said = folder / name / "run.mcap", Counter[str]()
+    said = Counter[str]()
     try:
-        with McapReader(file if file.exists() else file.with_name("run.mcap.partial")) as reader:
+        with McapReader(_written(folder / name / "run.mcap")) as reader:
             for _, kind, record in reader.messages(["/guard/status"]):
                 told = messages.decode_diagnostics(messages.decode(record.data, kind))[GUARD]
                 said[re.sub(r"-?\d+(\.\d+)?", "#", f"{told[2]['mode']} {told[1]}".strip())] += 1

@@ -44,6 +44,18 @@ def check_camera(info: RgbdCameraInfo) -> None:
         )
 
 
+def silent_after(info: RgbdCameraInfo, least: float, computing: float = 0.0) -> float:
+    """The age of its newest picture from which a camera is silent [s].
+
+    Args:
+        info: of the camera.
+        least: it is never less than this [s].
+        computing: from a picture's arrival until what it shows is looked at [s].
+    """
+    period = 1.0 / info.rate if info.rate > 0 else 0.0
+    return max(least, info.latency + PERIODS * period + computing)
+
+
 class CameraHealth:
     """Judges the frames of one camera by their stamps and shape."""
 
@@ -55,8 +67,7 @@ class CameraHealth:
         self._frames = 0
         self._dropped = 0
         self._refusal = self._warning = ""
-        period = 1.0 / info.rate if info.rate > 0 else 0.0
-        self.allowed_age = max(config.stale_after, info.latency + PERIODS * period)
+        self.allowed_age = silent_after(info, config.stale_after)
 
     def admit(self, frame: RgbdFrame, now: float) -> bool:
         """Whether a frame may be used, by all that can be told without looking at its pixels."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from armsight.arrays import JointVector
 from armsight.devices.data import JointState, RgbdCameraInfo
-from armsight.mapping.health import PERIODS
+from armsight.mapping.health import silent_after
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import commanded_arm
 from armsight.motion.dead_reckoning import DeadReckoning
@@ -67,8 +67,7 @@ class FaultWatch:
         self._robot = robot
         self._config = config
         self._limit = {
-            c.name: max(config.stale_after, c.latency + PERIODS / c.rate + config.compute_latency)
-            for c in cameras
+            c.name: silent_after(c, config.stale_after, config.compute_latency) for c in cameras
         }
         arms = [commanded_arm(robot, config, share) for share in (1.0, 0.5, 0.0)]
         reckoning = DeadReckoning(commanded_arm(robot, config), robot.joint_names)

@@ -147,8 +147,7 @@ class Guard:
             self._leaving = self._route is not None
             self._executed.clear()
         fresh = self._see(now, intent, verdict)
-        age = None if verdict.snapshot is None else verdict.age
-        self._filter.measure(now, age, well=verdict.severity == Severity.NONE)
+        self._filter.measure(now, verdict.age, well=verdict.severity == Severity.NONE)
         if verdict.joints is None or verdict.severity == Severity.BRAKE:
             return self._blind(now, verdict, began)
         tick = look(self._filter, now, elapsed, verdict, verdict.joints, self._snapshot)

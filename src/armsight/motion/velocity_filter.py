@@ -72,13 +72,13 @@ class VelocityFilter:
         self.arm.forget()
         self.reaction.clear()
 
-    def measure(self, now: float, age: float | None, well: bool) -> None:
-        """The oldest picture of the map in use has an age [s] at ``now`` [s]; None without one.
+    def measure(self, now: float, age: float, well: bool) -> None:
+        """The oldest picture of the map in use has an age [s] at ``now`` [s]; inf without one.
 
         While something is not ``well`` the arm comes to rest, so that such an age counts now and
         says nothing about how old a picture will be when it goes on.
         """
-        T_r = self._after_decision + (age if age is not None and math.isfinite(age) else 0.0)
+        T_r = self._after_decision + (age if math.isfinite(age) else 0.0)
         if well:
             self.reaction.add(now, T_r)
         self.monitor.set_reaction(max(self.reaction.value, T_r), self.hazards.radius)
