@@ -191,5 +191,5 @@ def settings() -> dict[str, Any]:
         "speeds": [MOVES, HELD],
         "near": NEAR,
         "cases": [case.name for case in CASES],
-        "version": 4,
+        "version": 5,
     }

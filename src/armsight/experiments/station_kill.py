@@ -16,8 +16,7 @@ another one is started from the file that it left. Where arm, plug, lid and car 
 simulation is handed to it, as real ones would stand where the arm's watchdog stopped it. Contact
 physics (`experiments/station_bench.py`: no guard, looks drawn from the pairs' errors; the whole
 program is `station-kill-guarded`). Cars of the three types parked at random, the plug shown to the
-standing pair first; and cars under a lid, half as many kills a phase, in turns while it is opened
-and while it is shut. A visit under way is forked where a phase begins, the copy goes on to a
+standing pair first; and cars under a lid, killed in turns while it is opened and while it is shut. A visit under way is forked where a phase begins, the copy goes on to a
 moment within the phase and is killed (of a visit under a lid two copies), the visit goes on to its
 next phase. What is started again is a process that never was part of a visit. Safe: it ends by
 itself, nobody asked for help, at its stand-by, its file gone, the plug out of the car by the truth
@@ -28,11 +27,11 @@ Kills = list[dict[str, Any]]
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` kills in each phase, half as many in each at a lid."""
+    """``runs`` kills in each phase."""
     kills: Kills = []
-    some = max(1, runs // (2 * COPIES))
+    under = -(-runs // COPIES)
     for k, (part, visit, count) in enumerate(
-        (("plain", plain_kills, runs), ("lid", lid_kills, some))
+        (("plain", plain_kills, runs), ("lid", lid_kills, under))
     ):
         share = part_of(progress, 0.5 * k, 0.5)
         settings = {"version": VERSION, "part": part}

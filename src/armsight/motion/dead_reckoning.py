@@ -33,7 +33,7 @@ UNKNOWN = 0.005
 USUAL, LEAST = 4.0, 0.006
 """Of the room that all this makes, so many times what the arm has needed of it lately is left to
 it, never less than this [rad]: drives of the packaged arms give way by 0.0023 rad to 70 N."""
-MOVED, ROUND, USED = 3.0, 2.0, 30.0
+MOVED, ROUND, USED = 1.0, 1.0, 30.0
 """What it needs is known after so long in motion [s], but for the last of rounds of so long [s]:
 what creeps must not make room for itself. What was needed so long ago counts a third [s]."""
 
@@ -60,7 +60,10 @@ class DeadReckoning:
         self._arm.sent(now, velocity, brake)
 
     def forget(self) -> None:
-        """Neither commands nor readings before this say anything."""
+        """Time was lost: neither commands nor readings before it say where the arm is.
+
+        They do say how late its drives are, and what it needs of its room.
+        """
         self._arm.forget()
         self._begin()
 
@@ -80,6 +83,8 @@ class DeadReckoning:
             j = int(np.argmax(over))
             if over[j] > 0.0:
                 self._begin()
+                self._delay.forget()
+                self._usual.forget()
                 return (
                     f"{self._names[j]} does not follow: it says that it is "
                     f"{np.rad2deg(left[j]):.1f} deg beside where its commands led it; "
@@ -90,12 +95,11 @@ class DeadReckoning:
     def _begin(self) -> None:
         """The next reading is believed."""
         self._led, self._under_way = None, False
-        self._delay.forget()
-        self._usual.forget()
 
     def _start(self, joints: JointState) -> None:
         """Believe a reading."""
         position, self._speed = np.array(joints.position), np.array(joints.velocity)
+        self._began = joints.stamp
         self._led = ArmState(joints.stamp, position, self._speed)
         self._off = self._anchor = np.zeros_like(position)
         self._fast = np.abs(self._speed)
@@ -113,7 +117,8 @@ class DeadReckoning:
         self._led, self._off, self._speed = led, off, speed
         self._fast = np.maximum(np.abs(led.velocity), math.exp(-elapsed / LATELY) * self._fast)
         left = joints.position - self._ahead(led, led.time + sooner).position - self._anchor
-        free = unknown * self._fast > 0.5 * SLACK  # where it began depends on a delay not known yet
+        # Where it began depends on the delay, be it known or not yet.
+        free = (unknown * self._fast > 0.5 * SLACK) | (led.time < self._began + self._arm.delay)
         most = np.where(free, np.inf, drift)
         astray = np.clip(left, -most, most)
         self._anchor = self._anchor + astray
