@@ -16,12 +16,13 @@ another one is started from the file that it left. Where arm, plug, lid and car 
 simulation is handed to it, as real ones would stand where the arm's watchdog stopped it. Contact
 physics (`experiments/station_bench.py`: no guard, looks drawn from the pairs' errors; the whole
 program is `station-kill-guarded`). Cars of the three types parked at random, the plug shown to the
-standing pair first; and cars under a lid, killed in turns while it is opened and while it is shut. A visit under way is forked where a phase begins, the copy goes on to a
-moment within the phase and is killed (of a visit under a lid two copies), the visit goes on to its
-next phase. What is started again is a process that never was part of a visit. Safe: it ends by
-itself, nobody asked for help, at its stand-by, its file gone, the plug out of the car by the truth
-(more than 5 cm before its face), nothing pressed with more than 125 N, nothing touched but the port
-(a finger touches its lid).
+standing pair first; and cars under a lid, killed in turns while it is opened and while it is shut.
+A visit under way is forked where a phase begins, the copy goes on to a moment within the phase and
+is killed (of a visit under a lid two copies), the visit goes on to its next phase. What is started
+again is a process that never was part of a visit. Safe: it ends by itself, nobody asked for help,
+at its stand-by, its file gone, the plug out of the car by the truth (more than 5 cm before its
+face), nothing pressed with more than 125 N, nothing touched but the port (a finger touches its
+lid).
 """
 Kills = list[dict[str, Any]]
 
