@@ -47,6 +47,9 @@ PLUGGED = (State.CHARGE, State.UNPLUG, State.HELD)
 not come out where what stands beside it might be somebody. What is gone the map sees."""
 AT_LID = (State.LID_BEFORE, State.LID_ALIGN, State.LID_TARE, State.LID_WORK, State.LID_AWAY)
 """States in which the finger is out."""
+ASIDE, ASIDE_FINGER = 0.08, 0.10
+"""Half the side of what may be touched about a port, without and with a finger beside the plug: the
+guard counts with it as if it were always out [m]."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class StationOptions:
     look_from: float = 0.36
     look_aside: float = math.radians(22.0)
     speed: float = 0.06
-    aside: float = 0.08
+    aside: float = ASIDE
     force: float = 125.0
     torque: float = 15.0
     settle: float = 0.5

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from armsight.experiments.cache import RunCache
+from armsight.experiments.episodes import part_of, run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.lid_bench import Fault, LidTrial, draw, run_trial
 from armsight.experiments.lid_visits import lid_visit
 from armsight.experiments.rows import Row, share_row
 from armsight.simulation.spec import Latch
 
-VERSION = 4
+VERSION, VISITS = 4, 5
 ABOUT = """
 A UR10 in MuJoCo as in `insertion`, with a finger beside its plug: a rod of 10 mm with a pin of 15
 mm across its tip, 5 cm before the plug's mouth, in the plug's soft mount. A lid of 150 x 150 x 8
@@ -52,25 +53,26 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     wrong: list[dict[str, Any]] = []
     for i in range(runs):
         for k, latch in enumerate(LATCHES):
-            progress(latch, (i + 0.5 * k) / (1.3 * runs))
+            progress(latch, (i + 0.5 * k) / (2.2 * runs))
             rng = np.random.default_rng((seed, 61, k, i))
             good.append(cache.get(2 * i + k, partial(_scored, draw(rng, latch))))
     for i in range(max(2 * runs // 4, 1)):
         latch, fault = LATCHES[i % 2], FAULTS[(i // 2) % len(FAULTS)]
-        progress(fault, (runs + 0.5 * i) / (1.3 * runs))
+        progress(fault, (runs + 0.5 * i) / (2.2 * runs))
         rng = np.random.default_rng((seed, 62, i))
         wrong.append(cache.get(10**5 + i, partial(_scored, draw(rng, latch, fault))))
     for i in range(max(runs // 2, 1)):
         for k, latch in enumerate(LATCHES):
-            progress(f"{latch}, not told", (1.25 * runs + 0.05 * i) / (1.3 * runs))
+            progress(f"{latch}, not told", (1.25 * runs + 0.05 * i) / (2.2 * runs))
             rng = np.random.default_rng((seed, 64, k, i))
             trial = draw(rng, latch, told=False)
             good.append(cache.get(3 * 10**5 + 2 * i + k, partial(_scored, trial)))
-    visits = [
-        cache.get(2 * 10**5 + 10**4 * k + i, partial(lid_visit, seed, latch, i))
-        for k, latch in enumerate(LATCHES)
-        for i in range(max(runs // 4, 1))
-    ]
+    some = range(max(runs // 4, 1))
+    visits: list[dict[str, Any]] = []
+    for k, latch in enumerate(LATCHES):
+        settings = {"version": VISITS, "part": f"visits, {latch}"}
+        visit, share = partial(lid_visit, latch=latch), part_of(progress, 0.6 + 0.2 * k, 0.2)
+        visits += run_episodes("lid", visit, some, seed, settings, share)
     rows = []
     told = [v for v in good if v["told"]]
     kinds = {f"{latch} latch": [v for v in told if v["latch"] == latch] for latch in LATCHES}
@@ -90,18 +92,18 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     named = [v | {"named": _named(v)} for v in wrong]
     rows.append(_share("lid_named", "what is wrong is said", "stuck, jammed, missing, no latch",
                        named, "named", None))  # fmt: skip
-    some = "pictures searched, contact physics"
+    condition = "pictures searched, contact physics"
     for key, field, what in (
         ("visit_opened", "opened", "lid found and opened, plug seated behind it"),
         ("visit_closed", "shut", "lid shut again after the visit"),
         ("visit_out", "out", "plug out again"),
     ):
-        rows.append(_share(key, what, some, visits, field, None if field == "out" else BUDGET))
+        rows.append(_share(key, what, condition, visits, field, None if field == "out" else BUDGET))
     times = [v["cycle_s"] for v in visits if v["opened"]]
     if times:
         low, high, what = min(times), max(times), "stand-by to seated, with the lid"
         median = float(np.median(times))
-        rows.append(Row("visit_cycle_s", what, some, median, "s", len(times), low, high))
+        rows.append(Row("visit_cycle_s", what, condition, median, "s", len(times), low, high))
     notes = tuple(
         f"{v['latch']} {v['fault']}: {v['open_said'] or v['shut_said'] or 'nothing said'}"
         for v in [*good, *named]

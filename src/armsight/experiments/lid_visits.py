@@ -39,7 +39,7 @@ def lid_cell(rng: np.random.Generator, latch: Latch) -> Workcell:
     )
 
 
-def lid_visit(seed: int, latch: Latch, i: int) -> dict[str, Any]:
+def lid_visit(seed: int, i: int, latch: Latch) -> dict[str, Any]:
     """One visit, its pictures rendered and searched; scored by the truth."""
     cell = lid_cell(np.random.default_rng((seed, 63, i)), latch)
     bench = StationBench(cell, 1000 * seed + i, rendered=True)

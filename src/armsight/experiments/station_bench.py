@@ -24,7 +24,7 @@ from armsight.charging.lid_eye import LidLook
 from armsight.charging.lid_finger import LidSetup
 from armsight.charging.station import Station
 from armsight.charging.vehicle import Vehicle
-from armsight.charging.visit import Seen, StationOptions
+from armsight.charging.visit import ASIDE, ASIDE_FINGER, Seen, StationOptions
 from armsight.devices.data import JointState, Wrench
 from armsight.experiments.station_eyes import FLANGE, POST, DrawnEyes, Eyes, Mode, RenderedEyes
 from armsight.experiments.station_ways import StationWays
@@ -279,7 +279,7 @@ class StationBench:
         """Once the arm rests, and every half second until there is a way."""
         if self.now < self._again or np.abs([joints.velocity, self._speed]).max() > RESTS:
             return
-        plan = self.ways.plan(intent, joints.position)
+        plan = self.ways.plan(intent, joints.position, granted=not self.withdrawn)
         self._motion, self._reason = plan.trajectory, plan.failure
         self._began, self._again = self.now, self.now + 0.5
 
@@ -331,8 +331,9 @@ def make_station(
     mount = Admittance((1e3 * plug.mount_n_per_mm, plug.mount_nm_per_rad), 0.074)
     law = InsertOptions(admittance=mount, port_depth=0.002)
     seen_near = FLANGE if second_look else ""
-    options = StationOptions(plug.kind, mode, law, POST, seen_near, cable=plug.cable_n)
     vehicle, T_finger, lid = vehicle_of(cell, plug.vehicle), finger_pose(plug), None
+    aside = ASIDE if T_finger is None else ASIDE_FINGER
+    options = StationOptions(plug.kind, mode, law, POST, seen_near, cable=plug.cable_n, aside=aside)
     if vehicle is not None and vehicle.lid is not None and T_finger is not None:
         assert cell.gripper is not None
         lid = LidSetup(vehicle, T_finger, cell.gripper.opening)

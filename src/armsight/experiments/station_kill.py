@@ -9,7 +9,7 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, share_row
 from armsight.experiments.station_phases import COPIES, LID_PHASES, PHASES, lid_kills, plain_kills
 
-VERSION = 11
+VERSION = 12
 ABOUT = """
 In each phase of a visit, at a random moment of it, the station's process is killed by SIGKILL, and
 another one is started from the file that it left. Where arm, plug, lid and car stand in the

@@ -13,6 +13,8 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.data import PlanRequest
 from armsight.motion.intents import JointIntent, PoseIntent
+from armsight.motion.permits import touching
+from armsight.motion.permitted import Grant, permitted
 from armsight.motion.plan import Plan
 from armsight.robots.robot import Robot
 from armsight.runtime.configure import guard_config, mapping_config
@@ -56,13 +58,25 @@ class StationWays:
         if self._car.standing.keys() != before:
             self._snapshot = None
 
-    def plan(self, intent: JointIntent | PoseIntent, joints: JointVector) -> Plan:
-        """A way from (n,) joints at rest [rad], or why there is none."""
+    def plan(
+        self, intent: JointIntent | PoseIntent, joints: JointVector, granted: bool = True
+    ) -> Plan:
+        """A way from (n,) joints at rest [rad], or why there is none.
+
+        Args:
+            intent: where to.
+            joints: from where.
+            granted: the contact that it asks for, if any, is permitted.
+        """
         if self._snapshot is None:
             self._snapshot = self._look()
         self._asked += 1
-        request = PlanRequest(self._asked, joints, intent)
-        return self._planner.plan(request, self._snapshot, LIMIT, self._rng)
+        permit, grant, around = intent.permit, None, self._snapshot
+        if permit is not None and granted:
+            grant = Grant(permit.region, touching(self._recipe.robot, permit))
+            around = permitted(replace(around, stamp=permit.region.exposure), grant)
+        request = PlanRequest(self._asked, joints, intent, grant=grant)
+        return self._planner.plan(request, around, LIMIT, self._rng)
 
     def _look(self) -> WorkspaceSnapshot:
         solids = (*self._recipe.static, *self._car.solids)

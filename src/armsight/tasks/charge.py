@@ -23,7 +23,14 @@ from armsight.charging.residual import PairsApart
 from armsight.charging.stale import Cause, Stale
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, Vehicle
-from armsight.charging.visit import PLUGGED, Seen, State, StationOptions
+from armsight.charging.visit import (
+    ASIDE,
+    ASIDE_FINGER,
+    PLUGGED,
+    Seen,
+    State,
+    StationOptions,
+)
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid
 from armsight.motion.face import (
@@ -52,9 +59,6 @@ if TYPE_CHECKING:
 Mode = Literal["ours", "paper"]
 PORT_DEPTH = 0.002
 """How far the port's face may be from where a second look has it: two standard deviations [m]."""
-ASIDE, ASIDE_FINGER = 0.08, 0.10
-"""Half the side of what may be touched about a port, without and with a finger beside the plug: the
-guard counts with it as if it were always out [m]."""
 SENSOR, TICK = 0.006, 0.008
 """From a force to its reading, and between two commands [s]."""
 BEYOND = 0.05
