@@ -2,10 +2,14 @@
 
 import math
 
+import numpy as np
+
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import State
 from armsight.experiments.charging_rows import agreement_row, fault_rows, rows_of, visit_rows
+from armsight.experiments.charging_visits import uncovered
 from armsight.experiments.station_bench import StationBench, charging_cell, make_station
+from armsight.simulation.truth import Contact
 
 
 def visit(full=True, said=True, harm=False, out=True):
@@ -76,3 +80,13 @@ def test_without_its_second_look_a_station_goes_on_to_the_approach():
                 bench.step(station)
             after.append(station.state)
     assert after == [State.LOOK, State.APPROACH]
+
+
+def test_the_port_may_be_touched_as_fast_and_as_hard_as_was_granted_and_nothing_else():
+    def touch(owner="port", speed=0.055, force=70.0):
+        at = np.zeros(3)
+        return Contact("static", owner, "", 6, 1.0, 1.1, 1e-5, speed, at, force=force)
+
+    covered = [touch(), touch(force=math.nan)]
+    harm = [touch("car/under"), touch(speed=0.07), touch(force=130.0), touch("visitor")]
+    assert uncovered([*covered, *harm]) == harm

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from armsight.charging.permission import SPEED
 from armsight.charging.ports.table import PORTS
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import Outcome, State
@@ -19,8 +21,10 @@ from armsight.experiments.station_bench import (
 from armsight.experiments.station_eyes import POST, Mode
 from armsight.experiments.station_weather import Surroundings
 from armsight.robots.kinematics import tcp_pose
+from armsight.simulation.truth import Contact
 from armsight.simulation.world import SimulatedWorld
 from armsight.workcell import robot_in
+from armsight.workcell.car import PORT
 from armsight.workcell.schema import Workcell
 
 TYPES = ("type2", "type1", "ccs2")
@@ -124,11 +128,19 @@ def bench_visit(
         return found | at_the_end(bench.world, outcome, bench.peaks, bench.score()[0])
 
 
+def uncovered(contacts: Sequence[Contact]) -> list[Contact]:
+    """Those that no permit of the port covers.
+
+    It lets the plug touch the port, as fast and as hard as was asked for.
+    """
+    return [c for c in contacts if c.owner != PORT or c.arm_speed > SPEED or c.force > FORCE]
+
+
 def at_the_end(
     world: SimulatedWorld, outcome: Outcome, peaks: Peaks, depth: float
 ) -> dict[str, Any]:
     """Whether the plug, now so deep [m], is out; what was done to anybody or anything till then."""
-    touched = len(world.truth.moving_contacts)
+    touched = len(uncovered(world.truth.moving_contacts))
     return {
         "out": bool(outcome.out and depth < 0.0),
         "axial_n": peaks.axial,

@@ -24,7 +24,7 @@ from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar
 from armsight.charging.visit import State
 from armsight.errors import ArmsightError
-from armsight.experiments.charging_visits import FORCE
+from armsight.experiments.charging_visits import FORCE, uncovered
 from armsight.experiments.station_bench import StationBench, make_station
 from armsight.workcell.schema import Workcell
 
@@ -125,10 +125,10 @@ def follow(bench: StationBench, left: Left, file: Path) -> dict[str, Any]:
     out = bool(depth < -OUT or not np.isfinite(depth))
     lid = bench.world.lid
     force = max(bench.peaks.axial, bench.peaks.lateral)
-    touched = len(bench.world.truth.moving_contacts) if lid is None else 0  # a finger is to touch
+    touches = bench.world.truth.moving_contacts if lid is None else []  # a finger is to touch
     home = bool(away < AT_HOME and not file.exists())
     return {
-        "safe": bool(ended and out and home and force <= FORCE and not touched),
+        "safe": bool(ended and out and home and force <= FORCE and not uncovered(touches)),
         "words": words,
         "seconds": bench.now,
         "force_n": force,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import JointVector
+from armsight.experiments.charging_visits import uncovered
 from armsight.runtime.config import SessionMode
 from armsight.runtime.session import Session
 from armsight.tasks.charge import ChargeOptions, ChargeTask
@@ -52,7 +53,7 @@ class Teller:
             "words": station.words,
             "problems": [o.problem for o in station.outcomes],
             "depth": depth if depth > -1.0 else -1.0,
-            "contacts": len(self._world.truth.moving_contacts),
+            "contacts": len(uncovered(self._world.truth.moving_contacts)),
             "home": bool(away < AT_HOME),
             "world": kept,
         }

@@ -27,6 +27,8 @@ from armsight.workcell.schema_things import CarSection
 
 PLUG_OF = {"type1": "type1_plug", "type2": "type2_plug", "ccs2": "ccs2_plug"}
 """Which plug enters which inlet."""
+PORT = "port"
+"""Owner of the walls that a plug touches, and nothing else."""
 PAINT = (0.32, 0.38, 0.45)
 """Of a car that no file describes."""
 LOOKS = {
@@ -149,7 +151,7 @@ def socket_spec(workcell: Workcell) -> SocketSpec | None:
         depth = min(depth, section.blocked_mm / 1e3)
     walls = socket_contours(plug, section.clearance_mm / 1e3, section.chamfer_mm / 1e3, depth)
     return SocketSpec(
-        "port",
+        PORT,
         section.pose,
         walls.boxes,
         walls.half,
