@@ -568,14 +568,14 @@ def test_a_plug_that_does_not_come_out_is_somebodys_to_help(cell):
 
 def test_a_port_of_a_car_that_is_not_expected_is_left_alone(cell):
     stub = Stub(cell, station(cell))
-    stub.station._contradiction = lambda T: "the port is 0.2 m above the floor"
+    stub.station._contradiction = lambda T: "not the car that is expected: too low"
     stub.station.begin()
     stub.rest(0.7)
     port = (seen_port(cell),)
     stub.looks = (PortLook(stub.now, "post", port, np.zeros((4, 4, 3), np.uint8)),)
     stub.rest(0.1)
     assert not stub.station.busy
-    assert "not the car that is expected" in stub.station.outcomes[-1].problem
+    assert stub.station.outcomes[-1].problem == "not the car that is expected: too low"
 
 
 def test_a_car_that_moves_is_left(cell):

@@ -10,7 +10,7 @@ from armsight.charging.vehicle_file import FOLDER, load_vehicle, packaged
 from armsight.errors import UsageError, WorkcellError
 from armsight.experiments.station_bench import charging_cell, parked
 from armsight.geometry.pose import exp, from_rpy, inverse, make_pose, transform
-from armsight.mapping.snapshot import Declared
+from armsight.mapping.snapshot import Declared, VoxelGrid
 from armsight.simulation.parked_car import SPEED, ParkedCar
 from armsight.simulation.spec import SocketSpec
 from armsight.tasks.parked_car import ParkedCarOnMap
@@ -234,3 +234,27 @@ def test_a_car_that_has_moved_is_withdrawn_at_once_and_a_refusal_is_said():
     assert body.standing == {}
     assert body.told(snapshot) == ""
     assert ParkedCarOnMap(None, np.eye(4)).contradiction(np.eye(4)) == ""
+
+
+def room_map(lower, upper, voxel=0.02):
+    shape = tuple(np.rint((np.array(upper) - lower) / voxel).astype(int))
+    grid = VoxelGrid(np.array(lower), voxel, shape)
+    return SimpleNamespace(declared=(), stamp=1.0, grid=grid, hazard_radius=0.0174)
+
+
+def test_a_port_at_the_end_of_what_is_mapped_is_left_alone():
+    """The guard would refuse the contact: nobody sees who is beside it. It had been waited for."""
+    shape = load_vehicle("hatchback")
+    body = ParkedCarOnMap(shape, np.eye(4))
+    beside, whole = moved(0), room_map((-1.0, -1.0, 0.0), (1.5, 1.0, 1.6))
+    assert shape.contradiction(beside) == ""
+    body.told(whole)
+    assert body.contradiction(beside) == ""
+    x = float(beside[0, 3])
+    body.told(room_map((-1.0, -1.0, 0.0), (x + 0.14, 1.0, 1.6)))
+    assert "too near the end of the mapped box" in body.contradiction(beside)
+    body.told(room_map((-1.0, -1.0, 0.0), (x + 0.24, 1.0, 1.6)))
+    assert body.contradiction(beside) == ""
+    low = beside.copy()
+    low[2, 3] = 0.3
+    assert body.contradiction(low).startswith("not the car that is expected: the port is 0.3 m")

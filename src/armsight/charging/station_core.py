@@ -51,8 +51,8 @@ class StationCore:
         journal: where what is needed to come out is kept.
         options: how it works.
         T_flange_near: the near pair's left camera on the flange; None without one.
-        contradiction: why the car that is expected cannot have its port at ``T_base_port``, in
-            words; empty when it can.
+        contradiction: why no car can be plugged in whose port is at ``T_base_port``, in words;
+            empty when one can.
         lid: the finger, and the lid that the car that is expected has; None without either.
         body: the expected car's, in its port's frame: no cable hangs in it.
         shows: asked for (n,) joints that hold the plug before the standing pair, the best first
@@ -326,7 +326,7 @@ class StationCore:
             return f"the port is {away:.2f} m from the base: out of reach"
         other = self._contradiction(T_base_port)
         if other:
-            return f"not the car that is expected: {other}"
+            return other
         cable = None if self._robot.tool is None else self._robot.tool.cable
         return "" if cable is None else cable_fault(cable, T_base_port, self._body)
 

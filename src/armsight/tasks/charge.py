@@ -120,8 +120,9 @@ class ChargeOptions:
                 f"{workcell.name}: plug.vehicle: {section.vehicle} has {vehicle.inlet}, which a "
                 f"{section.kind} does not enter"
             )
-        body = ParkedCarOnMap(vehicle, cell.T_world_base)
         T_finger = finger_pose(section)
+        aside = ASIDE if T_finger is None else ASIDE_FINGER
+        body = ParkedCarOnMap(vehicle, cell.T_world_base, aside)
         lid = None
         has_lid = vehicle is not None and vehicle.lid is not None and self.mode == "ours"
         if has_lid and T_finger is not None and cell.gripper is not None:
@@ -139,7 +140,7 @@ class ChargeOptions:
             fixed[0],
             carried[0].name if carried else "",
             cable=section.cable_n,
-            aside=ASIDE if T_finger is None else ASIDE_FINGER,
+            aside=aside,
             reach=cell.robot.reach + BEYOND,
         )
         far = next(p.info for p in cell.stereo if p.info.name == fixed[0])

@@ -11,9 +11,12 @@ from armsight.arrays import Floats, Pose
 from armsight.charging.closer import Where
 from armsight.charging.moves import apart
 from armsight.charging.vehicle_file import VehicleShape
+from armsight.charging.visit import ASIDE
 from armsight.geometry.pose import inverse
 from armsight.geometry.shapes import Solid
 from armsight.mapping.snapshot import WorkspaceSnapshot
+from armsight.motion.permitted import outside_the_map
+from armsight.motion.regions import Region
 from armsight.workcell.schema_devices import PlugSection
 
 ELSEWHERE = (0.03, float(np.deg2rad(2.5)))
@@ -28,6 +31,8 @@ SIGMAS, REACH, MOST = 3.0, 0.5, 0.05
 this far from the port [m], and by no more than this [m]: else cameras would see through it."""
 MOST_INWARD = 0.15
 """Or farther in, at the ends of its side, by no more than this [m]."""
+UNSURE = 0.005
+"""Its place is known to this when the guard is asked [m], one standard deviation."""
 
 
 class ParkedCarOnMap:
@@ -36,13 +41,17 @@ class ParkedCarOnMap:
     Args:
         shape: of the car; None: its side is among the cell's solids, and nothing is to be said.
         T_world_base: of the arm.
+        aside: half the side of what is to be touched about its port [m].
 
     Attributes:
         counts: whether the map counts its body.
     """
 
-    def __init__(self, shape: VehicleShape | None, T_world_base: Pose) -> None:
-        self.shape, self._T_world_base = shape, T_world_base
+    def __init__(
+        self, shape: VehicleShape | None, T_world_base: Pose, aside: float = ASIDE
+    ) -> None:
+        self.shape, self._T_world_base, self._aside = shape, T_world_base, aside
+        self._map: WorkspaceSnapshot | None = None
         self._number, self._margin = 0, 0.0
         self.gone()
 
@@ -75,10 +84,22 @@ class ParkedCarOnMap:
             self._lid = f"lid {self._number}", (replace(leaf, T_frame_solid=T),)
 
     def contradiction(self, T_base_port: Pose) -> str:
-        """Why the car that is expected cannot be where a port was found; empty when it can."""
-        if self.shape is None:
+        """Why nobody can plug in where a port was found, in words; empty when that can be."""
+        if self.shape is not None:
+            wrong = self.shape.contradiction(self._T_world_base @ T_base_port)
+            if wrong:
+                return f"not the car that is expected: {wrong}"
+        seen, side = self._map, 2.0 * self._aside
+        if seen is None:
             return ""
-        return self.shape.contradiction(self._T_world_base @ T_base_port)
+        unsure = UNSURE**2 * np.eye(3)
+        about = Region("box", (side, side, side), T_base_port, seen.stamp, covariance=unsure)
+        if not outside_the_map(seen, about):
+            return ""
+        return (
+            "the port is too near the end of the mapped box for anybody to see who is beside it; "
+            "park elsewhere, or enlarge [mapping] in the cell's file"
+        )
 
     def found(self, T_base_port: Pose, covariance: Floats) -> None:
         """The port is here, and so is the car.
@@ -114,6 +135,7 @@ class ParkedCarOnMap:
         Returns:
             Why it does not count the newest, in words; empty when it does, or may.
         """
+        self._map = snapshot
         declared = {} if snapshot is None else {d.name: d for d in snapshot.declared}
         newest = next(reversed(self._bodies), "") if self._bodies else ""
         mine = declared.get(newest)
