@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from armsight.charging.station import Station
 from armsight.charging.visit import State
 from armsight.experiments.charging_rows import agreement_row, visit_rows
 from armsight.experiments.charging_visits import (
@@ -116,6 +117,13 @@ class _Watch:
             self._session.stop("the visit has ended")
 
 
+def _unended(station: Station) -> str:
+    """What a visit was at when its time was over; empty when it had ended."""
+    if station.outcomes:
+        return ""
+    return f"no end after {SECONDS:.0f} s: {station.state}, {station.words}"
+
+
 def guarded_visit(seed: int, i: int) -> dict[str, Any]:
     """One visit of a car that is parked at random, with a visitor who walks in."""
     car, rng = _car(seed, i)
@@ -137,7 +145,7 @@ def guarded_visit(seed: int, i: int) -> dict[str, Any]:
             | at_the_end(world, outcome, watch.peaks, world.plugged.depth)
             | {
                 "nearest_m": float(world.truth.min_distance),
-                "failure": session.task_failure or "",
+                "failure": session.task_failure or _unended(station),
             }
         )
 
