@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
+from armsight.arrays import Pose
 from armsight.charging.eye import PortLook
 from armsight.charging.insert import InsertOptions
 from armsight.charging.lid_eye import LidLook
@@ -50,6 +51,11 @@ AT_LID = (State.LID_BEFORE, State.LID_ALIGN, State.LID_TARE, State.LID_WORK, Sta
 ASIDE, ASIDE_FINGER = 0.08, 0.10
 """Half the side of what may be touched about a port, without and with a finger beside the plug: the
 guard counts with it as if it were always out [m]."""
+
+
+def aside_of(T_tip_finger: Pose | None) -> float:
+    """Which of them a station with this finger asks for, or with none [m]."""
+    return ASIDE if T_tip_finger is None else ASIDE_FINGER
 
 
 @dataclass(frozen=True)

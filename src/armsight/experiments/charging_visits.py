@@ -140,7 +140,7 @@ def at_the_end(
     world: SimulatedWorld, outcome: Outcome, peaks: Peaks, depth: float
 ) -> dict[str, Any]:
     """Whether the plug, now so deep [m], is out; what was done to anybody or anything till then."""
-    touched = len(uncovered(world.truth.moving_contacts))
+    touched = uncovered(world.truth.moving_contacts)
     return {
         "out": bool(outcome.out and depth < 0.0),
         "axial_n": peaks.axial,

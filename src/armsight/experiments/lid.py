@@ -67,12 +67,12 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
             rng = np.random.default_rng((seed, 64, k, i))
             trial = draw(rng, latch, told=False)
             good.append(cache.get(3 * 10**5 + 2 * i + k, partial(_scored, trial)))
-    some = range(max(runs // 4, 1))
+    each = range(max(runs // 4, 1))
     visits: list[dict[str, Any]] = []
     for k, latch in enumerate(LATCHES):
         settings = {"version": VISITS, "part": f"visits, {latch}"}
         visit, share = partial(lid_visit, latch=latch), part_of(progress, 0.6 + 0.2 * k, 0.2)
-        visits += run_episodes("lid", visit, some, seed, settings, share)
+        visits += run_episodes("lid", visit, each, seed, settings, share)
     rows = []
     told = [v for v in good if v["told"]]
     kinds = {f"{latch} latch": [v for v in told if v["latch"] == latch] for latch in LATCHES}
@@ -92,18 +92,18 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     named = [v | {"named": _named(v)} for v in wrong]
     rows.append(_share("lid_named", "what is wrong is said", "stuck, jammed, missing, no latch",
                        named, "named", None))  # fmt: skip
-    condition = "pictures searched, contact physics"
+    some = "pictures searched, contact physics"
     for key, field, what in (
         ("visit_opened", "opened", "lid found and opened, plug seated behind it"),
         ("visit_closed", "shut", "lid shut again after the visit"),
         ("visit_out", "out", "plug out again"),
     ):
-        rows.append(_share(key, what, condition, visits, field, None if field == "out" else BUDGET))
+        rows.append(_share(key, what, some, visits, field, None if field == "out" else BUDGET))
     times = [v["cycle_s"] for v in visits if v["opened"]]
     if times:
         low, high, what = min(times), max(times), "stand-by to seated, with the lid"
         median = float(np.median(times))
-        rows.append(Row("visit_cycle_s", what, condition, median, "s", len(times), low, high))
+        rows.append(Row("visit_cycle_s", what, some, median, "s", len(times), low, high))
     notes = tuple(
         f"{v['latch']} {v['fault']}: {v['open_said'] or v['shut_said'] or 'nothing said'}"
         for v in [*good, *named]

@@ -24,7 +24,7 @@ from armsight.charging.lid_eye import LidLook
 from armsight.charging.lid_finger import LidSetup
 from armsight.charging.station import Station
 from armsight.charging.vehicle import Vehicle
-from armsight.charging.visit import ASIDE, ASIDE_FINGER, Seen, StationOptions
+from armsight.charging.visit import Seen, StationOptions, aside_of
 from armsight.devices.data import JointState, Wrench
 from armsight.experiments.station_eyes import FLANGE, POST, DrawnEyes, Eyes, Mode, RenderedEyes
 from armsight.experiments.station_ways import StationWays
@@ -332,7 +332,7 @@ def make_station(
     law = InsertOptions(admittance=mount, port_depth=0.002)
     seen_near = FLANGE if second_look else ""
     vehicle, T_finger, lid = vehicle_of(cell, plug.vehicle), finger_pose(plug), None
-    aside = ASIDE if T_finger is None else ASIDE_FINGER
+    aside = aside_of(T_finger)
     options = StationOptions(plug.kind, mode, law, POST, seen_near, cable=plug.cable_n, aside=aside)
     if vehicle is not None and vehicle.lid is not None and T_finger is not None:
         assert cell.gripper is not None

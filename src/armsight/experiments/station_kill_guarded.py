@@ -14,7 +14,7 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.station_kill import kill_row, kill_rows
 from armsight.experiments.station_sigkill import killed
 
-VERSION = 9
+VERSION = 10
 ABOUT = """
 The session of `armsight charge ur10_charging --headless` in a process of its own (map, guard,
 rendered cameras and pairs), killed by SIGKILL at a random moment of each phase in turn; where arm,

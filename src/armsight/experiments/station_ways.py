@@ -14,7 +14,7 @@ from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.data import PlanRequest
 from armsight.motion.intents import JointIntent, PoseIntent
 from armsight.motion.permits import touching
-from armsight.motion.permitted import Grant, permitted
+from armsight.motion.permitted import Grant
 from armsight.motion.plan import Plan
 from armsight.robots.robot import Robot
 from armsight.runtime.configure import guard_config, mapping_config
@@ -74,9 +74,9 @@ class StationWays:
         permit, grant, around = intent.permit, None, self._snapshot
         if permit is not None and granted:
             grant = Grant(permit.region, touching(self._recipe.robot, permit))
-            around = permitted(replace(around, stamp=permit.region.exposure), grant)
+            around = replace(around, stamp=permit.region.exposure)  # no picture has dated it
         request = PlanRequest(self._asked, joints, intent, grant=grant)
-        return self._planner.plan(request, around, LIMIT, self._rng)
+        return self._planner.plan(request, request.surroundings(around), LIMIT, self._rng)
 
     def _look(self) -> WorkspaceSnapshot:
         solids = (*self._recipe.static, *self._car.solids)

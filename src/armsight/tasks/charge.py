@@ -23,14 +23,7 @@ from armsight.charging.residual import PairsApart
 from armsight.charging.stale import Cause, Stale
 from armsight.charging.station import Station
 from armsight.charging.vehicle import SimulatedCar, Vehicle
-from armsight.charging.visit import (
-    ASIDE,
-    ASIDE_FINGER,
-    PLUGGED,
-    Seen,
-    State,
-    StationOptions,
-)
+from armsight.charging.visit import PLUGGED, Seen, State, StationOptions, aside_of
 from armsight.errors import UsageError
 from armsight.geometry.shapes import Solid
 from armsight.motion.face import (
@@ -121,7 +114,7 @@ class ChargeOptions:
                 f"{section.kind} does not enter"
             )
         T_finger = finger_pose(section)
-        aside = ASIDE if T_finger is None else ASIDE_FINGER
+        aside = aside_of(T_finger)
         body = ParkedCarOnMap(vehicle, cell.T_world_base, aside)
         lid = None
         has_lid = vehicle is not None and vehicle.lid is not None and self.mode == "ours"

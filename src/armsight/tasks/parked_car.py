@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -90,7 +91,7 @@ class ParkedCarOnMap:
             if wrong:
                 return f"not the car that is expected: {wrong}"
         seen, side = self._map, 2.0 * self._aside
-        if seen is None:
+        if seen is None or not math.isfinite(seen.stamp):
             return ""
         unsure = UNSURE**2 * np.eye(3)
         about = Region("box", (side, side, side), T_base_port, seen.stamp, covariance=unsure)
