@@ -25,10 +25,10 @@ HERE = np.array([0.0, -1.7, 2.0, -0.7, 1.6, 0.0])
 FAR = HERE + np.array([2.4, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def test_a_way_is_as_free_as_where_it_is_least_so():
+def test_a_way_is_closed_where_it_leads_too_near_to_who_may_be_somewhere():
     """Of five moves that failed three led past unseen space to a place that was free."""
     room = Room(ROBOT)
-    assert room.on_way(FAR) == np.inf
+    assert room.left(FAR) == np.inf
     half = sphere_centers(ROBOT, 0.5 * (HERE + FAR))[-1]
     hazards = np.asarray((half * [1.2, 1.2, 1.0])[None], np.float32)
     room.snapshot = SimpleNamespace(sequence=1, hazards=hazards, hazard_radius=0.02)
@@ -36,9 +36,12 @@ def test_a_way_is_as_free_as_where_it_is_least_so():
     ways = [HERE + share * (FAR - HERE) for share in np.linspace(0.0, 1.0, 11)]
     left = [room.left(q) for q in ways]
     assert min(left[0], left[-1]) > 0.0 > min(left)
-    assert room.on_way(FAR) == pytest.approx(min(left), abs=1e-6)
+    assert room.lasts(FAR) == np.inf
+    assert np.isfinite(room.lasts(ways[int(np.argmax(np.array(left) < 0.0)) - 1]))
     room.here = ways[5]  # it stands where it has too little: to where it has more it may go
-    assert room.on_way(FAR) == pytest.approx(0.0, abs=0.02)
+    assert np.isfinite(room.lasts(FAR))
+    room.here, room.rests = HERE, room.rests + min(left) - 0.02  # of a guard that asks for less
+    assert np.isfinite(room.lasts(FAR))
 
 
 def test_a_way_beside_somebody_lasts_as_long_as_the_guard_makes_it():
@@ -70,51 +73,62 @@ def setup(**changes):
     return replace(base, **changes)
 
 
-def gone_to(taken, places):
-    """In which order it goes to (c, n) [rad]."""
-    steps, order = taken.round(places, "look", setup().believed), []
-    for request in steps:
-        order.append(next(i for i, q in enumerate(places) if (q == request.joints).all()))
-    return order
+def places(wanted, rng=3):
+    """Some to look from, and nothing taken yet."""
+    drawn = plug_views(
+        wanted.believed, ROBOT, wanted.pair.lenses, "type2_plug", 60, np.random.default_rng(rng)
+    )
+    assert len(drawn[0]) > 24
+    of = plug_procedure._Places(
+        wanted, "look about", wanted.believed, drawn, np.random.default_rng(0)
+    )
+    taken = plug_procedure._Taken(wanted, lambda news: None, lambda look: None, [])
+    return of, taken, drawn[0]
+
+
+def gone_to(wanted):
+    """(c, n) all the places that it goes to, one after the other, [rad]; (d, n) what was drawn."""
+    of, taken, drawn = places(wanted)
+    order = []
+    while (goal := of.next(taken)) is not None:
+        order.append(goal)
+    return np.array(order), drawn
 
 
 def test_a_place_to_which_the_way_is_closed_waits_for_those_beside_it():
-    near, beside, far = (ROBOT.home + turn * np.eye(6)[0] for turn in (0.2, 0.5, 2.6))
-    places = np.array([near, beside, far])
-
-    def taken(**changes):
-        looks = setup(**changes)
-        return plug_procedure._Taken(looks, lambda news: None, lambda look: None, [])
-
-    # nobody answers: the generator is sent None, which says that the arm did not get there
-    assert gone_to(taken(), places)[0] == 0
-    behind = taken(on_way=lambda q: -1.0 if q[0] == near[0] else 1.0)
-    assert gone_to(behind, places)[0] == 1
+    everywhere, drawn = gone_to(setup())
+    assert sorted(map(tuple, everywhere)) == sorted(map(tuple, drawn))
+    middle = float(np.median(drawn[:, 0]))
+    order, _ = gone_to(setup(lasts=lambda q: np.inf if q[0] < middle else 0.0))
+    assert sorted(map(tuple, order)) == sorted(map(tuple, drawn[drawn[:, 0] >= middle]))
 
 
-def test_of_near_places_the_one_is_gone_to_first_that_the_guard_lets_it_go_to_soonest():
+def test_of_like_places_the_one_is_gone_to_first_that_the_guard_lets_it_go_to_soonest():
     """A way of 2 s beside unseen space lasted 18."""
-    near, beside, far = (ROBOT.home + turn * np.eye(6)[0] for turn in (0.2, 0.5, 2.6))
-    places = np.array([near, beside, far])
-    slow = setup(lasts=lambda q: 18.0 if q[0] == near[0] else 0.0)
-    taken = plug_procedure._Taken(slow, lambda news: None, lambda look: None, [])
-    assert taken._soonest(places) == [1, 2, 0]
+    free, drawn = gone_to(setup())
+    first = tuple(free[0])
+    order, _ = gone_to(setup(lasts=lambda q: 18.0 if tuple(q) == first else 0.0))
+    assert tuple(order[0]) != first
+    assert tuple(order[-1]) == first  # what takes so long waits for all others
+    order, _ = gone_to(setup(lasts=lambda q: 18.0 if tuple(q) == first else 17.0))
+    assert tuple(order[0]) != first
+    assert len(order) == len(drawn)
 
 
-@pytest.mark.parametrize(("many", "least"), [(True, 0.1), (False, 0.0)])
-def test_places_with_room_to_spare_are_chosen_where_there_are_enough(many, least):
+@pytest.mark.parametrize("many", [True, False])
+def test_places_with_room_to_spare_come_first_where_there_are_some(many):
     rooms = {}
-    s = setup(room=lambda q: rooms[q.tobytes()])
-    rng = np.random.default_rng(3)
-    joints, _ = plug_views(s.believed, ROBOT, s.pair.lenses, "type2_plug", 60, rng)
-    assert len(joints) > 24
-    spacious = 20 if many else 5
-    for k, q in enumerate(joints):
-        rooms[q.tobytes()] = 0.2 if k < spacious else 0.02
-    taken = plug_procedure._Taken(s, lambda news: None, lambda look: None, [])
-    kept = plug_procedure._promising(s, taken, joints, closed=False)
-    assert len(kept) == (20 if many else len(joints))
-    assert min(rooms[joints[k].tobytes()] for k in kept) > least
+    wanted = setup(room=lambda q: rooms.setdefault(q.tobytes(), 0.02))
+    _, _, drawn = places(wanted)
+    spacious = [q.tobytes() for q in drawn[: 20 if many else 5]]
+    rooms |= dict.fromkeys(spacious, 0.2)
+    order, _ = gone_to(wanted)
+    first = [q.tobytes() in spacious for q in order]
+    assert len(order) == len(drawn)
+    if many:  # as long as there are a dozen
+        assert all(first[:9])
+    else:
+        assert not all(first[:5])
 
 
 def test_places_to_which_the_way_is_closed_wait(monkeypatch):
@@ -128,7 +142,7 @@ def test_places_to_which_the_way_is_closed_wait(monkeypatch):
     def apart(q):
         return (q[0] < middle) != (at[-1][0] < middle)
 
-    wanted = setup(on_way=lambda q: -1.0 if apart(q) else 1.0, here=lambda: at[-1])
+    wanted = setup(lasts=lambda q: np.inf if apart(q) else 1.0, here=lambda: at[-1])
     X = wanted.pair.T_mount_camera
 
     def see(setup, answer, looked):

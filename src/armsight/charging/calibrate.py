@@ -288,14 +288,52 @@ def choose_looks(
     Returns:
         Indices of the chosen candidates, the most telling first.
     """
+    gain, H = _gains(answer, candidates, C, noise), _known(answer, taken)
+    goal = _goal(answer, targets)
+    chosen: list[int] = []
+    for _ in range(min(count, len(candidates))):
+        left = np.setdiff1d(np.arange(len(candidates)), chosen)
+        pick = int(left[np.argmin(_doubt(H + gain[left], goal))])
+        chosen.append(pick)
+        H = H + gain[pick]
+    return chosen
+
+
+def next_look(
+    answer: PlugCalibration,
+    candidates: Floats,
+    C: Poses,
+    noise: Floats,
+    targets: Floats,
+    seconds: Floats,
+    taken: Sequence[PlugLook] = (),
+) -> int:
+    """The look after which the tip's variance has shrunk by most, by its logarithm and per second.
+
+    Args:
+        answer: what is believed now.
+        candidates: (c, n) configurations [rad].
+        C: (c, 4, 4) the plug in the camera there.
+        noise: (c, 6, 6) covariance to be expected of each look.
+        targets: (t, n) configurations at which the tip has to be right.
+        seconds: (c,) that each look takes, with the way there [s].
+        taken: looks that tell something already.
+    """
+    H, goal = _known(answer, taken), _goal(answer, targets)
+    after = _doubt(H + _gains(answer, candidates, C, noise), goal)
+    return int(np.argmax(np.log(_doubt(H[None], goal) / after) / seconds))
+
+
+def _gains(answer: PlugCalibration, candidates: Floats, C: Poses, noise: Floats) -> Floats:
+    """(c, m, m) the information that looks would bring."""
     J = _jacobian(answer, candidates, C)
     W = np.linalg.inv(noise + np.diag(REST_SIGMA**2))
-    gain = np.einsum("via,vij,vjb->vab", J, W, J)
-    inverse_camera = np.linalg.inv(answer.T_base_camera)
-    at = np.array([inverse_camera @ answer.base_tip(q) for q in targets])
-    Jt = _jacobian(answer, targets, at)[:, :3]
-    goal = np.einsum("tia,tib->ab", Jt, Jt) / len(targets)
-    size = J.shape[2]
+    return np.asarray(J.transpose(0, 2, 1) @ W @ J)
+
+
+def _known(answer: PlugCalibration, taken: Sequence[PlugLook]) -> Floats:
+    """(m, m) the information that is there."""
+    size = 12 + answer.errors.size
     H = np.zeros((size, size))
     H[12:, 12:] = np.diag(1.0 / answer.errors.sigma**2)
     H[:12, :12] = np.eye(12) * 1e2  # what a cold start knows: a decimetre, some degrees
@@ -303,15 +341,17 @@ def choose_looks(
         q = np.array([look.joints for look in taken])
         before = _jacobian(answer, q, np.array([look.T_camera_plug for look in taken]))
         H += np.einsum("via,vij,vjb->ab", before, _weights(taken), before)
-    chosen: list[int] = []
-    for _ in range(min(count, len(candidates))):
-        best, pick = np.inf, -1
-        for i in range(len(candidates)):
-            if i in chosen:
-                continue
-            value = float(np.trace(np.linalg.solve(H + gain[i], goal)))
-            if value < best:
-                best, pick = value, i
-        chosen.append(pick)
-        H += gain[pick]
-    return chosen
+    return H
+
+
+def _goal(answer: PlugCalibration, targets: Floats) -> Floats:
+    """(m, m) how much each unknown moves the tip at the targets."""
+    inverse_camera = np.linalg.inv(answer.T_base_camera)
+    at = np.array([inverse_camera @ answer.base_tip(q) for q in targets])
+    Jt = _jacobian(answer, targets, at)[:, :3]
+    return np.asarray(np.einsum("tia,tib->ab", Jt, Jt) / len(targets))
+
+
+def _doubt(H: Floats, goal: Floats) -> Floats:
+    """(c,) the tip's mean variance by (c, m, m) information [m^2]."""
+    return np.asarray(np.trace(np.linalg.solve(H, goal[None]), axis1=1, axis2=2))

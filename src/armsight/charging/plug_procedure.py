@@ -23,7 +23,7 @@ from armsight.charging.calibrate import (
     PlugCalibration,
     PlugLook,
     calibrate_by_plug,
-    choose_looks,
+    next_look,
     uncalibrated,
 )
 from armsight.charging.eye import picture_fault
@@ -36,23 +36,31 @@ from armsight.errors import CalibrationError
 from armsight.geometry.pose import inverse
 from armsight.robots.robot import Robot
 
-POOL = 160
+POOL = 400
 """Configurations that looks are chosen from."""
 FIRST = 9
-"""Looks after which pair and plug are known well enough to choose the others better."""
+"""Looks after which pair and plug are known well enough to draw others, and choose them better."""
 GOALS = 12
 """Places of the workspace at which the tip has to be right."""
 REST = 0.5
 """Before each look: the plug swings in its mount [s]."""
+LOOK_SECONDS = 0.8
+"""A look lasts, with that rest [s]."""
 CARRIES = 3
 """The joints that carry the arm about; the others turn its wrist."""
+MUCH = 1.5
+"""So many times nearer is much nearer."""
 ROUNDS = 3
 """Of taking out how the plug hangs about where it was found to be held."""
 SPARE = (0.10, 0.05, 0.0)
-"""Places with so much more room than the guard asks for are chosen from, where there are enough of
-them: beside less it makes the arm slow, 10 to 18 s for a way of 2 s [m]."""
-SOME = 8
-"""Of so many places that are near the one that the arm is soonest at is gone to."""
+"""Of places with so much more room than the guard asks for one is chosen, where there are some:
+beside less the arm's own shadow soon holds it [m]."""
+SOME = 12
+"""So many are some."""
+SLOWED = 2.5
+"""So many times as long as by itself the arm takes to move where it is slowed now and then."""
+LONG = 6.0
+"""No place is gone to to which it takes longer, as long as there are others [s]."""
 RANGE = (0.3, 1.2)
 """Where a plug is searched that is not where it is expected [m]."""
 
@@ -69,8 +77,8 @@ class PlugSetup:
         mount: in which it hangs; None for a rigid one.
         free: whether the arm may stand at joint angles.
         room: how much farther than the guard asks for the arm would be there from whoever could be
-            somewhere, as far as is known now [m]; on_way: and at least on the way there.
-        lasts: how long the guard makes the way there at least [s].
+            somewhere, as far as is known now [m].
+        lasts: how long the guard makes the way there at least [s]; inf where it lets it not pass.
         here: (n,) where the arm is [rad], where somebody says so.
         looks: how many are taken, with those that are there already.
         speed, acceleration: shares of the arm's limits.
@@ -86,7 +94,6 @@ class PlugSetup:
     speed: float = 0.5
     acceleration: float = 0.5
     room: Callable[[JointVector], float] = lambda joints: np.inf
-    on_way: Callable[[JointVector], float] = lambda joints: np.inf
     lasts: Callable[[JointVector], float] = lambda joints: 0.0
     here: Callable[[], JointVector | None] = lambda: None
 
@@ -148,8 +155,9 @@ def plug_procedure(
 ) -> Generator[Request, bool | Looked, PlugResult]:
     """Show the plug from many sides, first as believed, then as the first looks have told.
 
-    A place that was not reached, or where the plug was not clear, is replaced by another one, up to
-    half as often as looks are wanted.
+    The arm goes on to the place that tells most per second by the newest map. A place that was not
+    reached, or where the plug was not clear, is replaced by another one, up to half as often as
+    looks are wanted.
 
     Args:
         setup: what is there.
@@ -164,25 +172,19 @@ def plug_procedure(
     """
     taken = _Taken(setup, told, kept, list(done))
     looks, dropped = taken.looks, taken.dropped
-    answer, goals = setup.believed, np.zeros((0, setup.robot.n))
-    closed = False
-    most = setup.looks + setup.looks // 2
-    for stage, until in (("look about", FIRST), ("look where it tells most", setup.looks)):
-        while (left := min(until, setup.looks) - len(looks)) > 0 and taken.tried < most:
-            if not looks and taken.tried >= FIRST:
-                break  # the other places would tell no more
-            if len(looks) >= LEAST_VIEWS:
-                with suppress(CalibrationError):  # more looks may tell; the end decides
-                    answer = _solved(setup, looks, rng)
-            joints, C = _places(setup, answer, rng)
-            keep = _promising(setup, taken, joints, closed)
-            joints, C = joints[keep], C[keep]
-            goals = np.vstack([joints[rng.permutation(len(joints))[:GOALS]], setup.robot.home])
-            wanted = min(left, most - taken.tried)
-            chosen = choose_looks(answer, joints, C, expected_noise(C), goals, wanted, looks)
-            before = taken.tried
-            yield from taken.round(joints[chosen], stage, answer)
-            closed = taken.tried - before < len(chosen)
+    places, goals = None, np.zeros((0, setup.robot.n))
+    while len(looks) < setup.looks and taken.tried < setup.looks + setup.looks // 2:
+        if not looks and taken.tried >= FIRST:
+            break  # the other places would tell no more
+        stage = "look about" if len(looks) < FIRST else "look where it tells most"
+        goal = None
+        if places is not None and places.stage == stage:
+            goal = places.next(taken)
+        if goal is None:
+            places = _drawn(setup, looks, stage, rng)
+            goals = places.goals
+            goal = places.next(taken)
+        yield from taken.look(places.roomiest() if goal is None else goal, stage, places.answer)
     if len(looks) < LEAST_VIEWS and dropped:
         raise CalibrationError(
             f"plug calibration: {len(looks)} good looks of {len(looks) + len(dropped)}, at least "
@@ -212,7 +214,7 @@ class _Taken:
         return len(self.looks) + len(self.dropped)
 
     def promising(self, joints: JointPath) -> Mask:
-        """(c,) bool of (c, n) [rad]: nearer to where the arm came than to where it was held up.
+        """(c,) bool of (c, n) [rad]: much nearer to where the arm came than to where it was held.
 
         The map is not seen whole; what keeps the guard from one place keeps it from those beside.
         """
@@ -223,44 +225,9 @@ class _Taken:
             off = joints[:, None, :CARRIES] - np.array(places)[None, :, :CARRIES]
             return np.asarray(np.abs(off).max(axis=2).min(axis=1))
 
-        return np.asarray(away(self._reached) <= away(self._held))
+        return np.asarray(MUCH * away(self._reached) <= away(self._held))
 
-    def round(
-        self, places: JointPath, stage: str, answer: PlugCalibration
-    ) -> Generator[Request, bool | Looked, None]:
-        """Go to (c, n) [rad], to the soonest first to which there is a way by the newest map.
-
-        Whatever is behind a place that the arm must keep from waits until it is somewhere else; at
-        least one is gone to.
-        """
-        before = self.tried
-        left = list(places)
-        while left:
-            order = self._soonest(np.array(left))
-            ways = (k for k in order if self._open(left[k]))
-            k = next(ways, order[0] if self.tried == before else None)
-            if k is None:
-                return
-            yield from self._look(left.pop(k), stage, answer)
-
-    def _soonest(self, places: JointPath) -> list[int]:
-        """Order of (c, n) [rad]: the nearest, those first that the guard lets it go to soonest."""
-        setup, here = self._setup, self._setup.here()
-        start = self.here if here is None else here
-        travel = travel_seconds(setup.robot, start, places, setup.speed, setup.acceleration)
-        order = [int(k) for k in np.argsort(travel)]
-        return (
-            sorted(order[:SOME], key=lambda k: max(travel[k], setup.lasts(places[k])))
-            + order[SOME:]
-        )
-
-    def _open(self, goal: JointVector) -> bool:
-        """Whether the guard lets the arm go to (n,) [rad] and stand there, as far as is known."""
-        setup = self._setup
-        free = setup.room(goal) > 0.0 and bool(self.promising(goal[None])[0])
-        return free and setup.on_way(goal) >= 0.0
-
-    def _look(
+    def look(
         self, goal: JointVector, stage: str, answer: PlugCalibration
     ) -> Generator[Request, bool | Looked, None]:
         """Go there and look."""
@@ -293,37 +260,77 @@ class _Taken:
         self._told(PlugNews(count, self._setup.looks, picture, seen, problem, joints, answer))
 
 
-def _promising(setup: PlugSetup, taken: _Taken, joints: JointPath, closed: bool) -> Ints:
-    """Of (c, n) configurations those at which the arm is soon; else the roomiest.
+class _Places:
+    """Where looks may be taken, each once.
 
-    Where ways to others were ``closed``, those that it can go to from where it is.
+    Attributes:
+        stage: of the procedure; answer: what was believed as they were drawn.
+        goals: (t, n) where the tip has to be right [rad].
     """
-    room = np.array([setup.room(q) for q in joints])
-    hopeful = taken.promising(joints)
-    for spare in SPARE:
-        good = np.flatnonzero(hopeful & (room > spare))
-        if closed and len(good) >= LEAST_VIEWS:
-            near = good[[setup.on_way(joints[k]) >= 0.0 for k in good]]
-            good = near if len(near) >= LEAST_VIEWS else good
-        if len(good) >= (setup.looks if spare > 0.0 else LEAST_VIEWS):
-            return good
-    return np.argsort(-room, kind="stable")[: 2 * LEAST_VIEWS]
+
+    def __init__(
+        self,
+        setup: PlugSetup,
+        stage: str,
+        answer: PlugCalibration,
+        drawn: tuple[JointPath, Poses],
+        rng: np.random.Generator,
+    ) -> None:
+        self.stage, self.answer, self._setup = stage, answer, setup
+        self._joints, self._C = drawn
+        some = rng.permutation(len(self._joints))[:GOALS]
+        self.goals = np.vstack([self._joints[some], setup.robot.home])
+        self._left = np.ones(len(self._joints), bool)
+
+    def next(self, taken: _Taken) -> JointVector | None:
+        """(n,) that tells most per second [rad]; None: the guard lets the arm go to none."""
+        joints, C = self._joints, self._C
+        room = np.array([self._setup.room(q) for q in joints])
+        hopeful = self._left & taken.promising(joints)
+        for spare in SPARE:
+            good = np.flatnonzero(hopeful & (room > spare))
+            seconds = self._seconds(taken, good)
+            if np.isfinite(seconds).sum() < (SOME if spare > 0.0 else 1):
+                continue
+            near = seconds <= max(LONG, seconds.min())
+            good, seconds = good[near], seconds[near]
+            noise = expected_noise(C[good])
+            k = next_look(
+                self.answer, joints[good], C[good], noise, self.goals, seconds, taken.looks
+            )
+            self._left[good[k]] = False
+            return np.asarray(joints[good[k]])
+        return None
+
+    def roomiest(self) -> JointVector:
+        """(n,) the roomiest [rad]: the guard lets the arm go nowhere as far as is known."""
+        k = int(np.argmax([self._setup.room(q) for q in self._joints]))
+        return np.asarray(self._joints[k])
+
+    def _seconds(self, taken: _Taken, which: Ints) -> Floats:
+        """(c,) of the ways to these of its places and of the looks there [s]."""
+        setup, here, goals = self._setup, self._setup.here(), self._joints[which]
+        start = taken.here if here is None else here
+        travel = travel_seconds(setup.robot, start, goals, setup.speed, setup.acceleration)
+        return np.maximum(SLOWED * travel, [setup.lasts(q) for q in goals]) + LOOK_SECONDS
 
 
-def _places(
-    setup: PlugSetup, answer: PlugCalibration, rng: np.random.Generator
-) -> tuple[JointPath, Poses]:
-    """Configurations to choose looks from, and the plug in the left lens's frame there."""
-    joints, C = plug_views(
-        answer, setup.robot, setup.pair.lenses, setup.plug, POOL, rng, setup.free
-    )
-    if len(joints) < LEAST_VIEWS:
+def _drawn(
+    setup: PlugSetup, looks: Sequence[PlugLook], stage: str, rng: np.random.Generator
+) -> _Places:
+    """Places for looks, as the looks that are there have told."""
+    answer = setup.believed
+    if len(looks) >= LEAST_VIEWS:
+        with suppress(CalibrationError):  # more looks may tell; the end decides
+            answer = _solved(setup, looks, rng)
+    drawn = plug_views(answer, setup.robot, setup.pair.lenses, setup.plug, POOL, rng, setup.free)
+    if len(drawn[0]) < LEAST_VIEWS:
         raise CalibrationError(
-            f"the arm can hold its plug before the pair {setup.pair.name} in {len(joints)} "
+            f"the arm can hold its plug before the pair {setup.pair.name} in {len(drawn[0])} "
             f"places only, {LEAST_VIEWS} are needed: check where the pair is said to be, and what "
             "the arm must keep from"
         )
-    return joints, C
+    return _Places(setup, stage, answer, drawn, rng)
 
 
 def read_look(

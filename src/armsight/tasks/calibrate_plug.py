@@ -25,7 +25,7 @@ from armsight.motion.task import Observation, Subscriptions
 from armsight.tasks.calibration_cell import free_checks
 from armsight.tasks.calibration_entries import arm_of_errors
 from armsight.tasks.plug_picture import over_arm
-from armsight.tasks.procedure_task import ProcedureTask
+from armsight.tasks.procedure_task import RESTING, ProcedureTask
 from armsight.tasks.room import Room
 from armsight.workcell.beliefs import robot_in
 from armsight.workcell.calibration_file.reading import BY_PLUG
@@ -132,9 +132,7 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
         """
         self._room, self._sees = Room(setup.robot), False
         room = self._room
-        setup = replace(
-            setup, room=room.left, on_way=room.on_way, lasts=room.lasts, here=lambda: room.here
-        )
+        setup = replace(setup, room=room.left, lasts=room.lasts, here=lambda: room.here)
         self._face, self._told = _PlugFace(setup), told
         super().__init__(
             (),
@@ -156,6 +154,11 @@ class CalibratePlugTask(ProcedureTask[PlugResult]):
         self._room.snapshot = observation.snapshot
         if observation.joints is not None:
             self._room.here = observation.joints.position
+            if (
+                np.abs(observation.joints.velocity).max() < RESTING
+                and guard.protective_distance > 0
+            ):
+                self._room.rests = guard.protective_distance
         self._sees = self._sees or guard.mode is not GuardMode.STOPPED
         if not self._sees:  # what the cameras have not looked at yet is no place to keep away from
             return Rest(f"the cell is not seen yet: {guard.reason}")
