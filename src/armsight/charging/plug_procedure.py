@@ -172,18 +172,16 @@ def plug_procedure(
     """
     taken = _Taken(setup, told, kept, list(done))
     looks, dropped = taken.looks, taken.dropped
-    places, goals = None, np.zeros((0, setup.robot.n))
+    places: _Places | None = None
+    goals = np.zeros((0, setup.robot.n))
     while len(looks) < setup.looks and taken.tried < setup.looks + setup.looks // 2:
         if not looks and taken.tried >= FIRST:
             break  # the other places would tell no more
         stage = "look about" if len(looks) < FIRST else "look where it tells most"
-        goal = None
-        if places is not None and places.stage == stage:
-            goal = places.next(taken)
-        if goal is None:
+        goal = places.next(taken) if places is not None and places.stage == stage else None
+        if places is None or goal is None:
             places = _drawn(setup, looks, stage, rng)
-            goals = places.goals
-            goal = places.next(taken)
+            goals, goal = places.goals, places.next(taken)
         yield from taken.look(places.roomiest() if goal is None else goal, stage, places.answer)
     if len(looks) < LEAST_VIEWS and dropped:
         raise CalibrationError(
