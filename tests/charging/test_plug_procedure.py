@@ -205,6 +205,10 @@ def test_a_stopped_run_goes_on_from_its_looks(monkeypatch, tmp_path):
     assert (again.looks, len(result.looks)) == (11, 16)
     np.testing.assert_array_equal(result.looks[2].T_camera_plug, done[2].T_camera_plug)
     assert np.linalg.norm(log(inverse(TRUE_X) @ result.answer.T_base_camera)[:3]) < 2e-3
+    whole = plug_procedure.plug_procedure(setup(), np.random.default_rng(1), done=result.looks)
+    with pytest.raises(StopIteration) as end:  # it was stopped after its last look
+        next(whole)
+    assert 0.0 < end.value.value.sigma < 2e-3
     with pytest.raises(CalibrationError, match=r"views are of plug type2_plug, not ccs2_plug"):
         looks_file.read(file, {"cell": "here", "plug": "ccs2_plug"})
 

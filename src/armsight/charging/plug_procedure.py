@@ -173,7 +173,7 @@ def plug_procedure(
     taken = _Taken(setup, told, kept, list(done))
     looks, dropped = taken.looks, taken.dropped
     places: _Places | None = None
-    goals = np.zeros((0, setup.robot.n))
+    goals = np.array([*(look.joints for look in looks), setup.robot.home])
     while len(looks) < setup.looks and taken.tried < setup.looks + setup.looks // 2:
         if not looks and taken.tried >= FIRST:
             break  # the other places would tell no more
