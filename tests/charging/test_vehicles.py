@@ -11,6 +11,7 @@ from armsight.errors import UsageError, WorkcellError
 from armsight.experiments.station_bench import charging_cell, parked
 from armsight.geometry.pose import exp, from_rpy, inverse, make_pose, transform
 from armsight.mapping.snapshot import Declared, VoxelGrid
+from armsight.runtime.configure import mapping_config
 from armsight.simulation.parked_car import SPEED, ParkedCar
 from armsight.simulation.spec import SocketSpec
 from armsight.tasks.parked_car import ParkedCarOnMap
@@ -258,3 +259,28 @@ def test_a_port_at_the_end_of_what_is_mapped_is_left_alone():
     low = beside.copy()
     low[2, 3] = 0.3
     assert body.contradiction(low).startswith("not the car that is expected: the port is 0.3 m")
+
+
+@pytest.mark.parametrize("port", ["type2", "type1", "ccs2"])
+def test_the_packaged_cells_are_mapped_past_their_parking_place_and_no_farther_than_their_wall(
+    port,
+):
+    """At 1.22 m one of 50 ports was at the map's end; at 1.34 m nobody sees what is behind the
+    wall, and what might have been there held two of 20 arms with their plug half in."""
+    cell = charging_cell(port)
+    assert cell.plug is not None
+    config = mapping_config(cell, cell.robot.T_world_base, 1.3)
+    lower, upper = np.array(config.lower), np.array(config.upper)
+    on_map = room_map(lower, upper)
+    body = ParkedCarOnMap(load_vehicle(cell.plug.vehicle), cell.robot.T_world_base)
+    body.told(on_map)
+    for corner in np.ndindex(2, 2, 2, 2, 2):
+        x, y, z = (0.84 + 0.2 * corner[0], -0.05 + 0.2 * corner[1], 0.75 + 0.2 * corner[2])
+        car = parked(cell, (x, y, z), 170.0 + 20.0 * corner[3], lean_deg=20.0 * corner[4])
+        socket = world_spec(car).socket
+        assert socket is not None
+        T = inverse(cell.robot.T_world_base) @ socket.T_world_socket
+        assert body.contradiction(T) == ""
+    wall = next(solid for solid in cell.solid if solid.name == "wall_front")
+    end = float((cell.robot.T_world_base @ np.array([*upper, 1.0]))[0])
+    assert wall.position[0] - 0.5 * wall.size[0] < end <= wall.position[0] + 0.5 * wall.size[0]

@@ -31,7 +31,7 @@ from armsight.workcell.schema_things import PersonSection
 
 SECONDS = 150.0
 """A visit at most [s]."""
-VERSIONS = {"guarded": 6, "alone": 5}
+VERSIONS = {"guarded": 7, "alone": 5}
 ABOUT = """
 Cars parked as in `charging`, each visited twice. *Guarded*: the whole cell with map, guard and its
 rendered depth cameras and pairs, and somebody who walks up to the arm, reaches in for some seconds
