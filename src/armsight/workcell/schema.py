@@ -60,7 +60,12 @@ class MappingSection(Section):
     lower: Triple | None = key(
         None, "Lower corner of the mapped box; the robot's reach and a margin if left out.", "m"
     )
-    upper: Triple | None = key(None, "Upper corner of the mapped box; likewise.", "m")
+    upper: Triple | None = key(
+        None,
+        "Upper corner of the mapped box; likewise. Somebody may be in what no camera sees of it: at "
+        "a wall it ends in the wall.",
+        "m",
+    )
     voxel: Positive = key(0.02, "Edge of a voxel.", "m", ge=0.005, le=0.1)
     crop: Positive = key(
         1.5, "Points farther from the base are left out of the shown cloud.", "m", le=10.0
