@@ -15,6 +15,7 @@ from armsight import __version__
 from armsight.cli import COMMANDS, name_of, run
 from armsight.commands.doctor import findings
 from armsight.commands.running import _Ticker
+from armsight.workcell.packaged import find
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -157,6 +158,17 @@ def test_check_tells_of_every_file(tmp_path, capsys):
     assert f"{bad}: robot.sped: unknown key" in out
     assert "good ur5_four_cameras" in out
     assert "no.toml: no such file" in out
+
+
+def test_check_says_what_is_better_otherwise(tmp_path, capsys):
+    """Two of 19 arms stood before what might have been behind a wall, their plug half in."""
+    cell = find("ur10_charging").read_text()
+    far = tmp_path / "far.toml"
+    far.write_text(cell.replace("upper = [1.30,", "upper = [1.34,"))
+    assert run(["check", "ur10_charging", str(far)]) == 0
+    out = capsys.readouterr().out
+    assert "hint ur10_charging" not in out
+    assert f"hint {far}: the map reaches 0.03 m past wall_front" in out
 
 
 def test_robots_lists_what_there_is(capsys):

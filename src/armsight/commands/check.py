@@ -36,13 +36,27 @@ class Check:
         out, bad = results(), 0
         for file in self.files:
             try:
-                words = described(load(file))
+                workcell = load(file)
+                words, said = described(workcell), hints(workcell)
                 out.print("[green]good[/]", end=" ")
                 out.print(f"{file}: {words}", markup=False, soft_wrap=True)
+                for hint in said:
+                    out.print("[yellow]hint[/]", end=" ")
+                    out.print(f"{file}: {hint}", markup=False, soft_wrap=True)
             except ArmsightError as error:
                 bad += 1
                 out.print(str(error), markup=False, soft_wrap=True)
         return 1 if bad else 0
+
+
+def hints(workcell: Workcell) -> list[str]:
+    """What is not wrong, and better otherwise, in words."""
+    from armsight.runtime.configure import mapped_box
+    from armsight.workcell.beliefs import robot_in
+    from armsight.workcell.walls import past_walls
+
+    box = mapped_box(workcell, workcell.robot.T_world_base, robot_in(workcell).reach)
+    return past_walls(workcell, *box)
 
 
 def described(workcell: Workcell) -> str:

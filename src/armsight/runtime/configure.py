@@ -62,18 +62,23 @@ def guard_config(workcell: Workcell, timing: SessionConfig | None = None) -> Gua
     )
 
 
+def mapped_box(workcell: Workcell, T_world_base: Pose, reach: float) -> tuple[Vector3, Vector3]:
+    """Two corners of the mapped box in ``world`` [m]: the file's, or the robot's reach [m]."""
+    lower, upper = workcell.mapping.lower, workcell.mapping.upper
+    if lower is not None and upper is not None:
+        return np.array(lower), np.array(upper)
+    around = reach + REACH_MARGIN
+    base = T_world_base[:3, 3]
+    low, high = base - around, base + around
+    if workcell.simulation.floor:
+        low[2] = max(low[2], min(0.0, base[2] - 0.05))
+    return low, high
+
+
 def mapping_config(workcell: Workcell, T_world_base: Pose, reach: float) -> MappingConfig:
     """The map's configuration: the file's box in world becomes the box around it in base."""
     section = workcell.mapping
-    lower, upper = section.lower, section.upper
-    if lower is None or upper is None:
-        around = reach + REACH_MARGIN
-        base = T_world_base[:3, 3]
-        low, high = base - around, base + around
-        if workcell.simulation.floor:
-            low[2] = max(low[2], min(0.0, base[2] - 0.05))
-    else:
-        low, high = np.asarray(lower), np.asarray(upper)
+    low, high = mapped_box(workcell, T_world_base, reach)
     # Around the box, and under it down to the floor: who kneels beside a table can rise there.
     below = max(float(low[2]) - LOWEST, 0.0)
     far_low = low - np.array([*SIDEWAYS, below])

@@ -62,8 +62,8 @@ class MappingSection(Section):
     )
     upper: Triple | None = key(
         None,
-        "Upper corner of the mapped box; likewise. Somebody may be in what no camera sees of it: at "
-        "a wall it ends in the wall.",
+        "Upper corner of the mapped box; likewise. Somebody may be in what no camera sees of it: "
+        "at a wall it ends in the wall.",
         "m",
     )
     voxel: Positive = key(0.02, "Edge of a voxel.", "m", ge=0.005, le=0.1)
