@@ -9,8 +9,9 @@ from simulation_cells import TABLE, camera, person
 from armsight.errors import UsageError
 from armsight.geometry.pose import from_rpy, make_pose
 from armsight.geometry.shapes import Solid
+from armsight.robots.catalogue import load_robot
 from armsight.simulation import truth
-from armsight.simulation.spec import MovingObjectSpec, PersonSpec, WorldSpec
+from armsight.simulation.spec import ArmSpec, MovingObjectSpec, PersonSpec, WorldSpec
 from armsight.simulation.world import SimulatedWorld
 
 
@@ -174,6 +175,22 @@ def test_the_hand_pushes_nobody_and_a_standing_arm_is_not_to_blame(arm_spec):
         assert {c.kind for c in world.truth.contacts} == {"person"}
         assert np.allclose(world._data.qpos[:6], arm_spec.home, atol=2e-3)
         assert world.truth.min_distance <= 0.0
+
+
+def test_a_hand_deep_in_a_standing_arm_does_not_turn_it():
+    """Fifteen contacts of next to no stiffness had turned a shoulder at 1.5 m/s in two of 500
+    episodes of `approach`: the arm stood, and counted as one that moved into somebody."""
+    rng, home = np.random.default_rng(2), (0.0, -1.48, 1.55, -1.64, -1.57, 0.0)
+    arm = ArmSpec(load_robot("ur5"), make_pose(None, (0, 0, 0.75)), home)
+    with SimulatedWorld(WorldSpec(arm, people=(hand(max_hand_speed=1.6),))) as world:
+        for turn in range(1, 26):
+            link = int(rng.integers(1, 4))
+            world.drag("hand", world.truth.link_poses()[link, :3, 3] + rng.uniform(-0.15, 0.15, 3))
+            world.advance(0.3 * turn)
+            assert np.allclose(world._data.qpos[:6], home, atol=1e-4)
+        assert max(contact.depth for contact in world.truth.contacts) > 0.03
+        assert not world.truth.moving_contacts
+        assert all(np.isnan(contact.force) for contact in world.truth.contacts)
 
 
 def test_a_moving_arm_that_hits_is_to_blame(arm_spec):
