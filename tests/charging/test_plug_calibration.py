@@ -10,7 +10,6 @@ from armsight.charging.calibrate import (
     calibrate_by_plug,
     choose_looks,
     closed_form,
-    next_look,
 )
 from armsight.errors import CalibrationError
 from armsight.geometry.pose import angle_between, exp, from_rpy, inverse, look_at, make_pose
@@ -134,7 +133,11 @@ def test_the_next_look_tells_most_per_second() -> None:
     noise = np.tile(np.diag(SIGMA**2), (12, 1, 1))
     goals = ROBOT.home + rng.uniform(-0.4, 0.4, (8, 6))
     equal = np.full(12, 3.0)
-    best = next_look(answer, joints, C, noise, goals, equal, taken)
+
+    def next_look(seconds: np.ndarray) -> int:
+        return choose_looks(answer, joints, C, noise, goals, 1, taken, seconds)[0]
+
+    best = next_look(equal)
     assert [best] == choose_looks(answer, joints, C, noise, goals, 1, taken)
 
     def variance(looks: list[PlugLook]) -> float:
@@ -149,6 +152,6 @@ def test_the_next_look_tells_most_per_second() -> None:
     worst = int(np.argmin(told))
     seconds = equal.copy()
     seconds[worst] = 0.5 * equal[0] * told[worst] / told[best]
-    assert next_look(answer, joints, C, noise, goals, seconds, taken) == worst
+    assert next_look(seconds) == worst
     seconds[worst] = 2.0 * equal[0] * told[worst] / told[best]
-    assert next_look(answer, joints, C, noise, goals, seconds, taken) != worst
+    assert next_look(seconds) != worst

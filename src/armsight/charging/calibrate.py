@@ -273,6 +273,7 @@ def choose_looks(
     targets: Floats,
     count: int,
     taken: Sequence[PlugLook] = (),
+    seconds: Floats | None = None,
 ) -> list[int]:
     """The looks that make the tip surest, one after the other (greedy A-optimal design).
 
@@ -284,44 +285,21 @@ def choose_looks(
         targets: (t, n) configurations at which the tip has to be right.
         count: how many to choose.
         taken: looks that tell something already.
+        seconds: (c,) that each takes [s]: by how much the logarithm of the tip's variance falls
+            counts per second; all alike if None.
 
     Returns:
         Indices of the chosen candidates, the most telling first.
     """
     gain, H = _gains(answer, candidates, C, noise), _known(answer, taken)
-    goal = _goal(answer, targets)
+    goal, takes = _goal(answer, targets), np.ones(len(candidates)) if seconds is None else seconds
     chosen: list[int] = []
     for _ in range(min(count, len(candidates))):
         left = np.setdiff1d(np.arange(len(candidates)), chosen)
-        pick = int(left[np.argmin(_doubt(H + gain[left], goal))])
-        chosen.append(pick)
-        H = H + gain[pick]
+        told = np.log(_doubt(H[None], goal) / _doubt(H + gain[left], goal))
+        chosen.append(int(left[np.argmax(told / takes[left])]))
+        H = H + gain[chosen[-1]]
     return chosen
-
-
-def next_look(
-    answer: PlugCalibration,
-    candidates: Floats,
-    C: Poses,
-    noise: Floats,
-    targets: Floats,
-    seconds: Floats,
-    taken: Sequence[PlugLook] = (),
-) -> int:
-    """The look after which the tip's variance has shrunk by most, by its logarithm and per second.
-
-    Args:
-        answer: what is believed now.
-        candidates: (c, n) configurations [rad].
-        C: (c, 4, 4) the plug in the camera there.
-        noise: (c, 6, 6) covariance to be expected of each look.
-        targets: (t, n) configurations at which the tip has to be right.
-        seconds: (c,) that each look takes, with the way there [s].
-        taken: looks that tell something already.
-    """
-    H, goal = _known(answer, taken), _goal(answer, targets)
-    after = _doubt(H + _gains(answer, candidates, C, noise), goal)
-    return int(np.argmax(np.log(_doubt(H[None], goal) / after) / seconds))
 
 
 def _gains(answer: PlugCalibration, candidates: Floats, C: Poses, noise: Floats) -> Floats:

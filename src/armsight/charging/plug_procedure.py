@@ -23,7 +23,7 @@ from armsight.charging.calibrate import (
     PlugCalibration,
     PlugLook,
     calibrate_by_plug,
-    next_look,
+    choose_looks,
     uncalibrated,
 )
 from armsight.charging.eye import picture_fault
@@ -292,10 +292,8 @@ class _Places:
                 continue
             near = seconds <= max(LONG, seconds.min())
             good, seconds = good[near], seconds[near]
-            noise = expected_noise(C[good])
-            k = next_look(
-                self.answer, joints[good], C[good], noise, self.goals, seconds, taken.looks
-            )
+            there, noise = (joints[good], C[good]), expected_noise(C[good])
+            [k] = choose_looks(self.answer, *there, noise, self.goals, 1, taken.looks, seconds)
             self._left[good[k]] = False
             return np.asarray(joints[good[k]])
         return None

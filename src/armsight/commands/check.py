@@ -37,12 +37,10 @@ class Check:
         for file in self.files:
             try:
                 workcell = load(file)
-                words, said = described(workcell), hints(workcell)
-                out.print("[green]good[/]", end=" ")
-                out.print(f"{file}: {words}", markup=False, soft_wrap=True)
-                for hint in said:
-                    out.print("[yellow]hint[/]", end=" ")
-                    out.print(f"{file}: {hint}", markup=False, soft_wrap=True)
+                told = [("[yellow]hint[/]", hint) for hint in hints(workcell)]
+                for tag, words in [("[green]good[/]", described(workcell)), *told]:
+                    out.print(tag, end=" ")
+                    out.print(f"{file}: {words}", markup=False, soft_wrap=True)
             except ArmsightError as error:
                 bad += 1
                 out.print(str(error), markup=False, soft_wrap=True)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from armsight.arrays import Floats, Floats32, Ints, Points, Pose
+from armsight.arrays import Floats, Floats32, Ints, Points, Pose, Vector3
 from armsight.geometry.pose import inverse, transform
 
 ShapeKind = Literal["box", "cylinder", "sphere"]
@@ -35,6 +35,19 @@ class Solid:
     color: tuple[float, float, float] = (0.7, 0.7, 0.7)
     material: str = "plain"
     coarse: float = 0.0
+
+    @property
+    def half_edges(self) -> Vector3:
+        """(3,) half the edges of the box around it, in its own frame [m]."""
+        a, b, c = self.size
+        if self.kind == "box":
+            return 0.5 * np.array([a, b, c])
+        return np.array([a, a, 0.5 * b if self.kind == "cylinder" else a])
+
+    @property
+    def half_extent(self) -> Vector3:
+        """(3,) half the edges of the box along its owner's axes around it [m]."""
+        return np.asarray(np.abs(self.T_frame_solid[:3, :3]) @ self.half_edges)
 
     def distance(self, points: Points) -> Floats:
         """(n,) signed distance [m] of (n, 3) points in the owner's frame; negative inside."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -184,18 +184,11 @@ def _empty(low: Floats, high: Floats) -> tuple[Floats32, Floats]:
 
 
 def _solid_field(solid: Solid, T_last_flange: Pose) -> tuple[Floats32, Floats]:
-    T_link_solid = T_last_flange @ solid.T_frame_solid
-    size = np.asarray(solid.size)
-    half = {
-        "box": 0.5 * size,
-        "cylinder": np.array([size[0], size[0], 0.5 * size[1]]),
-        "sphere": np.full(3, size[0]),
-    }[solid.kind]
-    extent = np.abs(T_link_solid[:3, :3]) @ half
-    field, corner = _empty(T_link_solid[:3, 3] - extent, T_link_solid[:3, 3] + extent)
+    placed = replace(solid, T_frame_solid=T_last_flange @ solid.T_frame_solid)
+    middle, extent = placed.T_frame_solid[:3, 3], placed.half_extent
+    field, corner = _empty(middle - extent, middle + extent)
     nodes = np.stack(np.meshgrid(*(np.arange(n) for n in field.shape), indexing="ij"), -1)
     in_link = nodes.reshape(-1, 3) * CELL + corner
-    placed = Solid(solid.name, solid.kind, solid.size, T_link_solid)
     return placed.distance(in_link).reshape(field.shape).astype(np.float32), corner
 
 

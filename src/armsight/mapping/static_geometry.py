@@ -93,24 +93,13 @@ def rasterise(solids: Sequence[Solid], grid: VoxelGrid, near: float) -> StaticGe
 
 
 def _block(solid: Solid, grid: VoxelGrid, pad: float) -> tuple[slice, slice, slice] | None:
-    half = half_extent(solid) + pad
+    half = solid.half_extent + pad
     center = solid.T_frame_solid[:3, 3]
     low = np.maximum(grid.index((center - half)[None])[0], 0)
     high = np.minimum(grid.index((center + half)[None])[0] + 1, grid.shape)
     if (low >= high).any():
         return None
     return (slice(low[0], high[0]), slice(low[1], high[1]), slice(low[2], high[2]))
-
-
-def half_extent(solid: Solid) -> Floats:
-    """(3,) half the edges of the solid's axis-aligned bounding box in its owner's frame [m]."""
-    size = np.asarray(solid.size, float)
-    half = {
-        "box": 0.5 * size,
-        "cylinder": np.array([size[0], size[0], 0.5 * size[1]]),
-        "sphere": np.full(3, size[0]),
-    }[solid.kind]
-    return np.asarray(np.abs(solid.T_frame_solid[:3, :3]) @ half)
 
 
 def overlaps(solid: Solid, centers: Points, voxel: float) -> np.ndarray:

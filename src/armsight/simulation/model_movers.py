@@ -10,7 +10,6 @@ import numpy as np
 from armsight.arrays import Ints, Points, Pose, Vector3
 from armsight.errors import UsageError
 from armsight.geometry.pose import to_wxyz
-from armsight.geometry.shapes import Solid
 from armsight.simulation import looks
 from armsight.simulation.giving import GIVING, Give, Giver, add_giving
 from armsight.simulation.gl import mujoco
@@ -120,7 +119,7 @@ class Movers:
                 # What is seen is the thing, not its dented skin: where the tool is what bends, its
                 # bending is in the skin, too, and no camera may take that for the thing's motion.
                 self._shapes[name] = led
-                thick = tuple(part for part in item.parts if half_extent(part).min() > PRINT)
+                thick = tuple(part for part in item.parts if part.half_edges.min() > PRINT)
                 touched = replace(item, parts=thick)
                 self._solids(touched, skin, place, {**touch, "group": CONTACT})
                 touch = SEEN_ONLY
@@ -143,7 +142,7 @@ class Movers:
         world = self._builder.mj.worldbody
         body = world.add_body(name=name, pos=T[:3, 3], quat=to_wxyz(T))
         body.add_freejoint(name=name)
-        gyration = 0.3 * 2.0 * float(half_extent(item.solid).max())
+        gyration = 0.3 * 2.0 * float(item.solid.half_edges.max())
         set_inertia(body, item.mass, np.zeros(3), np.eye(3) * item.mass * gyration**2)
         self._loose.append(item.solid.name)
         return body
@@ -159,14 +158,6 @@ class Movers:
         led, skin = add_giving(self._builder.mj.worldbody, name, give, center, T)
         self._givers.append((name, Giver(-1, led.name, give, center)))
         return led, skin
-
-
-def half_extent(solid: Solid) -> Points:
-    """(3,) half the edges of the box around a solid, in its own frame [m]."""
-    a, b, c = solid.size
-    if solid.kind == "box":
-        return 0.5 * np.array([a, b, c])
-    return np.array([a, a, 0.5 * b if solid.kind == "cylinder" else a])
 
 
 def _middle(part: BodyPart) -> Vector3:

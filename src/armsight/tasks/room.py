@@ -7,9 +7,8 @@ import numpy as np
 from armsight.arrays import JointPath, JointVector
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.guard_config import GuardConfig
-from armsight.motion.nearest import Hazards
+from armsight.motion.nearest import Hazards, SeparationView
 from armsight.motion.separation_monitor import SeparationMonitor
-from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 
 RESTS = 0.52
@@ -36,19 +35,13 @@ class Room:
         self.snapshot: WorkspaceSnapshot | None = None
         self.here: JointVector | None = None
         self.rests = RESTS
-        self._robot, self._moves = robot, np.asarray(robot.spheres.link) > 0
         self._monitor = SeparationMonitor(robot, GuardConfig(), robot.limits.acceleration)
         self._hazards: tuple[int, Hazards] | None = None
 
     def left(self, joints: JointVector) -> float:
         """How much farther than needed (n,) [rad] are from all that may be somebody [m]."""
-        snapshot = self.snapshot
-        if snapshot is None or not len(snapshot.hazards):
-            return np.inf
-        if self._hazards is None or self._hazards[0] != snapshot.sequence:
-            self._hazards = snapshot.sequence, Hazards.of(snapshot)
-            self._monitor.set_reaction(0.0, snapshot.hazard_radius)
-        return self._monitor.at_rest(joints, self._hazards[1]).least - self.rests - BESIDE
+        view = self._at(joints)
+        return np.inf if view is None else self._left(view)
 
     def lasts(self, joints: JointVector) -> float:
         """How long the straight way from where the arm is to (n,) [rad] lasts at least [s].
@@ -57,16 +50,30 @@ class Room:
         leads nearer than the guard lets it be. An arm that stands where it has too little room may
         go where it has no less.
         """
-        if self.here is None or self.snapshot is None:
+        views = [] if self.here is None else [self._at(q) for q in self._way(joints)]
+        seen = [view for view in views if view is not None]
+        if not seen:
             return 0.0
-        way = self._way(joints)
-        left = np.array([self.left(q) for q in way])
+        left = np.array([self._left(view) for view in seen])
         if left.min() < min(left[0], 0.0):
             return np.inf
-        centers = np.array([sphere_centers(self._robot, q)[self._moves] for q in way])
+        centers = np.array([view.center for view in seen])
         far = np.linalg.norm(np.diff(centers, axis=0), axis=2).max(axis=1)
         least = np.minimum(left[1:], left[:-1]) + BESIDE
         return float((far / (RATE * np.maximum(least, CREEPS))).sum())
+
+    def _at(self, joints: JointVector) -> SeparationView | None:
+        """How far hazards are from the arm at (n,) [rad]; None: there are none."""
+        snapshot = self.snapshot
+        if snapshot is None or not len(snapshot.hazards):
+            return None
+        if self._hazards is None or self._hazards[0] != snapshot.sequence:
+            self._hazards = snapshot.sequence, Hazards.of(snapshot)
+            self._monitor.set_reaction(0.0, snapshot.hazard_radius)
+        return self._monitor.at_rest(joints, self._hazards[1])
+
+    def _left(self, view: SeparationView) -> float:
+        return view.least - self.rests - BESIDE
 
     def _way(self, joints: JointVector) -> JointPath:
         """(k, n) on the straight way from where the arm is."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armsight.arrays import Floats, Vector3
+from armsight.geometry.shapes import Solid
 from armsight.workcell.schema import Workcell
 
 SQUARE = 1e-3
@@ -28,8 +29,8 @@ def past_walls(workcell: Workcell, lower: Vector3, upper: Vector3) -> list[str]:
     eyes = np.array([camera.position for camera in workcell.camera]).reshape(-1, 3)
     found = []
     for section in workcell.solid:
-        box = _box(section.solid.T_frame_solid, section.solid.size)
-        if section.size is None or box is None:
+        box = _box(section.solid)
+        if box is None:
             continue
         low, high = box
         for a in (0, 1):
@@ -41,8 +42,7 @@ def past_walls(workcell: Workcell, lower: Vector3, upper: Vector3) -> list[str]:
                 (1.0, upper[a], low[a], high[a]),
                 (-1.0, -lower[a], -high[a], -low[a]),
             ):
-                behind = sign * eyes[:, a] > near if len(eyes) else np.zeros(0, bool)
-                if end <= far + 1e-9 or sign * arm[a] > near or behind.any():
+                if end <= far + 1e-9 or sign * arm[a] > near or (sign * eyes[:, a] > near).any():
                     continue
                 name, between = "xyz"[a], sorted((sign * near, sign * far))
                 found.append(
@@ -54,11 +54,9 @@ def past_walls(workcell: Workcell, lower: Vector3, upper: Vector3) -> list[str]:
     return found
 
 
-def _box(T: Floats, size: tuple[float, ...]) -> tuple[Floats, Floats] | None:
-    """Corners of a box that stands along the axes; None where it does not."""
-    R = np.abs(np.asarray(T)[:3, :3])
-    if len(size) != 3 or np.abs(R - np.rint(R)).max() > SQUARE:
+def _box(solid: Solid) -> tuple[Floats, Floats] | None:
+    """Corners of a box that stands along the axes; None where it does not, or is none."""
+    R, middle = np.abs(solid.T_frame_solid[:3, :3]), solid.T_frame_solid[:3, 3]
+    if solid.kind != "box" or np.abs(R - np.rint(R)).max() > SQUARE:
         return None
-    half = 0.5 * np.rint(R) @ np.asarray(size)
-    middle = np.asarray(T)[:3, 3]
-    return middle - half, middle + half
+    return middle - solid.half_extent, middle + solid.half_extent
