@@ -98,6 +98,23 @@ def test_run_can_be_continued():
     assert part.times == pytest.approx([k * 0.01 for k in range(21)])
 
 
+def test_a_run_ends_when_what_is_computed_beside_it_has_ended_and_hands_it_over_in_the_next():
+    # A map that was at work when the program ended found its threads gone and said that it failed.
+    ended, handed = [], []
+
+    def job():
+        time.sleep(0.1)
+        ended.append(True)
+        return "map"
+
+    _, loop = simulated(Ticker("map", 0.05))
+    loop.beside("map", 0.2, job, handed.append)
+    loop.run(0.1)
+    assert (ended, handed) == ([True], [])
+    loop.run(0.3)
+    assert handed == ["map"]
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_run_leaves_old_objects_to_no_collection_and_the_interpreter_as_it_was(fails):
     """A full collection of a cell takes 0.15 s: many ticks without a command."""

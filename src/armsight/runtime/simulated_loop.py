@@ -13,7 +13,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
 from armsight.runtime.component import Component
@@ -25,6 +25,8 @@ FALLEN_BEHIND = 0.25
 """Seconds behind the wanted speed after which catching up is given up."""
 NAP = 0.02
 """Longest sleep between looks at the inbox [s]."""
+GRACE = 5.0
+"""Longest wait at the end of a run for what is still computed beside the loop [s]."""
 
 
 class _Stage:
@@ -66,6 +68,7 @@ class SimulatedLoop:
         self._paused = threading.Event()
         self._inbox = Inbox()
         self._pool = ThreadPoolExecutor(len(components) or 1, "beside")
+        self._computing: list[Future[object]] = []
         self._speed = speed
         self._anchor = (0.0, 0.0)
         self.wall_seconds = 0.0
@@ -128,6 +131,8 @@ class SimulatedLoop:
             return job(), time.perf_counter() - began
 
         future = self._pool.submit(timed)
+        self._computing = [f for f in self._computing if not f.done()]
+        self._computing.append(future)  # type: ignore[arg-type]
 
         def finish() -> None:
             with failing_as(name, meter, at):
@@ -138,7 +143,7 @@ class SimulatedLoop:
         self.call_at(at, finish)
 
     def run(self, until: float | None) -> None:
-        """Run until the clock says ``until`` [s], or until stopped."""
+        """Run until the clock says ``until`` [s], or until stopped; nothing is computed after."""
         end = math.inf if until is None else until
         self._stop.clear()
         self._rebase()
@@ -147,6 +152,8 @@ class SimulatedLoop:
             with short_pauses():
                 self._run(end)
         finally:
+            # A map at work when the program ends finds its threads gone, and says that it failed.
+            wait(self._computing, GRACE)
             self.wall_seconds += time.perf_counter() - began
             self.simulated_seconds += max(0.0, self._now() - clock_began)
 
