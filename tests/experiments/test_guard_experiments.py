@@ -286,6 +286,27 @@ def test_what_an_arm_is_good_for_is_counted_beside_what_others_would_allow():
     assert found["ssm_goals_per_minute", "all episodes"] == pytest.approx(0.5 * 30.0)
 
 
+def test_a_hand_in_a_part_that_stands_is_no_contact_while_the_wrist_still_moves():
+    # The search counted two hands in an upper arm that stood, the wrist coming to rest at 0.06 m/s.
+    def touched(joint, link):
+        cell = hand_search.QuickCell([])
+        center, _ = cell.guard.body.motion(cell.q, cell.v)
+        place = center[np.flatnonzero(cell.guard.body.link == link)[-1]]
+        cell.balls = [hand_search.Ball(lambda t: place)]
+        velocity = np.zeros(cell.robot.n)
+        velocity[joint] = 0.5
+        cell.send(velocity)
+        cell.drive(0.4)
+        assert min(m.distance for m in cell.margins) < 0.0
+        assert cell.moving_touches, "some part of the arm moves"
+        return min(m.moving for m in cell.margins)
+
+    wrist, upper_arm = 3, 2
+    assert touched(wrist, upper_arm) > 0.2
+    assert touched(wrist, 6) < 0.0
+    assert touched(0, upper_arm) < 0.0
+
+
 def test_a_hunting_hand_keeps_to_its_speed():
     genes = np.array([0.2, 0.4, 1.0, 0.7, 0.9, 0.1])
     hunter = hand_search.Hunter(genes, 2.0)

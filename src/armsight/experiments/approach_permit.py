@@ -10,7 +10,7 @@ from armsight.arrays import Floats, Vector3
 from armsight.experiments.approach_rows import search_rows
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Experiment, Outcome, Progress
-from armsight.experiments.hand_search import CAPS, STANDING, Hunter, cross_entropy
+from armsight.experiments.hand_search import CAPS, Hunter, cross_entropy
 from armsight.experiments.quick_cell import Ball, QuickCell, felt
 from armsight.experiments.rows import Row, contact_row, share_row
 from armsight.experiments.touch_cell import pointing_arm
@@ -19,6 +19,7 @@ from armsight.motion.intents import VelocityIntent
 from armsight.motion.permits import ContactKind, PermitRequest
 from armsight.motion.regions import Region
 from armsight.robots.kinematics import tcp_pose
+from armsight.simulation.truth import MOVING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +74,7 @@ def episode(seed: int, run: int) -> dict[str, Any]:
         "reached": any(t.ball == 0 for t in cell.touches),
         "held": float(np.mean(before)) if before else float("nan"),
         "least": min(
-            (m.distance for m in cell.margins if m.ball == 1 and m.speed > 0.05), default=9.0
+            (m.distance for m in cell.margins if m.ball == 1 and m.speed > MOVING), default=9.0
         ),
         "aim": hand.aim,
     }
@@ -116,7 +117,7 @@ def search(seed: int, run: int) -> dict[str, Any]:
         cell.balls += hunter.balls()
         radius = cell.balls[1].radius
         touched.run(cell)
-        near = [m for m in cell.margins if m.ball == 1 and m.speed > STANDING]
+        near = [m for m in cell.margins if m.ball == 1 and m.speed > MOVING]
         moving = [m for m in near if touched.outside(hunter.at(m.time), radius)]
         met = any(m.distance < 0.0 for m in moving)
         return min((m.distance for m in moving), default=3.0), int(met)

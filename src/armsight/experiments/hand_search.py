@@ -35,8 +35,6 @@ BOX = np.array([-1.2, -1.2, -0.14]), np.array([1.3, 1.2, 1.02])
 ABOVE_LOWEST = np.array([-np.pi, 1.08, 0.0, 0.8, 0.3, 0.0])
 ABOVE_HIGHEST = np.array([np.pi, 1.4, 0.7, 5.0, 1.0, 0.4])
 """Genes of hands that wait above it."""
-STANDING = 0.05
-"""An arm slower than this counts as standing [m/s]."""
 
 
 class Chaser:
@@ -115,12 +113,12 @@ class Hunter(Chaser):
 def chased(
     chaser: Chaser, seed: int, box: tuple[Vector3, Vector3] | None = None
 ) -> tuple[float, int]:
-    """Least distance to the moving arm [m], and 1 if it touched them."""
+    """Least distance to a part of the arm that moves [m], and 1 if such a part touched them."""
     cell = QuickCell(chaser.balls(), GOALS, rate=15.0, seed=seed, box=box)
     chaser.cell = cell
     cell.run(SECONDS)
-    moving = [m.distance for m in cell.margins if m.speed > STANDING]
-    return min(moving, default=3.0), int(bool(cell.moving_touches))
+    least = min((m.moving for m in cell.margins), default=np.inf)
+    return min(least, 3.0), int(least < 0.0)
 
 
 def cross_entropy(

@@ -33,6 +33,7 @@ from armsight.robots import load_robot
 from armsight.robots.kinematics import flange_pose
 from armsight.robots.robot import Robot
 from armsight.simulation.kernels import drive_step
+from armsight.simulation.truth import MOVING
 
 REACH_ABOVE = 0.85
 """Longest part of a person above the mapped box [m]."""
@@ -65,6 +66,8 @@ class Touch:
     Attributes:
         time: [s]; speed: of the arm's fastest point [m/s]; distance: of the surfaces [m].
         ball: number of the ball; sphere: of the moving body, the nearest.
+        moving: distance of the nearest sphere of which a point is faster than :data:`MOVING` [m];
+            inf if there is none.
     """
 
     time: float
@@ -72,6 +75,7 @@ class Touch:
     distance: float
     ball: int = 0
     sphere: int = 0
+    moving: float = np.inf
 
 
 class QuickCell:
@@ -152,8 +156,8 @@ class QuickCell:
 
     @property
     def moving_touches(self) -> list[Touch]:
-        """Touches that count: the arm moved faster than 0.05 m/s."""
-        return [touch for touch in self.touches if touch.speed > 0.05]
+        """Touches while any part of the arm moved faster than :data:`MOVING`."""
+        return [touch for touch in self.touches if touch.speed > MOVING]
 
     def run(self, seconds: float) -> QuickCell:
         """Tick on for a time [s]."""
@@ -295,14 +299,18 @@ class QuickCell:
         return JointIntent(f"G{k}", self.goals[k])
 
     def _look(self) -> None:
-        """Distance of the moving body to the balls, and the speed of its fastest point."""
+        """Distance of the body, and of what moves of it, to the balls, and its fastest speed."""
         body = self.guard.body
         center, velocity = body.motion(self.q, self.v)
         fastest = body.fastest(self.q, self.v, velocity)
+        surface = body.radius * body.turning(self.q, self.v)
+        moves = np.linalg.norm(velocity, axis=1) + surface > MOVING
         for number, ball in enumerate(self.balls):
             gaps = np.linalg.norm(center - ball.center(self.now), axis=1) - body.radius
             nearest = int(np.argmin(gaps))
-            touch = Touch(self.now, fastest, float(gaps[nearest]) - ball.radius, number, nearest)
+            least = float(gaps[moves].min(initial=np.inf)) - ball.radius
+            gap = float(gaps[nearest]) - ball.radius
+            touch = Touch(self.now, fastest, gap, number, nearest, least)
             self.margins.append(touch)
             if touch.distance < 0.0:
                 self.touches.append(touch)
