@@ -354,7 +354,7 @@ def test_a_touch_within_the_region_is_none_and_one_outside_is(monkeypatch, away,
 
     ball = approach_permit._Touched(np.random.default_rng((0, 9, 2)), 1).place
     monkeypatch.setattr(approach_permit, "Hunter", Beside)
-    monkeypatch.setattr(approach_permit, "STANDING", 0.0)
+    monkeypatch.setattr(approach_permit, "MOVING", 0.0)
     monkeypatch.setattr(hand_search, "GENERATIONS", 1)
     monkeypatch.setattr(hand_search, "POPULATION", 2)
     found = approach_permit.search(0, 2)
