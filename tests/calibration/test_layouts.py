@@ -1,5 +1,6 @@
 """Every layout of poses is read as what it is, by nothing but the board; the rest is named."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -358,6 +359,32 @@ def test_quaternions_are_called_by_the_order_of_their_columns(recorded, right, t
     np.testing.assert_allclose(found.poses[found.cameras[0].view], truth.told, atol=1e-6)
     said = [f.code for f in found.findings if f.severity != "note"]
     assert said == ([] if right else ["quaternion_order"])
+
+
+@pytest.mark.parametrize("kind", ["a file each", "a list", "by picture"])
+def test_poses_with_names_need_not_keep_their_order(recorded, kind, tmp_path):
+    """ROS-Industrial's set was refused: "is written in another way: 7 numbers, not 7"."""
+    truth, plain = recorded
+    write_corners(tmp_path, plain)
+    rng = np.random.default_rng(0)
+    header, *lines = (line.split(",") for line in _by_names(plain, list(range(1, 15))))
+    poses = []
+    for _, *numbers in lines:
+        named = list(zip(header[1:], map(float, numbers)))
+        poses.append({named[i][0]: named[i][1] for i in rng.permutation(len(named))})
+    assert len({tuple(pose) for pose in poses}) > 10
+    if kind == "a file each":
+        (tmp_path / "poses").mkdir()
+        for k, pose in enumerate(poses):
+            text = "\n".join(f"{name}: {value}" for name, value in pose.items())
+            (tmp_path / "poses" / f"{k + 1}.yaml").write_text(text)
+    else:
+        by_name = {f"im_{k + 1}.png": pose for k, pose in enumerate(poses)}
+        told = poses if kind == "a list" else by_name
+        (tmp_path / "poses.json").write_text(json.dumps(told))
+    found = load(tmp_path, BOARD)
+    np.testing.assert_allclose(found.poses[found.cameras[0].view], truth.told, atol=1e-6)
+    assert [f.code for f in found.findings if f.severity != "note"] == []
 
 
 @pytest.mark.parametrize("name", ["poses.json", "poses.yaml"])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from armsight.calibration.layouts.array_files import ARRAYS, array_tables
 from armsight.calibration.layouts.kinds import STRUCTURED, Unread, is_text
-from armsight.calibration.layouts.structured import poses_of_one, read_document
+from armsight.calibration.layouts.structured import in_order, poses_of_one, read_document
 from armsight.calibration.layouts.table import PoseTable, natural, ordinals
 from armsight.calibration.layouts.text_table import numbers_of
 from armsight.errors import CalibrationError
@@ -52,6 +53,7 @@ def one_each(files: Sequence[Path], root: Path) -> tuple[list[PoseTable], list[U
 
 
 def _joined(parts: list[PoseTable], files: list[Path], root: Path, name: str) -> PoseTable:
+    parts = [parts[0], *(_as_in(parts[0], p) for p in parts[1:])]
     shape = (parts[0].values.shape[1], parts[0].names)
     odd = [k for k, p in enumerate(parts) if (p.values.shape[1], p.names) != shape]
     if odd:
@@ -76,6 +78,12 @@ def _joined(parts: list[PoseTable], files: list[Path], root: Path, name: str) ->
         np.concatenate(joints) if len(joints) == len(parts) else None,
         max(p.decimals for p in parts),
     )
+
+
+def _as_in(first: PoseTable, part: PoseTable) -> PoseTable:
+    """A pose with its columns as in the first file: names need keep no order."""
+    values, names = in_order(part.values[0].tolist(), part.names, first.names)
+    return replace(part, values=np.array([values]), names=names)
 
 
 def _poses(file: Path) -> dict[str, PoseTable]:

@@ -170,6 +170,8 @@ def _joined(entries: list[tuple[str, Any]], source: str) -> PoseTable | None:
                 return None
             continue
         name, numbers, names, joints = pose
+        if rows:
+            numbers, names = in_order(numbers, names, rows[0][2])
         rows.append((name or key, numbers, names, joints))
     if not rows or len({(len(r[1]), r[2]) for r in rows}) != 1:
         return None
@@ -197,6 +199,15 @@ def _joined(entries: list[tuple[str, Any]], source: str) -> PoseTable | None:
         values,
         joints=np.array(angles, float) if whole else None,
     )
+
+
+def in_order(
+    numbers: list[float], names: tuple[str, ...] | None, first: tuple[str, ...] | None
+) -> tuple[list[float], tuple[str, ...] | None]:
+    """Numbers and their names as they stand in the first pose: a mapping has no order."""
+    if names is None or first is None or sorted(names) != sorted(first):
+        return numbers, names
+    return [numbers[names.index(name)] for name in first], first
 
 
 Pose = tuple[str, list[float], tuple[str, ...] | None, list[float] | None]
