@@ -35,7 +35,7 @@ FIGURES = (
            "ours from cold, rendered, lenses solved too", "{:.0f} s"),
     Figure("a set that others recorded (ABB arm, 15 images), corners of left-out images",
            "calibration-real", "ros_left_out_mm",
-           "ChArUco, ABB arm, 15 images, + lenses, board's print", "{:.1f} mm"),
+           "ChArUco, ABB arm, 15 images, + board's print", "{:.1f} mm"),
     Figure("contacts of a moving arm with people who reach in at up to 2 m/s", "approach",
            "contacts", "all episodes", "{:.0f}"),
     Figure("goals a minute although they come", "approach", "goals_per_minute", "all episodes",
