@@ -11,7 +11,7 @@ import numpy as np
 
 from armsight.calibration.layouts.array_files import ARRAYS, array_tables
 from armsight.calibration.layouts.kinds import STRUCTURED, Unread, is_text
-from armsight.calibration.layouts.structured import in_order, poses_of_one, read_document
+from armsight.calibration.layouts.structured import order_of, poses_of_one, read_document
 from armsight.calibration.layouts.table import PoseTable, natural, ordinals
 from armsight.calibration.layouts.text_table import numbers_of
 from armsight.errors import CalibrationError
@@ -53,7 +53,7 @@ def one_each(files: Sequence[Path], root: Path) -> tuple[list[PoseTable], list[U
 
 
 def _joined(parts: list[PoseTable], files: list[Path], root: Path, name: str) -> PoseTable:
-    parts = [parts[0], *(_as_in(parts[0], p) for p in parts[1:])]
+    parts = [_as_in(parts[0], p) for p in parts]
     shape = (parts[0].values.shape[1], parts[0].names)
     odd = [k for k, p in enumerate(parts) if (p.values.shape[1], p.names) != shape]
     if odd:
@@ -82,8 +82,8 @@ def _joined(parts: list[PoseTable], files: list[Path], root: Path, name: str) ->
 
 def _as_in(first: PoseTable, part: PoseTable) -> PoseTable:
     """A pose with its columns as in the first file: names need keep no order."""
-    values, names = in_order(part.values[0].tolist(), part.names, first.names)
-    return replace(part, values=np.array([values]), names=names)
+    order = order_of(part.names, first.names)
+    return part if order is None else replace(part, values=part.values[:, order], names=first.names)
 
 
 def _poses(file: Path) -> dict[str, PoseTable]:

@@ -170,8 +170,8 @@ def _joined(entries: list[tuple[str, Any]], source: str) -> PoseTable | None:
                 return None
             continue
         name, numbers, names, joints = pose
-        if rows:
-            numbers, names = in_order(numbers, names, rows[0][2])
+        if rows and (order := order_of(names, rows[0][2])) is not None:
+            numbers, names = [numbers[i] for i in order], rows[0][2]
         rows.append((name or key, numbers, names, joints))
     if not rows or len({(len(r[1]), r[2]) for r in rows}) != 1:
         return None
@@ -201,13 +201,14 @@ def _joined(entries: list[tuple[str, Any]], source: str) -> PoseTable | None:
     )
 
 
-def in_order(
-    numbers: list[float], names: tuple[str, ...] | None, first: tuple[str, ...] | None
-) -> tuple[list[float], tuple[str, ...] | None]:
-    """Numbers and their names as they stand in the first pose: a mapping has no order."""
+def order_of(names: tuple[str, ...] | None, first: tuple[str, ...] | None) -> list[int] | None:
+    """Where each of the first pose's names stands among others; None where they are not the same.
+
+    A mapping has no order.
+    """
     if names is None or first is None or sorted(names) != sorted(first):
-        return numbers, names
-    return [numbers[names.index(name)] for name in first], first
+        return None
+    return [names.index(name) for name in first]
 
 
 Pose = tuple[str, list[float], tuple[str, ...] | None, list[float] | None]
