@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armsight.calibration.sphere_sighting import find_sphere
-from armsight.calibration.spheres import fit_sphere, register_spheres
+from armsight.calibration.spheres import fit_sphere, procrustes_ransac, register_spheres
 from armsight.devices.data import DepthNoise
 from armsight.errors import CalibrationError
 from armsight.geometry.camera import PinholeCamera
@@ -157,3 +157,14 @@ def test_places_that_agree_with_no_arm_do_not_count(rng):
         register_spheres(
             flange, [[row[2]] for row in seen], np.array([0.0, 0.0, 0.25]), rng, tolerance=0.02
         )
+
+
+def test_how_thin_a_set_of_places_may_be_goes_by_what_it_is_judged_by(rng):
+    """A pair on the wrist sees a ball within 2 to 3 cm of a line; that was "a line" to it."""
+    T = exp([0.4, -0.1, 0.7, 0.3, -0.2, 0.5])
+    places = rng.normal(0.0, 1.0, (20, 3)) * [0.04, 0.025, 0.015] + [0.0, 0.0, 0.35]
+    found, good = procrustes_ransac(places, transform(T, places), rng, 0.03)
+    assert good.all()
+    np.testing.assert_allclose(found, T, atol=1e-9)
+    with pytest.raises(CalibrationError, match="line"):
+        procrustes_ransac(places, transform(T, places), rng, 0.05)

@@ -179,6 +179,30 @@ def test_the_procedure_goes_on_where_the_arm_does_not_arrive_or_the_ball_is_hidd
     assert told[1][2] is None or told[2][2] is None
 
 
+def test_an_arm_that_was_held_has_no_look_of_another_place():
+    """The same look had counted once more for each goal that the guard refused."""
+    world, refused, goal, seen = World(6), 6, HOME, []
+    steps = wrist_procedure(
+        SETUP, lambda: BALL, lambda: world.look(goal), np.random.default_rng(0),
+        lambda done, of, look: seen.append(look),
+    )  # fmt: skip
+    request, reply = next(steps), None
+    while True:
+        reply = Looked(goal, [])
+        if isinstance(request, MoveTo):
+            reply, refused = refused <= 0, refused - 1
+            goal = request.joints if reply else goal
+        try:
+            request = steps.send(reply)
+        except StopIteration as end:
+            found = end.value
+            break
+    assert seen[:6] == [None] * 6
+    assert len(found.looks) == len(seen) - 6
+    at = np.array([look.T_base_flange for look in found.looks]).reshape(len(found.looks), -1)
+    assert len(np.unique(at.round(6), axis=0)) == len(at)
+
+
 def test_a_ball_that_is_not_as_large_as_it_should_be_moves_no_pair():
     """Rendered spheres are polyhedra: all centres lay 0.36 % too far, and the mount 1.5 mm off."""
     world = World(5, errors=0.0)

@@ -75,10 +75,10 @@ def procrustes_ransac(
     """``T_target_source`` of most pairs and (n,) which of them agree within ``tolerance`` [m].
 
     Raises:
-        CalibrationError: fewer than three pairs, or all on a line.
+        CalibrationError: fewer than three pairs, or all on a line as far as ``tolerance`` tells.
     """
     n = len(source)
-    if n < 3 or _thickness(source) < 0.03:
+    if n < 3 or _thickness(source) < 0.6 * tolerance:
         raise CalibrationError(
             "point pairs: at least three that do not lie on a line are needed; show the marker in "
             "more places"
@@ -86,7 +86,7 @@ def procrustes_ransac(
     best: tuple[int, Pose] = (-1, np.eye(4))
     for _ in range(tries):
         pick = rng.choice(n, 3, replace=False)
-        if _thickness(source[pick]) < 0.02:
+        if _thickness(source[pick]) < 0.4 * tolerance:
             continue
         T = procrustes(source[pick], target[pick])
         good = np.linalg.norm(transform(T, source) - target, axis=1) < tolerance

@@ -61,7 +61,7 @@ cold to the last look, in the cell with its guard and map and rendered cameras, 
 chosen and made by itself; the cell's true errors are drawn by the seed. A run that fails has no
 time, and counts as longer than any.
 """
-GUARDED_VERSION = 2
+GUARDED_VERSION = 3
 
 
 @dataclass(frozen=True)

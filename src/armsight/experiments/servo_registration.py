@@ -21,7 +21,8 @@ mean, and in the worst of the four corners of what is mapped. V: 3 cm, 5 cm in t
 errors of points 0.2 to 0.4 m before the pair, in four fifths of its picture, as it has them
 afterwards through its lenses and the arm's joints, which stand up to 0.5 rad from home: lenses,
 mount, the arm's geometry and its sag are as drawn, the pictures' noise in the looks is the
-renderer's. V: 1 cm. `wrist_arm_mm` is what the arm and the lenses leave where the mount is exact.
+renderer's. A pair whose calibration fails counts where the cell's file has it. V: 1 cm.
+`wrist_arm_mm` is what the arm and the lenses leave where the mount is exact.
 """
 
 
@@ -40,7 +41,7 @@ def _wrist_rows(done: list[dict[str, Any]]) -> tuple[Row, ...]:
     """What the pair sees through the joints."""
 
     def row(key: str, say: str, field: str, paper: float | None, *budget: float) -> Row:
-        values = [1e3 * r[field] for r in done]
+        values = [1e3 * r[field] for r in done if r[field] is not None]
         low, high = np.percentile(values, [5, 95])
         must, aim = budget or (None, None)
         return Row(
@@ -64,7 +65,12 @@ def _wrist_rows(done: list[dict[str, Any]]) -> tuple[Row, ...]:
 
 def _wrist_note(done: list[dict[str, Any]]) -> str:
     looks, seconds = (np.mean([r[key] for r in done]) for key in ("looks", "seconds"))
-    return f"The pair took {looks:.0f} looks that counted, in {seconds:.0f} s of robot time."
+    failed = [r["why"] for r in done if r["why"]]
+    return (
+        f"The pair took {looks:.0f} looks that counted, in {seconds:.0f} s of robot time. "
+        f"Calibrations that failed: {len(failed)} of {len(done)}"
+        + (f" ({'; '.join(sorted(set(failed)))})." if failed else ".")
+    )
 
 
 def _row(key: str, say: str, values: list[float], paper: float) -> Row:

@@ -10,6 +10,7 @@ import numpy as np
 from armsight.arrays import Floats, Points, Pose
 from armsight.calibration.live.wrist import FAR
 from armsight.devices.data import StereoInfo
+from armsight.errors import CalibrationError
 from armsight.experiments.calibration_cell import carried_out
 from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Progress
@@ -40,12 +41,15 @@ POINTS = 400
 
 def cells(runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """Cells with errors of their own, their pairs calibrated; kept as they end."""
-    settings = {"cell": CELL, "version": 3}
+    settings = {"cell": CELL, "version": 4}
     return run_episodes("servo-registration-wrist", one, range(runs), seed, settings, progress)
 
 
 def one(first: int, run: int) -> dict[str, Any]:
-    """One cell: true errors before and after, by a mount that is exact, and what is stated [m]."""
+    """One cell: true errors before and after, by a mount that is exact, and what is stated [m].
+
+    A pair whose calibration fails stays where the cell's file has it.
+    """
     seed = first + run
     workcell = ball_at_rest(load(CELL))
     with open_cell(workcell, seed, calibrated=False) as cell:
@@ -53,7 +57,11 @@ def one(first: int, run: int) -> dict[str, Any]:
         setup = wrist_setup(cell, mapping)
         task = CalibrateWristTask(cell, setup, np.random.default_rng(seed))
         session = Session(cell, task, seed=seed, config=SessionConfig(mapping=mapping))
-        result, seconds = carried_out(session, task)
+        result, why = None, ""
+        try:
+            result, _ = carried_out(session, task)
+        except CalibrationError as error:
+            why = str(error)
         world = simulated_world(cell)
         pair = next(p for p in world.stereo_cameras if p.info.name == setup.pair.name)
         robot = as_built(cell.robot, world, seed)
@@ -61,16 +69,18 @@ def one(first: int, run: int) -> dict[str, Any]:
         def off(T: Pose) -> Floats:
             return errors(cell.robot, robot, world, pair, T, np.random.default_rng(seed))
 
-        after = off(result.T_flange_camera)
+        mount = setup.pair.T_mount_camera
+        after = off(mount if result is None else result.T_flange_camera)
         return {
-            "before": float(off(setup.pair.T_mount_camera).mean()),
+            "before": float(off(mount).mean()),
             "after": float(after.mean()),
             "p95": float(np.percentile(after, 95.0)),
             "exact": float(off(pair.T_mount_camera).mean()),
-            "stated": result.target_error,
-            "rms": result.rms,
-            "looks": result.used,
-            "seconds": seconds,
+            "stated": None if result is None else result.target_error,
+            "rms": None if result is None else result.rms,
+            "looks": 0 if result is None else result.used,
+            "why": why,
+            "seconds": session.now(),
             "contacts": len(world.truth.contacts),
         }
 

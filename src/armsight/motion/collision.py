@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,6 +44,12 @@ class CollisionModel:
         self.config = config or CollisionConfig()
         self.body = make_body(robot, self.config.margin)
         self._local = threading.local()
+
+    def with_room(self, room: float) -> CollisionModel:
+        """One that keeps so much more clearance [m]: what it allows, the planner's paths do."""
+        given = self.config
+        config = replace(given, margin=given.margin + room, excuse=given.excuse - room)
+        return CollisionModel(self.robot, config)
 
     def obstacles(self, snapshot: WorkspaceSnapshot, at: JointVector | None = None) -> Obstacles:
         """The snapshot as the kernels read it, for a body at ``at`` (n,) [rad]."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -103,10 +103,7 @@ class RrtConnectPlanner:
         self.limits = limits or robot.limits.scaled(self.config.speed, self.config.acceleration)
         # Paths are proven with a little more room than motions: between the poses looked at, a
         # proof may use up the floor, and the motion's proof may look just there.
-        given, room = self.model.config, self.config.room
-        self._roomy = CollisionModel(
-            robot, replace(given, margin=given.margin + room, excuse=given.excuse - room)
-        )
+        self._roomy = self.model.with_room(self.config.room)
         self._forest: Forest = make_forest(self.config.nodes, robot.n)
         self._cable = LedCable.of(robot)
 

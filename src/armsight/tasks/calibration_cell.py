@@ -18,6 +18,7 @@ from armsight.geometry.pose import make_pose
 from armsight.mapping.config import MappingConfig
 from armsight.mapping.workspace_map import WorkspaceMap
 from armsight.motion.collision import CollisionModel
+from armsight.motion.planner import PlannerConfig
 from armsight.workcell.board import board_mount, board_of
 from armsight.workcell.schema_things import BoardSection
 
@@ -130,7 +131,7 @@ def free_checks(
     static = WorkspaceMap(cell.robot, (), cell.static, unseen_is_empty(mapping))
     snapshot = static.update((), JointHistory(), 0.0)
     static.close()
-    model = CollisionModel(cell.robot)
+    model = CollisionModel(cell.robot).with_room(PlannerConfig().room)
     # The shoulder stands beside what carries it; what holds the board keeps a distance.
     outer = cell.robot.spheres.link[model.body.original] >= OUTER
 

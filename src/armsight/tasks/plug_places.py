@@ -12,6 +12,7 @@ from armsight.charging.plug_views import plug_views
 from armsight.geometry.stereo import StereoPair
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
+from armsight.motion.planner import PlannerConfig
 from armsight.robots.robot import Robot
 from armsight.tasks.room import Room
 
@@ -37,7 +38,8 @@ class PlugPlaces:
     def __init__(self, robot: Robot, pair: StereoPair, T_base_camera: Pose, plug: str) -> None:
         self._robot, self._pair, self._plug = robot, pair, plug
         self._T_base_camera = T_base_camera
-        self._room, self._model = Room(robot), CollisionModel(robot)
+        self._room = Room(robot)
+        self._model = CollisionModel(robot).with_room(PlannerConfig().room)
         self._drawn: JointPath | None = None
         self.snapshot: WorkspaceSnapshot | None = None
 

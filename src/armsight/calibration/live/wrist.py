@@ -142,10 +142,10 @@ def wrist_procedure(
             continue
         from_home = False
         goal = goals.pop(min(clear, key=lambda k: float(np.abs(goals[k] - at).max())))
-        yield MoveTo(goal, "look at the ball")
-        looked = yield LookAt((0,), REST, FRAMES)
+        arrived = yield MoveTo(goal, "look at the ball")
+        looked = yield LookAt((0,), REST, FRAMES)  # where it stands now, arrived or not
         assert isinstance(looked, Looked)
-        look = taken()
+        look = taken() if arrived else None
         if look is not None:
             looks.append(look)
         told(count - len(goals), count, look)
