@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats, JointVector, Vector3
-from armsight.experiments.cache import RunCache
 from armsight.experiments.forecast_clips import find_clips
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.recorded_hands import PLAYS, recorded_path
@@ -27,6 +26,7 @@ from armsight.experiments.servo_held import (
     touch_held,
 )
 from armsight.experiments.servo_rendered import SHARE, agreement, rendered
+from armsight.experiments.servo_trials import run_trials, told_of
 from armsight.experiments.servo_world import (
     Setup,
     Trial,
@@ -121,17 +121,13 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     results: Found = {}
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, motion, errors, shares, count in plan:
-        setup = set_up(*shares)
         kind = prefix + motion if prefix == "held_" else motion
         settings = [mode, kind, asdict(errors), shares, VERSIONS[kind]]
-        cache = RunCache("servo-ball", seed, {"settings": settings})
-        found = results.setdefault((prefix, motion), [])
-        for k in range(count):
-            make = one_held if prefix == "held_" else one
-            trial = partial(make, setup, mode, motion, errors, (seed, k))
-            found.append(cache.get(k, trial))
-            done += 1
-            progress(f"{mode}, {motion}: {k + 1} of {count}", done / total)
+        make = one_held if prefix == "held_" else one
+        trial = partial(make, set_up(*shares), mode, motion, errors)
+        told = told_of(f"{mode}, {motion}", progress, done / total, count / total)
+        results[(prefix, motion)] = run_trials("servo-ball", settings, trial, count, seed, told)
+        done += count
     rows = ball_rows(results)
     for motion, where in RENDERED.items():
         shown = results[("rendered_", motion)] = _rendered(motion, runs, seed, progress)
@@ -141,13 +137,10 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
 def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """The first tenth of a row's trials in the rendered cell; kept as they end."""
-    setup, count = set_up(1.0, 1.0), max(runs // SHARE, 1)
-    cache = RunCache("servo-ball", seed, {"settings": ["rendered", motion, 5]})
-    found = []
-    for k in range(count):
-        progress(f"rendered, {motion}: {k + 1} of {count}", k / count)
-        found.append(cache.get(k, partial(one_rendered, setup, motion, (seed, k))))
-    return found
+    trial = partial(one_rendered, set_up(1.0, 1.0), motion)
+    told = told_of(f"rendered, {motion}", progress, 0.0, 1.0)
+    count = max(runs // SHARE, 1)
+    return run_trials("servo-ball", ["rendered", motion, 5], trial, count, seed, told)
 
 
 def one(

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armsight.arrays import JointVector, Vector3
-from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.quick_cell import felt
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
 from armsight.experiments.servo_rows import harm_row, median_row
-from armsight.experiments.servo_trials import FREE, tick, unguarded
+from armsight.experiments.servo_trials import FREE, run_trials, tick, told_of, unguarded
 from armsight.experiments.servo_world import (
     MOVING,
     Setup,
@@ -68,16 +67,10 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     ]
     results: dict[str, list[dict[str, Any]]] = {}
     for i, (prefix, mode, errors, shares) in enumerate(plan):
-        setup = set_up(*shares)
-        cache = RunCache(
-            "servo-bullseye", seed, {"settings": [mode, asdict(errors), shares, 5, prefix]}
-        )
-        results[prefix] = []
-        for k in range(runs):
-            results[prefix].append(
-                cache.get(k, partial(one, setup, mode, errors, (seed, k), prefix != FREE))
-            )
-            progress(f"{prefix or 'ours'}: {k + 1} of {runs}", (i + (k + 1) / runs) / len(plan))
+        trial = partial(one, set_up(*shares), mode, errors, guarded=prefix != FREE)
+        settings = [mode, asdict(errors), shares, 5, prefix]
+        told = told_of(prefix or "ours", progress, i / len(plan), 1.0 / len(plan))
+        results[prefix] = run_trials("servo-bullseye", settings, trial, runs, seed, told)
     return Outcome(tuple(_rows(results)), {"marks": lambda: _plot(results)}, _notes(results))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armsight.arrays import Floats, Mask, Vector3
-from armsight.experiments.cache import RunCache
+from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Progress
 from armsight.experiments.quick_cell import QuickCell, felt
 from armsight.experiments.servo_ball import path_of
@@ -47,14 +47,13 @@ SURFACES = {
 
 def bulk(runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """So many runs, a quarter of each task; kept as they end."""
-    setups = {name: set_up(1.0, 1.0, cell) for name, cell in CELLS.items()}
-    cache = RunCache("servo-limits", seed, {"seconds": SECONDS, "version": 1})
-    found = []
-    for k in range(runs):
-        name = tuple(CELLS)[k % len(CELLS)]
-        found.append(cache.get(k, lambda k=k, name=name: one(setups[name], name, (seed, k))))  # type: ignore[misc]
-        progress(f"limits {k + 1} of {runs}", (k + 1) / runs)
-    return found
+    settings = {"seconds": SECONDS, "version": 1}
+    return run_episodes("servo-limits", _episode, range(runs), seed, settings, progress)
+
+
+def _episode(seed: int, run: int) -> dict[str, Any]:
+    name = tuple(CELLS)[run % len(CELLS)]
+    return one(set_up(1.0, 1.0, CELLS[name]), name, (seed, run))
 
 
 def one(setup: Setup, name: str, seed: tuple[int, int]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What V's experiments share: a plan of trials, one round of a trial, the gap to V."""
+"""What V's experiments share: their trials in worker processes, one round of one, the gap to V."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armsight.devices.data import JointState
-from armsight.experiments.cache import RunCache
+from armsight.experiments.episodes import run_episodes
 from armsight.experiments.frame import Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell
@@ -41,14 +41,34 @@ def run_plan(
     results: dict[str, list[Trial]] = {}
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, errors, count in plan:
-        setup = set_up(1.0, 1.0, cell)
-        cache = RunCache(name, seed, {"settings": [mode, asdict(errors), 9]})
-        results[prefix] = []
-        for k in range(count):
-            results[prefix].append(cache.get(k, partial(one, setup, mode, errors, (seed, k))))
-            done += 1
-            progress(f"{prefix or 'ours'}: {k + 1} of {count}", done / total)
+        trial = partial(one, set_up(1.0, 1.0, cell), mode, errors)
+        told = told_of(prefix or "ours", progress, done / total, count / total)
+        settings = [mode, asdict(errors), 9]
+        results[prefix] = run_trials(name, settings, trial, count, seed, told)
+        done += count
     return results
+
+
+def run_trials(
+    name: str,
+    settings: Sequence[Any],
+    trial: Callable[..., Trial],
+    count: int,
+    seed: int,
+    progress: Progress,
+) -> list[Trial]:
+    """So many trials, ``trial(seed=(seed, k))`` in worker processes; kept as they end."""
+    episode = partial(_seeded, trial)
+    return run_episodes(name, episode, range(count), seed, {"settings": settings}, progress)
+
+
+def _seeded(trial: Callable[..., Trial], first: int, run: int) -> Trial:
+    return trial(seed=(first, run))
+
+
+def told_of(what: str, progress: Progress, begin: float, part: float) -> Progress:
+    """Progress of a part that has a name of its own, see :func:`~.episodes.part_of`."""
+    return lambda say, share: progress(f"{what}, {say}", begin + part * share)
 
 
 def tick(cell: SurfaceCell, eyes: Any, task: Any, status: GuardStatus | None) -> GuardStatus:
