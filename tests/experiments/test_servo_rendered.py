@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from armsight.experiments.servo_ball import (
-    LIMIT,
     REACHED,
     _drawn,
     joints_before,
@@ -17,7 +16,8 @@ from armsight.experiments.servo_ball import (
 )
 from armsight.experiments.servo_ball_rows import _why
 from armsight.experiments.servo_eyes import RADIUS, Errors
-from armsight.experiments.servo_rendered import BALL, Onlooker, _cell, agreement
+from armsight.experiments.servo_onlooker import COMES, OUTSIDE, Onlooker, begun, posed
+from armsight.experiments.servo_rendered import Reaching, Trials, agreement
 from armsight.experiments.servo_world import (
     Trial,
     make_eyes,
@@ -26,7 +26,7 @@ from armsight.experiments.servo_world import (
     start_below,
     world_to_base,
 )
-from armsight.geometry.pose import make_pose, transform
+from armsight.geometry.pose import exp, make_pose, transform
 from armsight.mapping.snapshot import FREE, OCCUPIED
 from armsight.robots.kinematics import sphere_centers
 from armsight.runtime.config import SessionMode
@@ -34,11 +34,17 @@ from armsight.runtime.session import Session
 from armsight.workcell import open_cell, simulated_world
 
 SETUP = set_up(1.0, 1.0)
+BALL = "ball"
 
 
 def trials(seconds, lost=0):
-    done = [{"reached": True, "seconds": s, "harm": False} for s in seconds]
-    return done + lost * [{"reached": False, "seconds": LIMIT, "harm": False}]
+    return Trials([True] * len(seconds) + [False] * lost, list(seconds))
+
+
+def ball_at(place, start):
+    """The cell's file with the ball at (3,) in ``base``."""
+    world = transform(SETUP.workcell.robot.T_world_base, place[None])[0]
+    return begun(SETUP, {"position": tuple(world.tolist())}, start)
 
 
 @pytest.mark.parametrize(
@@ -52,9 +58,10 @@ def trials(seconds, lost=0):
     ids=["as long", "some lost", "slower", "one alone"],
 )
 def test_shares_and_times_have_to_agree_within_their_intervals(shown, bulk, agree):
-    rows = {row.key: row for row in agreement("at rest", shown, bulk)}
+    harm = [False] * len(shown.good)
+    rows = {row.key: row for row in agreement("ball", "it is so", "at rest", shown, bulk, harm)}
     assert rows["rendered_agrees"].value == agree
-    assert rows["rendered_agrees"].n == len(shown)
+    assert rows["rendered_agrees"].n == len(shown.good)
     assert rows["rendered_ball_success"].must is None, "the share of all trials has the budget"
     assert rows["harm"].value == 0.0
 
@@ -62,7 +69,7 @@ def test_shares_and_times_have_to_agree_within_their_intervals(shown, bulk, agre
 @pytest.mark.parametrize("motion", ["rest", "moving"])
 def test_a_rendered_trial_begins_where_the_other_does_and_the_ball_gives_way(motion):
     _, ball, _, _, start = _drawn(SETUP, motion, Errors(), (64, 3))
-    workcell = _cell(SETUP, ball(0.0), start)
+    workcell = ball_at(ball(0.0), start)
     with open_cell(workcell, seed=1) as cell:
         assert cell.robot.home == pytest.approx(start)
         world = simulated_world(cell)
@@ -119,9 +126,9 @@ class World:
     def T_world_solid(self):
         return make_pose(None, self.place)
 
-    def drag(self, name, place):
+    def follow(self, name, path):
         assert name == BALL
-        self.place = np.array(place)
+        self.path = path
 
 
 class Stoppable:
@@ -131,7 +138,7 @@ class Stoppable:
 
     @property
     def joints(self):
-        return type("", (), {"position": np.array(SETUP.robot.home)})
+        return type("", (), {"position": np.array(SETUP.robot.home), "velocity": np.zeros(6)})
 
     def view(self):
         return self
@@ -141,22 +148,61 @@ class Stoppable:
 
 
 def test_the_onlooker_leads_the_ball_and_ends_the_run_after_the_touch():
-    world, session = World(), Stoppable()
+    world, session, judge = World(), Stoppable(), Reaching(REACHED)
     base = SETUP.workcell.robot.T_world_base
-    looks = Onlooker(world, lambda t: np.array([0.8, 0.1 * t, 0.7]), SETUP, REACHED)
+    start = make_pose(None, world.place)
+    looks = Onlooker(world, SETUP, BALL, start, lambda t: np.array([0.8, 0.1 * t, 0.7]), judge)
     looks.attach(session)
     for k in range(100):
         now = 0.008 * k
         at = transform(base, np.array([[0.8, 0.1 * now, 0.7]]))[0]
         world.tip = at + np.array([0.0, 0.0, RADIUS + max(0.1 - 0.4 * now, 0.002)])
+        world.place = at
         looks.update(now)
-        assert world.place == pytest.approx(at)
+        np.testing.assert_allclose(world.path(now), at, atol=1e-12)
         if session.stopped:
             break
-    assert looks.gap == pytest.approx(0.002)
-    assert looks.reached == pytest.approx(0.2375, abs=0.009)
-    assert session.stopped == "touched"
-    assert now == pytest.approx(looks.reached + 0.3, abs=0.009)
+    assert judge.gap == pytest.approx(0.002)
+    assert judge.reached == pytest.approx(0.2375, abs=0.009)
+    assert session.stopped
+    assert now == pytest.approx(judge.reached + 0.3, abs=0.009)
+
+
+def test_a_hand_comes_from_outside_when_it_is_wanted_and_its_time_begins_when_it_is_there():
+    world, session, judge = World(), Stoppable(), Reaching(REACHED)
+    base = SETUP.workcell.robot.T_world_base
+    world.tip = np.array([0.0, 0.0, 5.0])
+    # The solid that is led stands 2 cm above the target.
+    target = make_pose(None, world.place - [0.0, 0.0, 0.02])
+    looks = Onlooker(
+        world, SETUP, BALL, target, lambda t: np.array([0.8, 0.1 * t, 0.7]), judge,
+        lambda now: now > 0.5,
+    )  # fmt: skip
+    looks.attach(session)
+    upper = SETUP.workcell.mapping.upper
+    first = transform(base, np.array([[0.8, 0.0, 0.7]]))[0]
+    led = []
+    for k in range(1000):
+        now = 0.008 * k
+        looks.update(now)
+        led.append(world.path(now) - [0.0, 0.0, 0.02])
+        if now <= 0.5:
+            assert led[-1] == pytest.approx([OUTSIDE, *first[1:]])
+            assert led[-1][0] > upper[0] + 0.2
+    assert looks.begins == pytest.approx(0.5 + COMES, abs=0.009)
+    speeds = np.linalg.norm(np.diff(led, axis=0), axis=1) / 0.008
+    assert speeds.max() < 0.4
+    then = int(np.ceil(looks.begins / 0.008))
+    np.testing.assert_allclose(led[then], first, atol=0.002)
+    np.testing.assert_allclose(
+        looks.path(looks.begins + 1.0), [0.8, 0.1, 0.7], atol=1e-12, err_msg="its own path then"
+    )
+
+
+def test_a_pose_is_what_a_target_s_section_makes_of_it():
+    T = make_pose(exp([0, 0, 0, 0.3, -0.2, 2.5])[:3, :3], (0.8, -0.1, 1.1))
+    workcell = begun(SETUP, posed(T), SETUP.robot.home)
+    np.testing.assert_allclose(workcell.simulation.target[0].pose, T, atol=1e-9)
 
 
 def test_the_other_trials_have_the_map_of_the_rendered_cell():
@@ -181,7 +227,7 @@ def test_at_home_nothing_unseen_is_so_near_that_it_holds_the_arm():
     """It was 0.52 m away, where the arm stands for good: cameras hung at the height of the elbow,
     and looked past the bench's edge and the front border from one side alone."""
     place = world_to_base(SETUP, [[0.85, 0.0, 1.15]])[0]
-    workcell = _cell(SETUP, place, SETUP.robot.home).model_copy(update={"stereo": ()})
+    workcell = ball_at(place, SETUP.robot.home).model_copy(update={"stereo": ()})
     with open_cell(workcell, seed=5) as cell:
         session = Session(cell, None, seed=5, mode=SessionMode(cell_is_empty=True))
         session.run(0.3)

@@ -22,7 +22,10 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def hanging_cell():
-    setup = set_up(cell="ur10_straw")  # whose map ends 5 cm above the base
+    setup = set_up(cell="ur10_straw")
+    mapping = setup.workcell.mapping
+    low = mapping.model_copy(update={"upper": (*mapping.upper[:2], 1.95)})  # 5 cm above the base
+    setup = replace(setup, workcell=setup.workcell.model_copy(update={"mapping": low}))
     return QuickCell([], robot=setup.robot, config=setup.guard, box=mapped_box(setup))
 
 

@@ -174,7 +174,7 @@ def test_a_cell_that_begins_anew_is_looked_at_anew():
     Eye("a", Remembers()).reset()
     WristEye("b", Remembers(), UR10).reset()
     assert Remembers.told == 2
-    for target, field, value in ((Mouth(), "_down", UP), (Palm(), "_offset", {"a": UP})):
+    for target, field, value in ((Mouth(), "_down", UP), (Palm(), "_glove", {"a": (UP, UP)})):
         setattr(target, field, value)
         Eye("a", target).reset()
         assert not getattr(target, field)

@@ -106,6 +106,24 @@ def test_the_page_leads_who_wanders_and_lets_it_go_again():
     assert np.allclose(mover.position, other.position, atol=0.01)
 
 
+def test_a_target_follows_a_function_of_time_as_fast_as_that_goes_and_then_its_own_path():
+    item = target_object(TargetSpec("ball", "ball", T, path="wander", max_speed=0.5))
+    mover, other = MovingObject(item, (3,)), MovingObject(item, (3,))
+    place, turn = np.zeros((1, 3)), np.zeros((1, 4))
+    mover.drag(np.zeros(3))
+    mover.follow(lambda t: np.array([5.0 * t, 1.0, 0.2]))
+    for t in (0.1, 0.2, 0.7):
+        mover.update(t, place, turn)
+        np.testing.assert_array_equal(place[0], [5.0 * t, 1.0, 0.2])
+    mover.follow(None)
+    mover.update(1.3, place, turn)
+    other.update(1.3, place, turn)
+    np.testing.assert_array_equal(mover.position, other.position)
+    mover.follow(lambda t: np.zeros(3))
+    mover.reset()
+    np.testing.assert_array_equal(mover.position, T[:3, 3])
+
+
 def _at(solid, pose):
     from dataclasses import replace
 

@@ -107,7 +107,7 @@ def test_unknown_things_cannot_be_dragged(arm_spec):
     with SimulatedWorld(WorldSpec(arm_spec, people=(person(),))) as world:
         with pytest.raises(UsageError, match="what moves: anna"):
             world.drag("bob", np.zeros(3))
-        with pytest.raises(UsageError, match="no lone hand"):
+        with pytest.raises(UsageError, match="neither a lone hand"):
             world.follow("anna", lambda t: np.zeros(3))
 
 

@@ -25,7 +25,7 @@ from armsight.experiments.servo_held import (
     recorded_holder,
     touch_held,
 )
-from armsight.experiments.servo_rendered import SHARE, agreement, rendered
+from armsight.experiments.servo_rendered import SHARE, Trials, agreement, rendered
 from armsight.experiments.servo_trials import run_trials, told_of
 from armsight.experiments.servo_world import (
     Setup,
@@ -131,8 +131,15 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     rows = ball_rows(results)
     for motion, where in RENDERED.items():
         shown = results[("rendered_", motion)] = _rendered(motion, runs, seed, progress)
-        rows += agreement(f"{where}, speed 1, acceleration 1", shown, results[("", motion)])
+        say = "the tip came within 5 mm of the ball's surface"
+        ours, others = _came_to(shown), _came_to(results[("", motion)])
+        harm = [r["harm"] for r in shown]
+        rows += agreement("ball", say, f"{where}, speed 1, acceleration 1", ours, others, harm)
     return Outcome(tuple(rows), {"times": lambda: times(results, LIMIT)}, notes(results))
+
+
+def _came_to(found: list[dict[str, Any]]) -> Trials:
+    return Trials([r["reached"] for r in found], [r["seconds"] for r in found if r["reached"]])
 
 
 def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ from armsight.experiments.servo_eyes import Path
 from armsight.experiments.servo_world import Setup, mapped_box
 from armsight.geometry.pose import inverse
 from armsight.mapping.snapshot import WorkspaceSnapshot
-from armsight.robots.kinematics import sphere_centers
+from armsight.robots.kinematics import sphere_centers, tcp_pose
 from armsight.simulation.spec import ArmSpec, MovingObjectSpec, WorldSpec, WrenchSpec
 from armsight.simulation.truth import Contact
 from armsight.simulation.world import SimulatedWorld
@@ -36,6 +36,8 @@ class SurfaceCell(QuickCell):
         start: (n,) joints [rad]; seed: of the planner.
     """
 
+    begins = 0.0
+
     def __init__(
         self, setup: Setup, surface: Points, path: Path, start: JointVector, seed: int = 0
     ) -> None:
@@ -47,6 +49,10 @@ class SurfaceCell(QuickCell):
     def place(self, time: float) -> Vector3:
         """(3,) where the target is at a time [s]."""
         return self.path(time)
+
+    def tip(self) -> Vector3:
+        """(3,) where the tip is, in ``base``, the arm being as it is believed to be [m]."""
+        return np.asarray(tcp_pose(self.robot, self.q)[:3, 3])
 
     def snapshot_at(self, stamp: float) -> WorkspaceSnapshot:
         """What a perfect map says of the surface, less what is too close to the arm."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armsight.arrays import JointVector, Points, Pose, Vector3
+from armsight.experiments.episodes import part_of
 from armsight.experiments.forecast_clips import find_clips
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.recorded_hands import PLAYS, recorded_path
@@ -18,17 +19,20 @@ from armsight.experiments.rows import Row
 from armsight.experiments.servo_apart import KEPT, first_apart
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
-from armsight.experiments.servo_eyes import PAPERS, Errors
+from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes, Path
+from armsight.experiments.servo_onlooker import COMES, EMPTY, Onlooker, Seen, begun, posed, watched
 from armsight.experiments.servo_presses import Presses
+from armsight.experiments.servo_rendered import SHARE, Trials, agreement
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
-from armsight.experiments.servo_trials import gap_row, run_plan, tick
-from armsight.experiments.servo_world import Setup, make_eyes, make_task
+from armsight.experiments.servo_trials import gap_row, run_plan, run_trials, tick, told_of
+from armsight.experiments.servo_world import Setup, make_eyes, make_task, set_up
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
-from armsight.robots.kinematics import tcp_jacobian, tcp_pose
+from armsight.motion.permits import Permit
+from armsight.robots.kinematics import tcp_jacobian
 from armsight.servoing.aim import Aim, joints_for
 from armsight.simulation.targets import TargetSpec, target_object
-from armsight.tasks.servo_task import ServoTask
+from armsight.tasks.servo import ServoOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,6 +42,8 @@ LIMIT = 15.0
 """A trial is given up after this [s]."""
 ITEM = 0.05
 """Height of the item, held by its middle [m]."""
+LIES = 1.0
+"""Where an item lies is looked at so long after it was let go [s]."""
 OPENED = 0.05
 """Told to open until it is open: the gripper's delay and the fingers' first millimetre [s]."""
 LANDS = 0.03
@@ -72,7 +78,16 @@ is harm beyond what is permitted, when it grows while a permit holds or any part
 Contact of the gripper with the hand (ISO/TS 15066's mass and surface, held by 0.5 N/mm), the force
 sensor, drives and arm are the simulated world's, in steps of 1 ms; the arm's absolute errors are
 off there. What the cameras say is drawn from a model (`experiments/servo_eyes.py`); V's modes run
-under V's errors. Not in: fetching, rendered trials.
+under V's errors.
+
+`rendered_`: one in {SHARE} of the trials of ours, with the same palm, path and start, in the whole
+cell: rendered pictures of all five cameras and what is found in them, its own map, the arm's and
+cameras' true errors. The hand is not there when it is said that nobody is in the cell
+(`--cell-is-empty`): it waits outside of what is mapped and comes in within {COMES:g} s; the task
+begins when it has come, which the time is counted from. `fetched_`: the same palms with all of V's
+task there: the arm begins at home and takes the item, a loose thing, from the bench, and then the
+hand comes; success is that the item lies on the palm, its middle within {1e3 * LANDS:.0f} mm of the
+palm's, {LIES:g} s after it was let go.
 """
 
 
@@ -89,12 +104,87 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("paper_", "paper", v_errors, max(runs // 2, 1)),
         ("fixed_", "fixed", v_errors, max(runs // 2, 1)),
     ]
-    results = run_plan("servo-handover", CELL, plan, one, seed, progress)
-    return Outcome(tuple(_rows(results)), {"ways": partial(_ways, results)}, _notes(results))
+    told = part_of(progress, 0.0, 0.6)
+    results = run_plan("servo-handover", CELL, plan, one, seed, told)
+    shown, fetched = _rendered(runs, seed, part_of(progress, 0.6, 0.4))
+    rows = [*_rows(results), *_rendered_rows(results[""], shown, fetched)]
+    notes = (*_notes(results), *_notes({"rendered": shown, "fetched": fetched}))
+    return Outcome(tuple(rows), {"ways": partial(_ways, results)}, notes)
 
 
 def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[str, Any]:
     """One trial; what it came to, as JSON values."""
+    drawn = _drawn(setup, errors, seed)
+    T, path = drawn.T, drawn.path
+    region = BODY_REGIONS["hand"]
+    item = replace(
+        target_object(TargetSpec("hand", "hand", drawn.T_world_palm)),
+        mass=region.mass, surface=region.stiffness, hold=500.0, max_speed=10.0,
+    )  # fmt: skip
+    cell = PushedCell(
+        setup, _hand(T), path, drawn.start, item,
+        np.asarray(inverse(item.solid.T_frame_solid) @ drawn.T_world_palm), seed=seed[1],
+    )  # fmt: skip
+    try:
+        task = make_task(setup, mode, dock="hand")
+        landing, status = Landing(task), None
+        while cell.now < LIMIT:
+            status = tick(cell, drawn.eyes, task, status)
+            landing.look(cell, status.permit)
+            if landing.over:
+                break
+        return {
+            **landing.found(),
+            "speed": drawn.speed,
+            "clip": drawn.clip,
+            "way": landing.way if seed[1] < 6 else None,
+            "last": cell.log[-1].reason,
+            "permit": "" if status is None else str(status.permit or ""),
+        }
+    finally:
+        cell.close()
+
+
+def one_rendered(setup: Setup, fetch: bool, seed: tuple[int, int]) -> dict[str, Any]:
+    """The same hand in the rendered cell; what it came to, as JSON values.
+
+    Without ``fetch`` the arm begins where it does in the other trial, and the item falls as there.
+    With it the arm begins at home and fetches the item, which lies on the bench, is held by the
+    fingers' friction, falls, and comes to lie somewhere.
+    """
+    drawn = _drawn(setup, Errors(arm=0.0), seed)
+    start = setup.robot.home if fetch else drawn.start
+    cell = begun(setup, {"mass_kg": BODY_REGIONS["hand"].mass, **posed(drawn.T_world_palm)}, start)
+    options = ServoOptions("hand", fetch=fetch)
+    make, wanted = (Delivery, _has_item) if fetch else (Landing, _said_empty)
+    judge, found = watched(
+        cell, setup, options, drawn.path, make, 1000 * seed[0] + seed[1], LIMIT, wanted, not fetch
+    )
+    return {**judge.found(), "speed": drawn.speed, "clip": drawn.clip, "way": None, **found}
+
+
+def _said_empty(task: Any, now: float) -> bool:
+    return now > EMPTY
+
+
+def _has_item(task: Any, now: float) -> bool:
+    return now > EMPTY and bool(task.fetch.done)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A trial's palm (``T`` in ``base``), its path, clip and greatest speed [m/s], and the eyes."""
+
+    T: Pose
+    T_world_palm: Pose
+    path: Path
+    clip: str
+    speed: float
+    eyes: Eyes
+    start: JointVector
+
+
+def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
     rng = np.random.default_rng((*seed, 17))
     k = seed[1]
     base = setup.workcell.robot.T_world_base
@@ -109,74 +199,82 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
         path = path_of(T[:3, 3], speed, rng)
     eyes = make_eyes(setup, replace(errors, hidden_near=COVERED), rng)
     eyes.normal, eyes.along, eyes.marked = T[:3, 2], -T[:3, 0], False
-    region = BODY_REGIONS["hand"]
-    item = replace(
-        target_object(TargetSpec("hand", "hand", T_world_palm)),
-        mass=region.mass, surface=region.stiffness, hold=500.0, max_speed=10.0,
-    )  # fmt: skip
-    hand = _hand(T)
     start = _start(setup, T, k % 3)
     if clip:
         ways = (_start(setup, T, way, height) for height in HEIGHTS for way in range(3))
-        start = first_apart(setup.robot, chain((start,), ways), hand + path(0.0))
-    cell = PushedCell(
-        setup, hand, path, start, item,
-        np.asarray(inverse(item.solid.T_frame_solid) @ T_world_palm), seed=k,
-    )  # fmt: skip
-    try:
-        found, way = _watched(cell, eyes, make_task(setup, mode, dock="hand"), T, speed)
-        return {**found, "clip": clip, "way": way if k < 6 else None}
-    finally:
-        cell.close()
+        start = first_apart(setup.robot, chain((start,), ways), _hand(T) + path(0.0))
+    return _Drawn(T, T_world_palm, path, clip, speed, eyes, start)
 
 
-def _watched(
-    cell: PushedCell, eyes: Any, task: ServoTask, T: Pose, speed: float
-) -> tuple[dict[str, Any], list[list[float]]]:
-    """What came of it; rows of time [s], tip beside and above the palm [m], force [N] so far."""
-    status: Any = None
-    way: list[list[float]] = []
-    off, let_go, presses = math.nan, math.inf, Presses()
-    up = task.config.vertical
-    while cell.now < LIMIT and task.phase != "done":  # type: ignore[attr-defined]
-        now = cell.now
-        status = tick(cell, eyes, task, status)
-        presses.look(cell, status.permit)
-        if math.isinf(let_go) and now > task.released + OPENED:  # type: ignore[attr-defined]
-            let_go, off = now, _lands(cell, up)
-        if len(way) * 0.04 <= now:
-            apart = tcp_pose(cell.robot, cell.q)[:3, 3] - cell.place(cell.now)
+class Landing:
+    """Where an item comes down that the gripper holds, and how hard a hand is pressed.
+
+    Attributes:
+        way: rows of time [s], tip beside and above the palm [m], force [N] so far.
+    """
+
+    def __init__(self, task: Any) -> None:
+        self._task, self._up = task, task.config.vertical
+        self._off, self._let_go, self._begins = math.nan, math.inf, 0.0
+        self._presses, self.over = Presses(), False
+        self.way: list[list[float]] = []
+
+    def look(self, seen: Seen, permit: Permit | None) -> None:
+        """See :class:`~.servo_onlooker.Judge`."""
+        now, up = seen.now, self._up
+        self._presses.look(seen, permit)
+        if math.isinf(self._let_go) and now > self._task.released + OPENED:
+            self._let_go, self._off = now, _lands(seen, up)
+        if len(self.way) * 0.04 <= now:
+            apart = seen.tip() - seen.place(now)
             high = float(apart @ up)
             beside = float(np.linalg.norm(apart - high * up))
-            way.append([round(v, 4) for v in (now, beside, high, float(presses.force))])
-    found = {
-        "mm": 1e3 * off if math.isfinite(off) else None,
-        "seconds": let_go if math.isfinite(let_go) else None,
-        "touched": bool(cell.contacts),
-        "force": float(presses.force),
-        "struck": float(presses.struck),
-        "harm": presses.harm,
-        "speed": speed,
-        "iterations": int(task.chase.iterations),
-        "phase": task.phase,  # type: ignore[attr-defined]
-        "last": cell.log[-1].reason,
-        "permit": str(status.permit or ""),
-    }
-    return found, way
+            row = (now, beside, high, float(self._presses.force))
+            self.way.append([round(v, 4) for v in row])
+        self._begins, self.over = seen.begins, bool(self._task.phase == "done")
+
+    def found(self) -> dict[str, Any]:
+        """What came of it, as JSON values."""
+        return {
+            "mm": 1e3 * self._off if math.isfinite(self._off) else None,
+            "seconds": self._let_go - self._begins if math.isfinite(self._let_go) else None,
+            "force": float(self._presses.force),
+            "struck": float(self._presses.struck),
+            "harm": self._presses.harm,
+            "iterations": int(self._task.chase.iterations),
+            "phase": self._task.phase,
+        }
 
 
-def _lands(cell: PushedCell, up: Vector3) -> float:
+def _lands(seen: Seen, up: Vector3) -> float:
     """How far beside the palm's middle an item that is let go now comes down [m]."""
-    tip = tcp_pose(cell.robot, cell.q)[:3, 3]
-    velocity = (tcp_jacobian(cell.robot, cell.q) @ cell.v)[:3]
-    place = cell.place(cell.now)
+    tip = seen.tip()
+    velocity = (tcp_jacobian(seen.robot, seen.q) @ seen.v)[:3]
+    place = seen.place(seen.now)
     height = float((tip - place) @ up) - 0.5 * ITEM
     if height < -0.01:
         return math.inf  # it was pushed into the palm
     falls = math.sqrt(2.0 * max(height, 0.0) / 9.81)
-    palm = place + cell.path(cell.now + falls) - cell.path(cell.now)
+    palm = place + seen.path(seen.now + falls) - seen.path(seen.now)
     away = tip + falls * velocity - palm
     return float(np.linalg.norm(away - up * (away @ up)))
+
+
+class Delivery(Landing):
+    """Where the item itself comes to lie, that was fetched."""
+
+    def look(self, seen: Seen, permit: Permit | None) -> None:
+        """See :class:`~.servo_onlooker.Judge`."""
+        super().look(seen, permit)
+        if seen.now < self._let_go + LIES:
+            self.over = self.over and math.isinf(self._let_go)
+            return
+        assert isinstance(seen, Onlooker)
+        away = seen.item("item") - seen.place(seen.now)
+        high = float(away @ self._up)
+        beside = float(np.linalg.norm(away - high * self._up))
+        self._off = beside if 0.0 < high < ITEM else math.inf
+        self.over = True
 
 
 def _hand(T: Pose) -> Points:
@@ -241,6 +339,42 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
     return rows
 
 
+def _rendered(
+    runs: int, seed: int, progress: Progress
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """The first tenth of our trials in the rendered cell, without and with fetching."""
+    found, count = [], max(runs // SHARE, 1)
+    for k, fetch in enumerate((False, True)):
+        trial = partial(one_rendered, set_up(1.0, 1.0, CELL), fetch)
+        name = "fetched" if fetch else "rendered"
+        told = told_of(name, progress, 0.5 * k, 0.5)
+        found.append(run_trials("servo-handover", [name, 1], trial, count, seed, told))
+    return found[0], found[1]
+
+
+def _came_to(found: list[dict[str, Any]]) -> Trials:
+    return Trials([_good(r) for r in found], [r["seconds"] for r in found if _good(r)])
+
+
+def _rendered_rows(
+    bulk: list[dict[str, Any]], shown: list[dict[str, Any]], fetched: list[dict[str, Any]]
+) -> list[Row]:
+    say = f"the item landed within {1e3 * LANDS:.0f} mm of the palm's middle"
+    where = "ours, speed 1, acceleration 1"
+    harm = [r["harm"] for r in shown]
+    lies = f"the item lay within {1e3 * LANDS:.0f} mm of the palm's middle"
+    whole = _came_to(fetched)
+    return [
+        *agreement("handover", say, where, _came_to(shown), _came_to(bulk), harm),
+        share_row("fetched_handover_success", f"share of rendered trials in which {lies}",
+                  "ours, fetching the item", whole.good, 0.75),
+        median_row("fetched_handover_time_s", "time to letting go, of the successes",
+                   "ours, fetching the item", whole.seconds, "s"),
+        harm_row("rendered trials that pressed above the permit", "ours, fetching the item",
+                 sum(r["harm"] for r in fetched), len(fetched)),
+    ]  # fmt: skip
+
+
 def _notes(results: dict[str, list[dict[str, Any]]]) -> tuple[str, ...]:
     notes = []
     for key, found in results.items():
@@ -248,10 +382,11 @@ def _notes(results: dict[str, list[dict[str, Any]]]) -> tuple[str, ...]:
         words = "; ".join(_why(r) for r in bad[:6])
         if bad:
             notes.append(f"Failed, {key or 'ours'}: {len(bad)} of {len(found)}: {words}.")
-    struck = [f"{r['struck']:.0f} N ({r['clip']})" for r in results[""] if r["struck"] > 0.0]
+    ours = results.get("", [])
+    struck = [f"{r['struck']:.0f} N ({r['clip']})" for r in ours if r["struck"] > 0.0]
     if struck:
         notes.append(
-            f"In {len(struck)} of {len(results[''])} trials of ours a hand ran into the arm while "
+            f"In {len(struck)} of {len(ours)} trials of ours a hand ran into the arm while "
             f"that stood: {', '.join(struck)}."
         )
     return tuple(notes)

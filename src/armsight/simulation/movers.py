@@ -176,7 +176,7 @@ class MovingObject:
     def __init__(self, spec: MovingObjectSpec, seed: tuple[int, ...] = (0,)) -> None:
         self.name = spec.solid.name
         drawn = spec.follow
-        self._follow = None if drawn is None else drawn(np.random.default_rng(seed))
+        self._drawn = None if drawn is None else drawn(np.random.default_rng(seed))
         self._spec = spec
         self._T_start = spec.solid.T_frame_solid
         self.reset()
@@ -184,9 +184,15 @@ class MovingObject:
     def reset(self) -> None:
         """Back to its start."""
         self.position = np.array(self._T_start[:3, 3])
+        self._follow = self._drawn
         self._target: Vector3 | None = None
         self._dragged = False
         self._last = 0.0
+
+    def follow(self, trajectory: Trajectory | None) -> None:
+        """Let it follow a function of time from now on, at any speed; None: its own path again."""
+        self._follow = self._drawn if trajectory is None else trajectory
+        self._target, self._dragged = None, False
 
     def drag(self, target: Vector3 | None) -> None:
         """Move towards a point of the world [m]; None: go back to its own path, or stay."""

@@ -30,6 +30,7 @@ from armsight.simulation.memory import Memory
 from armsight.simulation.model import build_model
 from armsight.simulation.movers import (
     Hand,
+    MovingObject,
     Trajectory,
     drawn_bodies,
     drawn_solids,
@@ -307,15 +308,18 @@ class SimulatedWorld:
             self._mover(name).drag(position_world)
 
     def follow(self, name: str, trajectory: Trajectory | None) -> None:
-        """Let a lone hand follow a function of time, for searches; None ends it.
+        """Let a lone hand or an object follow a function of time, in trials; None ends it.
 
         Raises:
-            UsageError: there is no such hand.
+            UsageError: there is nothing of that name that could.
         """
-        hand = self._mover(name)
-        if not isinstance(hand, Hand):
-            raise UsageError(f"'{name}' is no lone hand (motion = 'hand'); only those follow")
-        hand.follow(trajectory)
+        mover = self._mover(name)
+        if not isinstance(mover, Hand | MovingObject):
+            raise UsageError(
+                f"'{name}' is neither a lone hand (motion = 'hand') nor an object on a path; only "
+                "those follow"
+            )
+        mover.follow(trajectory)
 
     def camera_error(self, name: str, T_believed_corrected: Pose, gain: float) -> float | None:
         """How wrong the cell is about a camera, in its mount [m]; None for one that is not ours."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -12,7 +12,7 @@ from armsight.arrays import Points, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, meet, plane_of
-from armsight.servoing.segment import LabColor, Region
+from armsight.servoing.segment import SPOKES, LabColor, Region
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.seen import outlines_in_frame, outlines_in_pair, points_of
 
@@ -26,6 +26,8 @@ SIZE = 0.22
 """A disc's size may contradict its distance by this share."""
 FILL = 0.3
 """And how much of its outline is filled, what it should be."""
+WHOLE = 0.9
+"""Of an outline's spokes that must have found it where one picture alone shows a disc."""
 APART = 0.01
 """The rays of two lenses to one disc's middle pass each other by no more than this [m]."""
 TILTS = ((0.0, 0.0), (0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5))
@@ -125,6 +127,31 @@ class Discs:
                     candidates.append(_Candidate(part, circles, middle, normal, region, none))
         return self._best(candidates)
 
+    def in_one(self, view: PosedPair, right: bool) -> list[SeenDisc]:
+        """Whole discs in one picture of a pair: how far away each is, its size alone tells.
+
+        Which of its sides is nearer that does not tell: ``fit.normal`` says nothing.
+        """
+        T, lens, image = view.T_base_camera, view.info.left, view.frame.left
+        if T is None:
+            return []
+        if right:
+            T, lens, image = T @ view.info.T_left_right, view.info.right, view.frame.right
+        candidates, part = [], self.parts[0]
+        for region, rays in outlines_in_pair(image, lens, self.color):
+            if len(rays) < WHOLE * SPOKES:
+                continue
+            outline = Outline(T[:3, 3], rays @ T[:3, :3].T, OUTLINE_SIGMA / lens.fx)
+            axis = outline.rays.mean(axis=0) / np.linalg.norm(outline.rays.mean(axis=0))
+            away = part.radius / float(np.sqrt(1.0 / (outline.rays @ axis).min() ** 2 - 1.0))
+            middle = np.asarray(outline.origin + away * axis)
+            if _fitting(part, region, outline, middle, -axis, lens, 1.0) is None:
+                continue
+            circles, none = (Circle(outline, part.radius),), np.empty((0, 3))
+            candidates.append(_Candidate(part, circles, middle, -axis, region, none))
+        found = self._best(candidates)
+        return [_less_sure(seen, T[:3, 3], part.radius, lens) for seen in found]
+
     def _best(self, candidates: list[_Candidate]) -> list[SeenDisc]:
         """Fits of every candidate with the others that share its middle."""
         found: list[SeenDisc] = []
@@ -145,6 +172,15 @@ class Discs:
                 found.append(SeenDisc(fit, middle, one.region, len(mates)))
         found.sort(key=lambda s: (-s.parts, s.fit.misfit))
         return found
+
+
+def _less_sure(seen: SeenDisc, eye: Vector3, radius: float, lens: PinholeCamera) -> SeenDisc:
+    """Along the ray by how much of its size an outline that lies half a pixel off makes."""
+    to = seen.fit.center - eye
+    away = float(np.linalg.norm(to))
+    off = 0.5 / lens.fx * away * away / radius
+    unsure = seen.fit.covariance + np.outer(to, to) * (off / away) ** 2
+    return replace(seen, fit=replace(seen.fit, covariance=unsure))
 
 
 def _fitting(

@@ -6,15 +6,16 @@ remembers where the disc was on the glove that it sees.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
-from armsight.arrays import Points, Vector3
+from armsight.arrays import Bytes, ColorImage, Points, Vector3
 from armsight.devices.data import StereoFrame
 from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.servoing.disc_fit import meet, plane_of
-from armsight.servoing.segment import LabColor, color_mask, regions
+from armsight.servoing.segment import LabColor, Region, color_mask, regions
 from armsight.servoing.sighting import Sighting
 from armsight.servoing.targets.discs import Discs, Part, SeenDisc
 from armsight.servoing.targets.rehearsal import Disc, rehearse
@@ -31,7 +32,16 @@ DISC_SIGMA = 0.003
 FOREARM = 0.15
 """No finger reaches so far from the palm's middle [m]; a forearm does."""
 STANDS_IN = 0.015
-"""Standard deviation of a palm of which only the glove is seen [m]."""
+"""Standard deviation of a palm of which only the glove is seen [m]; by how much less or more of it
+is seen than was with the disc, it is larger."""
+UNLIKE = 0.08
+"""A glove that is seen so much longer or shorter than with the disc says nothing [m]."""
+LENGTH = 0.45
+"""Glove and sleeve reach so far towards a camera or away from it [m]."""
+RING = (1.2, 1.5)
+"""A palm's disc has the glove's colour around it: between so many of its radii, ..."""
+PINKISH = 0.6
+"""... where this share of the pixels has it."""
 
 
 class Palm:
@@ -41,11 +51,11 @@ class Palm:
 
     def __init__(self) -> None:
         self._discs = Discs(BLUE, (DISC,))
-        self._offset: dict[str, Vector3] = {}
+        self._glove: dict[str, tuple[Vector3, Vector3]] = {}
 
     def reset(self) -> None:
         """Where the disc is on the glove has not been seen."""
-        self._offset.clear()
+        self._glove.clear()
 
     def warm_up(self) -> None:
         """Compile what finds it."""
@@ -56,20 +66,20 @@ class Palm:
         frame, lens, T = view.frame, view.color_lens, view.T_base_color
         if frame.color is None or lens is None or T is None or view.T_base_camera is None:
             return []
-        parts = [
-            points_of(view, region) for region in regions(color_mask(frame.color, PINK), LEAST)
-        ]
+        pink, blue = color_mask(frame.color, PINK), color_mask(frame.color, BLUE)
+        parts = [points_of(view, region, LENGTH) for region in regions(pink, LEAST)]
         glove = np.concatenate([np.empty((0, 3)), *parts])
         if len(glove) < 12:
             return []
         # Of its outline, not of what is seen inside: an item before the palm moves that.
-        middle = 0.5 * np.percentile(glove, [2.0, 98.0], axis=0).sum(axis=0)
-        for region in regions(color_mask(frame.color, BLUE), LEAST):
+        low, high = np.percentile(glove, [2.0, 98.0], axis=0)
+        middle, size = 0.5 * (low + high), high - low
+        for region in regions(blue, LEAST):
             ray = T[:3, :3] @ rays_of(lens, region.center[None])[0]
-            seen = _on_glove(T[:3, 3], ray, glove)
+            seen = _on_glove(T[:3, 3], ray, _around(view, region, pink | blue))
             if seen is not None:
                 place, normal = seen
-                self._offset[frame.camera] = place - middle
+                self._glove[frame.camera] = place - middle, size
                 C = DISC_SIGMA**2 * np.eye(3)
                 along = _forearm(glove, place)
                 return [
@@ -78,17 +88,64 @@ class Palm:
                         along,
                     )
                 ]  # fmt: skip
-        offset = self._offset.get(frame.camera)
-        if offset is None:
+        known = self._glove.get(frame.camera)
+        if known is None:
             return []
-        C = STANDS_IN**2 * np.eye(3)
+        offset, whole = known
+        unlike = float(np.abs(size - whole).max())
+        if unlike > UNLIKE:
+            return []
+        C = (STANDS_IN**2 + unlike**2) * np.eye(3)
         return [Sighting(self.name, frame.camera, frame.stamp, middle + offset, C, middle)]
 
     def in_pair(self, view: PosedPair, surface: bool = False) -> list[Sighting]:
-        """In both pictures of a pair, the most believable first."""
+        """In both pictures of a pair, the most believable first; else in one of them.
+
+        What the gripper holds hides the disc from one lens long before it does from the other.
+        """
         if view.T_base_camera is None:
             return []
-        return [_of_disc(seen, view.frame) for seen in self._discs.in_pair(view)]
+        both = self._discs.in_pair(view)
+        if both:
+            return [_of_disc(seen, view.frame) for seen in both]
+        found = []
+        for right in (False, True):
+            image = view.frame.right if right else view.frame.left
+            for seen in self._discs.in_one(view, right):
+                if _pink_around(image, seen.region):
+                    alone = _of_disc(seen, view.frame)
+                    found.append(replace(alone, normal=None, tilt=0.0))
+        return found
+
+
+def _around(view: PosedFrame, region: Region, mask: Bytes) -> Points:
+    """(k, 3) depth points of a mask near a disc that a fixed camera sees, in ``base`` [m]."""
+    assert view.color_lens is not None
+    assert view.T_base_color is not None
+    inside = points_of(view, region)
+    if not len(inside):
+        return inside
+    away = float(np.median(np.linalg.norm(inside - view.T_base_color[:3, 3], axis=1)))
+    reach = int(np.ceil(AROUND * view.color_lens.fx / away))
+    u, v = np.rint(region.center).astype(int)
+    u0, v0 = max(u - reach, 0), max(v - reach, 0)
+    window = mask[v0 : v + reach + 1, u0 : u + reach + 1]
+    near = Region(window, (int(u0), int(v0)), region.center, float(np.count_nonzero(window)))
+    return points_of(view, near)
+
+
+def _pink_around(image: ColorImage, region: Region) -> bool:
+    """Whether a disc lies on a glove."""
+    half = 0.5 * max(region.mask.shape)
+    reach = int(np.ceil(RING[1] * half)) + 1
+    u, v = region.center
+    u0, v0 = max(int(u) - reach, 0), max(int(v) - reach, 0)
+    window = image[v0 : int(v) + reach + 1, u0 : int(u) + reach + 1]
+    rows, columns = np.indices(window.shape[:2])
+    away = np.hypot(columns + u0 - u, rows + v0 - v) / half
+    ring = (away > RING[0]) & (away < RING[1])
+    pink = color_mask(np.ascontiguousarray(window), PINK)[ring] > 0
+    return bool(ring.any() and pink.mean() > PINKISH)
 
 
 def _on_glove(origin: Vector3, ray: Vector3, glove: Points) -> tuple[Vector3, Vector3] | None:

@@ -88,8 +88,14 @@ def _doubled(half: Region) -> Region:
     return Region(mask, corner, 2.0 * half.center + 0.5, 4.0 * half.area)
 
 
-def points_of(view: PosedFrame, region: Region) -> Points:
-    """(k, 3) depth points in ``base`` whose colour pixel lies in a region."""
+def points_of(view: PosedFrame, region: Region, deep: float = BEHIND) -> Points:
+    """(k, 3) depth points in ``base`` whose colour pixel lies in a region.
+
+    Args:
+        view: of a fixed camera.
+        region: of a colour.
+        deep: no target reaches farther from its nearest points [m].
+    """
     assert view.color_lens is not None
     assert view.T_base_camera is not None
     corner, (h, w) = region.corner, region.mask.shape
@@ -101,7 +107,7 @@ def points_of(view: PosedFrame, region: Region) -> Points:
     points = points[inside]
     if len(points):
         # The lenses stand apart: what the target hides from the colour lens is no part of it.
-        points = points[points[:, 2] < np.percentile(points[:, 2], 10.0) + BEHIND]
+        points = points[points[:, 2] < np.percentile(points[:, 2], 10.0) + deep]
     return transform(view.T_base_camera, points)
 
 
