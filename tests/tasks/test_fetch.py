@@ -17,11 +17,12 @@ from armsight.experiments.servo_handover import CELL, _hand
 from armsight.experiments.servo_world import declare, make_eyes, make_task, mapped_box, set_up
 from armsight.geometry.pose import from_rpy, inverse
 from armsight.motion.intents import PoseIntent, Rest
+from armsight.motion.permits import PermitState
 from armsight.motion.task import Observation
 from armsight.robots.kinematics import sphere_centers
 from armsight.simulation.targets import TargetSpec, target_object
 from armsight.simulation.world import SimulatedWorld
-from armsight.tasks.fetch import ABOVE, CLOSES, JAMMED, fetch_in, with_item
+from armsight.tasks.fetch import ABOVE, CLOSES, JAMMED, SLOWLY, SOFTLY, fetch_in, with_item
 from armsight.tasks.servo import ServoOptions
 from armsight.workcell import open_cell
 from armsight.workcell.packaged import load
@@ -179,15 +180,17 @@ def test_where_nothing_lies_it_is_tried_twice_and_said():
         cell.world.close()
 
 
-def told(fetch, seconds, gripper, reached=""):
+def told(fetch, seconds, gripper, reached="", permit=None, joints=None):
     """Rounds of an arm that is where it was sent; its gripper says the same all the time."""
     intents = []
     for k in range(round(seconds / 0.008)):
         now = told.now + 0.008 * k
-        word = SimpleNamespace(goal=reached, reached=bool(reached), reason="somebody is near")
-        joints = JointState(now, SETUP.robot.home, np.zeros(6))
+        word = SimpleNamespace(
+            goal=reached, reached=bool(reached), reason="somebody is near", permit=permit
+        )
+        at = JointState(now, SETUP.robot.home if joints is None else joints, np.zeros(6))
         state = None if gripper is None else replace(gripper, stamp=now)
-        intents.append(fetch.update(Observation(now, SETUP.robot, joints, word, gripper=state)))
+        intents.append(fetch.update(Observation(now, SETUP.robot, at, word, gripper=state)))
     told.now = now + 0.008
     return intents
 
@@ -225,7 +228,7 @@ def test_it_comes_down_straight_with_open_fingers_and_a_permit_for_the_item():
         (0.070, True, "did not close on the item: 70 mm"),
     ],
 )
-def test_a_gripper_that_does_not_close_on_the_item_is_said_after_two_seconds(width, holding, words):
+def test_a_gripper_that_does_not_close_on_the_item_is_said_after_a_while(width, holding, words):
     fetch = fetching()
     at_the_item(fetch)
     assert fetch.phase == "grip"
@@ -236,10 +239,41 @@ def test_a_gripper_that_does_not_close_on_the_item_is_said_after_two_seconds(wid
     assert words in fetch.words
 
 
+def test_fingers_come_softly_and_are_on_the_item_only_when_told_to_come_closer():
+    """At their own speed they struck the wrist with 4 N, which was taken for a press."""
+    fetch = fetching()
+    at_the_item(fetch)
+    intents = told(fetch, CLOSES + 0.05, GripperState(0.0, 0.052, False, True))
+    widths = np.array([wish.width for wish in intents])
+    wide = max(SETUP.workcell.items.size[:2])
+    assert widths[0] == pytest.approx(SOFTLY * wide)
+    assert (np.diff(widths) >= -SLOWLY * 0.008 - 1e-12).all()
+    assert fetch.phase == "grip", "they stand where they were told to"
+    told(fetch, 0.7, GripperState(0.0, 0.040, False, True))
+    assert fetch.phase == "up"
+
+
+def test_an_item_that_is_left_does_not_come_along():
+    """Its region had gone along with the fingers: out of that nothing ever came."""
+    fetch = fetching()
+    at_the_item(fetch)
+    told(fetch, CLOSES + 1.0, GripperState(0.0, 0.040, False, True))
+    (wish, *_) = told(fetch, 0.1, GripperState(0.0, 0.040, False, True))
+    assert np.allclose(wish.permit.out, wish.permit.region.T_base_region[:3, 2])
+    place = np.array(wish.permit.region.T_base_region)
+    withdrawn = SimpleNamespace(state=PermitState.WITHDRAWN)
+    raised = SETUP.robot.home + np.array([0.0, -0.1, 0.0, 0.0, 0.0, 0.0])
+    (*_, left) = told(fetch, 0.1, GripperState(0.0, 0.040, False, True), "", withdrawn, raised)
+    np.testing.assert_allclose(left.permit.region.T_base_region, place)
+    np.testing.assert_array_equal(left.permit.region.velocity, 0.0)
+    (*_, again) = told(fetch, 0.1, GripperState(0.0, 0.040, False, True), "", None, raised)
+    assert not np.allclose(again.permit.region.T_base_region, place, atol=0.01)
+
+
 def test_what_slips_while_it_is_lifted_is_said():
     fetch = fetching()
     at_the_item(fetch)
-    (*_, wish) = told(fetch, CLOSES + 0.1, GripperState(0.0, 0.040, False, True))
+    (*_, wish) = told(fetch, CLOSES + 0.7, GripperState(0.0, 0.040, False, True))
     assert fetch.phase == "up"
     assert wish.width == 0.0
     told(fetch, 0.05, GripperState(0.0, 0.002, False, False))

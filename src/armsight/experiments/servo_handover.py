@@ -42,8 +42,8 @@ LIMIT = 15.0
 """A trial is given up after this [s]."""
 ITEM = 0.05
 """Height of the item, held by its middle [m]."""
-LIES = 1.0
-"""Where an item lies is looked at so long after it was let go [s]."""
+FALLS = 3.0
+"""An item that is still above the palm so long after it was let go hangs on the fingers [s]."""
 OPENED = 0.05
 """Told to open until it is open: the gripper's delay and the fingers' first millimetre [s]."""
 LANDS = 0.03
@@ -83,11 +83,11 @@ under V's errors.
 `rendered_`: one in {SHARE} of the trials of ours, with the same palm, path and start, in the whole
 cell: rendered pictures of all five cameras and what is found in them, its own map, the arm's and
 cameras' true errors. The hand is not there when it is said that nobody is in the cell
-(`--cell-is-empty`): it waits outside of what is mapped and comes in within {COMES:g} s; the task
-begins when it has come, which the time is counted from. `fetched_`: the same palms with all of V's
+(`--cell-is-empty`): it appears {COMES:g} s before the task begins, which the time is counted from.
+It has nobody behind it, in the other trials neither. `fetched_`: the same palms with all of V's
 task there: the arm begins at home and takes the item, a loose thing, from the bench, and then the
-hand comes; success is that the item lies on the palm, its middle within {1e3 * LANDS:.0f} mm of the
-palm's, {LIES:g} s after it was let go.
+hand appears; success is that the item itself comes down within {1e3 * LANDS:.0f} mm of the palm's
+middle. (Nothing lies on a simulated hand: it falls on through.)
 """
 
 
@@ -261,20 +261,20 @@ def _lands(seen: Seen, up: Vector3) -> float:
 
 
 class Delivery(Landing):
-    """Where the item itself comes to lie, that was fetched."""
+    """Where the item itself comes down that was fetched: nothing lies on a simulated hand."""
 
     def look(self, seen: Seen, permit: Permit | None) -> None:
         """See :class:`~.servo_onlooker.Judge`."""
         super().look(seen, permit)
-        if seen.now < self._let_go + LIES:
-            self.over = self.over and math.isinf(self._let_go)
+        if math.isinf(self._let_go):
             return
         assert isinstance(seen, Onlooker)
         away = seen.item("item") - seen.place(seen.now)
         high = float(away @ self._up)
-        beside = float(np.linalg.norm(away - high * self._up))
-        self._off = beside if 0.0 < high < ITEM else math.inf
-        self.over = True
+        self.over = high < 0.5 * ITEM or seen.now > self._let_go + FALLS
+        self._off = float(np.linalg.norm(away - high * self._up)) if self.over else math.nan
+        if high >= 0.5 * ITEM:
+            self._off = math.nan  # it hangs on the fingers
 
 
 def _hand(T: Pose) -> Points:
@@ -362,7 +362,7 @@ def _rendered_rows(
     say = f"the item landed within {1e3 * LANDS:.0f} mm of the palm's middle"
     where = "ours, speed 1, acceleration 1"
     harm = [r["harm"] for r in shown]
-    lies = f"the item lay within {1e3 * LANDS:.0f} mm of the palm's middle"
+    lies = f"the fetched item itself came down within {1e3 * LANDS:.0f} mm of the palm's middle"
     whole = _came_to(fetched)
     return [
         *agreement("handover", say, where, _came_to(shown), _came_to(bulk), harm),

@@ -1,7 +1,8 @@
 """A trial of V's experiments in the whole rendered cell: its target led along the trial's path.
 
-A target that is a part of somebody is not there yet when somebody says that nobody is in the cell.
-It waits outside of what is mapped, on the operator's side, and comes in when it is wanted.
+A target that is a part of somebody is not there yet when somebody says that nobody is in the cell:
+it waits outside of what is mapped, and is there when it is wanted, at once. It has nobody behind
+it, and coming in across the border it would be told to have been left behind as soon as it rests.
 """
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ EMPTY = 1.8
 """The cell has been said to be empty, and seen to be, after so long [s]."""
 OUTSIDE = 1.75
 """A target waits at this x of the cell's world: between what is mapped and the wall [m]."""
-COMES = 4.0
-"""It comes from there to where its path begins in so long [s], no faster than 0.4 m/s."""
+COMES = 1.0
+"""It is where its path begins for so long before the trial does [s]."""
 LONGEST = 60.0
 """A trial is given up after so long in any case [s]."""
 
@@ -138,9 +139,7 @@ class Onlooker:
         if since >= 0.0:
             return self._path(since)
         first = self._path(0.0)
-        away = outside(self._base, first)
-        share = max(1.0 + since / COMES, 0.0) if np.isfinite(since) else 0.0
-        return np.asarray(away + share * share * (3.0 - 2.0 * share) * (first - away))
+        return first if since >= -COMES else outside(self._base, first)
 
     def place(self, time: float) -> Vector3:
         """(3,) where the target is now, in ``base`` [m]."""

@@ -9,7 +9,9 @@ agree to within a right angle (a sensor may lie).
 
 What holds the part that is in it, as a socket does, has one way out, which the task has named:
 along it the arm leaves straight, turning nothing, the slower the harder it has to pull, and not at
-all where it would pull harder than it was granted, or nobody feels how hard.
+all where it would pull harder than it was granted, or nobody feels how hard. On any
+other way out, too, it is the slower the harder something is felt to be in the way, and ends where
+that presses as hard as was granted.
 
 What is touched goes on, for :data:`FOLLOWED`, as it did when it was last seen, or as the task goes
 on to see it. Where it comes, the arm goes along with it, and leaves from there: from a stand that
@@ -152,6 +154,7 @@ class Retreat:
         if push is not None and not self.grant.person:
             speed += min(YIELDS * max(float(push @ out), 0.0), YIELDS_MOST) / PACE
         J = np.asarray(body.jacobian(q, part), float)
+        speed *= self._yielding(push, out)
         way = self._paced(body, q, _straight(J, out), speed)
         if self._places:
             back = self._paced(body, q, self._places[0] - q, speed)
@@ -177,8 +180,13 @@ class Retreat:
         part, _ = _deepest(self.grant, body, q, now)
         J = np.asarray(body.jacobian(q, part), float)
         way = joints_of_twist(J, np.concatenate([out, np.zeros(3)]))
-        share = 1.0 - float(np.clip(-(push @ out) / self.grant.force, 0.0, 1.0))
-        return self._paced(body, q, way, share * speed)
+        return self._paced(body, q, way, self._yielding(push, out) * speed)
+
+    def _yielding(self, push: Vector3 | None, out: Vector3) -> float:
+        """The slower the harder the way out is blocked; it ends where that is what was granted."""
+        if push is None or not self.grant.force > 0.0:
+            return 1.0
+        return 1.0 - float(np.clip(-(push @ out) / self.grant.force, 0.0, 1.0))
 
     def _paced(
         self, body: MovingBody, q: JointVector, way: JointVector, speed: float

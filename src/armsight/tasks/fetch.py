@@ -15,7 +15,7 @@ from armsight.errors import UsageError
 from armsight.geometry.pose import inverse, make_pose
 from armsight.geometry.shapes import Solid
 from armsight.motion.intents import Intent, PoseIntent, Rest
-from armsight.motion.permits import PermitRequest
+from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.regions import Region
 from armsight.motion.task import Observation
 from armsight.robots.held import holding
@@ -31,8 +31,13 @@ REACH = 0.12
 """So much of the tool, from its tip, may touch it [m]."""
 FORCE, SPEED, STIFFNESS = 10.0, 0.1, 2.5e3
 """Of the touch [N], [m/s]; what lies loose gives way to rubber fingers like this [N/m]."""
-CLOSES, JAMMED = 0.3, 2.0
+CLOSES, JAMMED = 0.3, 4.0
 """What a gripper is given to close, and to say so [s]; then it is jammed."""
+SOFTLY, SLOWLY = 1.3, 0.03
+"""From so many times the item's width on fingers close no faster than this [m/s]: at their own
+speed they struck the wrist with 4 N, rising, which the guard took for a press."""
+ON = 0.005
+"""Fingers told to come so much closer [m] that stand are on something."""
 NOTHING = 0.3
 """Fingers nearer to each other than this share of the item's least width hold nothing ..."""
 WIDER = 1.4
@@ -65,6 +70,7 @@ class Fetch:
         self.phase, self.words = "over", "on the way to where items lie"
         self._since, self._tries = math.nan, 1
         self._grip: Pose | None = None
+        self._lifted = self.T_base_item
 
     @property
     def done(self) -> bool:
@@ -126,7 +132,8 @@ class Fetch:
             self._fail("no gripper says whether it holds anything")
             return
         late = now > self._since + JAMMED
-        if gripper.moving and not late:
+        on = self._closing(now) < gripper.width - ON or self._closing(now) == 0.0
+        if (gripper.moving or not on) and not late:
             return
         wide = 1e3 * gripper.width
         found = self._holds(gripper.width)
@@ -146,6 +153,11 @@ class Fetch:
                 "something else"
             )
 
+    def _closing(self, now: float) -> float:
+        """How far apart the fingers shall be that close on the item [m]."""
+        begins = min(SOFTLY * max(self.size[:2]), self.opening)
+        return max(begins - SLOWLY * max(now - self._since - CLOSES, 0.0), 0.0)
+
     def _holds(self, width: float) -> str:
         """What fingers so far apart [m] hold: it, nothing or something else."""
         least, most = min(self.size[:2]), max(self.size[:2])
@@ -162,6 +174,8 @@ class Fetch:
         grip = self._grip
         assert grip is not None
         open_width = self.opening if self.phase in ("over", "down") else 0.0
+        if self.phase == "grip":
+            open_width = self._closing(observation.now)
         if self.phase == "failed":
             return Rest(self.words)
         if self.phase == "grip":
@@ -183,17 +197,22 @@ class Fetch:
         joints = observation.joints
         assert joints is not None
         assert self._grip is not None
-        if self.phase == "up":
+        permit = None if observation.guard is None else observation.guard.permit
+        leaves = permit is not None and permit.state is PermitState.WITHDRAWN
+        if self.phase == "up" and leaves:  # nothing that is carried along is ever left
+            T = self._lifted
+        elif self.phase == "up":
             tip = tcp_pose(observation.robot, joints.position)
             T = make_pose(T[:3, :3], T[:3, 3] + tip[:3, 3] - self._grip[:3, 3])
             velocity = (tcp_jacobian(observation.robot, joints.position) @ joints.velocity)[:3]
+            self._lifted = T
         a, b, c = (edge + 2.0 * MARGIN for edge in self.size)
         region = Region(
             "box", (a, b, c), T, joints.stamp, velocity, 0.003**2 * np.eye(3), 0.0
         )  # fmt: skip
         return PermitRequest(
             "item", "thing", region, reach=REACH, speed=SPEED, force=FORCE, stiffness=STIFFNESS,
-            seconds=60.0,
+            seconds=60.0, out=self.T_base_item[:3, 2].copy(),
         )  # fmt: skip
 
     def _pose(self, tcp: Pose) -> Pose:
