@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from armsight.geometry.pose import from_rpy, look_at, transform
+from armsight.geometry.pose import from_rpy, inverse, look_at, transform
 from armsight.servoing.disc_fit import Circle, fit_disc
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.bullseye import Bullseye
 from armsight.servoing.targets.mouth import Mouth
 from armsight.servoing.targets.palm import Palm
+from armsight.simulation.targets import BLUE, PALM_RADIUS
 
 from .flat import bullseye, frame, pair, palm, smiley
 
@@ -106,3 +109,80 @@ def test_where_the_disc_is_hidden_the_glove_stands_in():
     (seen,) = finder.in_frame(frame(moved, covered, EYE, rng))
     assert np.linalg.norm(seen.position - moved[:3, 3]) < 0.015
     assert seen.covariance[0, 0] > 0.01**2
+
+
+def test_a_palm_whose_forearm_comes_towards_the_camera_is_where_it_is():
+    """What lay 15 cm behind the sleeve's near end was no glove: the palm, in the picture, was 6 cm
+    off, or only the glove's middle was left of it."""
+    rng = np.random.default_rng(3)
+    for turn in (0.0, 0.6, -0.6):
+        T = np.eye(4)
+        T[:3, 3] = (0.8, 0.1, 1.0)
+        to = (EYE[:3, 3] - T[:3, 3]) / np.linalg.norm(EYE[:3, 3] - T[:3, 3])
+        side = np.cross(to, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(to, [0.0, 0.0, 1.0]))
+        x = -np.cos(0.5) * to + np.sin(0.5) * np.cross(side, to)  # the fingers point away from it
+        z = np.cross(x, side)
+        z = z if z @ to > 0.0 else -z
+        T[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
+        T = T @ from_rpy((turn, 0.0, 0.0))
+        (seen,) = Palm().in_frame(frame(T, palm, EYE, rng))
+        assert seen.normal is not None, "the disc was found"
+        assert np.linalg.norm(seen.position - T[:3, 3]) < 0.010
+
+
+@pytest.mark.parametrize("right", [False, True])
+def test_a_disc_that_the_gripper_hides_from_one_lens_is_placed_by_the_other(right):
+    rng = np.random.default_rng(5)
+    T = from_rpy((np.pi + 0.2, 0.1, 0.0), (0.03, 0.0, 0.36))
+    view = pair(T, palm, np.eye(4), rng)
+    hidden, shown = ("left", "right") if not right else ("right", "left")
+    lens = view.info.left if hidden == "left" else view.info.right
+    eye = np.eye(4) if hidden == "left" else view.info.T_left_right
+    u, v = lens.project((inverse(eye) @ T)[:3, 3][None])[0].astype(int)
+    image = getattr(view.frame, hidden).copy()
+    image[v - 90 : v + 90, u - 90 : u + 20] = (60, 60, 62)
+    view = replace(view, frame=replace(view.frame, **{hidden: image}))
+    (seen,) = Palm().in_pair(view)
+    off = seen.position - T[:3, 3]
+    origin = view.info.T_left_right[:3, 3] if shown == "right" else np.zeros(3)
+    ray = (T[:3, 3] - origin) / np.linalg.norm(T[:3, 3] - origin)
+    assert np.linalg.norm(off - ray * (off @ ray)) < 0.0015
+    assert abs(off @ ray) < 0.006
+    sigma = np.sqrt(ray @ seen.covariance @ ray)
+    assert abs(off @ ray) < 3.0 * sigma < 0.02
+    assert seen.normal is None, "which side is nearer one lens does not tell"
+
+
+def test_a_blue_disc_on_no_glove_is_no_palm_to_one_lens():
+    def badge(x, y):
+        color = np.tile((0.5, 0.5, 0.52), (len(x), 1)).astype(float)
+        color[np.hypot(x, y) < PALM_RADIUS] = BLUE
+        return color, (abs(x) < 0.08) & (abs(y) < 0.08)
+
+    rng = np.random.default_rng(6)
+    T = from_rpy((np.pi + 0.2, 0.1, 0.0), (0.03, 0.0, 0.36))
+    view = pair(T, badge, np.eye(4), rng)
+    blank = np.full_like(view.frame.left, 90)
+    alone = replace(view, frame=replace(view.frame, left=blank))
+    assert Palm().in_pair(alone) == []
+
+
+def test_a_glove_that_is_half_hidden_is_less_sure_or_nothing():
+    """An arm before it moved the middle of what was left by 12 cm, said to be known to 15 mm."""
+    finder, rng = Palm(), np.random.default_rng(0)
+    T = from_rpy((0.1, -0.1, 0.3), (0.8, 0.1, 1.0))
+    finder.in_frame(frame(T, palm, EYE, rng))
+
+    def cut(at):
+        def paint(x, y):
+            color, shown = palm(x, y)
+            color[np.hypot(x, y) < 0.03] = (0.2, 0.6, 0.2)
+            return color, shown & (x > at)
+
+        return finder.in_frame(frame(T, paint, EYE, rng))
+
+    for at in (-0.25, -0.22, -0.20, -0.15, -0.10):
+        for seen in cut(at):
+            off = np.linalg.norm(seen.position - T[:3, 3])
+            assert off < 2.0 * np.sqrt(seen.covariance[0, 0])
+    assert cut(-0.10) == []
