@@ -52,7 +52,7 @@ FIGURES = (
            "moving at up to 0.1-0.4 m/s, speed 1, acceleration 1", "{:.2f}"),
     Figure("distance from a bulls-eye's centre", "servo-bullseye", "bullseye_mm",
            "ours, speed 1, acceleration 1", "{:.1f} mm"),
-    Figure("an item laid on a palm", "servo-handover", "handover_success",
+    Figure("an item laid on a palm, in the gripper from the start", "servo-handover", "handover_success",
            "ours, speed 1, acceleration 1", "{:.2f}"),
     Figure("charging ports found in a pair of pictures", "port-detection", "recall", "all",
            "{:.2f}"),
