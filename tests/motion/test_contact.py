@@ -551,6 +551,23 @@ def test_a_straw_gives_way_to_a_face_that_comes(direction):
     assert 3.0 < max(force for _, force in cell.pushed) < 5.0
 
 
+@pytest.mark.parametrize(("fastest", "aside"), [(0.14, 0.0), (0.14, 0.1), (0.17, 0.0)])
+def test_a_straw_goes_along_with_a_face_that_comes_from_aside(fastest, aside):
+    """Up to 12 N until November 2026: an arm that left along with the face was stopped in every
+    other tick, since, if it stopped, the face would come on at more than it may be met with."""
+    room = 0.3
+
+    def coming(t):
+        since = max(t - 1.0, 0.0)
+        way = room * 0.5 * (1.0 - np.cos(2.0 * fastest / room * since)) - 0.18
+        return TIP + way * np.array([0.0, 0.7, 0.714]) + [0.0, aside * since, 0.0]
+
+    cell = Sprung(coming, "face", False, stiffness=150.0, anew=True, radius=0.17, soft=150.0)
+    cell.touch(2.6)
+    assert any("backs out" in s.reason for s in cell.log)
+    assert 3.0 < max(force for _, force in cell.pushed) < 5.0
+
+
 @pytest.mark.parametrize(("speed", "says"), [(0.07, ""), (0.19, ""), (0.25, "at 0.25 m/s")])
 def test_only_a_face_that_moves_slowly_may_be_touched(speed, says):
     velocity = np.array([0.0, speed, 0.0])

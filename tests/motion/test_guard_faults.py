@@ -82,7 +82,7 @@ def test_it_goes_on_when_the_joints_are_back(moving):
 
 
 def test_a_stop_that_would_come_too_late_is_begun_and_said(moving, monkeypatch):
-    monkeypatch.setattr(moving.guard._filter, "stops_in_time", lambda tick: False)
+    monkeypatch.setattr(moving.guard._filter, "stops_in_time", lambda tick, leaves: False)
     decision = moving.tick()
     assert decision.brake
     assert decision.status.mode == GuardMode.SLOWED

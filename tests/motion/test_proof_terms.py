@@ -166,7 +166,7 @@ def test_where_the_drives_ramp_lags_behind_what_is_allowed_the_brakes_are_used(m
     place = np.array([9.0, 0.0, 0.0])
     goals = [ROBOT.home + np.array([1.2, 0, 0, 0, 0, 0]), ROBOT.home]
     cell = QuickCell([Ball(lambda t: place)], goals)
-    monkeypatch.setattr(cell.guard._filter, "stops_in_time", lambda tick: True)
+    monkeypatch.setattr(cell.guard._filter, "stops_in_time", lambda tick, leaves: True)
     monkeypatch.setattr(cell.guard._reflex, "due", lambda least: False)
     while np.abs(cell.v).max() < 0.8 * cell.guard._filter.limits.velocity[0]:
         cell.tick()

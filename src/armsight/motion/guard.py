@@ -341,7 +341,9 @@ class Guard:
 
     def _keep_apart(self, tick: Tick) -> None:
         """The last word on a command: brake now if braking after it could be too late."""
-        if tick.brake or self._filter.stops_in_time(tick):
+        retreat = self._permits.retreat
+        leaves = retreat is not None and retreat.stands is None
+        if tick.brake or self._filter.stops_in_time(tick, leaves):
             return
         self._brake(tick)
         if tick.mode in (GuardMode.PREDICTIVE, GuardMode.VELOCITY):

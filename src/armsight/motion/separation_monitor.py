@@ -87,13 +87,17 @@ class SeparationMonitor:
         """How far hazards are from the body at (n,) [rad]; nothing moves, so nothing is limited."""
         return self.body.view(q, np.zeros(len(q)), hazards, self._law)
 
-    def stops_in_time(self, state: ArmState, T_r: float, hazards: Hazards) -> bool:
+    def stops_in_time(
+        self, state: ArmState, T_r: float, hazards: Hazards, leaves: bool = False
+    ) -> bool:
         """Whether an arm that brakes from a state on stands before anybody could be there.
 
         Args:
             state: where it would be, and how fast, when the brakes take hold.
             T_r: from the exposure of the oldest picture until then [s].
             hazards: as pictured.
+            leaves: the arm backs out of what it touches, along with that where it comes: how fast
+                the two would meet if it stopped is no reason to stop it.
         """
         center, velocity = self.body.motion(state.position, state.velocity)
         fastest = self.body.fastest(state.position, state.velocity, velocity)
@@ -119,7 +123,7 @@ class SeparationMonitor:
             stands = (float(until.max()), times, hazards, law)
             if not self._cable.stops_in_time(np.asarray(stop, np.float64), state.velocity, *stands):
                 return False
-        if isinstance(self.contact, GentleSpeed):
+        if isinstance(self.contact, GentleSpeed) and not leaves:
             return free(self.contact.touchable, ~self._stays_gentle(self.contact, state))
         return True
 

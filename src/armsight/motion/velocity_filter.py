@@ -159,12 +159,15 @@ class VelocityFilter:
         straight = np.asarray(before + share * wanted)
         return straight if self.excess(tick, straight) <= 0.0 else soonest
 
-    def stops_in_time(self, tick: Tick) -> bool:
-        """Whether the arm would stand before anybody is there if it brakes after this command."""
+    def stops_in_time(self, tick: Tick, leaves: bool = False) -> bool:
+        """Whether the arm would stand before anybody is there if it brakes after this command.
+
+        ``leaves``: as in :meth:`.SeparationMonitor.stops_in_time`.
+        """
         held = TICKS * self.config.period
         after = self.arm.after(tick.ahead, tick.command, held)
         T_r = tick.verdict.age + held + self.config.start_delay
-        return self.monitor.stops_in_time(after, T_r, self.hazards)
+        return self.monitor.stops_in_time(after, T_r, self.hazards, leaves)
 
     def unseen(self, index: int) -> bool:
         """Whether a hazard, by its place in the blocks, is unseen space."""
