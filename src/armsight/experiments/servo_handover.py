@@ -150,7 +150,7 @@ def one_rendered(setup: Setup, fetch: bool, seed: tuple[int, int]) -> dict[str, 
 
     Without ``fetch`` the arm begins where it does in the other trial, and the item falls as there.
     With it the arm begins at home and fetches the item, which lies on the bench, is held by the
-    fingers' friction, falls, and comes to lie somewhere.
+    fingers' friction, and falls.
     """
     drawn = _drawn(setup, Errors(arm=0.0), seed)
     start = setup.robot.home if fetch else drawn.start
@@ -271,10 +271,9 @@ class Delivery(Landing):
         assert isinstance(seen, Onlooker)
         away = seen.item("item") - seen.place(seen.now)
         high = float(away @ self._up)
-        self.over = high < 0.5 * ITEM or seen.now > self._let_go + FALLS
-        self._off = float(np.linalg.norm(away - high * self._up)) if self.over else math.nan
-        if high >= 0.5 * ITEM:
-            self._off = math.nan  # it hangs on the fingers
+        landed = high < 0.5 * ITEM  # else it falls, or hangs on the fingers
+        self.over = landed or seen.now > self._let_go + FALLS
+        self._off = float(np.linalg.norm(away - high * self._up)) if landed else math.nan
 
 
 def _hand(T: Pose) -> Points:

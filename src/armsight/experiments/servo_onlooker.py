@@ -121,7 +121,7 @@ class Onlooker:
         self.now, self.q = 0.0, np.array(setup.robot.home)
         self.v = np.zeros_like(self.q)
         self._target, self._base = target, setup.workcell.robot.T_world_base
-        item = self._pose()
+        item = self._pose(target)
         self._T_item_target = inverse(item) @ T_world_target
         # Of the item its own origin is led: it does not turn.
         self._off = item[:3, 3] - T_world_target[:3, 3]
@@ -143,7 +143,9 @@ class Onlooker:
 
     def place(self, time: float) -> Vector3:
         """(3,) where the target is now, in ``base`` [m]."""
-        return np.asarray((inverse(self._base) @ self._pose() @ self._T_item_target)[:3, 3])
+        return np.asarray(
+            (inverse(self._base) @ self._pose(self._target) @ self._T_item_target)[:3, 3]
+        )
 
     def tip(self) -> Vector3:
         """(3,) where the tip truly is, in ``base`` [m]."""
@@ -151,8 +153,7 @@ class Onlooker:
 
     def item(self, name: str) -> Vector3:
         """(3,) where a thing of the cell is, in ``base`` [m]."""
-        moved = next(m for m in self.world.movers() if m.name == name)
-        return transform(inverse(self._base), moved.T_world_solid[:3, 3][None])[0]
+        return transform(inverse(self._base), self._pose(name)[:3, 3][None])[0]
 
     def attach(self, session: Session) -> None:
         """Called by the session."""
@@ -178,8 +179,8 @@ class Onlooker:
     def _place_of_item(self, time: float) -> Vector3:
         return np.asarray(transform(self._base, self.path(time)[None])[0] + self._off)
 
-    def _pose(self) -> Pose:
-        return next(m for m in self.world.movers() if m.name == self._target).T_world_solid
+    def _pose(self, name: str) -> Pose:
+        return next(m for m in self.world.movers() if m.name == name).T_world_solid
 
 
 def outside(T_world_base: Pose, place: Vector3) -> Vector3:

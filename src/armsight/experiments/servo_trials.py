@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armsight.devices.data import JointState
-from armsight.experiments.episodes import run_episodes
+from armsight.experiments.episodes import part_of, run_episodes
 from armsight.experiments.frame import Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell
@@ -68,7 +68,8 @@ def _seeded(trial: Callable[..., Trial], first: int, run: int) -> Trial:
 
 def told_of(what: str, progress: Progress, begin: float, part: float) -> Progress:
     """Progress of a part that has a name of its own, see :func:`~.episodes.part_of`."""
-    return lambda say, share: progress(f"{what}, {say}", begin + part * share)
+    told = part_of(progress, begin, part)
+    return lambda say, share: told(f"{what}, {say}", share)
 
 
 def tick(cell: SurfaceCell, eyes: Any, task: Any, status: GuardStatus | None) -> GuardStatus:

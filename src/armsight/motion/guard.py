@@ -217,8 +217,7 @@ class Guard:
             goals.reached = True
             self._route = None
         retreat = self._permits.retreat
-        leaves = retreat is not None and retreat.stands is None
-        if tick.verdict.severity == Severity.SLOW and not leaves:
+        if tick.verdict.severity == Severity.SLOW and not self._permits.leaves:
             self._come_to_rest(tick, GuardMode.STOPPED, tick.verdict.reason)
             return
         if retreat is not None:
@@ -341,9 +340,7 @@ class Guard:
 
     def _keep_apart(self, tick: Tick) -> None:
         """The last word on a command: brake now if braking after it could be too late."""
-        retreat = self._permits.retreat
-        leaves = retreat is not None and retreat.stands is None
-        if tick.brake or self._filter.stops_in_time(tick, leaves):
+        if tick.brake or self._filter.stops_in_time(tick, self._permits.leaves):
             return
         self._brake(tick)
         if tick.mode in (GuardMode.PREDICTIVE, GuardMode.VELOCITY):

@@ -223,6 +223,11 @@ class PermitOffice:
         return self._touches(now)
 
     @property
+    def leaves(self) -> bool:
+        """Whether the arm is on its way out of a contact: not where it stands, held."""
+        return self.retreat is not None and self.retreat.stands is None
+
+    @property
     def one_way_out(self) -> bool:
         """Whether what may be touched holds the part that is in it, as a socket does."""
         return self.grant is not None and self.grant.out is not None

@@ -9,9 +9,9 @@ agree to within a right angle (a sensor may lie).
 
 What holds the part that is in it, as a socket does, has one way out, which the task has named:
 along it the arm leaves straight, turning nothing, the slower the harder it has to pull, and not at
-all where it would pull harder than it was granted, or nobody feels how hard. On any
-other way out, too, it is the slower the harder something is felt to be in the way, and ends where
-that presses as hard as was granted.
+all where it would pull harder than it was granted, or nobody feels how hard. On any other way out,
+too, it is the slower the harder something is felt to be in the way, and ends where that presses as
+hard as was granted.
 
 What is touched goes on, for :data:`FOLLOWED`, as it did when it was last seen, or as the task goes
 on to see it. Where it comes, the arm goes along with it, and leaves from there: from a stand that

@@ -132,7 +132,8 @@ class Fetch:
             self._fail("no gripper says whether it holds anything")
             return
         late = now > self._since + JAMMED
-        on = self._closing(now) < gripper.width - ON or self._closing(now) == 0.0
+        wish = self._closing(now)
+        on = wish < gripper.width - ON or wish == 0.0
         if (gripper.moving or not on) and not late:
             return
         wide = 1e3 * gripper.width

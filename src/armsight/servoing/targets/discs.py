@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
-from armsight.arrays import Points, Vector3
+from armsight.arrays import ColorImage, Points, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, meet, plane_of
@@ -50,12 +50,15 @@ class SeenDisc:
         fit: of its circles; surface: (3,) mean of what is visible of it [m].
         region: its largest part in the (left) picture.
         parts: how many of its parts were found.
+        turned: whether ``fit.normal`` says how it is turned: one picture without depth does not
+            tell which of its sides is nearer.
     """
 
     fit: DiscFit
     surface: Vector3
     region: Region
     parts: int
+    turned: bool = True
 
 
 @dataclass(frozen=True)
@@ -99,19 +102,27 @@ class Discs:
                     candidates.append(_Candidate(part, (circle,), found, normal, region, points))
         return self._best(candidates)
 
-    def in_pair(self, view: PosedPair) -> list[SeenDisc]:
-        """Prints in both pictures of a pair, the most believable first."""
+    def in_pair(
+        self, view: PosedPair, alone: Callable[[ColorImage, Region], bool] | None = None
+    ) -> list[SeenDisc]:
+        """Prints in both pictures of a pair, the most believable first.
+
+        Args:
+            view: the pair.
+            alone: whether a region of a picture may be a whole disc that this one shows alone; such
+                are looked for where both show none. None: they are not.
+        """
         T = view.T_base_camera
         if T is None:
             return []
-        lenses = (view.info.left, view.info.right)
+        lenses, images = (view.info.left, view.info.right), (view.frame.left, view.frame.right)
         poses = (T, np.asarray(T @ view.info.T_left_right))
         seen = [
             [
                 (region, Outline(pose[:3, 3], rays @ pose[:3, :3].T, OUTLINE_SIGMA / lens.fx))
                 for region, rays in outlines_in_pair(image, lens, self.color)
             ]
-            for image, lens, pose in zip((view.frame.left, view.frame.right), lenses, poses)
+            for image, lens, pose in zip(images, lenses, poses)
         ]
         candidates = []
         for (region, left), (_, right) in product(*seen):
@@ -125,23 +136,24 @@ class Discs:
                     circles = (Circle(left, part.radius), Circle(right, part.radius))
                     none = np.empty((0, 3))
                     candidates.append(_Candidate(part, circles, middle, normal, region, none))
-        return self._best(candidates)
+        both = self._best(candidates)
+        if both or alone is None:
+            return both
+        return [
+            disc
+            for image, lens, outlines in zip(images, lenses, seen)
+            for disc in self._in_one(outlines, lens)
+            if alone(image, disc.region)
+        ]
 
-    def in_one(self, view: PosedPair, right: bool) -> list[SeenDisc]:
-        """Whole discs in one picture of a pair: how far away each is, its size alone tells.
-
-        Which of its sides is nearer that does not tell: ``fit.normal`` says nothing.
-        """
-        T, lens, image = view.T_base_camera, view.info.left, view.frame.left
-        if T is None:
-            return []
-        if right:
-            T, lens, image = T @ view.info.T_left_right, view.info.right, view.frame.right
+    def _in_one(
+        self, outlines: Sequence[tuple[Region, Outline]], lens: PinholeCamera
+    ) -> list[SeenDisc]:
+        """Whole discs in one picture of a pair: how far away each is, its size alone tells."""
         candidates, part = [], self.parts[0]
-        for region, rays in outlines_in_pair(image, lens, self.color):
-            if len(rays) < WHOLE * SPOKES:
+        for region, outline in outlines:
+            if len(outline.rays) < WHOLE * SPOKES:
                 continue
-            outline = Outline(T[:3, 3], rays @ T[:3, :3].T, OUTLINE_SIGMA / lens.fx)
             axis = outline.rays.mean(axis=0) / np.linalg.norm(outline.rays.mean(axis=0))
             away = part.radius / float(np.sqrt(1.0 / (outline.rays @ axis).min() ** 2 - 1.0))
             middle = np.asarray(outline.origin + away * axis)
@@ -149,8 +161,10 @@ class Discs:
                 continue
             circles, none = (Circle(outline, part.radius),), np.empty((0, 3))
             candidates.append(_Candidate(part, circles, middle, -axis, region, none))
-        found = self._best(candidates)
-        return [_less_sure(seen, T[:3, 3], part.radius, lens) for seen in found]
+        return [
+            _less_sure(seen, outlines[0][1].origin, part.radius, lens)
+            for seen in self._best(candidates)
+        ]
 
     def _best(self, candidates: list[_Candidate]) -> list[SeenDisc]:
         """Fits of every candidate with the others that share its middle."""
@@ -180,7 +194,7 @@ def _less_sure(seen: SeenDisc, eye: Vector3, radius: float, lens: PinholeCamera)
     away = float(np.linalg.norm(to))
     off = 0.5 / lens.fx * away * away / radius
     unsure = seen.fit.covariance + np.outer(to, to) * (off / away) ** 2
-    return replace(seen, fit=replace(seen.fit, covariance=unsure))
+    return replace(seen, fit=replace(seen.fit, covariance=unsure), turned=False)
 
 
 def _fitting(

@@ -6,7 +6,6 @@ remembers where the disc was on the glove that it sees.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -105,17 +104,7 @@ class Palm:
         """
         if view.T_base_camera is None:
             return []
-        both = self._discs.in_pair(view)
-        if both:
-            return [_of_disc(seen, view.frame) for seen in both]
-        found = []
-        for right in (False, True):
-            image = view.frame.right if right else view.frame.left
-            for seen in self._discs.in_one(view, right):
-                if _pink_around(image, seen.region):
-                    alone = _of_disc(seen, view.frame)
-                    found.append(replace(alone, normal=None, tilt=0.0))
-        return found
+        return [_of_disc(seen, view.frame) for seen in self._discs.in_pair(view, _pink_around)]
 
 
 def _around(view: PosedFrame, region: Region, mask: Bytes) -> Points:
@@ -176,9 +165,10 @@ def _forearm(glove: Points, palm: Vector3) -> Vector3 | None:
 
 def _of_disc(seen: SeenDisc, frame: StereoFrame) -> Sighting:
     fit = seen.fit
+    normal, tilt = (fit.normal, fit.tilt) if seen.turned else (None, 0.0)
     return Sighting(
-        Palm.name, frame.camera, frame.stamp, fit.center, fit.covariance, seen.surface, fit.normal,
-        True, fit.tilt,
+        Palm.name, frame.camera, frame.stamp, fit.center, fit.covariance, seen.surface, normal,
+        True, tilt,
     )  # fmt: skip
 
 
