@@ -7,6 +7,7 @@ import pytest
 
 from armsight.motion.arm_model import ArmState
 from armsight.motion.data import GuardMode
+from armsight.motion.folding import Unfolded
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import VelocityIntent
 from armsight.motion.steering import END_ROOM, SHRINK, USED, Steering
@@ -25,6 +26,9 @@ class Filter:
         self.limits = robot.limits.scaled(CONFIG.speed, CONFIG.acceleration)
         self.most = 1e3
         self.free = []
+
+    def unfold(self, tick, wanted):
+        return Unfolded(wanted)
 
     def ease(self, tick, wanted):
         return wanted

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from armsight.arrays import Floats, Ints, JointVector, Points, Poses
+from armsight.motion.body import Body
 
 
 @njit(cache=True, nogil=True)
@@ -60,6 +61,75 @@ def limiting_rows(
         bounds[count] = share[i] * closing
         count += 1
     return rows[:count], bounds[:count]
+
+
+@njit(cache=True, nogil=True)
+def own_rows(
+    body: Body, poses: Poses, axis: Points, centers: Points, later: Points, near: float
+) -> tuple[Points, Floats, Ints]:
+    """How fast links that are near each other come together: ``rows @ q'`` [m/s].
+
+    Of any two links the two spheres count that are nearest to each other, now or later.
+
+    Args:
+        body: whose spheres may touch each other.
+        poses: (n + 1, 4, 4) of the links.
+        axis: (n, 3) of the joints.
+        centers: (m + f, 3) of the spheres, and of those that never move [m].
+        later: the same at another time.
+        near: pairs that are farther apart have no row [m].
+
+    Returns:
+        (k, n) rows [m/rad], (k,) the lesser gaps [m], and the links of each (k, 2).
+    """
+    groups, n = body.groups.shape[0], axis.shape[0]
+    rows, gaps = np.zeros((groups, n)), np.empty(groups)
+    links = np.empty((groups, 2), np.int64)
+    count = 0
+    for g in range(groups):
+        a, b = body.groups[g, 2], body.groups[g, 3]
+        need = body.group_reach[g] + near
+        dx = centers[b, 0] - centers[a, 0]
+        dy = centers[b, 1] - centers[a, 1]
+        dz = centers[b, 2] - centers[a, 2]
+        if dx * dx + dy * dy + dz * dz >= need * need:
+            continue
+        best, pair = near, -1
+        for p in range(body.groups[g, 4], body.groups[g, 5]):
+            gap = min(_between(body, centers, p), _between(body, later, p))
+            if gap < best:
+                best, pair = gap, p
+        if pair < 0:
+            continue
+        a, b = body.pairs[pair, 0], body.pairs[pair, 1]
+        links[count, 0], links[count, 1] = body.groups[g, 0], body.groups[g, 1]
+        ux = centers[a, 0] - centers[b, 0]
+        uy = centers[a, 1] - centers[b, 1]
+        uz = centers[a, 2] - centers[b, 2]
+        length = max(np.sqrt(ux * ux + uy * uy + uz * uz), 1e-9)
+        ux, uy, uz = ux / length, uy / length, uz / length
+        for j in range(links[count, 0], links[count, 1]):  # joints before both move both alike
+            T = poses[j + 1]
+            ax = T[0, 0] * axis[j, 0] + T[0, 1] * axis[j, 1] + T[0, 2] * axis[j, 2]
+            ay = T[1, 0] * axis[j, 0] + T[1, 1] * axis[j, 1] + T[1, 2] * axis[j, 2]
+            az = T[2, 0] * axis[j, 0] + T[2, 1] * axis[j, 1] + T[2, 2] * axis[j, 2]
+            px, py, pz = centers[b, 0] - T[0, 3], centers[b, 1] - T[1, 3], centers[b, 2] - T[2, 3]
+            rows[count, j] = (
+                ux * (ay * pz - az * py) + uy * (az * px - ax * pz) + uz * (ax * py - ay * px)
+            )
+        gaps[count] = best
+        count += 1
+    return rows[:count], gaps[:count], links[:count]
+
+
+@njit(cache=True, nogil=True)
+def _between(body: Body, centers: Points, pair: int) -> float:
+    """Gap [m] of a pair of spheres."""
+    a, b = body.pairs[pair, 0], body.pairs[pair, 1]
+    dx = centers[b, 0] - centers[a, 0]
+    dy = centers[b, 1] - centers[a, 1]
+    dz = centers[b, 2] - centers[a, 2]
+    return float(np.sqrt(dx * dx + dy * dy + dz * dz) - body.pair_radius[pair])
 
 
 @njit(cache=True, nogil=True)

@@ -13,6 +13,7 @@ import numpy as np
 from armsight.arrays import Floats, JointVector
 from armsight.motion.data import GuardMode
 from armsight.motion.escape import SLACK
+from armsight.motion.folding import Unfolded
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.intents import VelocityIntent
 from armsight.motion.nearest import SeparationView
@@ -90,7 +91,10 @@ class Steering:
         """
         self.moving = True
         wanted = wanted / max(float((np.abs(wanted) / self._speed).max()), 1.0)
-        eased = self._filter.ease(tick, wanted)
+        led = Unfolded(wanted) if bound else self._filter.unfold(tick, wanted)
+        if led.links is not None:
+            tick.reason = "{} is in the way of {}".format(*led.links)
+        eased = self._filter.ease(tick, led.motion)
         view = tick.view = self._filter.judge(tick, eased)
         target = eased
         if view.allowed < 1.0:

@@ -20,6 +20,7 @@ from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.motion.arm_model import commanded_arm
 from armsight.motion.collision import CollisionModel
 from armsight.motion.escape import SLACK, leaves
+from armsight.motion.folding import Unfolded, unfolded
 from armsight.motion.guard_config import GuardConfig
 from armsight.motion.nearest import Hazards, SeparationView
 from armsight.motion.separation import ReactionTime
@@ -94,6 +95,11 @@ class VelocityFilter:
             return wanted
         law = self.monitor.law
         return contact.ease(self.monitor.body, tick.ahead.position, wanted, law)
+
+    def unfold(self, tick: Tick, wanted: JointVector) -> Unfolded:
+        """A wish (n,) [rad/s] as the arm itself leaves it."""
+        stops = self.arm.stop_path(tick.ahead)[-1]
+        return unfolded(self.model, tick.ahead.position, stops, wanted)
 
     def conform(self, tick: Tick, wanted: JointVector) -> JointVector:
         """The motion nearest to a wanted one that closes in on no limiting hazard too fast."""
