@@ -29,6 +29,7 @@ from armsight.motion.permits import Permit, PermitState
 from armsight.robots.kinematics import tcp_pose
 from armsight.servoing.docking import Touchable, docking
 from armsight.simulation.skeleton import INDEX
+from armsight.simulation.truth import Contact
 
 SETUP = held_setup(set_up(1.0, 1.0))
 T_BASE_WORLD = np.linalg.inv(SETUP.workcell.robot.T_world_base)
@@ -128,32 +129,34 @@ def test_the_arm_begins_apart_from_somebody_or_as_far_as_there_is_room():
 
 
 class Struck:
-    """A cell in which the arm moves as told, and is touched with a force."""
+    """A cell in which the arm is touched with a force where it moves as fast as told [m/s]."""
 
     def __init__(self, speed, forces):
         self.robot, self.q, self.now = SETUP.robot, np.array(SETUP.robot.home), 0.0
-        self.speed, self.forces, self.contacts = speed, forces, []
+        self.speed, self.forces = speed, forces
+        self.contacts = [touch(speed)]
 
     def on(self, permit):
         presses = Presses()
         for force in self.forces:
             self.now += 0.008
-            self.q = self.q + 0.008 * self.speed * np.eye(6)[0]
-            self.contacts = [Felt(force)]
+            self.q = self.q + 0.008 * 0.5 * np.eye(6)[0]  # other parts move in any case
+            self.contacts[0].force = max(force, self.contacts[0].force)
             presses.look(self, permit)
         return presses
 
 
-class Felt:
-    def __init__(self, force):
-        self.force = force
+def touch(speed):
+    """A contact of the arm's second link, which is no faster there [m/s]."""
+    return Contact("object", "hand", "", 2, 0.0, 0.0, 0.0, speed, np.zeros(3), force=0.0)
 
 
 @pytest.mark.parametrize(
     ("speed", "state", "harm"),
     [
         (0.0, PermitState.REFUSED, False),
-        (0.5, PermitState.REFUSED, True),
+        (0.03, PermitState.REFUSED, False),
+        (0.06, PermitState.REFUSED, True),
         (0.0, PermitState.GRANTED, True),
     ],
 )
@@ -162,6 +165,16 @@ def test_who_runs_into_an_arm_that_stands_is_no_harm_of_it(speed, state, harm):
     presses = Struck(speed, [0.0] * 8 + [5.0, 60.0, 110.0, 110.0]).on(permit)
     assert presses.harm == harm
     assert (presses.force, presses.struck) == ((110.0, 0.0) if harm else (0.0, 110.0))
+
+
+def test_another_contact_is_no_longer_hidden_by_a_stronger_one():
+    """Until November 2026 what the arm did was seen only while it was the greatest force so far."""
+    cell = Struck(0.0, [])
+    cell.contacts = [touch(0.0), touch(0.2)]
+    cell.contacts[0].force, cell.contacts[1].force = 50.0, 20.0
+    presses = cell.on(None)
+    presses.look(cell, None)
+    assert (presses.force, presses.struck) == (20.0, 50.0)
 
 
 def test_what_a_permit_allows_is_no_harm():

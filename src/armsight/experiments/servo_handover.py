@@ -63,8 +63,10 @@ within {LIMIT:g} s, without harm. In {100 * COVERED:.0f} % of the pair's picture
 0.35 m the item hides the disc.
 
 Recorded hands pick, place and hand over at up to 3 m/s as if no arm were there. A force counts, and
-is harm beyond what is permitted, when it grows while a permit holds or any part of the arm moves;
-`handover_struck_n` is what is left: hands that run into an arm that stands.
+is harm beyond what is permitted, when it grows while a permit holds, or where the arm moves faster
+than 5 cm/s at the touching point, as in all experiments; `handover_struck_n` is what is left: hands
+that run into an arm that stands there. (Until November 2026 it counted while any part of the arm
+moved, and the page had 16 N of a hand that ran into an upper arm that drew back at 2.7 cm/s.)
 
 Contact of the gripper with the hand (ISO/TS 15066's mass and surface, held by 0.5 N/mm), the force
 sensor, drives and arm are the simulated world's, in steps of 1 ms; the arm's absolute errors are

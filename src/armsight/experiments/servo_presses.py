@@ -40,8 +40,11 @@ class Touched(Protocol):
 class Presses:
     """What the arm presses of somebody, and who runs into an arm that stands, which is no harm.
 
+    The arm stands where it is touched as everywhere else: no faster than :data:`.MOVING` there,
+    whatever its other parts do, for as long as that contact lasts.
+
     Attributes:
-        force: greatest of a contact that grew while the arm moved, or might touch [N].
+        force: greatest of a contact that grew while a permit held, or with an arm that moved [N].
         struck: greatest of any other: of who ran into an arm that stood [N].
         granted: greatest that was permitted [N].
         moves: some part of the arm moved lately.
@@ -50,7 +53,7 @@ class Presses:
     def __init__(self) -> None:
         self.force = self.struck = self.granted = 0.0
         self.moves = False
-        self._strongest = 0.0
+        self._felt: dict[int, float] = {}
         self._were: deque[tuple[float, Points]] = deque(maxlen=LOOKS + 1)
 
     @property
@@ -67,9 +70,11 @@ class Presses:
         since, were = self._were[0]
         way = float(np.linalg.norm(center - were, axis=1).max())
         self.moves = way > MOVING * (cell.now - since)
-        strongest = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
-        if strongest > self._strongest and (may or self.moves):
-            self.force = strongest
-        elif strongest > self._strongest:
-            self.struck = strongest
-        self._strongest = strongest
+        for k, contact in enumerate(cell.contacts):
+            if not contact.force > self._felt.get(k, 0.0):
+                continue
+            self._felt[k] = contact.force
+            if may or contact.moving:
+                self.force = max(self.force, contact.force)
+            else:
+                self.struck = max(self.struck, contact.force)
