@@ -10,7 +10,7 @@ from armsight.experiments.servo_world import mapped_box, set_up
 from armsight.mapping.snapshot import OCCUPIED
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import PlanRequest
-from armsight.motion.intents import JointIntent, PoseIntent, VelocityIntent
+from armsight.motion.intents import JointIntent, PoseIntent, VelocityIntent, refusal
 from armsight.motion.keep_out import SeparationPlanner
 from armsight.motion.lid import Lid, with_lid
 from armsight.motion.plan import Plan
@@ -54,39 +54,67 @@ def test_a_hanging_arm_has_its_lid_above_it_with_room_for_its_shoulder():
     assert (closed.distance[tuple(index.T)] <= nearest + 1e-6).all()
 
 
+class Ways:
+    """Straight ways to what is asked for, or none; and whatever is told of the top."""
+
+    def __init__(self, robot, good=True, top=None):
+        self.robot, self.good, self.asked, self._top = robot, good, [], top
+        self.lid = self
+
+    def below_the_top(self, q, grid):
+        return 0.0 if self._top is not None and np.abs(q - self._top).max() < 0.1 else 0.2
+
+    def plan(self, request, snapshot, time_limit, rng):
+        self.asked.append(np.array(request.target))
+        path = np.stack([request.start, request.target])
+        motion = straight(*path, self.robot.limits) if self.good else None
+        return Plan(0, path, motion, 1.0, 0, 0.0, 0.0, "" if motion else "none")
+
+    def expected_time(self, motion, request, snapshot):
+        return motion.duration
+
+
+def led(cell, ways, pose):
+    planner = PosePlanner(ways, cell.robot, cell.robot.limits)
+    request = PlanRequest(0, cell.robot.home, pose)
+    return planner.plan(request, cell.snapshot_at(0.0), 0.05, np.random.default_rng(0))
+
+
 def test_of_the_ways_to_a_pose_one_that_ends_under_the_very_top_is_the_last_choice():
     """Though it is the nearest: the arm would stand there for good."""
     cell = hanging_cell()
     goal = cell.robot.home + np.deg2rad([10.0, 5.0, 5.0, 0.0, 0.0, 0.0])
-    asked = []
-
-    class Ways:
-        good = True
-
-        class lid:
-            @staticmethod
-            def below_the_top(q, grid):
-                return 0.0 if np.abs(q - goal).max() < 0.1 else 0.2
-
-        def plan(self, request, snapshot, time_limit, rng):
-            asked.append(np.array(request.target))
-            path = np.stack([request.start, request.target])
-            motion = straight(*path, cell.robot.limits) if self.good else None
-            return Plan(0, path, motion, 1.0, 0, 0.0, 0.0, "" if motion else "none")
-
-        def expected_time(self, motion, request, snapshot):
-            return motion.duration
-
-    pose = PoseIntent("G", tcp_pose(cell.robot, goal))
-    request = PlanRequest(0, cell.robot.home, pose)
-    for Ways.good in (True, False):
-        asked.clear()
-        planner = PosePlanner(Ways(), cell.robot, cell.robot.limits)
-        plan = planner.plan(request, cell.snapshot_at(0.0), 0.05, np.random.default_rng(0))
-        near = [np.abs(q - goal).max() < 0.1 for q in asked]
+    for good in (True, False):
+        ways = Ways(cell.robot, good, goal)
+        plan = led(cell, ways, PoseIntent("G", tcp_pose(cell.robot, goal)))
+        near = [np.abs(q - goal).max() < 0.1 for q in ways.asked]
         assert not near[0]
-        assert near[-1] != Ways.good
-        assert (plan.trajectory is not None) == Ways.good
+        assert near[-1] != good
+        assert (plan.trajectory is not None) == good
+
+
+def test_who_goes_on_from_a_pose_is_led_to_where_its_joints_have_room():
+    """A wrist that was led to a degree before the end of its travel could not turn to its target:
+    the tip stood 3 cm before a bulls-eye for good."""
+    cell = hanging_cell()
+    robot = cell.robot
+    goal = robot.home.copy()
+    goal[3] = robot.limits.upper[3] - 0.02
+    pose = PoseIntent("G", tcp_pose(robot, goal))
+
+    def room(q):
+        return float(np.minimum(q - robot.limits.lower, robot.limits.upper - q).min())
+
+    for good in (True, False):
+        anyhow, wide = Ways(robot, good), Ways(robot, good)
+        led(cell, anyhow, pose)
+        led(cell, wide, replace(pose, room=0.3))
+        assert room(wide.asked[0]) > 0.3
+        tight = [room(q) < 0.3 for q in wide.asked]
+        assert tight == sorted(tight), "what has no room is the last resort"
+        assert any(tight) != good
+    assert any(room(q) < 0.3 for q in anyhow.asked)
+    assert "room is -0.1" in refusal(replace(pose, room=-0.1), robot)
 
 
 def test_between_places_that_could_hide_somebody_the_arm_leaves_by_itself():

@@ -11,7 +11,7 @@ from armsight.geometry.pose import from_rpy, inverse, look_at, transform
 from armsight.servoing.disc_fit import Circle, fit_disc
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.bullseye import Bullseye
-from armsight.servoing.targets.mouth import Mouth
+from armsight.servoing.targets.mouth import KEPT, Mouth, _Down, _remembered
 from armsight.servoing.targets.palm import Palm
 from armsight.simulation.targets import BLUE, PALM_RADIUS
 
@@ -56,6 +56,47 @@ def test_the_bullseye_in_the_pair_with_the_stylus_before_it():
     (seen,) = Bullseye().in_pair(view)
     assert np.linalg.norm(seen.position - T[:3, 3]) < 2e-4
     assert angle(seen.normal, T[:3, 2]) < 0.3
+
+
+def test_rings_of_two_pixels_that_a_stylus_cuts_into_pieces_are_one_print():
+    """An arc of the outer ring was taken for the inner one: 4 cm off, said to be known to 1 mm."""
+
+    def cut(x, y):
+        color, covered = bullseye(x, y)
+        color[(abs(y - 0.4 * x) < 0.004) & (x < 0.0)] = (0.55, 0.55, 0.57)
+        color[(abs(y + 0.9 * x) < 0.003) & (x > 0.0)] = (0.3, 0.3, 0.3)
+        return color, covered
+
+    rng = np.random.default_rng(2)
+    eye = look_at((-1.5, 1.6, 2.5), (0.25, 0.0, 1.15))
+    for turn in (0.1, 1.2, 2.6):
+        T = from_rpy((0.2, -np.pi / 2 + 0.2, turn), (0.8, 0.1, 1.2))
+        (seen,) = Bullseye().in_frame(frame(T, cut, eye, rng))
+        assert np.linalg.norm(seen.position - T[:3, 3]) < 0.006
+
+
+def test_a_face_that_the_picture_cuts_off_is_found_by_what_is_left_of_its_disc():
+    """The middle of what was left was taken for the face's in both lenses, where they differ: the
+    mouth was placed by its arc alone, and by which way down was remembered to be."""
+    mouth, rng = Mouth(), np.random.default_rng(4)
+    for beside, up in ((0.03, -0.04), (0.05, -0.04), (0.05, -0.05), (-0.06, 0.0)):
+        T = from_rpy((np.pi + 0.15, 0.1, 0.1), (0.03 + beside, up, 0.36))
+        (seen,) = mouth.in_pair(pair(T, smiley, np.eye(4), rng))
+        assert seen.normal is not None, "its disc was found"
+        assert np.linalg.norm(seen.position - T[:3, 3]) < 0.003
+
+
+def test_which_way_a_face_is_down_is_the_pairs_word_and_else_a_mean():
+    """Half of a face behind an arm is 0.15 rad off: that moved a near mouth by a centimetre."""
+    way, off = np.array([0.0, 0.0, -1.0]), np.array([0.15, 0.0, -1.0]) / np.hypot(0.15, 1.0)
+    known = _Down(way, 1.0, True)
+    assert _remembered(known, off, 1.5) is known
+    assert _remembered(known, off, 1.0 + KEPT + 0.1).way == pytest.approx(off)
+    known = _remembered(None, way, 1.0)
+    for k in range(1, 9):
+        known = _remembered(known, off if k % 2 else way, 1.0 + 0.067 * k)
+        assert angle(known.way, way) < 5.0
+    assert angle(_remembered(known, off, 9.0).way, off) < 1e-3, "what is old counts no more"
 
 
 def test_a_red_disc_is_no_bullseye():

@@ -12,7 +12,7 @@ import pytest
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse
 from armsight.motion.face import face_fault
-from armsight.motion.intents import PoseIntent, Rest, VelocityIntent, refusal
+from armsight.motion.intents import JointIntent, PoseIntent, Rest, VelocityIntent, refusal
 from armsight.motion.permits import Permit, PermitState
 from armsight.motion.task import Observation, Perceived
 from armsight.robots import load_robot
@@ -191,6 +191,25 @@ def observe(now, q=HOME, command=None):
     if command is not None:
         guard = Word(now - 0.008, command)
     return Observation(now, UR10, JointState(now, np.array(q), np.zeros(6)), guard)
+
+
+def test_an_arm_that_sees_nothing_looks_from_home():
+    """Before a bulls-eye the arm hid it from all cameras that could have seen it, for good."""
+    task, away = task_of("ours"), np.array(UR10.home) + 0.3
+    for now in (0.5, 1.5, 2.4):
+        assert isinstance(task.update(observe(now, away)), Rest)
+    goal = task.update(observe(2.6, away))
+    assert isinstance(goal, JointIntent)
+    assert (goal.position == UR10.home).all()
+    assert refusal(goal, UR10) == ""
+    assert isinstance(task.update(observe(2.7, np.array(UR10.home))), Rest), "it is there"
+    for stamp in (2.7, 2.8):
+        task.chase.see(look_at_place("a", (1.7, 1.4, -0.1), (0.8, 0.1, 0.7), stamp))
+    assert isinstance(task.update(observe(2.9, away)), VelocityIntent)
+    for now in (4.5, 6.0):  # lost: it is waited for anew before the arm goes
+        assert isinstance(task.update(observe(now, away)), Rest)
+    assert isinstance(task.update(observe(6.6, away)), JointIntent)
+    assert isinstance(task_of("paper").update(observe(9.0, away)), Rest), "V's mode waits"
 
 
 @pytest.mark.parametrize("mode", ["ours", "paper", "fixed"])

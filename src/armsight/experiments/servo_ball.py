@@ -49,7 +49,7 @@ BOX = ((0.78, 0.0, 1.30), (0.50, 1.00, 0.50))
 """Centre and edges of V's box in this cell's world [m]: depth, width, height; lower or nearer, and
 a corner of it is out of the arm's reach."""
 RUNS = 200
-VERSIONS = {"rest": 14, "moving": 15, "recorded": 15, "held_rest": 15, "held_recorded": 16}
+VERSIONS = {"rest": 15, "moving": 16, "recorded": 16, "held_rest": 16, "held_recorded": 17}
 """Of what the trials of a row measure, by what the ball does."""
 
 HELD = 22
@@ -147,7 +147,7 @@ def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dic
     trial = partial(one_rendered, set_up(1.0, 1.0), motion)
     told = told_of(f"rendered, {motion}", progress, 0.0, 1.0)
     count = max(runs // SHARE, 1)
-    return run_trials("servo-ball", ["rendered", motion, 5], trial, count, seed, told)
+    return run_trials("servo-ball", ["rendered", motion, 6], trial, count, seed, told)
 
 
 def one(

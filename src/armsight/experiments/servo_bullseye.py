@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armsight.arrays import JointVector, Vector3
+from armsight.arrays import JointVector, Pose, Vector3
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.quick_cell import felt
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
+from armsight.experiments.servo_mark import Mark, Marking
+from armsight.experiments.servo_onlooker import COMES, begun, posed, said_empty, watched
+from armsight.experiments.servo_rendered import SHARE, Trials, agreement
 from armsight.experiments.servo_rows import harm_row, median_row
 from armsight.experiments.servo_trials import FREE, run_trials, tick, told_of, unguarded
 from armsight.experiments.servo_world import (
@@ -29,20 +31,22 @@ from armsight.geometry.pose import inverse
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.servoing.aim import Aim, joints_for
 from armsight.servoing.docking import facing_pose
+from armsight.tasks.servo import ServoOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LIMIT = 12.0
 """A trial is given up after this [s]."""
-REACHED, MARKED, SETTLES = 0.005, 0.001, 0.4
-"""V: the tip came within 5 mm. It marks the plate within 1 mm, or where it is this much later
-[m], [m], [s]."""
 PLATE = 5e3
 """Stiffness of the plate and what holds it [N/m]."""
 PLACES = ((0.80, 0.0, 1.20), (0.72, 0.35, 1.10), (0.72, -0.35, 1.30))
 """V's three places of the target, in this cell's world [m]; V does not say where they were."""
 RUNS = 24
+CELL = "ur10_bullseye"
+"""Of the rendered trials: the other cell of the same arm and cameras, with a bulls-eye in it."""
+PART = 0.6
+"""Share of the time that the other trials take."""
 
 ABOUT = f"""
 V's third experiment: the bulls-eye at three places, the tip from four starts, twice: 24 trials, the
@@ -53,6 +57,11 @@ within 5 mm of the plate in {LIMIT:g} s counts as 200 mm.
 Task, guard with its permits, drives with their delay and the arm's and cameras' true errors are
 those of the cell; what the cameras say is drawn from a model (`experiments/servo_eyes.py`). V's
 modes run under V's own errors, and read the plate's place off the pair's 30 planes.
+
+`rendered_`: one in {SHARE} of the trials of ours, with the same plate and start, in the whole cell:
+rendered pictures of all five cameras and what is found in them, its own map, and contact physics.
+The plate is put there when the cell has been seen to be empty, {COMES:g} s before the task begins,
+which the time is counted from.
 """
 
 
@@ -68,16 +77,79 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     results: dict[str, list[dict[str, Any]]] = {}
     for i, (prefix, mode, errors, shares) in enumerate(plan):
         trial = partial(one, set_up(*shares), mode, errors, guarded=prefix != FREE)
-        settings = [mode, asdict(errors), shares, 5, prefix]
-        told = told_of(prefix or "ours", progress, i / len(plan), 1.0 / len(plan))
+        settings = [mode, asdict(errors), shares, 6, prefix]
+        told = told_of(prefix or "ours", progress, PART * i / len(plan), PART / len(plan))
         results[prefix] = run_trials("servo-bullseye", settings, trial, runs, seed, told)
-    return Outcome(tuple(_rows(results)), {"marks": lambda: _plot(results)}, _notes(results))
+    count, trial = max(runs // SHARE, 1), partial(one_rendered, set_up(1.0, 1.0, CELL))
+    told = told_of("rendered", progress, PART, 1.0 - PART)
+    shown = run_trials("servo-bullseye", ["rendered", 1], trial, count, seed, told)
+    rows = [*_rows(results), *_rendered_rows(results[""], shown)]
+    notes = (*_notes(results), *_notes({"rendered": shown}))
+    return Outcome(tuple(rows), {"marks": lambda: _plot(results)}, notes)
 
 
 def one(
     setup: Setup, mode: str, errors: Errors, seed: tuple[int, int], guarded: bool = True
 ) -> dict[str, Any]:
     """One trial; what it came to, as JSON values."""
+    drawn = _drawn(setup, errors, seed)
+    eyes, place, normal = drawn.eyes, drawn.T[:3, 3], drawn.T[:3, 2]
+    cell = SurfaceCell(
+        setup, plate((0.16, 0.16), 0.01, drawn.T[:3, :3], -0.006 * normal), lambda _: place,
+        drawn.start, seed=seed[1],
+    )  # fmt: skip
+    task = make_task(setup, mode, dock="bullseye")
+    status: Any = None
+    harm, mark, tip = 0, Mark(drawn.T), tcp_pose(eyes.true_robot, cell.q)[:3, 3]
+    while cell.now < LIMIT and not mark.made:
+        now = cell.now
+        depth = max(-mark.height(tip), 0.0)
+        cell.guard.feel(felt(cell, PLATE * depth * normal))
+        status = (tick if guarded else unguarded)(cell, eyes, task, status)
+        tip = tcp_pose(eyes.true_robot, cell.q)[:3, 3]
+        speed = float(np.linalg.norm((tcp_jacobian(eyes.true_robot, cell.q) @ cell.v)[:3]))
+        held = status.permit is not None and status.permit.holds
+        harm += mark.height(tip) < 0.0 and speed > MOVING and not held
+        mark.follow(now, tip)
+    return {
+        **mark.found(),
+        "seconds": cell.now,
+        "iterations": int(task.chase.iterations),
+        "harm": int(harm),
+        "last": cell.log[-1].reason if cell.log else "",
+    }
+
+
+def one_rendered(setup: Setup, seed: tuple[int, int]) -> dict[str, Any]:
+    """The same plate in the rendered cell; what it came to, as JSON values."""
+    drawn = _drawn(setup, Errors(), seed)
+    T_world_target = np.asarray(setup.workcell.robot.T_world_base @ drawn.T)
+    place = drawn.T[:3, 3].copy()
+    judge, found = watched(
+        begun(setup, posed(T_world_target), drawn.start), setup, ServoOptions("bullseye"),
+        lambda _: place, lambda task: Marking(drawn.T, LIMIT), 1000 * seed[0] + seed[1], LIMIT,
+        said_empty,
+    )  # fmt: skip
+    return {
+        **judge.mark.found(),
+        "seconds": judge.seconds,
+        "iterations": 0,
+        "harm": int(judge.presses.harm),
+        "force": float(judge.presses.force),
+        **found,
+    }
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A trial's plate (``T`` of the bulls-eye in ``base``), the eyes, and where the arm begins."""
+
+    T: Pose
+    eyes: Eyes
+    start: JointVector
+
+
+def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
     rng = np.random.default_rng((*seed, 11))
     k = seed[1]
     place = world_to_base(setup, [PLACES[k % 3]])[0] + rng.uniform(-0.03, 0.03, 3)
@@ -87,45 +159,7 @@ def one(
     normal = np.asarray(normal / np.linalg.norm(normal))
     eyes = make_eyes(setup, errors, rng)
     eyes.normal = normal
-    R = facing_pose(place, normal)[:3, :3]
-    cell = SurfaceCell(
-        setup, plate((0.16, 0.16), 0.01, R, -0.006 * normal), lambda _: place,
-        _start(setup, place, k // 3 % 4, up, front), seed=k,
-    )  # fmt: skip
-    task = make_task(setup, mode, dock="bullseye")
-    status: Any = None
-    near, harm, mark = math.inf, 0, None
-    while cell.now < LIMIT:
-        now = cell.now
-        depth = max(-_height(eyes, cell, place, normal), 0.0)
-        cell.guard.feel(felt(cell, PLATE * depth * normal))
-        status = (tick if guarded else unguarded)(cell, eyes, task, status)
-        height = _height(eyes, cell, place, normal)
-        speed = float(np.linalg.norm((tcp_jacobian(eyes.true_robot, cell.q) @ cell.v)[:3]))
-        held = status.permit is not None and status.permit.holds
-        harm += height < 0.0 and speed > MOVING and not held
-        if height < REACHED:
-            near = min(near, now)
-        if height < MARKED or now > near + SETTLES:
-            tip = tcp_pose(eyes.true_robot, cell.q)[:3, 3]
-            mark = R[:, :2].T @ (tip - place)
-            break
-    return {
-        "mm": 200.0 if mark is None else float(1e3 * np.linalg.norm(mark)),
-        "mark": None if mark is None else [float(1e3 * m) for m in mark],
-        "seconds": cell.now,
-        "iterations": int(task.chase.iterations),
-        "harm": int(harm),
-        "last": cell.log[-1].reason if cell.log else "",
-    }
-
-
-def _height(eyes: Eyes, cell: SurfaceCell, place: Vector3, normal: Vector3) -> float:
-    """How far the tip truly is before the plate [m]; inf beside it."""
-    away = tcp_pose(eyes.true_robot, cell.q)[:3, 3] - place
-    height = float(away @ normal)
-    beside = float(np.linalg.norm(away - height * normal))
-    return height if beside < 0.1 else math.inf
+    return _Drawn(facing_pose(place, normal), eyes, _start(setup, place, k // 3 % 4, up, front))
 
 
 def _start(setup: Setup, place: Vector3, which: int, up: Vector3, front: Vector3) -> JointVector:
@@ -178,6 +212,22 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
     say = "ticks with the tip in the plate, faster than 0.05 m/s, without a permit"
     rows.append(harm_row(say, "all of ours", sum(r["harm"] for r in ours), len(ours)))
     return rows
+
+
+def _rendered_rows(bulk: list[dict[str, Any]], shown: list[dict[str, Any]]) -> list[Row]:
+    where = "ours, speed 1, acceleration 1"
+    harm = [bool(r["harm"]) for r in shown]
+    say = "the tip made a mark"
+    return agreement("bullseye", say, where, _came_to(shown), _came_to(bulk), harm)
+
+
+def _came_to(found: list[dict[str, Any]]) -> Trials:
+    made = [r for r in found if r["mark"] is not None]
+    return Trials(
+        [r["mark"] is not None for r in found],
+        [r["seconds"] for r in made],
+        [r["mm"] for r in made],
+    )
 
 
 def _notes(results: dict[str, list[dict[str, Any]]]) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes, Path
 from armsight.experiments.servo_landing import Delivery, Landing
-from armsight.experiments.servo_onlooker import COMES, EMPTY, begun, posed, watched
+from armsight.experiments.servo_onlooker import COMES, EMPTY, begun, posed, said_empty, watched
 from armsight.experiments.servo_rendered import SHARE, Trials, agreement
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
 from armsight.experiments.servo_trials import gap_row, run_plan, run_trials, tick, told_of
@@ -149,15 +149,11 @@ def one_rendered(setup: Setup, fetch: bool, seed: tuple[int, int]) -> dict[str, 
     start = setup.robot.home if fetch else drawn.start
     cell = begun(setup, {"mass_kg": BODY_REGIONS["hand"].mass, **posed(drawn.T_world_palm)}, start)
     options = ServoOptions("hand", fetch=fetch)
-    make, wanted = (Delivery, _has_item) if fetch else (Landing, _said_empty)
+    make, wanted = (Delivery, _has_item) if fetch else (Landing, said_empty)
     judge, found = watched(
         cell, setup, options, drawn.path, make, 1000 * seed[0] + seed[1], LIMIT, wanted, not fetch
     )
     return {**judge.found(), "speed": drawn.speed, "clip": drawn.clip, "way": None, **found}
-
-
-def _said_empty(task: Any, now: float) -> bool:
-    return now > EMPTY
 
 
 def _has_item(task: Any, now: float) -> bool:
@@ -270,7 +266,7 @@ def _rendered(
         trial = partial(one_rendered, set_up(1.0, 1.0, CELL), fetch)
         name = "fetched" if fetch else "rendered"
         told = told_of(name, progress, 0.5 * k, 0.5)
-        found.append(run_trials("servo-handover", [name, 1], trial, count, seed, told))
+        found.append(run_trials("servo-handover", [name, 2], trial, count, seed, told))
     return found[0], found[1]
 
 

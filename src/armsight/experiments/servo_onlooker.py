@@ -88,6 +88,11 @@ LONGEST = 60.0
 """A trial is given up after so long in any case [s]."""
 
 
+def said_empty(task: object, now: float) -> bool:
+    """Whether a target that is a part of somebody may come, where the task is no reason to wait."""
+    return now > EMPTY
+
+
 class Onlooker:
     """Leads the target along its path, and has the trial judged by the truth.
 

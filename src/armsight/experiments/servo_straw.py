@@ -3,27 +3,40 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from armsight.arrays import JointVector, Pose
+from armsight.experiments.episodes import part_of
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
-from armsight.experiments.servo_eyes import PAPERS, Errors
+from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes, Path
+from armsight.experiments.servo_onlooker import COMES, begun, posed, said_empty, watched
+from armsight.experiments.servo_rendered import SHARE, Trials, agreement
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
-from armsight.experiments.servo_trials import FREE, gap_row, run_plan, tick, unguarded
-from armsight.experiments.servo_world import Setup, make_eyes, make_task
+from armsight.experiments.servo_sip import FACE, Sip
+from armsight.experiments.servo_trials import (
+    FREE,
+    gap_row,
+    run_plan,
+    run_trials,
+    tick,
+    told_of,
+    unguarded,
+)
+from armsight.experiments.servo_world import Setup, make_eyes, make_task, set_up
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
 from armsight.motion.collision import CollisionModel
 from armsight.motion.kernels import body_centers, self_clearance
-from armsight.robots.kinematics import tcp_pose
 from armsight.servoing.aim import Aim, joints_for
 from armsight.simulation.targets import MOUTH, TargetSpec, target_object
+from armsight.tasks.servo import ServoOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,8 +46,6 @@ LIMIT = 15.0
 """A trial is given up after this [s]."""
 MOUTH_SIZE = 0.015
 """A straw that touches the face this near the mouth's middle is in the mouth [m]."""
-HOLDS = 3.0
-"""The force is watched this long after the first touch [s]: what presses slowly, too."""
 FASTEST = 0.2
 """Of the mouth [m/s]."""
 PLACES = ((0.80, 0.0, 1.20), (0.75, 0.25, 1.10), (0.75, -0.25, 1.30), (0.85, 0.1, 1.30))
@@ -56,6 +67,11 @@ absolute errors are off there, so the tip is where the joints say. What the came
 from a model (`experiments/servo_eyes.py`); V's modes run under V's errors, without permits' soft
 contact being part of V: they ask for the same permit as ours. `ablation_unguarded_paper_` is V's
 hybrid mode for an arm without a guard, as V's was: harm counts there what a face does not stand.
+
+`rendered_`: one in {SHARE} of the trials of ours, with the same face, path and start, in the whole
+cell: rendered pictures of all five cameras and what is found in them, its own map, the arm's and
+cameras' true errors. The face is not there when it is said that nobody is in the cell
+(`--cell-is-empty`): it appears {COMES:g} s before the task begins, which the time is counted from.
 """
 
 
@@ -68,80 +84,86 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("fixed_", "fixed", v, half),
         (FREE, "paper unguarded", v, half),
     ]
-    results = run_plan("servo-straw", CELL, plan, one, seed, progress)
-    return Outcome(tuple(_rows(results)), {"touches": lambda: _plot(results)}, _notes(results))
+    told = part_of(progress, 0.0, 0.6)
+    results = run_plan("servo-straw", CELL, plan, one, seed, told)
+    count, trial = max(runs // SHARE, 1), partial(one_rendered, set_up(1.0, 1.0, CELL))
+    told = told_of("rendered", progress, 0.6, 0.4)
+    shown = run_trials("servo-straw", ["rendered", 1], trial, count, seed, told)
+    rows = [*_rows(results), *_rendered_rows(results[""], shown)]
+    notes = (*_notes(results), *_notes({"rendered": shown}))
+    return Outcome(tuple(rows), {"touches": lambda: _plot(results)}, notes)
 
 
 def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[str, Any]:
     """One trial; what it came to, as JSON values."""
     mode, _, free = mode.partition(" ")
+    drawn = _drawn(setup, errors, seed)
+    T, T_world_mouth = drawn.T, drawn.T_world_mouth
+    region, soft = BODY_REGIONS["face"], setup.guard.soft
+    item = replace(
+        target_object(TargetSpec(FACE, "smiley", T_world_mouth)),
+        mass=region.mass, surface=1.0 / (1.0 / soft + 1.0 / region.stiffness), hold=3e3,
+        max_speed=10.0,
+    )  # fmt: skip
+    middle = T[:3, :3] @ np.array([-MOUTH[0], -MOUTH[1], -0.06])
+    cell = PushedCell(
+        setup, plate((0.24, 0.24), 0.12, T[:3, :3], middle), drawn.path, drawn.start, item,
+        np.asarray(inverse(item.solid.T_frame_solid) @ T_world_mouth), seed=seed[1],
+    )  # fmt: skip
+    try:
+        task, sip, status = make_task(setup, mode, dock="straw"), Sip(T[:3, 2], not free), None
+        while cell.now < LIMIT and not sip.over:
+            status = (unguarded if free else tick)(cell, drawn.eyes, task, status)
+            sip.look(cell, status.permit)
+        return {
+            **sip.found(),
+            "speed": drawn.speed,
+            "iterations": int(task.chase.iterations),
+            "last": cell.log[-1].reason if cell.log else "",
+            "permit": "" if status is None else str(status.permit or ""),
+        }
+    finally:
+        cell.close()
+
+
+def one_rendered(setup: Setup, seed: tuple[int, int]) -> dict[str, Any]:
+    """The same face in the rendered cell; what it came to, as JSON values."""
+    drawn = _drawn(setup, Errors(arm=0.0), seed)
+    target = {"mass_kg": BODY_REGIONS["face"].mass, **posed(drawn.T_world_mouth)}
+    cell = begun(setup, target, drawn.start)
+    judge, found = watched(
+        cell, setup, ServoOptions("straw"), drawn.path, lambda task: Sip(drawn.T[:3, 2]),
+        1000 * seed[0] + seed[1], LIMIT, said_empty,
+    )  # fmt: skip
+    return {**judge.found(), "speed": drawn.speed, "iterations": 0, **found}
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A trial's mouth (``T`` in ``base``), its path and greatest speed [m/s], and the eyes."""
+
+    T: Pose
+    T_world_mouth: Pose
+    path: Path
+    speed: float
+    eyes: Eyes
+    start: JointVector
+
+
+def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
     rng = np.random.default_rng((*seed, 13))
     k = seed[1]
     base = setup.workcell.robot.T_world_base
     turn = rng.uniform(-0.25, 0.25, 3)
     where = np.array(PLACES[k % 4]) + rng.uniform(-0.03, 0.03, 3)
     upright = from_rpy((0.5 * np.pi, 0.0, -0.5 * np.pi))
-    T_world_mouth = from_rpy(turn, where) @ upright
+    T_world_mouth = np.asarray(from_rpy(turn, where) @ upright)
     T = np.asarray(inverse(base) @ T_world_mouth)
     speed = 0.0 if k % 3 == 0 else float(rng.uniform(0.1, FASTEST))
     path = path_of(T[:3, 3], speed, rng)
     eyes = make_eyes(setup, errors, rng)
     eyes.normal, eyes.marked = T[:3, 2], False
-    region = BODY_REGIONS["face"]
-    soft = setup.guard.soft
-    item = replace(
-        target_object(TargetSpec("face", "smiley", T_world_mouth)),
-        mass=region.mass, surface=1.0 / (1.0 / soft + 1.0 / region.stiffness), hold=3e3,
-        max_speed=10.0,
-    )  # fmt: skip
-    middle = T[:3, :3] @ np.array([-MOUTH[0], -MOUTH[1], -0.06])
-    cell = PushedCell(
-        setup, plate((0.24, 0.24), 0.12, T[:3, :3], middle), path, _start(setup, T, k // 4 % 6),
-        item, np.asarray(inverse(item.solid.T_frame_solid) @ T_world_mouth), seed=k,
-    )  # fmt: skip
-    try:
-        task = make_task(setup, mode, dock="straw")
-        return _watched(cell, eyes, task, T, speed, guarded=not free)
-    finally:
-        cell.close()
-
-
-def _watched(
-    cell: PushedCell, eyes: Any, task: Any, T: Pose, speed: float, guarded: bool
-) -> dict[str, Any]:
-    status: Any = None
-    touched, off, states, gentle = math.inf, math.nan, set(), 0.0
-    while cell.now < min(LIMIT, touched + HOLDS):
-        status = (tick if guarded else unguarded)(cell, eyes, task, status)
-        if status.permit is not None:
-            states.add(status.permit.state.value)
-            gentle = max(gentle, status.permit.force)
-        if cell.contacts and not math.isfinite(touched):
-            touched = cell.now
-            away = tcp_pose(cell.robot, cell.q)[:3, 3] - cell.place(cell.now)
-            off = float(np.linalg.norm(away - T[:3, 2] * (away @ T[:3, 2])))
-    force = max((c.force for c in cell.contacts if np.isfinite(c.force)), default=0.0)
-    on_face = all(c.owner == "face" for c in cell.contacts)
-    most = min(region_force(), max(gentle, 1e-9)) if guarded else region_force()
-    return {
-        "touched": bool(cell.contacts),
-        "mm": 1e3 * off if math.isfinite(off) else None,
-        "seconds": touched if math.isfinite(touched) else None,
-        "force": float(force),
-        "granted": gentle,
-        "harm": bool(force > most or not on_face),
-        "speed": speed,
-        "iterations": int(task.chase.iterations),
-        "permits": sorted(states),
-        "last": cell.log[-1].reason if cell.log else "",
-        "permit": str(status.permit or ""),
-    }
-
-
-def region_force() -> float:
-    """What a face stands when it is struck [N]."""
-    region = BODY_REGIONS["face"]
-    return region.force * region.transient
+    return _Drawn(T, T_world_mouth, path, speed, eyes, _start(setup, T, k // 4 % 6))
 
 
 def good(trial: dict[str, Any]) -> bool:
@@ -209,6 +231,17 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
                  "ours", harm, len(results[""]))
     )  # fmt: skip
     return rows
+
+
+def _rendered_rows(bulk: list[dict[str, Any]], shown: list[dict[str, Any]]) -> list[Row]:
+    say = f"the straw first touched within {1e3 * MOUTH_SIZE:.0f} mm"
+    where = "ours, speed 1, acceleration 1"
+    harm = [r["harm"] for r in shown]
+    return agreement("straw", say, where, _came_to(shown), _came_to(bulk), harm)
+
+
+def _came_to(found: list[dict[str, Any]]) -> Trials:
+    return Trials([good(r) for r in found], [r["seconds"] for r in found if good(r)])
 
 
 def _notes(results: dict[str, list[dict[str, Any]]]) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ def run_plan(
     for prefix, mode, errors, count in plan:
         trial = partial(one, set_up(1.0, 1.0, cell), mode, errors)
         told = told_of(prefix or "ours", progress, done / total, count / total)
-        settings = [mode, asdict(errors), 10]
+        settings = [mode, asdict(errors), 11]
         results[prefix] = run_trials(name, settings, trial, count, seed, told)
         done += count
     return results

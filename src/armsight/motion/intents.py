@@ -62,6 +62,8 @@ class PoseIntent:
         speed: share of the cell's allowed speed, 0..1.
         permit: what it has to touch on the way or there.
         width: how far the gripper shall be open [m]; None leaves it as it is.
+        room: who goes on from there wants every joint to be this far from the end of its travel
+            [rad]; one that is nearer is led there only where there is no other way.
     """
 
     name: str
@@ -71,6 +73,7 @@ class PoseIntent:
     speed: float = 1.0
     permit: PermitRequest | None = None
     width: float | None = None
+    room: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,7 @@ def _of_pose(intent: PoseIntent) -> str:
         _pace(intent)
         or _above_zero(intent.name, "tolerance", intent.tolerance)
         or _above_zero(intent.name, "tolerance_rad", intent.tolerance_rad)
+        or ("" if intent.room >= 0.0 else f"goal {intent.name}: room is {intent.room}; 0 or more")
     )
 
 

@@ -3,7 +3,8 @@
 The time that counts is what separation would let the arm have, not the length of the way: an elbow
 that turns towards somebody loses to one that turns away (:mod:`armsight.motion.keep_out`). One that
 ends close under the top of the mapped box, where the arm hides what nobody else looks at and might
-not be let away again, is taken only where there is no other.
+not be let away again, is taken only where there is no other; and so is one that leaves a joint less
+room than is asked for.
 """
 
 from __future__ import annotations
@@ -64,8 +65,8 @@ class PosePlanner:
         best: Plan | None = None
         first: Plan | None = None
         best_time, spent, tries = np.inf, 0.0, 0
-        for high, least, q in candidates:
-            if best is not None and (high or least >= best_time or tries >= PLANNED):
+        for last, least, q in candidates:
+            if best is not None and (last or least >= best_time or tries >= PLANNED):
                 break
             tries += 1
             joints = JointIntent(goal.name, q, speed=goal.speed)
@@ -89,14 +90,17 @@ class PosePlanner:
         snapshot: WorkspaceSnapshot,
         rng: np.random.Generator,
     ) -> list[tuple[bool, float, JointVector]]:
-        """Inverse solutions: whether one ends under the very top, and the least time to it [s].
+        """Inverse solutions: whether one is a last resort, and the least time to it [s].
 
-        Those that do not come first, the soonest first.
+        Those that end under the very top, or at the end of a joint's travel, come last, the soonest
+        first.
         """
         found = solve_ik(self._robot, goal.T_base_tcp, start, rng, wanted=SOLUTIONS)
+        limits = self._robot.limits
         timed = [
             (
-                self._planner.lid.below_the_top(q, snapshot.grid) < ROOM,
+                self._planner.lid.below_the_top(q, snapshot.grid) < ROOM
+                or float(np.minimum(q - limits.lower, limits.upper - q).min()) < goal.room,
                 straight(start, q, self._limits).duration,
                 q,
             )

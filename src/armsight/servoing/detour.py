@@ -26,6 +26,9 @@ TICK = 0.02
 """A word of the guard counts for this long at most [s]."""
 LONGEST, GONE = 4.0, 0.06
 """It is given up after this [s], or when the target has moved by this much [m]."""
+ROOM = 0.3
+"""There the joints are so far from the ends of their travel [rad]: the law goes on from there, and
+where a joint ends it cannot turn to its target."""
 PAUSE = 1.0
 """Before the next one [s]."""
 
@@ -96,7 +99,7 @@ class Detour:
             self._share, self._next = 1.0, now + PAUSE
             return None
         self._began, self._target = now, np.array(target)
-        self._goal = PoseIntent(self.name, place, tolerance=0.01, tolerance_rad=0.05)
+        self._goal = PoseIntent(self.name, place, tolerance=0.01, tolerance_rad=0.05, room=ROOM)
         return self._goal
 
     def _hear(self, reason: str) -> None:

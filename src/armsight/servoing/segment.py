@@ -116,8 +116,17 @@ def _brightest(color: LabColor) -> Bytes:
     return np.asarray(np.where(may, np.clip(most * 2.55, 0.0, 255.0), 0.0), np.uint8)
 
 
-def regions(mask: Bytes, least: float, most: int = 6) -> list[Region]:
-    """Connected regions of at least so many pixels, the largest first, at most so many."""
+def regions(mask: Bytes, least: float, most: int = 6, gap: int = 0) -> list[Region]:
+    """Connected regions of at least so many pixels, the largest first, at most so many.
+
+    Args:
+        mask: (h, w), not zero inside.
+        least: pixels of a region.
+        most: how many.
+        gap: what is no farther apart than this is one region [px].
+    """
+    if gap > 0:
+        return _groups(mask, least, most, gap)
     left, top, columns, rows = cv2.boundingRect(mask)
     if columns == 0:
         return []
@@ -133,6 +142,21 @@ def regions(mask: Bytes, least: float, most: int = 6) -> list[Region]:
         center = centers[i] + np.array([left, top], float)
         found.append(Region(window, (u + left, v + top), center, float(area)))
     return found
+
+
+def _groups(mask: Bytes, least: float, most: int, gap: int) -> list[Region]:
+    """As :func:`regions`, of pieces that lie near each other together."""
+    width = gap + 1 + gap % 2
+    around = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width)))
+    found = []
+    for group in regions(np.asarray(around, np.uint8), least, 2 * most):
+        (u, v), (h, w) = group.corner, group.mask.shape
+        inside = np.asarray(mask[v : v + h, u : u + w] & group.mask, np.uint8)
+        area = float(np.count_nonzero(inside))
+        if area >= least:
+            center = np.argwhere(inside)[:, ::-1].mean(axis=0) + np.array([u, v], float)
+            found.append(Region(inside, (u, v), center, area))
+    return sorted(found, key=lambda region: -region.area)[:most]
 
 
 def outline(signal: Floats32, region: Region) -> Floats:

@@ -32,6 +32,7 @@ from armsight.servoing.detour import BEFORE, Detour
 from armsight.servoing.docking import Docking
 from armsight.servoing.eyes import Eye, WristEye
 from armsight.servoing.hindrance import Hindrance, Reach
+from armsight.servoing.lookout import Lookout
 from armsight.servoing.modes import SEEN_WITHIN, Chase, ChaseConfig, make_chase, tool_direction
 from armsight.servoing.patience import STATED, Patience
 from armsight.servoing.sighting import Look, Looks, Sighting
@@ -91,6 +92,7 @@ class ServoTask:
         self.patience = Patience(patience)
         reach = Reach(chase.robot, config.weights, config.law.ceiling)
         self.hindrance = Hindrance(reach)
+        self.lookout = Lookout(np.array(chase.robot.home, float))
         self.creeping = Creeping(dock.creeps if standoff == 0.0 else 0.0)
         self.subscriptions = Subscriptions(perceivers=tuple(eye.name for eye in eyes))
         self.reset()
@@ -102,6 +104,7 @@ class ServoTask:
         self.creeping.reset()
         self.patience.reset()
         self.hindrance.reset()
+        self.lookout.reset()
         self._looks: dict[str, Look] = {}
         self.touches: list[float] = []
         self._touching = False
@@ -142,7 +145,10 @@ class ServoTask:
         gave_up = self.patience.update(now, answer, self.chase.place, hindered)
         self._face = self._show(observation, joints, touching)
         if wish is None or gave_up:
-            return Rest(self._ahead or gave_up or self.chase.reason)
+            unseen = self.chase.place is None and not self._ahead and self.mode == "ours"
+            elsewhere = self.lookout.update(now, joints.position) if unseen else None
+            return elsewhere or Rest(self._ahead or gave_up or self.chase.reason)
+        self.lookout.reset()
         permit = self._permit(observation)
         around = self._around(now, observation.guard)
         if around is not None:

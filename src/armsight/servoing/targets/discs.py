@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
+import cv2
 import numpy as np
 
 from armsight.arrays import ColorImage, Points, Vector3
@@ -14,7 +15,12 @@ from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, meet, plane_of
 from armsight.servoing.segment import SPOKES, LabColor, Region
 from armsight.servoing.sphere_fit import Outline
-from armsight.servoing.targets.seen import outlines_in_frame, outlines_in_pair, points_of
+from armsight.servoing.targets.seen import (
+    outlines_in_frame,
+    outlines_in_pair,
+    own_outline,
+    points_of,
+)
 
 OUTLINE_SIGMA = 0.25
 """Of a point of an outline [px]: neighbours share some of it."""
@@ -26,8 +32,13 @@ SIZE = 0.22
 """A disc's size may contradict its distance by this share."""
 FILL = 0.3
 """And how much of its outline is filled, what it should be."""
+GAP = 4
+"""From a fixed camera rings are lines of two pixels, in pieces: what is no farther apart is one
+print [px]."""
 WHOLE = 0.9
 """Of an outline's spokes that must have found it where one picture alone shows a disc."""
+LEAST_OF_ELLIPSE = 20
+"""Fewer points of an outline say nothing of its ellipse."""
 APART = 0.01
 """The rays of two lenses to one disc's middle pass each other by no more than this [m]."""
 TILTS = ((0.0, 0.0), (0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5))
@@ -82,6 +93,10 @@ class Discs:
 
     def __init__(self, color: LabColor, parts: Sequence[Part]) -> None:
         self.color, self.parts = color, tuple(parts)
+        largest = self.parts[0].radius
+        fill = sum(part.fill * (part.radius / largest) ** 2 for part in self.parts)
+        self._whole = Part(largest, fill)
+        self._gap = GAP if len(self.parts) > 1 else 0
 
     def in_frame(self, view: PosedFrame) -> list[SeenDisc]:
         """Prints in the colour and depth of one camera, the most believable first."""
@@ -89,17 +104,21 @@ class Discs:
         if frame.color is None or lens is None or T is None or view.T_base_camera is None:
             return []
         candidates = []
-        for region, rays in outlines_in_frame(frame.color, lens, self.color):
+        for region, rays in outlines_in_frame(frame.color, lens, self.color, self._gap):
             points = points_of(view, region)
             if len(points) < 6:
                 continue
+            nearest = float(np.linalg.norm(points - T[:3, 3], axis=1).min())
+            rays = rays[own_outline(view, region, rays, nearest)]
+            if len(rays) < 8:
+                continue
             outline = Outline(T[:3, 3], rays @ T[:3, :3].T, OUTLINE_SIGMA / lens.fx)
             middle, normal = plane_of(points, outline.origin)
-            for part in self.parts:
-                found = _fitting(part, region, outline, middle, normal, lens)
-                if found is not None:
-                    circle = Circle(outline, part.radius)
-                    candidates.append(_Candidate(part, (circle,), found, normal, region, points))
+            part = self._whole
+            found = _fitting(part, region, outline, middle, normal, lens)
+            if found is not None:
+                circle = Circle(outline, part.radius)
+                candidates.append(_Candidate(part, (circle,), found, normal, region, points))
         return self._best(candidates)
 
     def in_pair(
@@ -225,8 +244,15 @@ def _fitting(
 
 def between(left: Outline, right: Outline, apart: float = APART) -> Vector3 | None:
     """(3,) where the middle rays of two lenses nearly meet [m]; None where they do not."""
-    a, b = left.rays.mean(axis=0), right.rays.mean(axis=0)
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    for whole in (True, False):
+        found = _meeting(left, _middle_ray(left, whole), right, _middle_ray(right, whole), apart)
+        if found is not None:
+            return found
+    return None
+
+
+def _meeting(left: Outline, a: Vector3, right: Outline, b: Vector3, apart: float) -> Vector3 | None:
+    """(3,) where two unit rays nearly meet [m]; None where they do not."""
     base = right.origin - left.origin
     A = np.stack([a, -b], axis=1)
     along, *_ = np.linalg.lstsq(A, base, rcond=None)
@@ -236,6 +262,25 @@ def between(left: Outline, right: Outline, apart: float = APART) -> Vector3 | No
     if np.linalg.norm(one - other) > apart:
         return None
     return np.asarray(0.5 * (one + other))
+
+
+def _middle_ray(outline: Outline, whole: bool) -> Vector3:
+    """(3,) unit ray to the middle of an outline: of what is seen, or of the whole ellipse.
+
+    Where the picture cuts it off the two differ, and each from lens to lens.
+    """
+    mean = outline.rays.mean(axis=0)
+    mean = mean / np.linalg.norm(mean)
+    known = len(outline.rays) < WHOLE * SPOKES and len(outline.rays) >= LEAST_OF_ELLIPSE
+    if not (whole and known):
+        return np.asarray(mean)
+    x, y = across(mean)
+    flat = outline.rays @ np.stack([x, y], axis=1) / (outline.rays @ mean)[:, None]
+    (u, v), *_ = cv2.fitEllipseDirect((1e3 * flat).astype(np.float32)[:, None])
+    if not np.hypot(u, v) < 1e3 * np.linalg.norm(flat, axis=1).max():
+        return np.asarray(mean)
+    middle = mean + 1e-3 * (u * x + v * y)
+    return np.asarray(middle / np.linalg.norm(middle))
 
 
 def _fit(

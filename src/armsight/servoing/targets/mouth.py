@@ -7,7 +7,7 @@ of the pair, as much of it as they show; which way is down is remembered from af
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
@@ -37,9 +37,16 @@ ARC, HALF_WIDTH, HALF_ANGLE = 0.062, 0.006, np.deg2rad(64.0)
 DARK = 0.5
 """Less light than this share of the yellow's is mouth or eyes."""
 TURN_SIGMA = 0.03
-"""Standard deviation of which way is down [rad]."""
+"""Standard deviation of which way is down [rad] ..."""
+ARC_TURN_SIGMA = 0.1
+"""... and where the arc alone is seen, and that is remembered."""
 EDGE_SIGMA = 0.6
 """Of a point of the arc's edge in a picture [px]."""
+KEPT = 1.0
+"""For this long [s] after the pair has seen which way is down the others are not asked."""
+STEADY = 0.4
+"""What the others say of it is averaged over this time [s]: where the arm hides half a face from
+them they are 0.15 rad off."""
 TURNS = 120
 """Ways to turn the face that are compared."""
 
@@ -51,7 +58,7 @@ class Mouth:
 
     def __init__(self) -> None:
         self._discs = Discs(YELLOW, (FACE,))
-        self._down: Vector3 | None = None
+        self._down: _Down | None = None
 
     def reset(self) -> None:
         """Which way is down has not been seen."""
@@ -70,8 +77,8 @@ class Mouth:
         for seen in self._discs.in_frame(view):
             down = _down_of(view.frame.color, lens, T, seen)
             if down is not None:
-                self._down = down
-                found.append(_sighting(view.frame, seen, down, False))
+                self._down = _remembered(self._down, down, view.frame.stamp)
+                found.append(_sighting(view.frame, seen, self._down.way, False))
         return found
 
     def in_pair(self, view: PosedPair, surface: bool = False) -> list[Sighting]:
@@ -82,7 +89,7 @@ class Mouth:
         for seen in self._discs.in_pair(view):
             down = _down_of(frame.left, info.left, T, seen)
             if down is not None:
-                self._down = down
+                self._down = _Down(down, frame.stamp, True)
                 return [_sighting(frame, seen, down, True)]
         if self._down is None:
             return []
@@ -92,7 +99,29 @@ class Mouth:
         if fit is None:
             return []
             # The arc says where the mouth is better than which way it looks.
-        return [replace(_placed(frame, fit, fit.center, ARC, self._down, True), normal=None)]
+        down = self._down.way
+        placed = _placed(frame, fit, fit.center, ARC, down, True, ARC_TURN_SIGMA)
+        return [replace(placed, normal=None)]
+
+
+@dataclass(frozen=True)
+class _Down:
+    """Which way is down (3,) in ``base``, seen when [s], and whether by the pair."""
+
+    way: Vector3
+    stamp: float
+    near: bool
+
+
+def _remembered(known: _Down | None, way: Vector3, stamp: float) -> _Down:
+    """What is known of it once a fixed camera has seen it so."""
+    if known is None or (known.near and stamp > known.stamp + KEPT):
+        return _Down(way, stamp, False)
+    if known.near:
+        return known
+    share = float(np.clip((stamp - known.stamp) / STEADY, 0.1, 1.0))
+    mean = known.way + share * (way - known.way)
+    return _Down(np.asarray(mean / np.linalg.norm(mean)), max(stamp, known.stamp), False)
 
 
 def _placed(
@@ -102,12 +131,13 @@ def _placed(
     below: float,
     down: Vector3,
     wrist: bool,
+    turned: float = TURN_SIGMA,
 ) -> Sighting:
-    """The mouth so far below a fitted centre [m]; which way down is, is known to hundredths."""
+    """The mouth so far below a fitted centre [m]; which way down is, is known to so much [rad]."""
     down = down - fit.normal * (fit.normal @ down)
     down = down / np.linalg.norm(down)
     place = np.asarray(center + below * down)
-    covariance = fit.covariance + (below * TURN_SIGMA) ** 2 * np.eye(3)
+    covariance = fit.covariance + (below * turned) ** 2 * np.eye(3)
     return Sighting(
         Mouth.name, frame.camera, frame.stamp, place, covariance, place, fit.normal, wrist, fit.tilt
     )

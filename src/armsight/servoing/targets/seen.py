@@ -36,10 +36,14 @@ def rays_of(lens: PinholeCamera, pixels: Floats) -> Points:
 
 
 def outlines_in_frame(
-    image: ColorImage, lens: PinholeCamera, color: LabColor
+    image: ColorImage, lens: PinholeCamera, color: LabColor, gap: int = 0
 ) -> list[tuple[Region, Points]]:
-    """Regions of a colour in a fixed camera's picture, with the rays of their outlines."""
-    return _outlined(image, lens, color, regions(color_mask(image, color), LEAST))
+    """Regions of a colour in a fixed camera's picture, with the rays of their outlines.
+
+    With a gap: of thin lines, which are not opened, those that lie so near each other [px] are one.
+    """
+    mask = color_mask(image, color, opening=1 if gap else 3)
+    return _outlined(image, lens, color, regions(mask, LEAST, gap=gap))
 
 
 def outlines_in_pair(
