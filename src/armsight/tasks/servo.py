@@ -8,18 +8,20 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from armsight.arrays import Pose
+from armsight.arrays import Pose, Vector3
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse, transform
+from armsight.robots.robot import Robot
 from armsight.servoing.approach import Funnel
 from armsight.servoing.ceiling import BELOW, Ceiling
 from armsight.servoing.docking import Docking, docking
-from armsight.servoing.eyes import Eye, WristEye
+from armsight.servoing.eyes import Eye, Target, WristEye
 from armsight.servoing.law import LawConfig
 from armsight.servoing.modes import ChaseConfig, make_chase
 from armsight.servoing.patience import STATED
 from armsight.servoing.segments import SegmentConfig
 from armsight.servoing.targets.ball import Ball
+from armsight.servoing.targets.straw_end import StrawEnd
 from armsight.tasks.fetch import fetch_in, with_item
 from armsight.tasks.handover import HandoverTask
 from armsight.tasks.servo_task import Mode, ServoTask
@@ -30,8 +32,11 @@ if TYPE_CHECKING:
     from armsight.workcell.schema import Workcell
 
 Triple = tuple[float, float, float]
-TOOL_MARKS = {"pen": (0.005, (0.0, 0.0, -0.005))}
+BALL_ENDS = {"pen": (0.005, (0.0, 0.0, -0.005))}
 """Balls on tools that the pair can see: radius [m], and place in the TCP's frame [m]."""
+STRAWS = {"straw_cup": (0.003, (0.0, -0.0007, -0.0029), 0.2507)}
+"""Straws on tools: radius [m], middle of the round end [m], and how far from the tool's z the straw
+leans to its y [rad], in the TCP's frame."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,21 @@ class ServoOptions:
         return task
 
 
+def _mark_of(robot: Robot, target: Target) -> tuple[Target | None, Vector3]:
+    """What of the tool the pair can see, and where that is in the TCP's frame (3,) [m]."""
+    tool = robot.tool.name if robot.tool is not None else ""
+    if tool in BALL_ENDS:
+        radius, at = BALL_ENDS[tool]
+        return Ball(radius, "mark", beside=target if isinstance(target, Ball) else None), np.array(
+            at
+        )
+    if tool in STRAWS:
+        radius, at, leans = STRAWS[tool]
+        axis = np.array([0.0, math.sin(leans), math.cos(leans)])
+        return StrawEnd(robot, np.array(at), axis, radius), np.array(at)
+    return None, np.zeros(3)
+
+
 def servo_task(
     cell: Cell,
     dock: Docking,
@@ -123,11 +143,8 @@ def servo_task(
     target = dock.detector()
     eyes: list[Eye | WristEye] = [Eye(name, target, scale=dock.scale) for name in cameras]
     if pair:
-        tool = cell.robot.tool.name if cell.robot.tool is not None else ""
-        radius, at = TOOL_MARKS.get(tool, (0.0, (0.0, 0.0, 0.0)))
-        beside = target if isinstance(target, Ball) else None
-        mark = Ball(radius, "mark", beside=beside) if radius else None
-        eyes.append(WristEye(pair, target, cell.robot, mark, np.array(at), mode == "paper"))
+        mark, at = _mark_of(cell.robot, target)
+        eyes.append(WristEye(pair, target, cell.robot, mark, at, mode == "paper"))
     config = chase_config(cell.workcell, cell.T_world_base, dock, standoff)
     names = [*cameras, *([pair] if pair else [])]
     chase = make_chase(mode, cell.robot, names, pair, config)

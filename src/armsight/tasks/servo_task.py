@@ -265,12 +265,10 @@ class ServoTask:
             self._latency = observation.now - look.stamp
 
     def _note_aside(self, now: float, guard: GuardStatus | None) -> None:
-        """Remember when a tip on springs may have been out of its seat."""
-        if self.config.tip is None:
-            return
-        permit = None if guard is None else guard.permit
+        """Remember when a tip on springs, or a straw, may have been out of its place."""
+        permit, tip = None if guard is None else guard.permit, self.config.tip
         pressed = math.nan if permit is None else permit.pressed
-        if pressed > self.config.tip.seat / 2.0 or self.chase.distance < 0.0:
+        if pressed > (FELT if tip is None else tip.seat / 2.0) or self.chase.distance < 0.0:
             self._aside.append(now)
 
     def _missed(self) -> str:
