@@ -248,8 +248,9 @@ def test_velocities_stay_within_the_limits_wherever_the_target_jumps(mode):
 
 def test_nothing_is_learned_from_the_mark_on_a_tip_that_is_pushed_aside():
     """Of the pair's looks those go on without it that were exposed while something was felt."""
-    for tip, kept in ((None, True), (SprungTip(200.0, 0.03, 1.0), False)):
-        task = task_of()
+    sprung = SprungTip(200.0, 0.03, 1.0)
+    for dock, tip, kept in (("ball", None, True), ("ball", sprung, False), ("straw", None, False)):
+        task = task_of(dock=dock)
         task.config = replace(task.config, tip=tip)
         seen = []
         task.chase.see = seen.append

@@ -267,6 +267,8 @@ class ServoTask:
     def _note_aside(self, now: float, guard: GuardStatus | None) -> None:
         """Remember when a tip on springs, or a straw, may have been out of its place."""
         permit, tip = None if guard is None else guard.permit, self.config.tip
+        if tip is None and self.dock.permit != "face":
+            return  # a face is touched by what is soft, and bends: anything else stays as it is
         pressed = math.nan if permit is None else permit.pressed
         if pressed > (FELT if tip is None else tip.seat / 2.0) or self.chase.distance < 0.0:
             self._aside.append(now)
