@@ -84,7 +84,7 @@ class StrawEnd:
         if not (expected[:, 2] > 0.02).all() or not length > 3.0 * scale * self._radius:
             return None  # it is seen from its end, or not at all
         along = along / length
-        across = np.array([-along[1], along[0]])
+        axes = np.array([along, (-along[1], along[0])])
         low = np.floor(np.minimum(end, before) - ASIDE * scale).astype(int)
         high = np.ceil(np.maximum(end, before) + ASIDE * scale).astype(int) + 1
         low, high = np.maximum(low, 0), np.minimum(high, [lens.width, lens.height])
@@ -94,37 +94,8 @@ class StrawEnd:
         straw = _largest(color_mask(np.ascontiguousarray(window), GREEN))
         if straw is None:
             return None
-        t, s = ((straw + low - before) @ np.stack([along, across], axis=1)).T
-        return self._end_of(t, s, before, along, across, length, scale * self._radius)
-
-    def _end_of(
-        self,
-        t: Floats,
-        s: Floats,
-        before: Floats,
-        along: Floats,
-        across: Floats,
-        length: float,
-        radius: float,
-    ) -> Floats | None:
-        """(2,) pixel of the round end's middle of a straw's pixels, by (k,) their places [px]."""
-        last = float(np.percentile(t, 99.5))
-        body = (t > last - length) & (t < last - 1.5 * radius)
-        if last - float(t.min()) < LEAST * length or np.count_nonzero(body) < 20:
-            return None
-        slope, offset = np.polyfit(t[body], s[body], 1)
-        aside = s - (slope * t + offset)
-        width = 2.0 * float(np.percentile(np.abs(aside[body]), 90.0)) / 0.9
-        if not 0.6 < width / (2.0 * radius) < 1.5:
-            return None
-        tops = []
-        for u in (-0.45, -0.15, 0.15, 0.45):
-            lane = np.abs(aside - u * radius) < 0.5
-            if not lane.any():
-                return None
-            tops.append(float(t[lane].max()) + 0.5 - radius * np.sqrt(1.0 - u * u))
-        middle = float(np.median(tops))
-        return np.asarray(before + middle * along + (slope * middle + offset) * across)
+        middle = _round_end((straw + low - before) @ axes.T, length, scale * self._radius)
+        return None if middle is None else np.asarray(before + middle @ axes)
 
     def _met(
         self, view: PosedPair, origins: list[Vector3], rays: list[Vector3], fx: float
@@ -145,6 +116,31 @@ class StrawEnd:
         return [
             Sighting(self.name, frame.camera, frame.stamp, place, covariance, place, None, True)
         ]
+
+
+def _round_end(pixels: Floats, length: float, radius: float) -> Floats | None:
+    """(2,) middle of the round end of a straw's pixels (k, 2), along it and across [px].
+
+    None where they are not as long, or as wide, as a straw of a length and radius [px].
+    """
+    t, s = pixels.T
+    last = float(np.percentile(t, 99.5))
+    body = (t > last - length) & (t < last - 1.5 * radius)
+    if last - float(t.min()) < LEAST * length or np.count_nonzero(body) < 20:
+        return None
+    slope, offset = np.polyfit(t[body], s[body], 1)
+    aside = s - (slope * t + offset)
+    width = 2.0 * float(np.percentile(np.abs(aside[body]), 90.0)) / 0.9
+    if not 0.6 < width / (2.0 * radius) < 1.5:
+        return None
+    tops = []
+    for u in (-0.45, -0.15, 0.15, 0.45):
+        lane = np.abs(aside - u * radius) < 0.5
+        if not lane.any():
+            return None
+        tops.append(float(t[lane].max()) + 0.5 - radius * np.sqrt(1.0 - u * u))
+    middle = float(np.median(tops))
+    return np.array([middle, slope * middle + offset])
 
 
 def _largest(mask: Bytes) -> Floats | None:
