@@ -15,9 +15,13 @@ from armsight.experiments.servo_ball import (
     waypoints,
 )
 from armsight.experiments.servo_ball_rows import _why
+from armsight.experiments.servo_bullseye import one_rendered as dock_rendered
 from armsight.experiments.servo_eyes import RADIUS, Errors
+from armsight.experiments.servo_mark import SETTLES, Mark, Marking
 from armsight.experiments.servo_onlooker import COMES, OUTSIDE, Onlooker, begun, posed
 from armsight.experiments.servo_rendered import Reaching, Trials, agreement
+from armsight.experiments.servo_sip import HOLDS, Sip
+from armsight.experiments.servo_straw import one_rendered as sip_rendered
 from armsight.experiments.servo_world import (
     Trial,
     make_eyes,
@@ -28,9 +32,11 @@ from armsight.experiments.servo_world import (
 )
 from armsight.geometry.pose import exp, make_pose, transform
 from armsight.mapping.snapshot import FREE, OCCUPIED
+from armsight.motion.permits import Permit, PermitState
 from armsight.robots.kinematics import sphere_centers
 from armsight.runtime.config import SessionMode
 from armsight.runtime.session import Session
+from armsight.simulation.truth import Contact
 from armsight.workcell import open_cell, simulated_world
 
 SETUP = set_up(1.0, 1.0)
@@ -236,6 +242,111 @@ def test_at_home_nothing_unseen_is_so_near_that_it_holds_the_arm():
     unseen = unseen[np.linalg.norm(unseen - place, axis=1) > 0.3]  # the ball hides some, too
     away = np.linalg.norm(unseen[:, None] - center[None], axis=2)
     assert (away - SETUP.robot.spheres.radius[moves]).min() > 0.9
+
+
+class Look:
+    """A tip before a target, and what was touched."""
+
+    def __init__(self, begins=2.0):
+        self.robot, self.q, self.v = SETUP.robot, np.array(SETUP.robot.home), np.zeros(6)
+        self.now, self.begins, self.contacts = 0.0, begins, []
+        self.at, self.target = np.array([0.5, 0.0, 0.0]), np.zeros(3)
+
+    def tip(self):
+        return self.at
+
+    def place(self, time):
+        return self.target
+
+
+def contact(owner, force):
+    return Contact(owner, owner, "", 6, 0.0, 0.0, 0.0, 0.1, np.zeros(3), force=force)
+
+
+@pytest.mark.parametrize(
+    ("owner", "force", "granted", "guarded", "harm"),
+    [
+        ("face", 4.0, 5.0, True, False),
+        ("face", 6.0, 5.0, True, True),
+        ("face", 6.0, 5.0, False, False),
+        ("face", 200.0, 5.0, False, True),
+        ("bench", 0.1, 5.0, True, True),
+        ("face", 0.1, 0.0, True, True),
+    ],
+)
+def test_a_straw_is_judged_by_its_first_touch_and_the_hardest(owner, force, granted, guarded, harm):
+    seen, sip = Look(), Sip(np.array([-1.0, 0.0, 0.0]), guarded)
+    permit = Permit("straw", "face", PermitState.GRANTED, force=granted)
+    for k in range(700):
+        seen.now = 0.01 * k
+        if k == 300:
+            seen.at, seen.contacts = np.array([-0.01, 0.003, 0.004]), [contact(owner, 0.1)]
+        if k == 400:
+            seen.at = np.array([-0.01, 0.05, 0.0])  # it slides along the face: that counts no more
+            seen.contacts[0].force = force
+        sip.look(seen, permit)
+        if sip.over:
+            break
+    found = sip.found()
+    assert found["mm"] == pytest.approx(5.0)
+    assert found["seconds"] == pytest.approx(1.0), "counted from where the trial begins"
+    assert found["force"] == force
+    assert found["harm"] == harm
+    assert seen.now == pytest.approx(3.0 + HOLDS, abs=0.011)
+
+
+def test_a_straw_that_touches_nothing_has_done_nothing():
+    sip = Sip(np.array([-1.0, 0.0, 0.0]))
+    sip.look(Look(), None)
+    found = sip.found()
+    assert not found["touched"]
+    assert not found["harm"]
+    assert found["mm"] is None
+    assert found["seconds"] is None
+
+
+def test_a_mark_is_where_the_tip_comes_to_the_plate_and_not_where_it_passes_it():
+    T = exp([0.1, 0.2, 0.3, 0.4, -0.3, 0.2])
+
+    def at(u, v, height):
+        return transform(T, np.array([[u, v, height]]))[0]
+
+    mark = Mark(T)
+    mark.follow(0.0, at(0.2, 0.0, 0.0))
+    assert not mark.made, "beside the plate"
+    mark.follow(1.0, at(0.003, 0.0, 0.004))
+    assert not mark.made, "4 mm before it, and on its way"
+    mark.follow(1.1, at(0.001, -0.002, 0.0005))
+    assert mark.made
+    assert mark.found()["mark"] == pytest.approx([1.0, -2.0])
+    assert mark.found()["mm"] == pytest.approx(np.hypot(1.0, 2.0))
+    waits = Mark(T)
+    waits.follow(1.0, at(0.003, 0.0, 0.004))
+    waits.follow(1.0 + SETTLES + 0.01, at(0.002, 0.0, 0.003))
+    assert waits.found()["mm"] == pytest.approx(2.0), "it goes no farther"
+    assert Mark(T).found() == {"mm": 200.0, "mark": None}
+
+
+def test_a_rendered_mark_counts_from_where_the_trial_begins():
+    seen, judge = Look(begins=2.0), Marking(np.eye(4), 12.0)
+    for k in range(1000):
+        seen.now = 0.008 * k
+        seen.at = np.array([0.001, 0.0, 0.0 if seen.now < 1.0 else max(0.3 - 0.1 * seen.now, 0.0)])
+        judge.look(seen, None)
+    assert judge.over
+    assert judge.seconds == pytest.approx(0.99, abs=0.02), "what lay on the plate before is none"
+    assert judge.mark.found()["mm"] == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("gl")
+def test_a_bulls_eye_and_a_mouth_are_touched_in_the_rendered_cell_too():
+    docked = dock_rendered(set_up(1.0, 1.0, "ur10_bullseye"), (64, 0))
+    assert docked["mm"] < 5.0
+    assert not docked["harm"]
+    brought = sip_rendered(set_up(1.0, 1.0, "ur10_straw"), (64, 0))
+    assert brought["mm"] < 15.0
+    assert not brought["harm"]
 
 
 @pytest.mark.slow
