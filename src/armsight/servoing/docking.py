@@ -184,10 +184,11 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
             speed=0.25, force=75.0, stiffness=2.5e3, drift=0.08, scale=0.5, wary=True, planned=True,
             creeps=0.015,
         ),
-        # Its plate has 16 cm; how it is turned about its middle nobody knows.
+        # Its plate has 16 cm; how it is turned about its middle nobody knows. The region ends with
+        # what is printed: from before it the tip comes as slowly as a stiff one may press.
         "bullseye": Docking(
-            "bullseye", Bullseye, "normal", shape="box", size=(0.19, 0.19, 0.02),
-            offset=(-0.005, 0.0, 0.0), drift=0.03,
+            "bullseye", Bullseye, "normal", shape="box", size=(0.19, 0.19, 0.014),
+            offset=(-0.007, 0.0, 0.0), drift=0.03,
         ),
         # The head behind and above the mouth; a straw bends before anything gives way. It need not
         # come along the normal, for which the wrist would fold against the forearm.
