@@ -253,6 +253,19 @@ def test_fingers_come_softly_and_are_on_the_item_only_when_told_to_come_closer()
     assert fetch.phase == "up"
 
 
+def test_a_permit_that_was_withdrawn_on_the_way_is_asked_for_anew():
+    """Braking above the item was felt as a press: the item, no longer permitted, was in the way,
+    and the arm stood above it until it gave up."""
+    fetch = fetching()
+    told(fetch, 0.1, OPEN, "above the items")
+    assert fetch.phase == "down"
+    ended = SimpleNamespace(state=PermitState.WITHDRAWN, holds=False)
+    asked = [goal.permit is not None for goal in told(fetch, 0.04, OPEN, permit=ended)]
+    assert asked == [False, True, False, True, False], "a round without it, then anew"
+    holds = SimpleNamespace(state=PermitState.GRANTED, holds=True)
+    assert all(goal.permit is not None for goal in told(fetch, 0.04, OPEN, permit=holds))
+
+
 def test_an_item_that_is_left_does_not_come_along():
     """Its region had gone along with the fingers: out of that nothing ever came."""
     fetch = fetching()

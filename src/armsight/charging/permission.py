@@ -8,6 +8,7 @@ from armsight.arrays import Floats, Pose, Vector3
 from armsight.charging.eye import SeenPort
 from armsight.charging.visit import StationOptions
 from armsight.geometry.pose import make_pose
+from armsight.motion.asking import AskAnew
 from armsight.motion.data import GuardStatus
 from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.regions import Region
@@ -42,7 +43,7 @@ class Permission:
         self._tare: Floats | None = None
         self._since = -np.inf
         self._number = 0
-        self._pausing = False
+        self._asking = AskAnew()
 
     def see(self, port: SeenPort, stamp: float, sigma: float, tare: Floats | None = None) -> None:
         """The port was seen at ``stamp`` [s]; its place is known to ``sigma`` [m] besides.
@@ -101,10 +102,8 @@ class Permission:
         """The request of this round; None without a port, or to clear one that was withdrawn."""
         if self._region is None:
             return None
-        if self.lost(guard) and not self._pausing:
-            self._pausing = True
+        if not self._asking.may_ask(guard):
             return None
-        self._pausing = False
         o, permit = self._options, None if guard is None else guard.permit
         presses = permit is not None and permit.pressed > SOFT * o.force
         if now - self._since > (np.inf if presses and np.isfinite(self._since) else RENEW):

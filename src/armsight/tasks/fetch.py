@@ -14,6 +14,7 @@ from armsight.arrays import Pose
 from armsight.errors import UsageError
 from armsight.geometry.pose import inverse, make_pose
 from armsight.geometry.shapes import Solid
+from armsight.motion.asking import AskAnew
 from armsight.motion.intents import Intent, PoseIntent, Rest
 from armsight.motion.permits import PermitRequest, PermitState
 from armsight.motion.regions import Region
@@ -70,6 +71,7 @@ class Fetch:
         self.phase, self.words = "over", "on the way to where items lie"
         self._since, self._tries = math.nan, 1
         self._grip: Pose | None = None
+        self._asking = AskAnew()
         self._lifted = self.T_base_item
 
     @property
@@ -187,10 +189,11 @@ class Fetch:
         if self.phase != "down":
             T[:3, 3] += ABOVE * self.T_base_item[:3, 2]
         # Without a permit what lies there may be a person, and is kept away from.
+        again = self.phase == "up" or self._asking.may_ask(observation.guard)
+        permit = self._permit(observation) if again else None
         return PoseIntent(
-            self._name, T, tolerance=0.003, tolerance_rad=0.02, permit=self._permit(observation),
-            width=open_width,
-        )  # fmt: skip
+            self._name, T, tolerance=0.003, tolerance_rad=0.02, permit=permit, width=open_width
+        )
 
     def _permit(self, observation: Observation) -> PermitRequest:
         """To touch the item where it lies, or where the fingers have it."""

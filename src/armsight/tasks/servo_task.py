@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from armsight.devices.data import JointState
+from armsight.motion.asking import AskAnew
 from armsight.motion.data import GuardStatus
 from armsight.motion.face import (
     ArrowMark,
@@ -22,7 +23,7 @@ from armsight.motion.face import (
     PointsMark,
 )
 from armsight.motion.intents import FUTURE, Intent, PoseIntent, Rest, VelocityIntent
-from armsight.motion.permits import PermitRequest, PermitState
+from armsight.motion.permits import PermitRequest
 from armsight.motion.task import Observation, Subscriptions
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.sprung_tip import press_depth
@@ -111,7 +112,7 @@ class ServoTask:
         self._face = Face("wait")
         self._latency = math.nan
         self._ahead = ""
-        self._pausing = False
+        self._asking = AskAnew()
         self._felt = 0.0
         self._aside: deque[float] = deque(maxlen=ASIDE)
 
@@ -191,7 +192,6 @@ class ServoTask:
         """Asks to touch the target, as far as anybody knows where it is.
 
         Who follows a thing at a stand-off asks as well: what is not declared may be a person.
-        One that was withdrawn is asked for again after a round without it.
         """
         seen = self.chase.touchable()
         guard = observation.guard
@@ -199,12 +199,8 @@ class ServoTask:
             return None
         if self.standoff > 0.0 and self.dock.permit != "thing":
             return None  # it follows somebody as far away as the guard wants it
-        answer = None if guard is None else guard.permit
-        lost = answer is not None and answer.state == PermitState.WITHDRAWN
-        if lost and not self._pausing:
-            self._pausing = True
+        if not self._asking.may_ask(guard):
             return None
-        self._pausing = False
         axis, _ = tool_direction(self.config, seen.position, seen.normal)
         return self.dock.request(seen, -axis, self.config.vertical, self.config.front)
 
