@@ -136,13 +136,13 @@ class Struck:
         self.speed, self.forces = speed, forces
         self.contacts = [touch(speed)]
 
-    def on(self, permit):
+    def on(self, permit, comes=0.0, turns=0.5):
         presses = Presses()
         for force in self.forces:
             self.now += 0.008
-            self.q = self.q + 0.008 * 0.5 * np.eye(6)[0]  # other parts move in any case
+            self.q = self.q + 0.008 * turns * np.eye(6)[0]  # the shoulder: all parts
             self.contacts[0].force = max(force, self.contacts[0].force)
-            presses.look(self, permit)
+            presses.look(self, permit, comes)
         return presses
 
 
@@ -169,12 +169,28 @@ def test_who_runs_into_an_arm_that_stands_is_no_harm_of_it(speed, state, harm):
 
 def test_another_contact_is_no_longer_hidden_by_a_stronger_one():
     """Until November 2026 what the arm did was seen only while it was the greatest force so far."""
-    cell = Struck(0.0, [])
+    cell = Struck(0.0, [0.0] * 8)
+    presses = cell.on(None)
     cell.contacts = [touch(0.0), touch(0.2)]
     cell.contacts[0].force, cell.contacts[1].force = 50.0, 20.0
-    presses = cell.on(None)
     presses.look(cell, None)
     assert (presses.force, presses.struck) == (20.0, 50.0)
+
+
+@pytest.mark.parametrize(
+    ("comes", "turns", "state", "harm"),
+    [
+        (2.2, 0.1, PermitState.GRANTED, False),  # faster than the link, and than may be touched
+        (0.9, 0.1, PermitState.GRANTED, True),
+        (2.2, 5.0, PermitState.REFUSED, True),  # the link is faster
+        (0.0, 0.0, PermitState.REFUSED, False),  # the arm was pushed: it had not moved before
+    ],
+)
+def test_a_hand_that_strikes_an_arm_that_is_slower_is_no_harm_of_it(comes, turns, state, harm):
+    permit = Permit("hand", "hand", state, force=25.0)
+    presses = Struck(0.3, [0.0] * 8 + [60.0]).on(permit, comes, turns)
+    assert presses.harm == harm
+    assert max(presses.force, presses.struck) == 60.0
 
 
 def test_what_a_permit_allows_is_no_harm():

@@ -27,6 +27,7 @@ from armsight.experiments.servo_trials import gap_row, run_plan, run_trials, tic
 from armsight.experiments.servo_world import Setup, make_eyes, make_task, set_up
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
+from armsight.motion.permits import LIMITS
 from armsight.servoing.aim import Aim, joints_for
 from armsight.simulation.targets import TargetSpec, target_object
 from armsight.tasks.servo import ServoOptions
@@ -56,17 +57,19 @@ it from a fixed place first). The palm is at rest in a third of the trials; in a
 seeded smooth paths with a greatest speed of up to {FASTEST:g} m/s; in a third as a recorded hand
 does for {PLAYS:g} s, until that slows down and rests at one of V's places (until November 2026 its
 mean lay there, and it rested up to 0.6 m off, in places that the cell does not map or the arm does
-not reach); before those the arm begins {KEPT:g} m or more from where the hand begins, if there is
-such a place. The palm is tilted by up to 10 deg. The item falls from where the gripper lets it go,
-with the gripper's velocity; success: its middle lands within {1e3 * LANDS:.0f} mm of the palm's,
-within {LIMIT:g} s, without harm. In {100 * COVERED:.0f} % of the pair's pictures from nearer than
-0.35 m the item hides the disc.
+not reach), never through the bench (one in five came up out of it); before those the arm begins
+{KEPT:g} m or more from where the hand begins, if there is such a place. The palm is tilted by up to
+10 deg. The item falls from where the gripper lets it go, with the gripper's velocity; success: its
+middle lands within {1e3 * LANDS:.0f} mm of the palm's, within {LIMIT:g} s, without harm. In
+{100 * COVERED:.0f} % of the pair's pictures from nearer than 0.35 m the item hides the disc.
 
 Recorded hands pick, place and hand over at up to 3 m/s as if no arm were there. A force counts, and
 is harm beyond what is permitted, when it grows while a permit holds, or where the arm moves faster
-than 5 cm/s at the touching point, as in all experiments; `handover_struck_n` is what is left: hands
-that run into an arm that stands there. (Until November 2026 it counted while any part of the arm
-moved, and the page had 16 N of a hand that ran into an upper arm that drew back at 2.7 cm/s.)
+than 5 cm/s at the touching point, as in all experiments; but not while the hand is faster than a
+hand may be that is touched ({LIMITS["hand"].region_speed:g} m/s), and than what it runs into.
+`handover_struck_n` is what is left: hands that run into an arm that stands there, or is slower than
+they are. (Until November 2026 a force counted while any part of the arm moved, and the page had
+16 N of a hand that ran into an upper arm that drew back at 2.7 cm/s.)
 
 Contact of the gripper with the hand (ISO/TS 15066's mass and surface, held by 0.5 N/mm), the force
 sensor, drives and arm are the simulated world's, in steps of 1 ms; the arm's absolute errors are
@@ -98,7 +101,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("fixed_", "fixed", v_errors, max(runs // 2, 1)),
     ]
     told = part_of(progress, 0.0, 0.6)
-    results = run_plan("servo-handover", CELL, plan, one, seed, told)
+    results = run_plan("servo-handover", CELL, plan, one, seed, told, 12)
     shown, fetched = _rendered(runs, seed, part_of(progress, 0.6, 0.4))
     rows = [*_rows(results), *_rendered_rows(results[""], shown, fetched)]
     notes = (*_notes(results), *_notes({"rendered": shown, "fetched": fetched}))
@@ -182,7 +185,7 @@ def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
     T_world_palm = np.asarray(from_rpy(turn, where))
     T = np.asarray(inverse(base) @ T_world_palm)
     if k % 3 == 2:
-        path, clip, speed = recorded_path(T[:3, 3], base, rng, rests=True)
+        path, clip, speed = _recorded_above(setup, T, rng)
     else:
         speed, clip = 0.0 if k % 3 == 0 else float(rng.uniform(0.1, FASTEST)), ""
         path = path_of(T[:3, 3], speed, rng)
@@ -193,6 +196,20 @@ def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
         ways = (_start(setup, T, way, height) for height in HEIGHTS for way in range(3))
         start = first_apart(setup.robot, chain((start,), ways), _hand(T) + path(0.0))
     return _Drawn(T, T_world_palm, path, clip, speed, eyes, start)
+
+
+def _recorded_above(setup: Setup, T: Pose, rng: np.random.Generator) -> tuple[Path, str, float]:
+    """A recorded hand's path that does not lead through the bench, its clip and greatest speed."""
+    base, hand = setup.workcell.robot.T_world_base, _hand(T)
+    lower = setup.workcell.mapping.lower
+    assert lower is not None
+    bench = lower[2]  # to within a voxel
+    while True:
+        path, clip, speed = recorded_path(T[:3, 3], base, rng, rests=True)
+        way = np.array([path(time) for time in np.arange(0.0, LIMIT, 0.05)])
+        lowest = float((way @ base[2, :3]).min() + (hand @ base[2, :3]).min()) + base[2, 3]
+        if lowest > bench:
+            return path, clip, speed
 
 
 def _hand(T: Pose) -> Points:
@@ -266,7 +283,7 @@ def _rendered(
         trial = partial(one_rendered, set_up(1.0, 1.0, CELL), fetch)
         name = "fetched" if fetch else "rendered"
         told = told_of(name, progress, 0.5 * k, 0.5)
-        found.append(run_trials("servo-handover", [name, 2], trial, count, seed, told))
+        found.append(run_trials("servo-handover", [name, 3], trial, count, seed, told))
     return found[0], found[1]
 
 

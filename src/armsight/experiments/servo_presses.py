@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from armsight.arrays import JointVector, Points
-from armsight.motion.permits import Permit
+from armsight.motion.permits import LIMITS, Permit
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
 from armsight.simulation.truth import MOVING, Contact
@@ -41,7 +41,8 @@ class Presses:
     """What the arm presses of somebody, and who runs into an arm that stands, which is no harm.
 
     The arm stands where it is touched as everywhere else: no faster than :data:`.MOVING` there,
-    whatever its other parts do, for as long as that contact lasts.
+    whatever its other parts do, for as long as that contact lasts; and it stands where the link
+    that is touched did not move in the rounds before, though who runs into it pushes it away.
 
     Attributes:
         force: greatest of a contact that grew while a permit held, or with an arm that moved [N].
@@ -61,20 +62,30 @@ class Presses:
         """Whether the arm pressed more than it ever might."""
         return self.force > max(self.granted, 1e-9)
 
-    def look(self, cell: Touched, permit: Permit | None) -> None:
-        """At the end of a round."""
+    def look(self, cell: Touched, permit: Permit | None, comes: float = 0.0) -> None:
+        """At the end of a round.
+
+        Args:
+            cell: arm and contacts.
+            permit: the guard's newest answer.
+            comes: how fast what may be touched is led [m/s]: a hand that is faster than one may be
+                that is touched, and faster than the link it runs into, strikes that itself.
+        """
         may = permit is not None and permit.holds
         self.granted = max(self.granted, permit.force) if permit and may else self.granted
         center = sphere_centers(cell.robot, cell.q)
         self._were.append((cell.now, center))
         since, were = self._were[0]
-        way = float(np.linalg.norm(center - were, axis=1).max())
-        self.moves = way > MOVING * (cell.now - since)
+        speed = np.linalg.norm(center - were, axis=1) / max(cell.now - since, 1e-9)
+        self.moves = bool((speed > MOVING).any())
+        links = np.asarray(cell.robot.spheres.link)
         for k, contact in enumerate(cell.contacts):
             if not contact.force > self._felt.get(k, 0.0):
                 continue
             self._felt[k] = contact.force
-            if may or contact.moving:
+            own = float(speed[links == contact.link].max(initial=0.0))
+            struck = comes > max(own, LIMITS["hand"].region_speed)
+            if not struck and (may or (contact.moving and own > MOVING)):
                 self.force = max(self.force, contact.force)
             else:
                 self.struck = max(self.struck, contact.force)

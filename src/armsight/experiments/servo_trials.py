@@ -36,6 +36,7 @@ def run_plan(
     one: Callable[[Setup, str, Errors, tuple[int, int]], Trial],
     seed: int,
     progress: Progress,
+    version: int,
 ) -> dict[str, list[Trial]]:
     """All trials of a plan by its prefixes, at full speed and acceleration; kept as they end."""
     results: dict[str, list[Trial]] = {}
@@ -43,7 +44,7 @@ def run_plan(
     for prefix, mode, errors, count in plan:
         trial = partial(one, set_up(1.0, 1.0, cell), mode, errors)
         told = told_of(prefix or "ours", progress, done / total, count / total)
-        settings = [mode, asdict(errors), 11]
+        settings = [mode, asdict(errors), version]
         results[prefix] = run_trials(name, settings, trial, count, seed, told)
         done += count
     return results
