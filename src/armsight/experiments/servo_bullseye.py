@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armsight.arrays import JointVector, Pose, Vector3
+from armsight.arrays import JointVector, Vector3
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.quick_cell import felt
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
-from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
+from armsight.experiments.servo_eyes import PAPERS, Errors
 from armsight.experiments.servo_mark import Mark, Marking
 from armsight.experiments.servo_onlooker import COMES, begun, posed, said_empty, watched
 from armsight.experiments.servo_rendered import SHARE, Trials, agreement
 from armsight.experiments.servo_rows import harm_row, median_row
-from armsight.experiments.servo_trials import FREE, run_trials, tick, told_of, unguarded
+from armsight.experiments.servo_trials import FREE, Drawn, run_trials, tick, told_of, unguarded
 from armsight.experiments.servo_world import (
     MOVING,
     Setup,
@@ -95,9 +95,9 @@ def one(
 ) -> dict[str, Any]:
     """One trial; what it came to, as JSON values."""
     drawn = _drawn(setup, errors, seed)
-    eyes, place, normal = drawn.eyes, drawn.T[:3, 3], drawn.T[:3, 2]
+    eyes, normal = drawn.eyes, drawn.T[:3, 2]
     cell = SurfaceCell(
-        setup, plate((0.16, 0.16), 0.01, drawn.T[:3, :3], -0.006 * normal), lambda _: place,
+        setup, plate((0.16, 0.16), 0.01, drawn.T[:3, :3], -0.006 * normal), drawn.path,
         drawn.start, seed=seed[1],
     )  # fmt: skip
     task = make_task(setup, mode, dock="bullseye")
@@ -125,11 +125,9 @@ def one(
 def one_rendered(setup: Setup, seed: tuple[int, int]) -> dict[str, Any]:
     """The same plate in the rendered cell; what it came to, as JSON values."""
     drawn = _drawn(setup, Errors(), seed)
-    T_world_target = np.asarray(setup.workcell.robot.T_world_base @ drawn.T)
-    place = drawn.T[:3, 3].copy()
     judge, found = watched(
-        begun(setup, posed(T_world_target), drawn.start), setup, ServoOptions("bullseye"),
-        lambda _: place, lambda task: Marking(drawn.T, LIMIT), 1000 * seed[0] + seed[1], LIMIT,
+        begun(setup, posed(drawn.T_world_target), drawn.start), setup, ServoOptions("bullseye"),
+        drawn.path, lambda task: Marking(drawn.T, LIMIT), 1000 * seed[0] + seed[1], LIMIT,
         said_empty,
     )  # fmt: skip
     return {
@@ -142,26 +140,19 @@ def one_rendered(setup: Setup, seed: tuple[int, int]) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """A trial's plate (``T`` of the bulls-eye in ``base``), the eyes, and where the arm begins."""
-
-    T: Pose
-    eyes: Eyes
-    start: JointVector
-
-
-def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
+def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> Drawn:
     rng = np.random.default_rng((*seed, 11))
     k = seed[1]
     place = world_to_base(setup, [PLACES[k % 3]])[0] + rng.uniform(-0.03, 0.03, 3)
-    T = inverse(setup.workcell.robot.T_world_base)
+    base = setup.workcell.robot.T_world_base
+    T = inverse(base)
     up, front = np.asarray(T[:3, 2]), np.asarray(T[:3, 0])
     normal = -front + 0.45 * up + rng.uniform(-0.25, 0.25, 3)
     normal = np.asarray(normal / np.linalg.norm(normal))
     eyes = make_eyes(setup, errors, rng)
     eyes.normal = normal
-    return _Drawn(facing_pose(place, normal), eyes, _start(setup, place, k // 3 % 4, up, front))
+    start, T_target = _start(setup, place, k // 3 % 4, up, front), facing_pose(place, normal)
+    return Drawn(T_target, np.asarray(base @ T_target), lambda _: place, 0.0, eyes, start)
 
 
 def _start(setup: Setup, place: Vector3, which: int, up: Vector3, front: Vector3) -> JointVector:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -18,12 +18,12 @@ from armsight.experiments.rows import Row
 from armsight.experiments.servo_apart import KEPT, first_apart
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
-from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes, Path
+from armsight.experiments.servo_eyes import PAPERS, Errors, Path
 from armsight.experiments.servo_landing import Delivery, Landing
 from armsight.experiments.servo_onlooker import COMES, EMPTY, begun, posed, said_empty, watched
 from armsight.experiments.servo_rendered import SHARE, Trials, agreement
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
-from armsight.experiments.servo_trials import gap_row, run_plan, run_trials, tick, told_of
+from armsight.experiments.servo_trials import Drawn, gap_row, run_plan, run_trials, tick, told_of
 from armsight.experiments.servo_world import Setup, make_eyes, make_task, set_up
 from armsight.geometry.body_regions import BODY_REGIONS
 from armsight.geometry.pose import from_rpy, inverse
@@ -114,12 +114,12 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
     T, path = drawn.T, drawn.path
     region = BODY_REGIONS["hand"]
     item = replace(
-        target_object(TargetSpec("hand", "hand", drawn.T_world_palm)),
+        target_object(TargetSpec("hand", "hand", drawn.T_world_target)),
         mass=region.mass, surface=region.stiffness, hold=500.0, max_speed=10.0,
     )  # fmt: skip
     cell = PushedCell(
         setup, _hand(T), path, drawn.start, item,
-        np.asarray(inverse(item.solid.T_frame_solid) @ drawn.T_world_palm), seed=seed[1],
+        np.asarray(inverse(item.solid.T_frame_solid) @ drawn.T_world_target), seed=seed[1],
     )  # fmt: skip
     try:
         task = make_task(setup, mode, dock="hand")
@@ -150,7 +150,9 @@ def one_rendered(setup: Setup, fetch: bool, seed: tuple[int, int]) -> dict[str, 
     """
     drawn = _drawn(setup, Errors(arm=0.0), seed)
     start = setup.robot.home if fetch else drawn.start
-    cell = begun(setup, {"mass_kg": BODY_REGIONS["hand"].mass, **posed(drawn.T_world_palm)}, start)
+    cell = begun(
+        setup, {"mass_kg": BODY_REGIONS["hand"].mass, **posed(drawn.T_world_target)}, start
+    )
     options = ServoOptions("hand", fetch=fetch)
     make, wanted = (Delivery, _has_item) if fetch else (Landing, said_empty)
     judge, found = watched(
@@ -163,20 +165,7 @@ def _has_item(task: Any, now: float) -> bool:
     return now > EMPTY and bool(task.fetch.done)
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """A trial's palm (``T`` in ``base``), its path, clip and greatest speed [m/s], and the eyes."""
-
-    T: Pose
-    T_world_palm: Pose
-    path: Path
-    clip: str
-    speed: float
-    eyes: Eyes
-    start: JointVector
-
-
-def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
+def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> Drawn:
     rng = np.random.default_rng((*seed, 17))
     k = seed[1]
     base = setup.workcell.robot.T_world_base
@@ -195,7 +184,7 @@ def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
     if clip:
         ways = (_start(setup, T, way, height) for height in HEIGHTS for way in range(3))
         start = first_apart(setup.robot, chain((start,), ways), _hand(T) + path(0.0))
-    return _Drawn(T, T_world_palm, path, clip, speed, eyes, start)
+    return Drawn(T, T_world_palm, path, speed, eyes, start, clip)
 
 
 def _recorded_above(setup: Setup, T: Pose, rng: np.random.Generator) -> tuple[Path, str, float]:

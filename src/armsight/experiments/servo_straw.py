@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +15,14 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
-from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes, Path
+from armsight.experiments.servo_eyes import PAPERS, Errors
 from armsight.experiments.servo_onlooker import COMES, begun, posed, said_empty, watched
 from armsight.experiments.servo_rendered import SHARE, Trials, agreement
 from armsight.experiments.servo_rows import harm_row, median_row, share_row
 from armsight.experiments.servo_sip import FACE, Sip
 from armsight.experiments.servo_trials import (
     FREE,
+    Drawn,
     gap_row,
     run_plan,
     run_trials,
@@ -98,7 +99,7 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
     """One trial; what it came to, as JSON values."""
     mode, _, free = mode.partition(" ")
     drawn = _drawn(setup, errors, seed)
-    T, T_world_mouth = drawn.T, drawn.T_world_mouth
+    T, T_world_mouth = drawn.T, drawn.T_world_target
     region, soft = BODY_REGIONS["face"], setup.guard.soft
     item = replace(
         target_object(TargetSpec(FACE, "smiley", T_world_mouth)),
@@ -129,7 +130,7 @@ def one(setup: Setup, mode: str, errors: Errors, seed: tuple[int, int]) -> dict[
 def one_rendered(setup: Setup, seed: tuple[int, int]) -> dict[str, Any]:
     """The same face in the rendered cell; what it came to, as JSON values."""
     drawn = _drawn(setup, Errors(arm=0.0), seed)
-    target = {"mass_kg": BODY_REGIONS["face"].mass, **posed(drawn.T_world_mouth)}
+    target = {"mass_kg": BODY_REGIONS["face"].mass, **posed(drawn.T_world_target)}
     cell = begun(setup, target, drawn.start)
     judge, found = watched(
         cell, setup, ServoOptions("straw"), drawn.path, lambda task: Sip(drawn.T[:3, 2]),
@@ -138,19 +139,7 @@ def one_rendered(setup: Setup, seed: tuple[int, int]) -> dict[str, Any]:
     return {**judge.found(), "speed": drawn.speed, "iterations": 0, **found}
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """A trial's mouth (``T`` in ``base``), its path and greatest speed [m/s], and the eyes."""
-
-    T: Pose
-    T_world_mouth: Pose
-    path: Path
-    speed: float
-    eyes: Eyes
-    start: JointVector
-
-
-def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
+def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> Drawn:
     rng = np.random.default_rng((*seed, 13))
     k = seed[1]
     base = setup.workcell.robot.T_world_base
@@ -163,7 +152,7 @@ def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> _Drawn:
     path = path_of(T[:3, 3], speed, rng)
     eyes = make_eyes(setup, errors, rng)
     eyes.normal, eyes.marked = T[:3, 2], False
-    return _Drawn(T, T_world_mouth, path, speed, eyes, _start(setup, T, k // 4 % 6))
+    return Drawn(T, T_world_mouth, path, speed, eyes, _start(setup, T, k // 4 % 6))
 
 
 def good(trial: dict[str, Any]) -> bool:

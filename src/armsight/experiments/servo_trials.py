@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from armsight.arrays import JointVector, Pose
 from armsight.devices.data import JointState
 from armsight.experiments.episodes import part_of, run_episodes
 from armsight.experiments.frame import Progress
 from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell
-from armsight.experiments.servo_eyes import Errors
+from armsight.experiments.servo_eyes import Errors, Eyes, Path
 from armsight.experiments.servo_world import Setup, set_up
 from armsight.motion.data import GuardMode, GuardStatus
 from armsight.motion.intents import VelocityIntent
@@ -27,6 +28,27 @@ FREE = "ablation_unguarded_paper_"
 """Prefix of V's mode without the guard: is it the guard that keeps it from V's figures?"""
 Plan = Sequence[tuple[str, str, Errors, int]]
 """(prefix of the keys, mode, errors, trials) of each row."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a trial draws of its target: alike for the rendered cell and for the one without.
+
+    Attributes:
+        T: of the target in ``base``; T_world_target: and in the world, where its path begins.
+        path: (3,) of it in ``base`` at a time [m], [s]; speed: its greatest [m/s].
+        eyes: what the cameras say of it, without pictures.
+        start: (n,) where the arm begins [rad].
+        clip: whose recording leads it; empty for none.
+    """
+
+    T: Pose
+    T_world_target: Pose
+    path: Path
+    speed: float
+    eyes: Eyes
+    start: JointVector
+    clip: str = ""
 
 
 def run_plan(

@@ -683,9 +683,15 @@ def self_clearance(body: Body, centers: Points) -> float:
     """Least distance [m] between spheres that may touch each other; inf where there are none."""
     best = np.inf
     for p in range(body.pairs.shape[0]):
-        a, b = body.pairs[p, 0], body.pairs[p, 1]
-        dx = centers[a, 0] - centers[b, 0]
-        dy = centers[a, 1] - centers[b, 1]
-        dz = centers[a, 2] - centers[b, 2]
-        best = min(best, np.sqrt(dx * dx + dy * dy + dz * dz) - body.pair_radius[p])
+        best = min(best, pair_gap(body, centers, p))
     return best
+
+
+@njit(cache=True, nogil=True)
+def pair_gap(body: Body, centers: Points, pair: int) -> float:
+    """Distance [m] of the spheres of one pair that may touch each other."""
+    a, b = body.pairs[pair, 0], body.pairs[pair, 1]
+    dx = centers[a, 0] - centers[b, 0]
+    dy = centers[a, 1] - centers[b, 1]
+    dz = centers[a, 2] - centers[b, 2]
+    return float(np.sqrt(dx * dx + dy * dy + dz * dz) - body.pair_radius[pair])

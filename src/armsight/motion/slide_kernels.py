@@ -7,6 +7,7 @@ from numba import njit
 
 from armsight.arrays import Floats, Ints, JointVector, Points, Poses
 from armsight.motion.body import Body
+from armsight.motion.kernels import pair_gap
 
 
 @njit(cache=True, nogil=True)
@@ -49,15 +50,7 @@ def limiting_rows(
         closing = velocity[i, 0] * ux + velocity[i, 1] * uy + velocity[i, 2] * uz
         if closing <= 0.0:
             continue
-        for j in range(link[i]):
-            T = poses[j + 1]
-            ax = T[0, 0] * axis[j, 0] + T[0, 1] * axis[j, 1] + T[0, 2] * axis[j, 2]
-            ay = T[1, 0] * axis[j, 0] + T[1, 1] * axis[j, 1] + T[1, 2] * axis[j, 2]
-            az = T[2, 0] * axis[j, 0] + T[2, 1] * axis[j, 1] + T[2, 2] * axis[j, 2]
-            px, py, pz = center[i, 0] - T[0, 3], center[i, 1] - T[1, 3], center[i, 2] - T[2, 3]
-            rows[count, j] = (
-                ux * (ay * pz - az * py) + uy * (az * px - ax * pz) + uz * (ax * py - ay * px)
-            )
+        _row(poses, axis, 0, link[i], center[i], ux, uy, uz, rows[count])
         bounds[count] = share[i] * closing
         count += 1
     return rows[:count], bounds[:count]
@@ -96,7 +89,7 @@ def own_rows(
             continue
         best, pair = near, -1
         for p in range(body.groups[g, 4], body.groups[g, 5]):
-            gap = min(_between(body, centers, p), _between(body, later, p))
+            gap = min(pair_gap(body, centers, p), pair_gap(body, later, p))
             if gap < best:
                 best, pair = gap, p
         if pair < 0:
@@ -108,28 +101,33 @@ def own_rows(
         uz = centers[a, 2] - centers[b, 2]
         length = max(np.sqrt(ux * ux + uy * uy + uz * uz), 1e-9)
         ux, uy, uz = ux / length, uy / length, uz / length
-        for j in range(links[count, 0], links[count, 1]):  # joints before both move both alike
-            T = poses[j + 1]
-            ax = T[0, 0] * axis[j, 0] + T[0, 1] * axis[j, 1] + T[0, 2] * axis[j, 2]
-            ay = T[1, 0] * axis[j, 0] + T[1, 1] * axis[j, 1] + T[1, 2] * axis[j, 2]
-            az = T[2, 0] * axis[j, 0] + T[2, 1] * axis[j, 1] + T[2, 2] * axis[j, 2]
-            px, py, pz = centers[b, 0] - T[0, 3], centers[b, 1] - T[1, 3], centers[b, 2] - T[2, 3]
-            rows[count, j] = (
-                ux * (ay * pz - az * py) + uy * (az * px - ax * pz) + uz * (ax * py - ay * px)
-            )
+        first, last = links[count, 0], links[count, 1]  # joints before both move both alike
+        _row(poses, axis, first, last, centers[b], ux, uy, uz, rows[count])
         gaps[count] = best
         count += 1
     return rows[:count], gaps[:count], links[:count]
 
 
 @njit(cache=True, nogil=True)
-def _between(body: Body, centers: Points, pair: int) -> float:
-    """Gap [m] of a pair of spheres."""
-    a, b = body.pairs[pair, 0], body.pairs[pair, 1]
-    dx = centers[b, 0] - centers[a, 0]
-    dy = centers[b, 1] - centers[a, 1]
-    dz = centers[b, 2] - centers[a, 2]
-    return float(np.sqrt(dx * dx + dy * dy + dz * dz) - body.pair_radius[pair])
+def _row(
+    poses: Poses,
+    axis: Points,
+    first: int,
+    last: int,
+    point: Floats,
+    ux: float,
+    uy: float,
+    uz: float,
+    row: Floats,
+) -> None:
+    """Write how fast a point (3,) moves along a unit vector by each of the joints first..last."""
+    for j in range(first, last):
+        T = poses[j + 1]
+        ax = T[0, 0] * axis[j, 0] + T[0, 1] * axis[j, 1] + T[0, 2] * axis[j, 2]
+        ay = T[1, 0] * axis[j, 0] + T[1, 1] * axis[j, 1] + T[1, 2] * axis[j, 2]
+        az = T[2, 0] * axis[j, 0] + T[2, 1] * axis[j, 1] + T[2, 2] * axis[j, 2]
+        px, py, pz = point[0] - T[0, 3], point[1] - T[1, 3], point[2] - T[2, 3]
+        row[j] = ux * (ay * pz - az * py) + uy * (az * px - ax * pz) + uz * (ax * py - ay * px)
 
 
 @njit(cache=True, nogil=True)

@@ -98,9 +98,8 @@ def _mark_of(robot: Robot, target: Target) -> tuple[Target | None, Vector3]:
     tool = robot.tool.name if robot.tool is not None else ""
     if tool in BALL_ENDS:
         radius, at = BALL_ENDS[tool]
-        return Ball(radius, "mark", beside=target if isinstance(target, Ball) else None), np.array(
-            at
-        )
+        beside = target if isinstance(target, Ball) else None
+        return Ball(radius, "mark", beside=beside), np.array(at)
     if tool in STRAWS:
         radius, at, leans = STRAWS[tool]
         axis = np.array([0.0, math.sin(leans), math.cos(leans)])

@@ -16,6 +16,7 @@ from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, meet, 
 from armsight.servoing.segment import SPOKES, LabColor, Region
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.seen import (
+    meeting,
     outlines_in_frame,
     outlines_in_pair,
     own_outline,
@@ -244,41 +245,34 @@ def _fitting(
 
 def between(left: Outline, right: Outline, apart: float = APART) -> Vector3 | None:
     """(3,) where the middle rays of two lenses nearly meet [m]; None where they do not."""
-    for whole in (True, False):
-        found = _meeting(left, _middle_ray(left, whole), right, _middle_ray(right, whole), apart)
-        if found is not None:
-            return found
+    means = [_mean_ray(left), _mean_ray(right)]
+    wholes = [_whole_ray(left, means[0]), _whole_ray(right, means[1])]
+    cut = any(whole is not mean for whole, mean in zip(wholes, means))
+    for a, b in (wholes, means) if cut else (means,):
+        along, place, gap = meeting(left.origin, a, right.origin, b)
+        if (along >= 0.05).all() and (along <= 2.0).all() and gap <= apart:
+            return place
     return None
 
 
-def _meeting(left: Outline, a: Vector3, right: Outline, b: Vector3, apart: float) -> Vector3 | None:
-    """(3,) where two unit rays nearly meet [m]; None where they do not."""
-    base = right.origin - left.origin
-    A = np.stack([a, -b], axis=1)
-    along, *_ = np.linalg.lstsq(A, base, rcond=None)
-    if (along < 0.05).any() or (along > 2.0).any():
-        return None
-    one, other = left.origin + along[0] * a, right.origin + along[1] * b
-    if np.linalg.norm(one - other) > apart:
-        return None
-    return np.asarray(0.5 * (one + other))
+def _mean_ray(outline: Outline) -> Vector3:
+    """(3,) unit ray to the middle of what is seen of an outline."""
+    mean = outline.rays.mean(axis=0)
+    return np.asarray(mean / np.linalg.norm(mean))
 
 
-def _middle_ray(outline: Outline, whole: bool) -> Vector3:
-    """(3,) unit ray to the middle of an outline: of what is seen, or of the whole ellipse.
+def _whole_ray(outline: Outline, mean: Vector3) -> Vector3:
+    """(3,) unit ray to the middle of an outline's whole ellipse; the mean where it is not cut off.
 
     Where the picture cuts it off the two differ, and each from lens to lens.
     """
-    mean = outline.rays.mean(axis=0)
-    mean = mean / np.linalg.norm(mean)
-    known = len(outline.rays) < WHOLE * SPOKES and len(outline.rays) >= LEAST_OF_ELLIPSE
-    if not (whole and known):
-        return np.asarray(mean)
+    if not LEAST_OF_ELLIPSE <= len(outline.rays) < WHOLE * SPOKES:
+        return mean
     x, y = across(mean)
     flat = outline.rays @ np.stack([x, y], axis=1) / (outline.rays @ mean)[:, None]
     (u, v), *_ = cv2.fitEllipseDirect((1e3 * flat).astype(np.float32)[:, None])
     if not np.hypot(u, v) < 1e3 * np.linalg.norm(flat, axis=1).max():
-        return np.asarray(mean)
+        return mean
     middle = mean + 1e-3 * (u * x + v * y)
     return np.asarray(middle / np.linalg.norm(middle))
 

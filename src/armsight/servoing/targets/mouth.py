@@ -98,7 +98,7 @@ class Mouth:
         fit = None if arcs[0] is None or arcs[1] is None else _fit_arcs((arcs[0], arcs[1]))
         if fit is None:
             return []
-            # The arc says where the mouth is better than which way it looks.
+        # The arc says where the mouth is better than which way it looks.
         down = self._down.way
         placed = _placed(frame, fit, fit.center, ARC, down, True, ARC_TURN_SIGMA)
         return [replace(placed, normal=None)]

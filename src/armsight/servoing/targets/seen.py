@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, Floats, Mask, Points
+from armsight.arrays import Bytes, ColorImage, Floats, Mask, Points, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
 from armsight.motion.perception import PosedFrame
@@ -33,6 +33,21 @@ def rays_of(lens: PinholeCamera, pixels: Floats) -> Points:
     """(k, 3) unit rays of a lens to (k, 2) pixels."""
     rays = np.column_stack([lens.normalise(pixels), np.ones(len(pixels))])
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def meeting(one: Vector3, a: Vector3, other: Vector3, b: Vector3) -> tuple[Floats, Vector3, float]:
+    """Where two rays pass each other: (2,) how far along each, (3,) the place, and the gap [m].
+
+    Args:
+        one: (3,) where the first begins.
+        a: (3,) unit, along it.
+        other: (3,) where the other begins.
+        b: (3,) unit, along it.
+    """
+    along, *_ = np.linalg.lstsq(np.stack([a, -b], axis=1), other - one, rcond=None)
+    ends = one + along[0] * a, other + along[1] * b
+    gap = float(np.linalg.norm(ends[0] - ends[1]))
+    return np.asarray(along), np.asarray(0.5 * (ends[0] + ends[1])), gap
 
 
 def outlines_in_frame(

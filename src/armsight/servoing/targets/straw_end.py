@@ -6,17 +6,17 @@ by the straw's radius before where it ends in the picture, on the straw's middle
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, Floats, Points, Vector3
+from armsight.arrays import ColorImage, Floats, Points, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
 from armsight.motion.perception import PosedFrame, PosedPair
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
-from armsight.servoing.segment import LabColor, color_mask
+from armsight.servoing.segment import LabColor, color_mask, regions
 from armsight.servoing.sighting import Sighting
+from armsight.servoing.targets.seen import meeting, rays_of
 
 GREEN = LabColor(hue_deg=146.0, width_deg=22.0, purity=0.4)
 SIGHT = 0.04
@@ -64,9 +64,8 @@ class StrawEnd:
             pixel = self._in_one(image, lens, transform(inverse(T), expected))
             if pixel is None:
                 return []
-            ray = np.append(lens.normalise(pixel[None])[0], 1.0)
             origins.append(T[:3, 3])
-            rays.append(T[:3, :3] @ (ray / np.linalg.norm(ray)))
+            rays.append(T[:3, :3] @ rays_of(lens, pixel[None])[0])
         return self._met(view, origins, rays, info.left.fx)
 
     def _in_one(self, image: ColorImage, lens: PinholeCamera, expected: Points) -> Floats | None:
@@ -91,9 +90,10 @@ class StrawEnd:
         if (high - low < 8).any():
             return None
         window = image[low[1] : high[1], low[0] : high[0]]
-        straw = _largest(color_mask(np.ascontiguousarray(window), GREEN))
-        if straw is None:
+        found = regions(color_mask(np.ascontiguousarray(window), GREEN), 1, most=1)
+        if not found:
             return None
+        straw = np.argwhere(found[0].mask)[:, ::-1] + np.array(found[0].corner, float)
         middle = _round_end((straw + low - before) @ axes.T, length, scale * self._radius)
         return None if middle is None else np.asarray(before + middle @ axes)
 
@@ -101,17 +101,14 @@ class StrawEnd:
         self, view: PosedPair, origins: list[Vector3], rays: list[Vector3], fx: float
     ) -> list[Sighting]:
         """Where two rays meet."""
-        A = np.stack([rays[0], -rays[1]], axis=1)
-        away, *_ = np.linalg.lstsq(A, origins[1] - origins[0], rcond=None)
-        one, other = origins[0] + away[0] * rays[0], origins[1] + away[1] * rays[1]
-        if (away < 0.02).any() or np.linalg.norm(one - other) > MEET:
+        away, place, gap = meeting(origins[0], rays[0], origins[1], rays[1])
+        if (away < 0.02).any() or gap > MEET:
             return []
         base = float(np.linalg.norm(origins[1] - origins[0]))
         side = SIGMA * float(away[0]) / fx
         deep = side * float(away[0]) / max(base, 1e-6)
         ray = rays[0]
         covariance = side**2 * np.eye(3) + deep**2 * np.outer(ray, ray)
-        place = np.asarray(0.5 * (one + other))
         frame = view.frame
         return [
             Sighting(self.name, frame.camera, frame.stamp, place, covariance, place, None, True)
@@ -141,12 +138,3 @@ def _round_end(pixels: Floats, length: float, radius: float) -> Floats | None:
         tops.append(float(t[lane].max()) + 0.5 - radius * np.sqrt(1.0 - u * u))
     middle = float(np.median(tops))
     return np.array([middle, slope * middle + offset])
-
-
-def _largest(mask: Bytes) -> Floats | None:
-    """(k, 2) pixels (u, v) of the largest connected part of a mask; None of an empty one."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    if count < 2:
-        return None
-    best = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    return np.argwhere(labels == best)[:, ::-1].astype(float)
