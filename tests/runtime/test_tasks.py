@@ -3,6 +3,7 @@
 import threading
 import time
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +14,13 @@ from armsight.mapping.snapshot import CameraStatus
 from armsight.motion.face import Button, Curve, Face, Figure, FrameMark, PointsMark
 from armsight.motion.intents import JointIntent, Rest, VelocityIntent
 from armsight.motion.perception import CameraUse, SeenRobot
+from armsight.motion.permits import Permit, PermitState
+from armsight.motion.regions import Region
 from armsight.motion.task import Subscriptions
-from armsight.runtime.components import GuardComponent
+from armsight.runtime.channels import Channels
+from armsight.runtime.components import GuardComponent, MappingComponent
 from armsight.runtime.config import SessionConfig, SessionMode
+from armsight.runtime.latency import Latency
 from armsight.runtime.parts import Parts
 from armsight.runtime.session import Session
 
@@ -601,6 +606,25 @@ def test_an_arm_that_nobody_announces_goes_to_the_map_once_a_sighting_and_to_who
     assert session.view().robots == ()
     told = [call for call in session._parts.workspace.calls if call[0] == "animated"]
     assert told == [("animated", 3), ("animated", 7)]
+
+
+@pytest.mark.parametrize("kind, words", [("hand", 3), ("face", 3), ("thing", 0)])
+def test_what_a_task_asks_to_touch_of_somebody_is_no_thing_for_as_long_as_it_asks(kind, words):
+    workspace, channels = FakeMap(), Channels()
+    mapping = MappingComponent(channels, workspace, Latency(0.03))
+    center = np.array([0.4, -0.1, 0.3])
+    T = np.eye(4)
+    T[:3, 3] = center
+    region = Region("sphere", (0.1, 0.1, 0.1), T, 0.0)
+    status = SimpleNamespace(permit=Permit("it", kind, PermitState.REFUSED, "why", region))
+    channels.status.publish(status, 0.0)
+    for now in np.arange(0.0, 2.5, 0.1):
+        mapping.update(float(now))
+    said = [call for call in workspace.calls if call[0] == "animated"]
+    assert said == [("animated", 27)] * words
+    channels.status.publish(SimpleNamespace(permit=None), 2.5)
+    mapping.update(4.0)
+    assert len([c for c in workspace.calls if c[0] == "animated"]) == words
 
 
 def test_a_camera_that_was_placed_counts_again_until_it_is_blamed_anew():

@@ -122,6 +122,10 @@ def _compute(
 
 REFUSED = 0.8
 """A camera whose pictures have been refused for so long may have been moved [s]."""
+ALIVE = 1.0
+"""That somebody's hand or face is no thing is said so often while a task asks to touch it [s]."""
+AROUND = np.stack(np.meshgrid(*[(-0.02, 0.0, 0.02)] * 3), axis=-1).reshape(-1, 3)
+"""(27, 3) points of its middle, from that [m]: of a surface in it four voxels and more."""
 
 
 def _nothing(_at: float) -> None:
@@ -169,6 +173,7 @@ class MappingComponent:
         self._placed: dict[str, RgbdCameraInfo] = {}
         self._answered: set[tuple[str, str]] = set()
         self._robots: tuple[SeenRobot, ...] = ()
+        self._animated = -np.inf
 
     def update(self, now: float) -> None:
         """Take the waiting frames into the map and publish a snapshot."""
@@ -233,10 +238,18 @@ class MappingComponent:
                 self._workspace.exclude(camera, reason)
 
     def _tracked(self, now: float) -> TrackedRegion | None:
-        """Where the thing is that a task asks to touch."""
+        """Where the thing is that a task asks to touch; a part of somebody is said to be none."""
         status = self._channels.status.read(now)
         permit = None if status is None else status.permit
-        return None if permit is None or permit.kind != "thing" else permit.region
+        region = None if permit is None else permit.region
+        if permit is None or region is None:
+            return None
+        if permit.kind == "thing":
+            return region
+        if not self._animated <= now < self._animated + ALIVE:
+            self._animated = now
+            self._workspace.animate(region.center(now) + AROUND)
+        return None
 
     def _publish(self, snapshot: WorkspaceSnapshot | str, visible_at: float) -> None:
         if isinstance(snapshot, str):
