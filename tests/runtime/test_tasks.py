@@ -608,7 +608,7 @@ def test_an_arm_that_nobody_announces_goes_to_the_map_once_a_sighting_and_to_who
     assert told == [("animated", 3), ("animated", 7)]
 
 
-@pytest.mark.parametrize("kind, words", [("hand", 3), ("face", 3), ("thing", 0)])
+@pytest.mark.parametrize(("kind", "words"), [("hand", 3), ("face", 3), ("thing", 0)])
 def test_what_a_task_asks_to_touch_of_somebody_is_no_thing_for_as_long_as_it_asks(kind, words):
     workspace, channels = FakeMap(), Channels()
     mapping = MappingComponent(channels, workspace, Latency(0.03))
