@@ -38,8 +38,8 @@ STEP = (0.015, 0.04)
 """How far it steps [m]."""
 CHANGED = 0.003
 """A command is another one when a joint's velocity differs by more than this [rad/s]."""
-RENDERED = 6.0
-"""Seconds of the rendered cell [s]."""
+CELLS, RENDERED = 3, 6.0
+"""Runs of the rendered cell, and how long each is [s]."""
 RUNS, BULK = 40, 10
 """Steps; and for each of them so many runs that count limits."""
 
@@ -53,26 +53,31 @@ believed at once, counts as long as it takes.
 
 `control_ms` is the processor time of a round of the task and of the guard (until November 2026 the
 drives, the map and the cameras' model of the cell without pictures were counted, too, about a sixth
-of it); `vision_ms` that of a look of all five cameras, in {RENDERED:g} s of the rendered ball task,
-which `realtime_factor` is of, too, on the machine named. `limit_violations` counts commands beyond
-the joints' declared speed or the drives' acceleration, and joints beyond their range, in all rounds
-of all trials, and in {BULK} runs of {SECONDS:g} s a step beside them: ball, bulls-eye, straw and
-hand in turn, without pictures or contact, the targets wandering at up to 0.4 m/s, jumping every 0.4
+of it); `vision_ms` that of a look of all five cameras, the greatest of {CELLS} runs of
+{RENDERED:g} s of the rendered ball task, which `realtime_factor` is of, too, on the machine named
+(until November 2026 one run, after all else: 0.35, where alone it does 0.5). `limit_violations`
+counts commands beyond the joints' declared speed or the drives' acceleration, and joints beyond
+their range, in all rounds of all trials, and in {BULK} runs of {SECONDS:g} s a step beside them:
+ball, bulls-eye, straw and hand in turn, without pictures or contact, the targets wandering at up to 0.4 m/s, jumping every 0.4
 to 3 s by up to a quarter of a metre a way or to anywhere, out of reach, out of the map and into the
 arm, and three times hidden from all cameras.
 """
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` steps, and one run of the rendered cell."""
+    """``runs`` steps; before these the rendered cell, while the process is small and alone."""
     setup = set_up(1.0, 1.0)
+    cells = []
+    for k in range(CELLS):
+        cells.append(rendered(seed + k))
+        progress(f"rendered cell {k + 1} of {CELLS}", 0.05 * (k + 1) / CELLS)
     cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF, "version": 9})
     steps = []
     for k in range(runs):
         steps.append(cache.get(k, lambda k=k: one(setup, (seed, k))))  # type: ignore[misc]
-        progress(f"step {k + 1} of {runs}", 0.3 * (k + 1) / runs)
+        progress(f"step {k + 1} of {runs}", 0.05 + 0.25 * (k + 1) / runs)
     counted = bulk(BULK * runs, seed, lambda say, share: progress(say, 0.3 + 0.6 * share))
-    rows = _rows(steps, counted, rendered(seed))
+    rows = _rows(steps, counted, cells)
     notes = (*_notes(steps), _counted(counted))
     return Outcome(tuple(rows), {"times": partial(_times, steps)}, notes)
 
@@ -202,13 +207,14 @@ def rendered(seed: int) -> dict[str, float]:
 
 
 def _rows(
-    steps: list[dict[str, Any]], counted: list[dict[str, Any]], cell: dict[str, float]
+    steps: list[dict[str, Any]], counted: list[dict[str, Any]], cells: list[dict[str, float]]
 ) -> list[Row]:
     where = "ours, speed 1, acceleration 1"
     answered = [s for s in steps if s["reaction_ms"] is not None]
     rounds = sum(s["rounds"] for s in steps) + sum(c["ticks"] for c in counted)
     beyond_any = sum(one["violations"] for one in (*steps, *counted))
     control = np.concatenate([s["control_ms"] for s in steps])
+    factors = [cell["factor"] for cell in cells]
 
     def p99(values: Any) -> float:
         return float(np.percentile(values, 99.0)) if len(values) else math.nan
@@ -223,11 +229,13 @@ def _rows(
         Row("control_ms", "processor time of a round of task and guard, 99th percentile", where,
             p99(control), "ms", len(control), must=6.0, aim=4.0),
         Row("vision_ms", "processor time of a look of all five cameras, 99th percentiles added",
-            "rendered", cell["vision"], "ms", int(cell["looks"]), must=35.0, aim=25.0),
+            "rendered", max(cell["vision"] for cell in cells), "ms",
+            int(sum(cell["looks"] for cell in cells)), must=35.0, aim=25.0),
         Row("limit_violations", "rounds beyond a limit of position, speed or acceleration", where,
             float(beyond_any), n=rounds, must=0.0, aim=0.0),
-        Row("realtime_factor", "simulated seconds a second, ball task", "rendered",
-            cell["factor"], n=1, must=0.4, aim=0.8, better="higher"),
+        Row("realtime_factor", "simulated seconds a second, ball task, median; least and greatest",
+            "rendered", float(np.median(factors)), "", len(factors), min(factors), max(factors),
+            must=0.4, aim=0.8, better="higher"),
     ]  # fmt: skip
 
 
