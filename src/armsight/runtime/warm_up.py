@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, float], None]
 """Told the stage and the share of the whole that is done, 0..1."""
-LOOKS, PERIOD = 11, 0.2
-"""Pictures of each camera, and how far apart [s]: what has been still for a second is a thing."""
+LOOKS, WHOLE, PERIOD = 11, 3, 0.2
+"""Pictures of each camera, as many of them whole, and how far apart they are [s]: what has been
+still for a second is a thing."""
 TICK, PLANNED, STEPS = 0.008, 30, 12
 """From step to step of the guard [s], as many along a plan, and as many of each other kind."""
 AHEAD = 0.15
@@ -150,7 +151,7 @@ def _mapped(
         now = 1.0 + PERIOD * k
         for step in range(5):
             history.add(JointState(now - 0.04 + 0.01 * step, home, np.zeros(robot.n)))
-        frames = [_made_up(info, k, now - info.latency) for info in cameras]
+        frames = [_made_up(info, k, now - info.latency, k < WHOLE) for info in cameras]
         # What is before the tip is asked for now and then: the map has ways of its own for that.
         region = Region("sphere", (0.05, 0.0, 0.0), tcp_pose(robot, home), now) if k % 2 else None
         snapshot = workspace.update(frames, history, now, region)
@@ -194,11 +195,14 @@ def _touches(kind: ContactKind, place: Vector3, now: float) -> VelocityIntent:
     return _wish(now, PermitRequest(f"warm-up {kind}", kind, region, force=5.0))
 
 
-def _made_up(info: RgbdCameraInfo, sequence: int, stamp: float) -> RgbdFrame:
-    """A frame of a wall at 2 m with a box before it, so that every stage has something to do."""
+def _made_up(info: RgbdCameraInfo, sequence: int, stamp: float, whole: bool) -> RgbdFrame:
+    """A frame of a wall at 2 m with a box before it, so that every stage has something to do.
+
+    Not the ``whole`` of it: the box alone, which is sooner compared with what the cell declares.
+    """
     lens = info.depth
     near, far = info.range
-    depth = np.full((lens.height, lens.width), min(2.0, far), np.float32)
+    depth = np.full((lens.height, lens.width), min(2.0, far) if whole else np.nan, np.float32)
     h, w = depth.shape
     depth[h // 3 : h // 2, w // 3 : w // 2] = max(near * 1.2, min(1.2, far))
     depth[: h // 20] = np.nan
