@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from itertools import chain
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from armsight.arrays import JointVector, Points
 from armsight.robots.kinematics import sphere_centers, tcp_pose
@@ -24,7 +24,7 @@ def apart(robot: Robot, q: JointVector, skin: Points, reach: float = 0.0) -> flo
     center, radius = sphere_centers(robot, q), robot.spheres.radius
     tip = tcp_pose(robot, q)[:3, 3]
     counts = np.linalg.norm(center - tip, axis=1) + radius > reach
-    away = np.linalg.norm(skin[:, None] - center[None, counts], axis=2)
+    away, _ = cKDTree(skin).query(center[counts])
     return float((away - radius[counts]).min())
 
 
@@ -33,11 +33,11 @@ def first_apart(robot: Robot, starts: Iterable[JointVector], skin: Points) -> Jo
 
     Args:
         robot: the arm.
-        starts: (n,) joints each [rad]; home is tried after them.
+        starts: (n,) joints each [rad], one at least.
         skin: in ``base`` [m].
     """
     farthest, most = robot.home, -math.inf
-    for start in chain(starts, (robot.home,)):
+    for start in starts:
         away = apart(robot, start, skin)
         if away > KEPT:
             return start

@@ -218,7 +218,7 @@ def one_held(
     else:
         holder = recorded_holder(_in_box(setup, rng), setup, rng)
     starts = (joints_before(setup, place) for place in rng.permutation(places))
-    start = first_apart(setup.robot, starts, holder.skin(0.0))
+    start = first_apart(setup.robot, (*starts, setup.robot.home), holder.skin(0.0))
     return touch_held(setup, mode, errors, holder, start, seed[1], rng, LIMIT, REACHED)
 
 

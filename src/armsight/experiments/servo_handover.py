@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from armsight.experiments.forecast_clips import find_clips
 from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.recorded_hands import PLAYS, recorded_path
 from armsight.experiments.rows import Row
-from armsight.experiments.servo_apart import KEPT, first_apart
+from armsight.experiments.servo_apart import KEPT, apart, first_apart
 from armsight.experiments.servo_ball import path_of
 from armsight.experiments.servo_cell import PushedCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors, Path
@@ -51,8 +50,7 @@ HEIGHTS = (0.22, 0.30, 0.38)
 """Before a recorded hand the arm begins so far above where that comes to rest [m], or at home:
 where it is apart from where the hand begins."""
 DRAWS = 200
-"""As many recordings are looked at for one that does not lead through the bench: one in five does.
-"""
+"""As many recordings are looked at for one that leads through neither bench nor arm."""
 RUNS = 24
 
 ABOUT = f"""
@@ -61,10 +59,11 @@ it from a fixed place first). The palm is at rest in a third of the trials; in a
 seeded smooth paths with a greatest speed of up to {FASTEST:g} m/s; in a third as a recorded hand
 does for {PLAYS:g} s, until that slows down and rests at one of V's places (until November 2026 its
 mean lay there, and it rested up to 0.6 m off, in places that the cell does not map or the arm does
-not reach), never through the bench (one in five came up out of it); before those the arm begins
-{KEPT:g} m or more from where the hand begins, if there is such a place. The palm is tilted by up to
-10 deg. The item falls from where the gripper lets it go, with the gripper's velocity; success: its
-middle lands within {1e3 * LANDS:.0f} mm of the palm's, within {LIMIT:g} s, without harm. In
+not reach), never through the bench (one in five came up out of it) or through the arm where that
+begins (one in four did; somebody who sees an arm stand there does not); before those the arm
+begins {KEPT:g} m or more from where the hand begins, if there is such a place. The palm is tilted
+by up to 10 deg. The item falls from where the gripper lets it go, with the gripper's velocity;
+success: its middle lands within {1e3 * LANDS:.0f} mm of the palm's, within {LIMIT:g} s, without harm. In
 {100 * COVERED:.0f} % of the pair's pictures from nearer than 0.35 m the item hides the disc.
 
 Recorded hands pick, place and hand over at up to 3 m/s as if no arm were there. A force counts, and
@@ -105,7 +104,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("fixed_", "fixed", v_errors, max(runs // 2, 1)),
     ]
     told = part_of(progress, 0.0, 0.6)
-    results = run_plan("servo-handover", CELL, plan, one, seed, told, 12)
+    results = run_plan("servo-handover", CELL, plan, one, seed, told, 13)
     shown, fetched = _rendered(runs, seed, part_of(progress, 0.6, 0.4))
     rows = [*_rows(results), *_rendered_rows(results[""], shown, fetched)]
     notes = (*_notes(results), *_notes({"rendered": shown, "fetched": fetched}))
@@ -177,37 +176,44 @@ def _drawn(setup: Setup, errors: Errors, seed: tuple[int, int]) -> Drawn:
     turn = np.array([*rng.uniform(-0.17, 0.17, 2), np.pi + rng.uniform(-0.5, 0.5)])
     T_world_palm = np.asarray(from_rpy(turn, where))
     T = np.asarray(inverse(base) @ T_world_palm)
+    start = _start(setup, T, k % 3)
     if k % 3 == 2:
-        path, clip, speed = _recorded_above(setup, T, rng)
+        path, clip, speed, start = _recorded_past(setup, T, start, rng)
     else:
         speed, clip = 0.0 if k % 3 == 0 else float(rng.uniform(0.1, FASTEST)), ""
         path = path_of(T[:3, 3], speed, rng)
     eyes = make_eyes(setup, replace(errors, hidden_near=COVERED), rng)
     eyes.normal, eyes.along, eyes.marked = T[:3, 2], -T[:3, 0], False
-    start = _start(setup, T, k % 3)
-    if clip:
-        ways = (_start(setup, T, way, height) for height in HEIGHTS for way in range(3))
-        start = first_apart(setup.robot, chain((start,), ways), _hand(T) + path(0.0))
     return Drawn(T, T_world_palm, path, speed, eyes, start, clip)
 
 
-def _recorded_above(setup: Setup, T: Pose, rng: np.random.Generator) -> tuple[Path, str, float]:
-    """A recorded hand's path that does not lead through the bench, its clip and greatest speed.
+def _recorded_past(
+    setup: Setup, T: Pose, start: JointVector, rng: np.random.Generator
+) -> tuple[Path, str, float, JointVector]:
+    """A recorded hand's path through neither bench nor arm, its clip, greatest speed, and a start.
 
     Raises:
         UsageError: there is none among the recordings.
     """
-    base, hand = setup.workcell.robot.T_world_base, _hand(T)
+    base, hand, home = setup.workcell.robot.T_world_base, _hand(T), setup.robot.home
     lower = setup.workcell.mapping.lower
     assert lower is not None
     bench = lower[2]  # to within a voxel
+    ways = [_start(setup, T, way, height) for height in HEIGHTS for way in range(3)]
     for _ in range(DRAWS):
         path, clip, speed = recorded_path(T[:3, 3], base, rng, rests=True)
         way = np.array([path(time) for time in np.arange(0.0, LIMIT, 0.05)])
         lowest = float((way @ base[2, :3]).min() + (hand @ base[2, :3]).min()) + base[2, 3]
-        if lowest > bench:
-            return path, clip, speed
-    raise UsageError(f"no recorded hand stays above the bench at {bench:g} m; check the recordings")
+        if lowest <= bench:
+            continue
+        swept = (hand[None] + way[: int(PLAYS / 0.05), None]).reshape(-1, 3)
+        free = [q for q in (start, *ways, home) if apart(setup.robot, q, swept) > 0.0]
+        if free:
+            return path, clip, speed, first_apart(setup.robot, free, hand + path(0.0))
+    raise UsageError(
+        f"no recorded hand stays above the bench at {bench:g} m, and beside the arm; "
+        "check the recordings"
+    )
 
 
 def _hand(T: Pose) -> Points:
@@ -281,7 +287,7 @@ def _rendered(
         trial = partial(one_rendered, set_up(1.0, 1.0, CELL), fetch)
         name = "fetched" if fetch else "rendered"
         told = told_of(name, progress, 0.5 * k, 0.5)
-        found.append(run_trials("servo-handover", [name, 4], trial, count, seed, told))
+        found.append(run_trials("servo-handover", [name, 5], trial, count, seed, told))
     return found[0], found[1]
 
 
