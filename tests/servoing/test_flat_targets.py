@@ -124,6 +124,51 @@ def test_the_mouth_from_afar_and_near():
     assert np.linalg.norm(seen.position - T[:3, 3]) < 0.006
 
 
+def test_a_face_that_is_half_hidden_does_not_say_which_way_is_down_and_is_less_sure():
+    """An arm before it turned what was left of eyes and mouth: the mouth was 7 cm off, by 2 mm."""
+    rng = np.random.default_rng(0)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = FRONT @ from_rpy((0.1, 0.2, 0.15), (0, 0, 0))[:3, :3], (0.8, 0.0, 1.2)
+
+    def cut(mouth, way, at):
+        def paint(x, y):
+            color, shown = smiley(x, y)
+            return color, shown & (x * np.cos(way) + y * np.sin(way) < at)
+
+        return mouth.in_frame(frame(T, paint, EYE, rng))
+
+    for way in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
+        mouth = Mouth()
+        (whole,) = mouth.in_frame(frame(T, smiley, EYE, rng))
+        down = mouth._down
+        for at in (0.03, 0.0):
+            for seen in cut(mouth, way, at):
+                off = np.linalg.norm(seen.position - T[:3, 3])
+                assert off < 2.0 * np.sqrt(seen.covariance[0, 0])
+                assert seen.covariance[0, 0] > 20.0 * whole.covariance[0, 0]
+                assert mouth._down is down
+
+
+def test_a_pair_that_sees_the_mouths_arc_alone_goes_on_to_say_which_way_is_down():
+    mouth, rng = Mouth(), np.random.default_rng(0)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = FRONT, (0.8, 0.0, 1.2)
+    lens = np.eye(4)
+    lens[:3, :3] = T[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    lens[:3, 3] = T[:3, 3] + T[:3, :3] @ (-0.03, 0.0, 0.22)
+    mouth._down = _Down(-T[:3, 1], -5.0, True)
+
+    def arc(x, y):
+        color, shown = smiley(x, y)
+        return color, shown & (y < 0.02)
+
+    view = pair(T, arc, lens, rng)
+    (seen,) = mouth.in_pair(view)
+    assert seen.normal is None, "the disc is not seen"
+    assert mouth._down.stamp == view.frame.stamp
+    assert mouth._down.near
+
+
 def test_the_palm_from_afar_and_near():
     rng = np.random.default_rng(0)
     T = from_rpy((0.1, -0.1, 0.3), (0.8, 0.1, 1.0))

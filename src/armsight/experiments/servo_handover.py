@@ -63,8 +63,9 @@ not reach), never through the bench (one in five came up out of it) or through t
 begins (one in four did; somebody who sees an arm stand there does not); before those the arm
 begins {KEPT:g} m or more from where the hand begins, if there is such a place. The palm is tilted
 by up to 10 deg. The item falls from where the gripper lets it go, with the gripper's velocity;
-success: its middle lands within {1e3 * LANDS:.0f} mm of the palm's, within {LIMIT:g} s, without harm. In
-{100 * COVERED:.0f} % of the pair's pictures from nearer than 0.35 m the item hides the disc.
+success: its middle lands within {1e3 * LANDS:.0f} mm of the palm's, within {LIMIT:g} s, without
+harm. In {100 * COVERED:.0f} % of the pair's pictures from nearer than 0.35 m the item hides the
+disc.
 
 Recorded hands pick, place and hand over at up to 3 m/s as if no arm were there. A force counts, and
 is harm beyond what is permitted, when it grows while a permit holds, or where the arm moves faster

@@ -193,7 +193,7 @@ def docking(name: str, ball_radius: float = 0.04) -> Docking:
         # The head behind and above the mouth; a straw bends before anything gives way. It need not
         # come along the normal, for which the wrist would fold against the forearm.
         "straw": Docking(
-            "straw", Mouth, "normal", turned=0.5, gap=-0.012, permit="face", size=(0.17, 0.0, 0.0),
+            "straw", Mouth, "normal", turned=0.5, gap=-0.012, permit="face", size=(0.22, 0.0, 0.0),
             offset=(-0.06, 0.045, 0.0), reach=0.08, gentle=0.09, speed=0.1, force=5.0,
             stiffness=150.0,
         ),

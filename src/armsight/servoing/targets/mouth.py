@@ -42,6 +42,9 @@ ARC_TURN_SIGMA = 0.1
 """... and where the arc alone is seen, and that is remembered."""
 EDGE_SIGMA = 0.6
 """Of a point of the arc's edge in a picture [px]."""
+WHOLE, HIDDEN_SIGMA = 0.9, 0.02
+"""A face of which a smaller share is shown, because the arm hides some, does not say which way is
+down, and its middle is less sure by this [m]."""
 KEPT = 1.0
 """For this long [s] after the pair has seen which way is down the others are not asked."""
 STEADY = 0.4
@@ -75,6 +78,11 @@ class Mouth:
             return []
         found = []
         for seen in self._discs.in_frame(view):
+            if self._down is not None and _hidden(lens, T, seen):
+                placed = _sighting(view.frame, seen, self._down.way, False, ARC_TURN_SIGMA)
+                unsure = placed.covariance + HIDDEN_SIGMA**2 * np.eye(3)
+                found.append(replace(placed, covariance=unsure))
+                continue
             down = _down_of(view.frame.color, lens, T, seen)
             if down is not None:
                 self._down = _remembered(self._down, down, view.frame.stamp)
@@ -100,6 +108,8 @@ class Mouth:
             return []
         # The arc says where the mouth is better than which way it looks.
         down = self._down.way
+        if self._down.near:  # it goes on to be seen from near, if not all of it
+            self._down = replace(self._down, stamp=frame.stamp)
         placed = _placed(frame, fit, fit.center, ARC, down, True, ARC_TURN_SIGMA)
         return [replace(placed, normal=None)]
 
@@ -144,9 +154,22 @@ def _placed(
 
 
 def _sighting(
-    frame: RgbdFrame | StereoFrame, seen: SeenDisc, down: Vector3, wrist: bool
+    frame: RgbdFrame | StereoFrame,
+    seen: SeenDisc,
+    down: Vector3,
+    wrist: bool,
+    turned: float = TURN_SIGMA,
 ) -> Sighting:
-    return _placed(frame, seen.fit, seen.fit.center, BELOW, down, wrist)
+    return _placed(frame, seen.fit, seen.fit.center, BELOW, down, wrist, turned)
+
+
+def _hidden(lens: PinholeCamera, T: Pose, seen: SeenDisc) -> bool:
+    """Whether something hides a part of the face, by its outline and its size in the picture."""
+    way = seen.fit.center - T[:3, 3]
+    away = float(np.linalg.norm(way))
+    turned = abs(float(seen.fit.normal @ way)) / away
+    whole = np.pi * (FACE.radius * lens.fx / away) ** 2 * turned
+    return seen.fit.share < WHOLE or seen.region.area < WHOLE * whole
 
 
 def _down_of(image: ColorImage, lens: PinholeCamera, T: Pose, seen: SeenDisc) -> Vector3 | None:
