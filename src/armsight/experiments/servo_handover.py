@@ -203,11 +203,12 @@ def _recorded_past(
     ways = [_start(setup, T, way, height) for height in HEIGHTS for way in range(3)]
     for _ in range(DRAWS):
         path, clip, speed = recorded_path(T[:3, 3], base, rng, rests=True)
-        way = np.array([path(time) for time in np.arange(0.0, LIMIT, 0.05)])
+        times = np.arange(0.0, LIMIT, 0.05)
+        way = np.array([path(time) for time in times])
         lowest = float((way @ base[2, :3]).min() + (hand @ base[2, :3]).min()) + base[2, 3]
         if lowest <= bench:
             continue
-        swept = (hand[None] + way[: int(PLAYS / 0.05), None]).reshape(-1, 3)
+        swept = (hand[None] + way[times < PLAYS, None]).reshape(-1, 3)
         free = [q for q in (start, *ways, home) if apart(setup.robot, q, swept) > 0.0]
         if free:
             return path, clip, speed, first_apart(setup.robot, free, hand + path(0.0))

@@ -55,7 +55,7 @@ believed at once, counts as long as it takes.
 drives, the map and the cameras' model of the cell without pictures were counted, too, about a sixth
 of it); `vision_ms` that of a look of all five cameras, the greatest of {CELLS} runs of
 {RENDERED:g} s of the rendered ball task, which `realtime_factor` is of, too, on the machine named
-(until November 2026 one run, after all else: 0.35, where alone it does 0.5). `limit_violations`
+(until November 2026 one run, in which kernels were compiled: 0.35). `limit_violations`
 counts commands beyond the joints' declared speed or the drives' acceleration, and joints beyond
 their range, in all rounds of all trials, and in {BULK} runs of {SECONDS:g} s a step beside them:
 ball, bulls-eye, straw and hand in turn, without pictures or contact, the targets wandering at up to
@@ -65,7 +65,7 @@ out of the map and into the arm, and three times hidden from all cameras.
 
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
-    """``runs`` steps; before these the rendered cell, while the process is small and alone."""
+    """``runs`` steps; before these the rendered cell."""
     setup = set_up(1.0, 1.0)
     cells = []
     for k in range(CELLS + 1):

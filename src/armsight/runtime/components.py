@@ -29,6 +29,7 @@ from armsight.runtime.wall_loop import HEARTBEAT
 
 if TYPE_CHECKING:
     from armsight.motion.perception import Evidence
+    from armsight.motion.permits import Permit
     from armsight.motion.plan import Plan, Planner
     from armsight.motion.tick import GuardDecision
 
@@ -184,6 +185,7 @@ class MappingComponent:
             return
         self._updated = now
         history: JointHistory = self._channels.history
+        self._tell_alive(now)
         tracked = self._tracked(now)
         if not frames:  # it only ages the cameras' health: next to nothing to compute
             found = self._map(frames, history, now, tracked)
@@ -238,18 +240,23 @@ class MappingComponent:
                 self._workspace.exclude(camera, reason)
 
     def _tracked(self, now: float) -> TrackedRegion | None:
-        """Where the thing is that a task asks to touch; a part of somebody is said to be none."""
-        status = self._channels.status.read(now)
-        permit = None if status is None else status.permit
-        region = None if permit is None else permit.region
-        if permit is None or region is None:
-            return None
-        if permit.kind == "thing":
-            return region
+        """Where the thing is that a task asks to touch."""
+        permit = self._asked(now)
+        return None if permit is None or permit.kind != "thing" else permit.region
+
+    def _tell_alive(self, now: float) -> None:
+        """What a task asks to touch as a part of somebody is no thing."""
+        permit = self._asked(now)
+        if permit is None or permit.kind == "thing" or permit.region is None:
+            return
         if not self._animated <= now < self._animated + ALIVE:
             self._animated = now
-            self._workspace.animate(region.center(now) + AROUND)
-        return None
+            self._workspace.animate(permit.region.center(now) + AROUND)
+
+    def _asked(self, now: float) -> Permit | None:
+        """The guard's newest answer to what a task asks to touch."""
+        status = self._channels.status.read(now)
+        return None if status is None else status.permit
 
     def _publish(self, snapshot: WorkspaceSnapshot | str, visible_at: float) -> None:
         if isinstance(snapshot, str):

@@ -19,6 +19,7 @@ import numpy as np
 from armsight.arrays import JointVector, Vector3
 from armsight.devices.data import JointState, RgbdCameraInfo, RgbdFrame, Wrench
 from armsight.devices.history import JointHistory
+from armsight.geometry.pose import make_pose
 from armsight.mapping.snapshot import CameraStatus, WorkspaceSnapshot
 from armsight.motion.collision import CollisionModel
 from armsight.motion.escape import leaves
@@ -27,6 +28,7 @@ from armsight.motion.permits import ContactKind, PermitRequest
 from armsight.motion.regions import Region
 from armsight.robots.kinematics import tcp_pose
 from armsight.robots.robot import Robot
+from armsight.runtime.components import AROUND
 
 if TYPE_CHECKING:
     from armsight.mapping.workspace_map import WorkspaceMap
@@ -46,7 +48,6 @@ CLEAR = 0.9
 """Nearer than this to the tip nobody is in the made-up map [m]; somebody who is touched is."""
 CONTACTS: tuple[ContactKind, ...] = ("thing", "hand")
 """What may be touched: to a face it comes as to a hand."""
-_AROUND = 0.02 * (np.stack(np.meshgrid(*[np.arange(3)] * 3), axis=-1).reshape(-1, 3) - 1.0)
 
 
 def warm_up(
@@ -95,7 +96,7 @@ class _Trial:
         planning_time: float,
     ) -> None:
         self._planner, self._guard, self._robot = planner, guard, robot
-        self._snapshot, self._planning_time = snapshot, planning_time
+        self._snapshot, self._planning_time = _empty(snapshot), planning_time
         self._q, self._velocity, self._now = np.array(robot.home, float), np.zeros(robot.n), 1.0
         late = round(guard.config.start_delay / TICK)
         self._told = deque([np.zeros(robot.n)] * late)
@@ -158,6 +159,13 @@ def _mapped(
     return snapshot
 
 
+def _empty(snapshot: WorkspaceSnapshot) -> WorkspaceSnapshot:
+    """A map in which nothing is near the arm; as read-only as any."""
+    distance = np.full_like(snapshot.distance, snapshot.distance_cap)
+    distance.flags.writeable = snapshot.distance.flags.writeable
+    return replace(snapshot, distance=distance)
+
+
 def _open(
     snapshot: WorkspaceSnapshot,
     robot: Robot,
@@ -165,16 +173,15 @@ def _open(
     now: float,
     touched: Vector3 | None = None,
 ) -> WorkspaceSnapshot:
-    """A map in which nobody is near the arm, besides who may be touched; as read-only as any."""
+    """The same with nobody near the arm, besides who may be touched."""
     tip = np.asarray(tcp_pose(robot, q))[:3, 3]
     far = tip + CLEAR * np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    there = np.zeros((0, 3)) if touched is None else touched + _AROUND
+    there = np.zeros((0, 3)) if touched is None else touched + AROUND
     hazards = np.concatenate([far, there]).astype(np.float32)
     made = {
         "hazards": hazards,
         "hazard_unknown": np.zeros(len(hazards), bool),
         "things": (there + 0.06).astype(np.float32),
-        "distance": np.full_like(snapshot.distance, snapshot.distance_cap),
     }
     for name, array in made.items():
         array.flags.writeable = getattr(snapshot, name).flags.writeable
@@ -189,9 +196,7 @@ def _wish(now: float, permit: PermitRequest | None = None) -> VelocityIntent:
 
 def _touches(kind: ContactKind, place: Vector3, now: float) -> VelocityIntent:
     """The same, asking to touch what is at (3,) a place in ``base`` [m]."""
-    T = np.eye(4)
-    T[:3, 3] = place
-    region = Region("sphere", (0.05, 0.0, 0.0), T, now)
+    region = Region("sphere", (0.05, 0.0, 0.0), make_pose(None, place), now)
     return _wish(now, PermitRequest(f"warm-up {kind}", kind, region, force=5.0))
 
 

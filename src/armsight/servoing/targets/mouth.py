@@ -78,15 +78,14 @@ class Mouth:
             return []
         found = []
         for seen in self._discs.in_frame(view):
-            if self._down is not None and _hidden(lens, T, seen):
-                placed = _sighting(view.frame, seen, self._down.way, False, ARC_TURN_SIGMA)
-                unsure = placed.covariance + HIDDEN_SIGMA**2 * np.eye(3)
-                found.append(replace(placed, covariance=unsure))
-                continue
-            down = _down_of(view.frame.color, lens, T, seen)
-            if down is not None:
-                self._down = _remembered(self._down, down, view.frame.stamp)
-                found.append(_sighting(view.frame, seen, self._down.way, False))
+            known, hidden = self._down, _hidden(lens, T, seen)
+            if known is None or not hidden:
+                down = _down_of(view.frame.color, lens, T, seen)
+                if down is None:
+                    continue
+                known, hidden = _remembered(known, down, view.frame.stamp), False
+                self._down = known
+            found.append(_sighting(view.frame, seen, known.way, False, hidden))
         return found
 
     def in_pair(self, view: PosedPair, surface: bool = False) -> list[Sighting]:
@@ -158,9 +157,13 @@ def _sighting(
     seen: SeenDisc,
     down: Vector3,
     wrist: bool,
-    turned: float = TURN_SIGMA,
+    hidden: bool = False,
 ) -> Sighting:
-    return _placed(frame, seen.fit, seen.fit.center, BELOW, down, wrist, turned)
+    turned = ARC_TURN_SIGMA if hidden else TURN_SIGMA
+    placed = _placed(frame, seen.fit, seen.fit.center, BELOW, down, wrist, turned)
+    if not hidden:
+        return placed
+    return replace(placed, covariance=placed.covariance + HIDDEN_SIGMA**2 * np.eye(3))
 
 
 def _hidden(lens: PinholeCamera, T: Pose, seen: SeenDisc) -> bool:
