@@ -106,6 +106,7 @@ def test_what_cannot_be_a_sighting_is_left_out_and_said():
         (replace(good, covariance=np.eye(2)), "covariance must be"),
         (replace(good, normal=np.array([0.0, 0.0, 2.0])), "expected a unit vector"),
         (replace(good, tilt=float("nan")), "tilt is nan"),
+        (replace(good, lasting=-0.01), "lasting is -0.01 m"),
         ((0.7, 0.0, 0.8), "found a tuple; expected a Sighting"),
     ):
         kept, said = believable([wrong, good])

@@ -181,6 +181,20 @@ def test_the_funnel_lets_nobody_touch_who_is_not_aligned():
     )
 
 
+def test_what_is_pressed_is_pressed_by_a_tip_that_is_aligned():
+    """A straw that goes on by 12 mm behind the surface met a face 18 mm beside its mouth."""
+    funnel, touched = Funnel(gap=-0.012), np.array([0.7, 0, 0.7])
+
+    def standoff(beside):
+        return funnel.standoff(touched + np.array((-0.02, beside, 0)), touched, FRONT)
+
+    assert standoff(0.0) == standoff(0.004) == -0.012
+    assert -0.012 < standoff(0.006) < 0.0
+    assert standoff(0.008) == 0.0
+    assert standoff(0.02) > 0.01
+    assert np.all(np.diff([standoff(b) for b in np.linspace(0.0, 0.1, 100)]) >= 0.0)
+
+
 def test_what_is_round_is_touched_from_where_a_floating_tip_is_and_come_round_to_otherwise():
     """On its way the tip hardly enters the ball, also where it begins beside it."""
     middle, radius = np.array([0.7, 0.0, 0.7]), 0.04

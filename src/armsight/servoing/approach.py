@@ -22,7 +22,9 @@ class Funnel:
     """The tip may be this near only if it is aligned.
 
     Attributes:
-        gap: final distance of the tip from the touched point along the axis [m]; below 0 presses.
+        gap: final distance of the tip from the touched point along the axis [m]; below 0 presses,
+            which a tip does that is aligned: half of ``free`` beside the axis in full, from
+            ``free`` on not at all.
         slope: stand-off for each metre beside the axis [1].
         free: that far beside the axis costs no stand-off [m].
         most: greatest stand-off [m].
@@ -49,7 +51,8 @@ class Funnel:
             beside = float(np.linalg.norm(to - axis * (axis @ to)))
         past = max(float(-(axis @ to)), 0.0)  # behind the point already: go back first
         extra = self.slope * max(beside - self.free, 0.0) + (self.most if past > 0.02 else 0.0)
-        return self.gap + min(extra, self.most)
+        aligned = min(max(2.0 - 2.0 * beside / self.free, 0.0), 1.0) if self.gap < 0.0 else 1.0
+        return aligned * self.gap + min(extra, self.most)
 
 
 def facing(

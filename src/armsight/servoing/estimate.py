@@ -3,7 +3,8 @@
 V found averaging all sensors worse than choosing, because its 2-5 cm of registration error were in
 no model. Here each camera has a bias, a slow random walk with a prior; differences of biases show
 as soon as two cameras see the target, and the pair's own shows in the mark on the tool, whose place
-the joints tell. So nothing jumps when a sensor comes or goes.
+the joints tell. So nothing jumps when a sensor comes or goes. What a camera errs by because a part
+of the target is hidden from it is a bias, too: taken for random error it would make the filter slow.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class FilterConfig:
         curve: so does an acceleration [s].
         bias_fixed, bias_wrist: prior of a camera's bias [m]; bias_walk: its walk [m/sqrt(s)].
         floor_fixed, floor_wrist: least standard deviation of a sighting [m].
+        lasts: an error that a camera's sightings share changes within this time [s].
         mark: how far the pair's error at the target may differ from that at the tool's mark [m].
         gate: chi-square with 3 degrees of freedom above which a sighting is not believed.
         again: so many unbelieved sightings that agree within ``agree`` [m] begin the estimate anew.
@@ -58,6 +60,7 @@ class FilterConfig:
     bias_walk: float = 0.001
     floor_fixed: float = 0.0015
     floor_wrist: float = 0.0004
+    lasts: float = 10.0
     mark: float = 0.0015
     gate: float = 16.3
     again: int = 3
@@ -117,7 +120,10 @@ class TargetEstimate:
 
 @dataclass
 class _Event:
-    """One measurement and the state after it: of each mode, their shares, and all together."""
+    """One measurement and the state after it: of each mode, their shares, and all together.
+
+    By ``loose`` [m^2] its camera's bias may have changed since the last one.
+    """
 
     stamp: float
     camera: str
@@ -125,6 +131,7 @@ class _Event:
     R: Floats
     of_mark: bool = False
     wrist: bool = False
+    loose: float = 0.0
     means: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     Ps: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
     modes: Floats = field(default_factory=lambda: np.zeros(0))
@@ -183,6 +190,7 @@ class TargetFilter:
         self._wrist_stamp = self._seen = -math.inf
         self._normal: Vector3 | None = None
         self._along: Vector3 | None = None
+        self._lasting: dict[str, tuple[float, float]] = {}
         self.restarts = 0
 
     @property
@@ -219,15 +227,19 @@ class TargetFilter:
             return False
         if self._base is not None and look.stamp < self._base.stamp:
             return False  # what comes too late contradicts nothing
-        if look.mark is not None and self.config.biases:
-            R = look.mark_covariance + self.config.mark**2 * np.eye(3)
-            self._measure(_Event(look.stamp, look.camera, look.mark, R, True, look.wrist))
         chosen = self._choose(look.sightings, look.stamp)
+        loose, apart = self._loosened(look, chosen)
+        if look.mark is not None and self.config.biases:
+            R = look.mark_covariance + (self.config.mark**2 + apart) * np.eye(3)
+            self._measure(_Event(look.stamp, look.camera, look.mark, R, True, look.wrist, loose))
+            loose = 0.0
         if chosen is None:
             return False
         floor = self.config.floor_wrist if look.wrist else self.config.floor_fixed
         R = chosen.covariance + floor**2 * np.eye(3)
-        event = _Event(look.stamp, look.camera, chosen.position, R, False, look.wrist)
+        if not self.config.biases:
+            R, loose = R + chosen.lasting**2 * np.eye(3), 0.0
+        event = _Event(look.stamp, look.camera, chosen.position, R, False, look.wrist, loose)
         believed = self._measure(event)
         if believed:
             self._refused.clear()
@@ -241,6 +253,21 @@ class TargetFilter:
                 self._along = _turned(self._along, chosen.along, NEWS)
             return True
         return self._doubt(event)
+
+    def _loosened(self, look: Look, chosen: Sighting | None) -> tuple[float, float]:
+        """Variances [m^2] of what a camera's sightings err by together, since its last look.
+
+        By the first its bias may have changed; the second is what its bias may differ by from what
+        the mark says: in full where something else is hidden now, else no news, of which as much is
+        told as keeps the bias's own variance at that of what lasts.
+        """
+        stamp, before = self._lasting.get(look.camera, (look.stamp, 0.0))
+        lasting = before if chosen is None else chosen.lasting
+        self._lasting[look.camera] = look.stamp, lasting
+        if lasting != before:
+            return before**2 + lasting**2, lasting**2
+        share = float(np.clip(2.0 * (look.stamp - stamp) / self.config.lasts, 1e-3, 1.0))
+        return share * lasting**2, lasting**2 / share
 
     def _choose(self, sightings: Sequence[Sighting], stamp: float) -> Sighting | None:
         """Of several that look alike the one that is where it is expected; else the best."""
@@ -308,7 +335,8 @@ class TargetFilter:
         mean[3:9] = 0.0
         P = np.zeros((self._n, self._n))
         P[9:, 9:] = self._bias_P
-        own = self._bias_P[i - 9 : i - 6]
+        P[i : i + 3, i : i + 3] += event.loose * np.eye(3)
+        own = P[i : i + 3, 9:].copy()
         P[:3, :3] = event.R + own[:, i - 9 : i - 6]
         P[:3, 9:], P[9:, :3] = -own, -own.T
         P[3:6, 3:6] = 0.5**2 * np.eye(3)
@@ -332,6 +360,7 @@ class TargetFilter:
         likely, square = np.empty(len(shares)), math.inf
         for k in range(len(shares)):
             means[k], Ps[k] = self._carry(starts[k], start_Ps[k], dt, k)
+            Ps[k, i : i + 3, i : i + 3] += event.loose * np.eye(3)
             innovation = event.z - H @ means[k]
             PH = Ps[k] @ H.T
             S = H @ PH + event.R

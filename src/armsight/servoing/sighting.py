@@ -21,6 +21,8 @@ class Sighting:
         stamp: exposure [s].
         position: (3,) the point that is aimed at, in ``base`` [m].
         covariance: (3, 3) of it [m^2]: random error alone, the camera's own place is not in it.
+        lasting: standard deviation of an error that the next sightings of this camera share [m]: of
+            what is remembered, or guessed of what is hidden.
         surface: (3,) mean of the visible surface in ``base`` [m]: V's estimate of the place.
         normal: (3,) outward, where the target has a face; None for a ball.
         wrist: seen by the pair on the arm.
@@ -38,6 +40,7 @@ class Sighting:
     wrist: bool = False
     tilt: float = 0.0
     along: Vector3 | None = None
+    lasting: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -109,8 +112,10 @@ def sighting_fault(sighting: Any) -> str:
     symmetric = (np.abs(C - C.T) <= 1e-12 + 1e-5 * np.abs(C)).all()
     if not symmetric or np.linalg.eigvalsh(C)[0] < -1e-12:
         return f"{name}: its covariance is not symmetric and positive"
-    if not isinstance(sighting.tilt, int | float) or not 0.0 <= sighting.tilt < np.inf:
-        return f"{name}: its tilt is {sighting.tilt!r} rad; expected 0 or more"
+    for field_, unit_ in (("tilt", "rad"), ("lasting", "m")):
+        size = getattr(sighting, field_)
+        if not isinstance(size, int | float) or not 0.0 <= size < np.inf:
+            return f"{name}: its {field_} is {size!r} {unit_}; expected 0 or more"
     return ""
 
 

@@ -44,7 +44,7 @@ EDGE_SIGMA = 0.6
 """Of a point of the arc's edge in a picture [px]."""
 WHOLE, HIDDEN_SIGMA = 0.9, 0.02
 """A face of which a smaller share is shown, because the arm hides some, does not say which way is
-down, and its middle is less sure by this [m]."""
+down, and its middle is less sure by this, in all pictures that are alike [m]."""
 KEPT = 1.0
 """For this long [s] after the pair has seen which way is down the others are not asked."""
 STEADY = 0.4
@@ -109,8 +109,8 @@ class Mouth:
         down = self._down.way
         if self._down.near:  # it goes on to be seen from near, if not all of it
             self._down = replace(self._down, stamp=frame.stamp)
-        placed = _placed(frame, fit, fit.center, ARC, down, True, ARC_TURN_SIGMA)
-        return [replace(placed, normal=None)]
+        placed = _placed(frame, fit, fit.center, ARC, down, True)
+        return [replace(placed, normal=None, lasting=ARC * ARC_TURN_SIGMA)]
 
 
 @dataclass(frozen=True)
@@ -140,13 +140,12 @@ def _placed(
     below: float,
     down: Vector3,
     wrist: bool,
-    turned: float = TURN_SIGMA,
 ) -> Sighting:
-    """The mouth so far below a fitted centre [m]; which way down is, is known to so much [rad]."""
+    """The mouth so far below a fitted centre [m]."""
     down = down - fit.normal * (fit.normal @ down)
     down = down / np.linalg.norm(down)
     place = np.asarray(center + below * down)
-    covariance = fit.covariance + (below * turned) ** 2 * np.eye(3)
+    covariance = fit.covariance + (below * TURN_SIGMA) ** 2 * np.eye(3)
     return Sighting(
         Mouth.name, frame.camera, frame.stamp, place, covariance, place, fit.normal, wrist, fit.tilt
     )
@@ -159,11 +158,8 @@ def _sighting(
     wrist: bool,
     hidden: bool = False,
 ) -> Sighting:
-    turned = ARC_TURN_SIGMA if hidden else TURN_SIGMA
-    placed = _placed(frame, seen.fit, seen.fit.center, BELOW, down, wrist, turned)
-    if not hidden:
-        return placed
-    return replace(placed, covariance=placed.covariance + HIDDEN_SIGMA**2 * np.eye(3))
+    placed = _placed(frame, seen.fit, seen.fit.center, BELOW, down, wrist)
+    return replace(placed, lasting=HIDDEN_SIGMA) if hidden else placed
 
 
 def _hidden(lens: PinholeCamera, T: Pose, seen: SeenDisc) -> bool:
