@@ -4,7 +4,7 @@ V found averaging all sensors worse than choosing, because its 2-5 cm of registr
 no model. Here each camera has a bias, a slow random walk with a prior; differences of biases show
 as soon as two cameras see the target, and the pair's own shows in the mark on the tool, whose place
 the joints tell. So nothing jumps when a sensor comes or goes. What a camera errs by because a part
-of the target is hidden from it is a bias, too: taken for random error it would make the filter slow.
+of the target is hidden is a bias, too: as random error it would make the filter slow.
 """
 
 from __future__ import annotations

@@ -2,11 +2,13 @@
 
 From afar the yellow disc gives centre and normal, and the print's dark lines which way is down.
 From near the disc is larger than the picture: then the mouth's own arc is fitted in both pictures
-of the pair, as much of it as they show; which way is down is remembered from afar.
+of the pair, as much of it as they show. Where one of its ends is in a picture, that says which way
+is down; else it is remembered.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -24,7 +26,7 @@ from armsight.servoing.sighting import Sighting
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.discs import Discs, Part, SeenDisc, between
 from armsight.servoing.targets.rehearsal import Disc, rehearse
-from armsight.servoing.targets.seen import half_size_mask, rays_of
+from armsight.servoing.targets.seen import half_size_mask, meeting, rays_of
 
 YELLOW = LabColor(hue_deg=88.0, width_deg=20.0, chroma=25.0, purity=0.55)
 FACE = Part(0.10, 0.9)
@@ -34,14 +36,20 @@ EYES = ((-0.033, 0.030), (0.033, 0.030))
 """Of the face [m]."""
 ARC, HALF_WIDTH, HALF_ANGLE = 0.062, 0.006, np.deg2rad(64.0)
 """The mouth is an arc about a point 62 mm above its middle, 12 mm wide [m], [rad]."""
+THICK = HALF_WIDTH / ARC
 DARK = 0.5
 """Less light than this share of the yellow's is mouth or eyes."""
-TURN_SIGMA = 0.03
-"""Standard deviation of which way is down [rad] ..."""
-ARC_TURN_SIGMA = 0.1
-"""... and where the arc alone is seen, and that is remembered."""
+TURN_SIGMA, END_SIGMA, KEPT_SIGMA = 0.03, 0.01, 0.1
+"""Standard deviation of which way is down [rad]: by the lines, by an end of the arc, remembered."""
 EDGE_SIGMA = 0.6
 """Of a point of the arc's edge in a picture [px]."""
+APART = 0.03
+"""The rays to the middles of what both lenses see of an arc miss each other by less [m]."""
+LONG, SHORT = 100.0, 30.0
+"""A mouth's longest dark part is so long, and others that count, in a picture of the pair [px]."""
+STEPS, LINE, BARE, AGREE = 720, 40, 12, 0.15
+"""Round the arc's circle so many places are looked at. At one of its ends so many of them in a row
+are dark on the one side, and yellow on the other; what all ends say agrees so well [rad]."""
 WHOLE, HIDDEN_SIGMA = 0.9, 0.02
 """A face of which a smaller share is shown, because the arm hides some, does not say which way is
 down, and its middle is less sure by this, in all pictures that are alike [m]."""
@@ -85,7 +93,8 @@ class Mouth:
                     continue
                 known, hidden = _remembered(known, down, view.frame.stamp), False
                 self._down = known
-            found.append(_sighting(view.frame, seen, known.way, False, hidden))
+            placed = _placed(view.frame, seen.fit, BELOW, known.way, False)
+            found.append(replace(placed, lasting=HIDDEN_SIGMA) if hidden else placed)
         return found
 
     def in_pair(self, view: PosedPair, surface: bool = False) -> list[Sighting]:
@@ -93,24 +102,27 @@ class Mouth:
         T, frame, info = view.T_base_camera, view.frame, view.info
         if T is None:
             return []
+        right = np.asarray(T @ info.T_left_right)
+        near = [_near(frame.left, info.left, T), _near(frame.right, info.right, right)]
+        lines = [line for line in near if line is not None]
+        fit = _fit_arcs(lines[0], lines[1]) if len(lines) == 2 else None
+        ends = None if fit is None else _down_by_ends(fit, lines)
+        if ends is not None:
+            self._down = _Down(ends, frame.stamp, True)
         for seen in self._discs.in_pair(view):
-            down = _down_of(frame.left, info.left, T, seen)
+            down = _down_of(frame.left, info.left, T, seen) if ends is None else ends
             if down is not None:
                 self._down = _Down(down, frame.stamp, True)
-                return [_sighting(frame, seen, down, True)]
-        if self._down is None:
-            return []
-        right = np.asarray(T @ info.T_left_right)
-        arcs = [_arc(frame.left, info.left, T), _arc(frame.right, info.right, right)]
-        fit = None if arcs[0] is None or arcs[1] is None else _fit_arcs((arcs[0], arcs[1]))
-        if fit is None:
+                turned = TURN_SIGMA if ends is None else END_SIGMA
+                return [_placed(frame, seen.fit, BELOW, down, True, turned)]
+        if self._down is None or fit is None:
             return []
         # The arc says where the mouth is better than which way it looks.
-        down = self._down.way
         if self._down.near:  # it goes on to be seen from near, if not all of it
             self._down = replace(self._down, stamp=frame.stamp)
-        placed = _placed(frame, fit, fit.center, ARC, down, True)
-        return [replace(placed, normal=None, lasting=ARC * ARC_TURN_SIGMA)]
+        placed = _placed(frame, fit, ARC, self._down.way, True, END_SIGMA)
+        lasting = ARC * KEPT_SIGMA if ends is None else 0.0
+        return [replace(placed, normal=None, lasting=lasting)]
 
 
 @dataclass(frozen=True)
@@ -136,30 +148,19 @@ def _remembered(known: _Down | None, way: Vector3, stamp: float) -> _Down:
 def _placed(
     frame: RgbdFrame | StereoFrame,
     fit: DiscFit,
-    center: Vector3,
     below: float,
     down: Vector3,
     wrist: bool,
+    turned: float = TURN_SIGMA,
 ) -> Sighting:
-    """The mouth so far below a fitted centre [m]."""
+    """The mouth so far below a fitted centre [m]; which way is down is known to so much [rad]."""
     down = down - fit.normal * (fit.normal @ down)
     down = down / np.linalg.norm(down)
-    place = np.asarray(center + below * down)
-    covariance = fit.covariance + (below * TURN_SIGMA) ** 2 * np.eye(3)
+    place = np.asarray(fit.center + below * down)
+    covariance = fit.covariance + (below * turned) ** 2 * np.eye(3)
     return Sighting(
         Mouth.name, frame.camera, frame.stamp, place, covariance, place, fit.normal, wrist, fit.tilt
     )
-
-
-def _sighting(
-    frame: RgbdFrame | StereoFrame,
-    seen: SeenDisc,
-    down: Vector3,
-    wrist: bool,
-    hidden: bool = False,
-) -> Sighting:
-    placed = _placed(frame, seen.fit, seen.fit.center, BELOW, down, wrist)
-    return replace(placed, lasting=HIDDEN_SIGMA) if hidden else placed
 
 
 def _hidden(lens: PinholeCamera, T: Pose, seen: SeenDisc) -> bool:
@@ -209,67 +210,132 @@ def _down_of(image: ColorImage, lens: PinholeCamera, T: Pose, seen: SeenDisc) ->
     return np.asarray(down / np.linalg.norm(down))
 
 
-def _arc(image: ColorImage, lens: PinholeCamera, T: Pose) -> tuple[Circle, Circle] | None:
-    """The inner and outer edge of a mouth that is seen from near; None without one."""
-    pixels = _mouth_edge(image, half_size_mask(image, YELLOW))
-    if pixels is None:
+@dataclass(frozen=True)
+class _Near:
+    """What one lens of the pair sees of a mouth from near.
+
+    Attributes:
+        lens, T: which, and where it is.
+        arc: the inner and outer edge of the mouth; middle: (3,) ray to about their centre.
+        dark, yellow: (height, width) where the picture is.
+    """
+
+    lens: PinholeCamera
+    T: Pose
+    arc: tuple[Circle, Circle]
+    middle: Vector3
+    dark: Bytes
+    yellow: Bytes
+
+
+def _near(image: ColorImage, lens: PinholeCamera, T: Pose) -> _Near | None:
+    """A mouth that is seen from near; None without one."""
+    yellow = half_size_mask(image, YELLOW)
+    if np.count_nonzero(yellow) < 0.1 * yellow.size:
         return None
-    A = np.column_stack([2.0 * pixels, np.ones(len(pixels))])
-    solved = np.linalg.lstsq(A, (pixels**2).sum(axis=1), rcond=None)[0]
-    away = np.linalg.norm(pixels - solved[:2], axis=1)
-    middle, thick = float(np.median(away)), HALF_WIDTH / ARC
+    light = lab_of(image)[..., 0]
+    dark = (light < DARK * float(np.median(light[yellow > 0]))).astype(np.uint8)
+    edge = _mouth_edge(dark, yellow)
+    if edge is None:
+        return None
+    pixels, out, middle = edge
     circles = []
     for side in (-1.0, 1.0):
-        own = np.abs(away / middle - 1.0 - side * thick) < 0.6 * thick
+        own = np.abs(out - 1.0 - side * THICK) < 0.6 * THICK
         if own.sum() < 12:
             return None
         rays = rays_of(lens, pixels[own][:: max(int(own.sum()) // 60, 1)]) @ T[:3, :3].T
         outline = Outline(T[:3, 3], rays, EDGE_SIGMA / lens.fx)
         circles.append(Circle(outline, ARC + side * HALF_WIDTH))
-    return circles[0], circles[1]
+    ray = np.asarray(T[:3, :3] @ rays_of(lens, middle[None])[0])
+    return _Near(lens, T, (circles[0], circles[1]), ray, dark, yellow)
 
 
-def _fit_arcs(arcs: tuple[tuple[Circle, Circle], tuple[Circle, Circle]]) -> DiscFit | None:
+def _fit_arcs(one: _Near, other: _Near) -> DiscFit | None:
     """The arc's own centre and normal, from both lenses."""
-    left, right = arcs[0][0].outline, arcs[1][0].outline
-    # The same part of the arc is seen by both, about: its middle is where their rays meet.
-    start = between(left, right, 0.03)
-    if start is None:
-        return None
-    normal = np.asarray(left.origin - start) / np.linalg.norm(left.origin - start)
-    circles = (*arcs[0], *arcs[1])
-    best = None
-    x, y = across(normal)
-    for turn in np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False):
-        begin = start + ARC * (np.cos(turn) * x + np.sin(turn) * y)
-        fit = fit_disc(begin, normal, circles)
-        if fit is not None and fit.share > 0.5 and (best is None or fit.misfit < best.misfit):
-            best = fit
+    left, right = one.arc[0].outline, other.arc[0].outline
+    starts = []
+    along, middle, gap = meeting(left.origin, one.middle, right.origin, other.middle)
+    if (along > 0.05).all() and gap < APART:
+        starts.append((middle, _towards(left.origin, middle)))
+    # Where little of it is seen: the same part by both, about.
+    part = between(left, right, APART)
+    if part is not None:
+        normal = _towards(left.origin, part)
+        x, y = across(normal)
+        for turn in np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False):
+            starts.append((part + ARC * (np.cos(turn) * x + np.sin(turn) * y), normal))
+    fits = [fit_disc(start, normal, (*one.arc, *other.arc)) for start, normal in starts]
+    good = [fit for fit in fits if fit is not None and fit.share > 0.5]
+    # What is not along its circle counts as three standard deviations.
+    best = min(good, key=lambda f: f.share * f.misfit**2 + 9.0 * (1.0 - f.share), default=None)
     return best if best is not None and best.misfit < 2.5 and best.tilt < 0.1 else None
 
 
-def _mouth_edge(image: ColorImage, yellow: Bytes) -> Floats | None:
-    """(k, 2) pixels on the edge of the longest dark part before the yellow; None without one."""
-    if np.count_nonzero(yellow) < 0.1 * yellow.size:
+def _towards(eye: Vector3, place: Vector3) -> Vector3:
+    """(3,) unit, from a place to an eye."""
+    return np.asarray((eye - place) / np.linalg.norm(eye - place))
+
+
+def _down_by_ends(fit: DiscFit, lines: Sequence[_Near]) -> Vector3 | None:
+    """(3,) unit, from the arc's centre to the mouth's middle; None where no end is in a picture."""
+    x, y = across(fit.normal)
+    turns = np.linspace(0.0, 2.0 * np.pi, STEPS, endpoint=False)
+    places = fit.center + ARC * (np.cos(turns)[:, None] * x + np.sin(turns)[:, None] * y)
+    found = []
+    for line in lines:
+        lens = line.lens
+        pixels = lens.project(transform(inverse(line.T), places))
+        shown = (pixels > 1) & (pixels < (lens.width - 2, lens.height - 2))
+        inside = np.asarray(shown.all(axis=1))
+        u, v = np.where(inside[:, None], pixels, 0.0).round().astype(int).T
+        dark = inside & (line.dark[v, u] > 0)
+        bare = inside & (line.yellow[v, u] > 0) & ~dark
+        for way in (1, -1):  # dark before a place and yellow after it, round either way
+            ahead = np.logical_and.reduce([np.roll(bare, -way * k) for k in range(2, BARE)], axis=0)
+            behind = np.logical_and.reduce([np.roll(dark, way * k) for k in range(LINE)], axis=0)
+            ends = np.flatnonzero(np.logical_and(ahead, behind))
+            found += [turns[k] - way * HALF_ANGLE for k in ends]
+    if not found:
         return None
-    light = lab_of(image)[..., 0]
-    dark = (light < DARK * float(np.median(light[yellow > 0]))).astype(np.uint8)
+    ways = np.exp(1j * np.array(found))
+    mean = ways.mean() / max(abs(ways.mean()), 1e-9)
+    if np.abs(np.angle(ways / mean)).max() > AGREE:
+        return None
+    return np.asarray(mean.real * x + mean.imag * y)
+
+
+def _mouth_edge(dark: Bytes, yellow: Bytes) -> tuple[Floats, Floats, Floats] | None:
+    """(k, 2) pixels on the mouth's edge, (k,) how far out, of its circle's radius; (2,) its centre.
+
+    The longest dark part before the yellow, and what goes on along its circle: a straw cuts a mouth
+    into pieces. None without one.
+    """
     near = cv2.dilate(yellow, np.ones((9, 9), np.uint8)) > 0
     count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=8)
-    best, longest, (h, w) = None, 100.0, yellow.shape
+    parts, (h, w) = [], yellow.shape
     for i in range(1, count):
         u, v, du, dv, area = (int(n) for n in stats[i])
         length = float(np.hypot(du, dv))
-        if length < longest or area > 0.35 * length * length:
+        if length < SHORT:
             continue
         own = (labels[v : v + dv, u : u + du] == i).astype(np.uint8)
         contours, _ = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         edge = np.concatenate([c[:, 0] for c in contours]) + np.array([u, v])
         inside = ((edge > 2) & (edge < (w - 3, h - 3))).all(axis=1)
         edge = edge[inside]
-        if len(edge) > 60 and near[edge[:, 1], edge[:, 0]].mean() > 0.8:
-            best, longest = edge.astype(float), length
-    return best
+        if len(edge) > SHORT and near[edge[:, 1], edge[:, 0]].mean() > 0.8:
+            parts.append((area <= 0.35 * length * length, length, edge.astype(float)))
+    thin, length, edge = max(parts, key=lambda part: part[:2], default=(False, 0.0, np.empty(0)))
+    if not thin or length < LONG or len(edge) <= 60:
+        return None
+    A = np.column_stack([2.0 * edge, np.ones(len(edge))])
+    solved = np.linalg.lstsq(A, (edge**2).sum(axis=1), rcond=None)[0]
+    middle = float(np.median(np.linalg.norm(edge - solved[:2], axis=1)))
+    outs = [(part, np.linalg.norm(part - solved[:2], axis=1) / middle) for *_, part in parts]
+    along = [(p, out) for p, out in outs if p is edge or np.abs(out - 1.0).max() < 2.0 * THICK]
+    pixels, out = (np.concatenate([pair[k] for pair in along]) for k in (0, 1))
+    return pixels, out, np.asarray(solved[:2])
 
 
 _ANGLES = np.linspace(-0.85 * HALF_ANGLE, 0.85 * HALF_ANGLE, 25)
