@@ -26,7 +26,7 @@ from armsight.servoing.sighting import Sighting
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.discs import Discs, Part, SeenDisc, between
 from armsight.servoing.targets.rehearsal import Disc, rehearse
-from armsight.servoing.targets.seen import half_size_mask, meeting, rays_of
+from armsight.servoing.targets.seen import half_size_mask, rays_of
 
 YELLOW = LabColor(hue_deg=88.0, width_deg=20.0, chroma=25.0, purity=0.55)
 FACE = Part(0.10, 0.9)
@@ -45,6 +45,9 @@ EDGE_SIGMA = 0.6
 """Of a point of the arc's edge in a picture [px]."""
 APART = 0.03
 """The rays to the middles of what both lenses see of an arc miss each other by less [m]."""
+ALONG, MISFIT, SURE = 0.65, 1.4, 1.0
+"""Of an arc's edges such a share is along its circle, with such a misfit: there is a second, worse
+way to lay a circle through them. A misfit below the last one is not that."""
 LONG, SHORT = 100.0, 30.0
 """A mouth's longest dark part is so long, and others that count, in a picture of the pair [px]."""
 STEPS, LINE, BARE, AGREE = 720, 40, 12, 0.15
@@ -216,7 +219,8 @@ class _Near:
 
     Attributes:
         lens, T: which, and where it is.
-        arc: the inner and outer edge of the mouth; middle: (3,) ray to about their centre.
+        arc: the inner and outer edge of the mouth.
+        middle: (3,) about their centre, in ``base`` [m].
         dark, yellow: (height, width) where the picture is.
     """
 
@@ -238,7 +242,7 @@ def _near(image: ColorImage, lens: PinholeCamera, T: Pose) -> _Near | None:
     edge = _mouth_edge(dark, yellow)
     if edge is None:
         return None
-    pixels, out, middle = edge
+    pixels, out, middle, radius = edge
     circles = []
     for side in (-1.0, 1.0):
         own = np.abs(out - 1.0 - side * THICK) < 0.6 * THICK
@@ -247,29 +251,29 @@ def _near(image: ColorImage, lens: PinholeCamera, T: Pose) -> _Near | None:
         rays = rays_of(lens, pixels[own][:: max(int(own.sum()) // 60, 1)]) @ T[:3, :3].T
         outline = Outline(T[:3, 3], rays, EDGE_SIGMA / lens.fx)
         circles.append(Circle(outline, ARC + side * HALF_WIDTH))
-    ray = np.asarray(T[:3, :3] @ rays_of(lens, middle[None])[0])
-    return _Near(lens, T, (circles[0], circles[1]), ray, dark, yellow)
+    ray = T[:3, :3] @ rays_of(lens, middle[None])[0]
+    place = np.asarray(T[:3, 3] + lens.fx * ARC / radius * ray)
+    return _Near(lens, T, (circles[0], circles[1]), place, dark, yellow)
 
 
 def _fit_arcs(one: _Near, other: _Near) -> DiscFit | None:
     """The arc's own centre and normal, from both lenses."""
     left, right = one.arc[0].outline, other.arc[0].outline
-    starts = []
-    along, middle, gap = meeting(left.origin, one.middle, right.origin, other.middle)
-    if (along > 0.05).all() and gap < APART:
-        starts.append((middle, _towards(left.origin, middle)))
+    starts = [one.middle, other.middle]
     # Where little of it is seen: the same part by both, about.
     part = between(left, right, APART)
     if part is not None:
-        normal = _towards(left.origin, part)
-        x, y = across(normal)
-        for turn in np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False):
-            starts.append((part + ARC * (np.cos(turn) * x + np.sin(turn) * y), normal))
-    fits = [fit_disc(start, normal, (*one.arc, *other.arc)) for start, normal in starts]
-    good = [fit for fit in fits if fit is not None and fit.share > 0.5]
-    # What is not along its circle counts as three standard deviations.
-    best = min(good, key=lambda f: f.share * f.misfit**2 + 9.0 * (1.0 - f.share), default=None)
-    return best if best is not None and best.misfit < 2.5 and best.tilt < 0.1 else None
+        x, y = across(_towards(left.origin, part))
+        turns = np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
+        starts += [part + ARC * (np.cos(turn) * x + np.sin(turn) * y) for turn in turns]
+    best, least = None, MISFIT
+    for start in starts:
+        fit = fit_disc(start, _towards(left.origin, start), (*one.arc, *other.arc))
+        if fit is not None and fit.share > ALONG and fit.misfit < least:
+            best, least = fit, fit.misfit
+        if least < SURE:
+            break
+    return best if best is not None and best.tilt < 0.1 else None
 
 
 def _towards(eye: Vector3, place: Vector3) -> Vector3:
@@ -305,8 +309,8 @@ def _down_by_ends(fit: DiscFit, lines: Sequence[_Near]) -> Vector3 | None:
     return np.asarray(mean.real * x + mean.imag * y)
 
 
-def _mouth_edge(dark: Bytes, yellow: Bytes) -> tuple[Floats, Floats, Floats] | None:
-    """(k, 2) pixels on the mouth's edge, (k,) how far out, of its circle's radius; (2,) its centre.
+def _mouth_edge(dark: Bytes, yellow: Bytes) -> tuple[Floats, Floats, Floats, float] | None:
+    """(k, 2) pixels on a mouth's edge, (k,) how far out, of its circle's radius; centre and radius.
 
     The longest dark part before the yellow, and what goes on along its circle: a straw cuts a mouth
     into pieces. None without one.
@@ -331,11 +335,11 @@ def _mouth_edge(dark: Bytes, yellow: Bytes) -> tuple[Floats, Floats, Floats] | N
         return None
     A = np.column_stack([2.0 * edge, np.ones(len(edge))])
     solved = np.linalg.lstsq(A, (edge**2).sum(axis=1), rcond=None)[0]
-    middle = float(np.median(np.linalg.norm(edge - solved[:2], axis=1)))
-    outs = [(part, np.linalg.norm(part - solved[:2], axis=1) / middle) for *_, part in parts]
+    radius = float(np.median(np.linalg.norm(edge - solved[:2], axis=1)))
+    outs = [(part, np.linalg.norm(part - solved[:2], axis=1) / radius) for *_, part in parts]
     along = [(p, out) for p, out in outs if p is edge or np.abs(out - 1.0).max() < 2.0 * THICK]
     pixels, out = (np.concatenate([pair[k] for pair in along]) for k in (0, 1))
-    return pixels, out, np.asarray(solved[:2])
+    return pixels, out, np.asarray(solved[:2]), radius
 
 
 _ANGLES = np.linspace(-0.85 * HALF_ANGLE, 0.85 * HALF_ANGLE, 25)
