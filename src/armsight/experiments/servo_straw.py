@@ -214,11 +214,13 @@ def _rows(results: dict[str, list[dict[str, Any]]]) -> list[Row]:
         Row(f"{FREE}gap", "the same share of an arm without the guard, less V's figure, absolute",
             _where(FREE), abs(free - 0.67), n=len(results[FREE]))
     )  # fmt: skip
-    harm = sum(r["harm"] for r in results[""])
-    rows.append(
-        harm_row("trials pressed above the permit or the face's limit, or elsewhere than the face",
-                 "ours", harm, len(results[""]))
-    )  # fmt: skip
+    say = "trials pressed above the permit or the face's limit, or elsewhere than the face"
+    for prefix, found in results.items():
+        harm = sum(r["harm"] for r in found)
+        if prefix == "":
+            rows.append(harm_row(say, "ours", harm, len(found)))
+        else:
+            rows.append(Row(f"{prefix}harm", say, _where(prefix), float(harm), n=len(found)))
     return rows
 
 
