@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from dataclasses import asdict
 from functools import partial
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -219,7 +218,7 @@ def one_held(
     else:
         holder = recorded_holder(_in_box(setup, rng), setup, rng)
     starts = (joints_before(setup, place) for place in rng.permutation(places))
-    start = first_apart(setup.robot, chain(starts, (setup.robot.home,)), holder.skin(0.0))
+    start = first_apart(setup.robot, itertools.chain(starts, (setup.robot.home,)), holder.skin(0.0))
     return touch_held(setup, mode, errors, holder, start, seed[1], rng, LIMIT, REACHED)
 
 

@@ -51,7 +51,9 @@ class Funnel:
             beside = float(np.linalg.norm(to - axis * (axis @ to)))
         past = max(float(-(axis @ to)), 0.0)  # behind the point already: go back first
         extra = self.slope * max(beside - self.free, 0.0) + (self.most if past > 0.02 else 0.0)
-        aligned = min(max(2.0 - 2.0 * beside / self.free, 0.0), 1.0) if self.gap < 0.0 else 1.0
+        aligned = (
+            min(max(2.0 - 2.0 * beside / max(self.free, 1e-9), 0.0), 1.0) if self.gap < 0.0 else 1.0
+        )
         return aligned * self.gap + min(extra, self.most)
 
 

@@ -67,7 +67,7 @@ def fit_disc(
         surface: (k, 3) points on the plane [m].
         surface_sigma: of one of them, along the normal [m].
     """
-    center, z = np.array(start, float), _unit(normal)
+    center, z = np.array(start, float), unit(normal)
     outer = max((c.radius for c in circles), default=0.0)
     if not circles:
         return None
@@ -82,7 +82,7 @@ def fit_disc(
         for k in range(3):
             J[:, k] = (residuals(center + STEP * np.eye(3)[k], z) - r) / STEP
         for k, axis in enumerate((x, y)):
-            J[:, 3 + k] = (residuals(center, _unit(z + STEP * axis)) - r) / STEP
+            J[:, 3 + k] = (residuals(center, unit(z + STEP * axis)) - r) / STEP
         if not np.isfinite(J).all():
             return None
         knee = max(2.0, 2.0 * float(np.median(np.abs(r))))
@@ -92,7 +92,7 @@ def fit_disc(
         turn = float(np.linalg.norm(step[3:]))
         step[3:] *= min(1.0, 0.3 / max(turn, 1e-9))
         center = center + step[:3]
-        z = _unit(z + step[3] * x + step[4] * y)
+        z = unit(z + step[3] * x + step[4] * y)
         if not np.isfinite(center).all() or np.linalg.norm(center - start) > 4.0 * outer:
             return None
         if np.linalg.norm(step) < 1e-8:
@@ -166,5 +166,6 @@ def across(z: Vector3) -> tuple[Vector3, Vector3]:
     return x, y
 
 
-def _unit(v: Vector3) -> Vector3:
+def unit(v: Vector3) -> Vector3:
+    """(3,) the direction of a vector."""
     return np.asarray(v / np.linalg.norm(v), float)

@@ -12,7 +12,7 @@ import numpy as np
 from armsight.arrays import ColorImage, Points, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.motion.perception import PosedFrame, PosedPair
-from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, meet, plane_of
+from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, meet, plane_of, unit
 from armsight.servoing.segment import SPOKES, LabColor, Region
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.seen import (
@@ -149,7 +149,7 @@ class Discs:
             middle = between(left, right)
             if middle is None:
                 continue
-            normal = np.asarray(left.origin - middle) / np.linalg.norm(left.origin - middle)
+            normal = unit(left.origin - middle)
             for part in self.parts:
                 found = _fitting(part, region, left, middle, normal, lenses[0], 2.0 * SIZE)
                 if found is not None:

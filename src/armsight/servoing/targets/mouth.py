@@ -27,9 +27,7 @@ from armsight.servoing.targets.mouth_arc import (
     HALF_ANGLE,
     HALF_WIDTH,
     YELLOW,
-    down_by_ends,
-    fit_arcs,
-    near_mouth,
+    near_arc,
 )
 from armsight.servoing.targets.rehearsal import Disc, rehearse
 
@@ -92,18 +90,15 @@ class Mouth:
         T, frame, info = view.T_base_camera, view.frame, view.info
         if T is None:
             return []
-        right = np.asarray(T @ info.T_left_right)
-        near = [near_mouth(frame.left, info.left, T), near_mouth(frame.right, info.right, right)]
-        lines = [line for line in near if line is not None]
-        fit = fit_arcs(lines[0], lines[1]) if len(lines) == 2 else None
-        ends = None if fit is None else down_by_ends(fit, lines)
+        fit, ends = near_arc(view) or (None, None)
         if ends is not None:
             self._down = _Down(ends, frame.stamp, True)
         for seen in self._discs.in_pair(view):
-            down = _down_of(frame.left, info.left, T, seen) if ends is None else ends
+            down, turned = ends, END_SIGMA
+            if down is None:
+                down, turned = _down_of(frame.left, info.left, T, seen), TURN_SIGMA
             if down is not None:
                 self._down = _Down(down, frame.stamp, True)
-                turned = TURN_SIGMA if ends is None else END_SIGMA
                 return [_placed(frame, seen.fit, BELOW, down, True, turned)]
         if self._down is None or fit is None:
             return []

@@ -14,7 +14,8 @@ import numpy as np
 from armsight.arrays import Bytes, ColorImage, Floats, Pose, Vector3
 from armsight.geometry.camera import PinholeCamera
 from armsight.geometry.pose import inverse, transform
-from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc
+from armsight.motion.perception import PosedPair
+from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, unit
 from armsight.servoing.segment import LabColor, lab_of
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.discs import between
@@ -40,8 +41,24 @@ STEPS, LINE, BARE, AGREE = 720, 40, 12, 0.15
 are dark on the one side, and yellow on the other; what all ends say agrees so well [rad]."""
 
 
+def near_arc(view: PosedPair) -> tuple[DiscFit, Vector3 | None] | None:
+    """The arc's own centre and normal, and which way (3,) is down by its ends, from both lenses.
+
+    None where they do not tell the arc; no way where no end of it is in a picture.
+    """
+    T, frame, info = view.T_base_camera, view.frame, view.info
+    if T is None:
+        return None
+    one = _in_one(frame.left, info.left, T)
+    other = _in_one(frame.right, info.right, np.asarray(T @ info.T_left_right))
+    fit = None if one is None or other is None else _fit(one, other)
+    if one is None or other is None or fit is None:
+        return None
+    return fit, _down_by_ends(fit, (one, other))
+
+
 @dataclass(frozen=True)
-class NearMouth:
+class _Lens:
     """What one lens of the pair sees of a mouth from near.
 
     Attributes:
@@ -59,7 +76,7 @@ class NearMouth:
     yellow: Bytes
 
 
-def near_mouth(image: ColorImage, lens: PinholeCamera, T: Pose) -> NearMouth | None:
+def _in_one(image: ColorImage, lens: PinholeCamera, T: Pose) -> _Lens | None:
     """A mouth that is seen from near; None without one."""
     yellow = half_size_mask(image, YELLOW)
     if np.count_nonzero(yellow) < 0.1 * yellow.size:
@@ -80,22 +97,22 @@ def near_mouth(image: ColorImage, lens: PinholeCamera, T: Pose) -> NearMouth | N
         circles.append(Circle(outline, ARC + side * HALF_WIDTH))
     ray = T[:3, :3] @ rays_of(lens, middle[None])[0]
     place = np.asarray(T[:3, 3] + lens.fx * ARC / radius * ray)
-    return NearMouth(lens, T, (circles[0], circles[1]), place, dark, yellow)
+    return _Lens(lens, T, (circles[0], circles[1]), place, dark, yellow)
 
 
-def fit_arcs(one: NearMouth, other: NearMouth) -> DiscFit | None:
+def _fit(one: _Lens, other: _Lens) -> DiscFit | None:
     """The arc's own centre and normal, from both lenses; None where it cannot be told."""
     left, right = one.arc[0].outline, other.arc[0].outline
     starts = [one.middle, other.middle]
     # Where little of it is seen: the same part by both, about.
     part = between(left, right, APART)
     if part is not None:
-        x, y = across(_towards(left.origin, part))
+        x, y = across(unit(left.origin - part))
         turns = np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
         starts += [part + ARC * (np.cos(turn) * x + np.sin(turn) * y) for turn in turns]
     best, least = None, MISFIT
     for start in starts:
-        fit = fit_disc(start, _towards(left.origin, start), (*one.arc, *other.arc))
+        fit = fit_disc(start, unit(left.origin - start), (*one.arc, *other.arc))
         if fit is not None and fit.share > ALONG and fit.misfit < least:
             best, least = fit, fit.misfit
         if least < SURE:
@@ -103,12 +120,7 @@ def fit_arcs(one: NearMouth, other: NearMouth) -> DiscFit | None:
     return best if best is not None and best.tilt < 0.1 else None
 
 
-def _towards(eye: Vector3, place: Vector3) -> Vector3:
-    """(3,) unit, from a place to an eye."""
-    return np.asarray((eye - place) / np.linalg.norm(eye - place))
-
-
-def down_by_ends(fit: DiscFit, lines: Sequence[NearMouth]) -> Vector3 | None:
+def _down_by_ends(fit: DiscFit, lines: Sequence[_Lens]) -> Vector3 | None:
     """(3,) unit, from the arc's centre to the mouth's middle; None where no end is in a picture."""
     x, y = across(fit.normal)
     turns = np.linspace(0.0, 2.0 * np.pi, STEPS, endpoint=False)
