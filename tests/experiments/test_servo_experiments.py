@@ -53,7 +53,7 @@ def test_a_guarded_trial_comes_to_the_ball_by_permit_and_does_no_harm():
     trial = Trial(setup, eyes, task, lambda t: place, setup.robot.home)
     course = trial.run(4.0, until=lambda c: c.gap[-1] < 0.005)
     assert course.gap[-1] < 0.005
-    assert course.harm == 0
+    assert course.nudges.harm == 0
     assert course.permits & {"granted", "granted less"}
 
 

@@ -112,4 +112,4 @@ def test_a_pair_that_lies_in_a_guarded_trial_is_named_on_the_page_and_pushes_not
         run.step()
     assert run.task.chase.warning.startswith("wrist: stamps about")
     assert run.task.face().reason == run.task.chase.warning
-    assert run.course.harm == 0
+    assert run.course.nudges.harm == 0

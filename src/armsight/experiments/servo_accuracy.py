@@ -15,8 +15,8 @@ from armsight.experiments.cache import RunCache
 from armsight.experiments.frame import Draw, Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, bootstrap
 from armsight.experiments.servo_eyes import PAPERS, Errors, Eyes
+from armsight.experiments.servo_nudges import HARM
 from armsight.experiments.servo_world import (
-    HARM,
     Setup,
     Trial,
     make_eyes,
@@ -199,7 +199,7 @@ def track(
     return {
         "rms": float(np.sqrt(squares.mean())),
         "again": again,
-        "harm": course.harm,
+        "harm": course.nudges.harm,
         "switches": task.chase.switches / course.times[-1],
         "drawn": _thinned(course.times, course.tips, wanted) if k == 0 else None,
     }

@@ -49,7 +49,7 @@ BOX = ((0.78, 0.0, 1.30), (0.50, 1.00, 0.50))
 """Centre and edges of V's box in this cell's world [m]: depth, width, height; lower or nearer, and
 a corner of it is out of the arm's reach."""
 RUNS = 200
-VERSIONS = {"rest": 15, "moving": 16, "recorded": 16, "held_rest": 16, "held_recorded": 17}
+VERSIONS = {"rest": 16, "moving": 17, "recorded": 17, "held_rest": 16, "held_recorded": 17}
 """Of what the trials of a row measure, by what the ball does."""
 
 HELD = 22
@@ -170,7 +170,9 @@ def one(
         "speed": speed,
         "speed_then": at,
         "press": float(-min(course.gap)),
-        "harm": int(course.harm),
+        "harm": course.nudges.harm,
+        "after": course.nudges.after,
+        "force": course.nudges.force,
         "fastest": float(np.abs(commands / setup.robot.limits.velocity).max()),
         "last": trial.cell.log[-1].reason,
         "away": float(min(course.gap)),

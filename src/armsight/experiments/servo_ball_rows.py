@@ -10,8 +10,8 @@ import numpy as np
 
 from armsight.experiments.recorded_hands import PLAYS
 from armsight.experiments.rows import Row, bootstrap, wilson
+from armsight.experiments.servo_nudges import HARM
 from armsight.experiments.servo_rows import harm_row
-from armsight.experiments.servo_world import HARM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,13 +95,14 @@ def _ours(results: Found) -> list[Row]:
             sum(r["harm"] for r in persons),
             len(persons),
         ),
+        _force("ball_force_n", "ours, on a stand", stands),
+        _force("held_ball_force_n", "ours, held", persons),
         Row(
-            "held_ball_force_n",
-            "greatest force on the ball, of all trials",
-            "ours, held",
-            max((r["force"] for r in persons), default=math.nan),
-            "N",
-            len(persons),
+            "permit_ended_pushing",
+            "trials in which a permit ended in contact and the tip still pushed in before it stood",
+            "all of ours, on a stand",
+            float(sum(r["after"] > 0 for r in stands)),
+            n=len(stands),
         ),
         Row(
             "press_mm",
@@ -112,6 +113,12 @@ def _ours(results: Found) -> list[Row]:
             len(rest),
         ),
     ]
+
+
+def _force(key: str, condition: str, found: Sequence[dict[str, Any]]) -> Row:
+    say = "greatest force on the ball, of all trials"
+    force = max((r["force"] for r in found), default=math.nan)
+    return Row(key, say, condition, force, "N", len(found))
 
 
 def _papers(results: Found) -> list[Row]:

@@ -15,12 +15,12 @@ from armsight.experiments.rows import Row
 from armsight.experiments.servo_cell import SurfaceCell, plate
 from armsight.experiments.servo_eyes import PAPERS, Errors
 from armsight.experiments.servo_mark import Mark, Marking
+from armsight.experiments.servo_nudges import MOVING
 from armsight.experiments.servo_onlooker import COMES, begun, posed, said_empty, watched
 from armsight.experiments.servo_rendered import SHARE, Trials, agreement
 from armsight.experiments.servo_rows import harm_row, median_row
 from armsight.experiments.servo_trials import FREE, Drawn, run_trials, tick, told_of, unguarded
 from armsight.experiments.servo_world import (
-    MOVING,
     Setup,
     make_eyes,
     make_task,

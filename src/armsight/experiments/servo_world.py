@@ -17,6 +17,7 @@ from armsight.arrays import Floats, JointVector, Points, Pose, Vector3
 from armsight.devices.data import JointState
 from armsight.experiments.quick_cell import VOXEL, Ball, QuickCell, felt
 from armsight.experiments.servo_eyes import RADIUS, Errors, Eyes, ModelCamera, ModelPair, Path
+from armsight.experiments.servo_nudges import Nudges
 from armsight.geometry.pose import exp, inverse
 from armsight.mapping.distance_field import bounded_distance
 from armsight.mapping.snapshot import OCCUPIED
@@ -35,16 +36,10 @@ from armsight.workcell.packaged import packaged
 from armsight.workcell.schema import Workcell
 
 CELL = "ur10_servoing"
-MOVING = 0.05
-"""A contact counts when the tip is faster than this [m/s]."""
 FAR = 0.3
 """A declared solid farther from a voxel than this counts as this far from it [m]."""
 STAND = 2e3
 """Stiffness of what holds the ball [N/m], that of a simulated one."""
-HARM = (
-    "ticks in which the tip pushed into the ball without a permit, or the ball pushed it back with "
-    "more than the permit's force"
-)
 
 
 @dataclass(frozen=True)
@@ -100,7 +95,7 @@ class Course:
         error: of the task's place of the target [m], NaN without one; wrist: the pair leads.
         commands: (k, n) [rad/s]; ball_speed: [m/s].
         permits: states of the permit that were seen.
-        harm: see :data:`HARM`.
+        nudges: what the tip did to the ball.
     """
 
     times: list[float] = field(default_factory=list)
@@ -112,7 +107,7 @@ class Course:
     places: list[Vector3] = field(default_factory=list)
     tips: list[Vector3] = field(default_factory=list)
     permits: set[str] = field(default_factory=set)
-    harm: int = 0
+    nudges: Nudges = field(default_factory=Nudges)
 
 
 class Trial:
@@ -213,16 +208,17 @@ class Trial:
         permit = self._status.permit
         if permit is not None:
             course.permits.add(permit.state.value)
-        held = permit is not None and permit.holds
-        if course.gap[-1] < 0.0:
-            own = (tcp_jacobian(self.eyes.true_robot, cell.q) @ cell.v)[:3]
-            moves = (ball - self.ball(cell.now - cell.config.period)) / cell.config.period
-            way = (ball - tip) / max(float(np.linalg.norm(ball - tip)), 1e-9)
-            # A ball that runs into a tip that stands or leaves is not pushed by it: of that the
-            # force counts. Nor is one that goes as fast before it.
-            pushes = not held and min(float(own @ way), float((own - moves) @ way)) > MOVING
-            force = pressing_force(-course.gap[-1], STAND, self.tip)
-            course.harm += pushes or force > self.task.dock.force
+        own = (tcp_jacobian(self.eyes.true_robot, cell.q) @ cell.v)[:3]
+        moves = (ball - self.ball(cell.now - cell.config.period)) / cell.config.period
+        way = (ball - tip) / max(float(np.linalg.norm(ball - tip)), 1e-9)
+        course.nudges.look(
+            # A ball that runs into a tip that stands or leaves is not pushed by it, nor is one
+            # that goes as fast before it.
+            pushes=min(float(own @ way), float((own - moves) @ way)),
+            force=pressing_force(-course.gap[-1], STAND, self.tip),
+            held=permit is not None and permit.holds,
+            most=self.task.dock.force,
+        )
 
 
 def make_task(
