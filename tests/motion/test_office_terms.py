@@ -345,6 +345,22 @@ def test_refused_is_who_cannot_be_felt_or_has_no_soft_tip_and_who_asks_without_a
     assert "no map" in blind.permit.reason
 
 
+def test_a_face_that_is_come_to_may_seem_a_little_faster_than_one_that_is_granted():
+    made = Office(GuardConfig(soft=5e3))
+    ask = asked(kind="face", force=4.0, torque=0.4, seconds=10.0)
+
+    def at(speed):
+        across = np.cross(OUT, [0.0, 0.0, 1.0])
+        velocity = speed * across / np.linalg.norm(across)
+        made.tick(replace(ask, region=replace(ask.region, velocity=velocity)))
+        return made.office.permit
+
+    assert at(0.22).state is PermitState.REFUSED
+    assert at(0.19).state is PermitState.GRANTED
+    assert at(0.22).state is PermitState.GRANTED
+    assert at(0.25).state is PermitState.WITHDRAWN
+
+
 @pytest.mark.parametrize("what", ["map", "region"])
 def test_who_is_beside_is_looked_for_where_either_the_map_or_the_region_is_newer(what):
     """A thing that nobody sees anew, and somebody comes; one that moves to where somebody is."""

@@ -86,7 +86,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         (FREE, "paper unguarded", v, half),
     ]
     told = part_of(progress, 0.0, 0.6)
-    results = run_plan("servo-straw", CELL, plan, one, seed, told, 13)
+    results = run_plan("servo-straw", CELL, plan, one, seed, told, 14)
     count, trial = max(runs // SHARE, 1), partial(one_rendered, set_up(1.0, 1.0, CELL))
     told = told_of("rendered", progress, 0.6, 0.4)
     shown = run_trials("servo-straw", ["rendered", 3], trial, count, seed, told)

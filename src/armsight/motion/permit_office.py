@@ -460,7 +460,7 @@ class PermitOffice:
             if away > 0.0:
                 return f"it jumped by {away:.2f} m", False
             region = request.region
-        reason = region_refusal(region, permit.kind, now)
+        reason = region_refusal(region, permit.kind, now, held=True)
         if reason:
             return reason, False
         same = snapshot is self._looked and region is permit.region
