@@ -374,12 +374,32 @@ def test_self_collision_and_limits():
     empty = make_snapshot()
     folded = np.array([0.0, 0.0, 3.1, 0.0, 0.0, 0.0])
     assert not MODEL.valid(folded, empty)
-    assert MODEL.contact(folded, empty) == "the arm touches itself"
+    assert MODEL.contact(folded, empty).startswith("the arm touches itself: ")
     assert not MODEL.valid(np.full(6, 3.5), empty)
     assert "outside its limits" in MODEL.contact(np.full(6, 3.5), empty)
     assert "not numbers" in MODEL.contact(np.full(6, np.nan), empty)
     assert not MODEL.edge_valid(ARM.home, np.full(6, 3.5), empty)
     assert MODEL.first_blocked(np.stack([ARM.home, np.full(6, 3.5)]), empty) == 0
+
+
+@pytest.mark.parametrize("name", ["ur10", "panda"])
+def test_the_parts_of_the_arm_that_are_nearest_each_other_are_named(name):
+    """Against brute force; the base, whose spheres cannot move, is among them."""
+    robot, rng, named = load_robot(name), np.random.default_rng(5), set()
+    model, spheres = CollisionModel(robot), robot.spheres
+    for _ in range(200):
+        q = rng.uniform(robot.limits.lower, robot.limits.upper)
+        at, gaps = sphere_centers(robot, q), {}
+        for a, b in np.sort(np.asarray(robot.self_pairs), axis=1):
+            of_a, of_b = np.flatnonzero(spheres.link == a), np.flatnonzero(spheres.link == b)
+            apart = np.linalg.norm(at[of_a, None] - at[None, of_b], axis=2)
+            gap = (apart - spheres.radius[of_a, None] - spheres.radius[None, of_b]).min()
+            gaps[f"{robot.link_names[a]} its {robot.link_names[b]}"] = gap
+        gap, parts = model.own_gap(q)
+        assert gap == pytest.approx(min(gaps.values()), abs=0.005)  # what turns a little is larger
+        assert gaps[parts] < min(gaps.values()) + 0.005
+        named.add(parts)
+    assert any(parts.startswith(robot.link_names[0]) for parts in named)
 
 
 def test_a_robot_without_link_shapes_is_refused():

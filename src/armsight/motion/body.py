@@ -36,6 +36,7 @@ class Body(NamedTuple):
         original: (m,) index of each sphere in ``Robot.spheres``.
         fixed_center: (f, 3) spheres that never move, in ``base`` [m].
         fixed_radius: (f,) [m]; they hold what turns a little wherever it is.
+        fixed_link: (f,) link of each.
         pairs: (p, 2) spheres a, b of different links that may touch, link(a) < link(b), b moves;
             numbers from m on are the fixed spheres.
         pair_radius: (p,) sum of their radii [m].
@@ -55,6 +56,7 @@ class Body(NamedTuple):
     original: Ints
     fixed_center: Floats
     fixed_radius: Floats
+    fixed_link: Ints
     pairs: Ints
     pair_radius: Floats
     groups: Ints
@@ -102,6 +104,7 @@ def make_body(robot: Robot, inflate: float = 0.0) -> Body:
         original=order[moving].astype(np.int64),
         fixed_center=np.ascontiguousarray(zero[fixed]),
         fixed_radius=np.ascontiguousarray(radius[fixed]),
+        fixed_link=link[fixed],
         pairs=pairs,
         pair_radius=both[pairs].sum(axis=1),
         groups=groups,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from armsight.motion.kernels import (
     config_free,
     edge_free,
     make_scratch,
+    pair_gap,
     path_clear,
     path_free,
     self_clearance,
@@ -240,7 +242,22 @@ class CollisionModel:
             x, y, z = self.scratch().centers[worst]
             link = self.robot.link_names[int(self.body.link[worst])]
             return f"{link} touches something near ({x:.2f}, {y:.2f}, {z:.2f}) m"
-        return "the arm touches itself"
+        return f"the arm touches itself: {self.own_gap(q)[1]}"
+
+    def own_gap(self, q: JointVector) -> tuple[float, str]:
+        """Least distance [m] between parts of the arm at (n,) [rad], and which two, in words.
+
+        Negative where they touch; infinite, and no words, where none can.
+        """
+        body, centers = self.body, self.scratch().centers
+        body_centers(body, self._position(q), centers)
+        gaps = [pair_gap(body, centers, pair) for pair in range(len(body.pairs))]
+        if not gaps:
+            return math.inf, ""
+        worst = int(np.argmin(gaps))
+        links = np.concatenate([body.link, body.fixed_link])[body.pairs[worst]]
+        first, second = (self.robot.link_names[int(link)] for link in links)
+        return gaps[worst], f"{first} its {second}"
 
     def _position(self, q: JointVector) -> JointVector:
         q = _vector(q)

@@ -15,7 +15,6 @@ from armsight.arrays import JointVector, Vector3
 from armsight.motion.collision import CollisionModel
 from armsight.motion.data import GuardStatus
 from armsight.motion.ik import solve_ik
-from armsight.motion.kernels import body_centers
 from armsight.robots.kinematics import tcp_jacobian, tcp_pose
 from armsight.robots.robot import Robot
 from armsight.servoing.aim import Aim, Weights, aim_pose, joints_for
@@ -60,7 +59,8 @@ class Reach:
         """
         q, short = self._nearest(aim, joints, self.weights, self.ceiling)
         if short <= SHORT:
-            return self._folded(q)
+            gap, parts = self._model.own_gap(q)
+            return "" if gap >= 0.0 else f"the arm would touch itself there: {parts}"
         words = f"{OUT}: no joints bring the tip there"
         if self.ceiling is not None:
             free, without = self._nearest(aim, joints, self.weights, None)
@@ -99,20 +99,6 @@ class Reach:
             if abs(at - end) < AT_LIMIT
         ]
         return f" ({', '.join(said)})" if said else ""
-
-    def _folded(self, q: JointVector) -> str:
-        """That the arm would touch itself there."""
-        body, scratch = self._model.body, self._model.scratch()
-        body_centers(body, q, scratch.centers)
-        a, b = scratch.centers[body.pairs[:, 0]], scratch.centers[body.pairs[:, 1]]
-        if len(a) == 0:
-            return ""
-        gaps = np.linalg.norm(a - b, axis=1) - body.pair_radius
-        worst = int(np.argmin(gaps))
-        if gaps[worst] >= 0.0:
-            return ""
-        first, second = (self.robot.link_names[int(body.link[k])] for k in body.pairs[worst])
-        return f"the arm would touch itself there: {first} its {second}"
 
 
 class Hindrance:
