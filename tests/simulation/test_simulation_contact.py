@@ -121,6 +121,19 @@ def test_what_is_seen_of_a_thing_goes_back_by_its_stand_not_by_its_skin(robot):
         assert np.linalg.norm(shown - ball) == pytest.approx(moved)
 
 
+def test_who_is_somewhere_else_at_once_does_not_swing_out_beyond(robot):
+    """A face on its neck that was put 1 m farther swung 0.2 m out to the other side."""
+    spec = ball_before(robot, 0.5, mass=4.4, surface=20e3, hold=3000.0, max_speed=10.0)
+    start, off = spec.solid.T_frame_solid[:3, 3], np.array([0.0, 1.0, 0.0])
+    with SimulatedWorld(cell(robot, objects=(spec,))) as world:
+        world.follow("ball", lambda time: start + (time > 0.2) * off)
+        for k in range(1, 101):
+            world.advance(0.008 * k)
+            away = np.linalg.norm(world._pose("ball")[:3, 3] - start - (k > 26) * off)
+            assert away < 1e-3 or k in (25, 26)
+        assert world._pose("ball")[1, 3] == pytest.approx(start[1] + 1.0, abs=1e-4)
+
+
 def test_a_straw_bends_by_some_centimetres_and_no_more(robot):
     """What is pushed on beyond that pushes the head itself: it cannot pass through the cup."""
     spec = ball_before(robot, 0.01, mass=0.6, surface=100.0, hold=400.0)

@@ -33,6 +33,9 @@ SKIN_DAMPING = 0.5
 """Damping ratio of a skin on its spring."""
 GYRATION = 0.05
 """Radius of gyration of a giving body [m]."""
+JUMP = 0.25
+"""A leader that is this far from where it was a moment ago [m] was put there, and its body with it:
+led there in no time it would swing out beyond."""
 TURN_RATE = 40.0
 """Natural frequency with which a body is turned back to its leader [rad/s]."""
 
@@ -143,9 +146,8 @@ class Followers:
 
     def reset(self, data: Any) -> None:
         """Put every body where its leader is, at rest."""
-        for (q, _, _), leader in zip(self._index, self._leader):
-            data.qpos[q : q + 3] = data.mocap_pos[leader]
-            data.qpos[q + 3 : q + 7] = data.mocap_quat[leader]
+        for k in range(len(self._leader)):
+            self._put(data, k)
         self._look(data)
         self._leaders[0] = self._leaders[1]
         self._span = (0.0, 1.0)
@@ -154,6 +156,10 @@ class Followers:
         """The leaders have moved on at ``now`` [s]: bodies follow in the next ``seconds``."""
         self._leaders[0] = self._leaders[1]
         self._look(data)
+        before, after = self._leaders
+        for k in np.flatnonzero(np.linalg.norm(after[:, :3] - before[:, :3], axis=1) > JUMP):
+            self._put(data, k)
+            before[k] = after[k]
         self._span = (now, max(seconds, 1e-6))
 
     def push(self, data: Any, now: float) -> None:
@@ -164,6 +170,12 @@ class Followers:
             self._leaders, share, seconds, self._index, self._center, self._gains,
             data.qpos, data.qvel, data.xfrc_applied,
         )  # fmt: skip
+
+    def _put(self, data: Any, k: int) -> None:
+        q, v, _ = self._index[k]
+        data.qpos[q : q + 3] = data.mocap_pos[self._leader[k]]
+        data.qpos[q + 3 : q + 7] = data.mocap_quat[self._leader[k]]
+        data.qvel[v : v + 6] = 0.0
 
     def _look(self, data: Any) -> None:
         self._leaders[1, :, :3] = data.mocap_pos[self._leader]
