@@ -289,7 +289,7 @@ def _rendered(
         trial = partial(one_rendered, set_up(1.0, 1.0, CELL), fetch)
         name = "fetched" if fetch else "rendered"
         told = told_of(name, progress, 0.5 * k, 0.5)
-        found.append(run_trials("servo-handover", [name, 5], trial, count, seed, told))
+        found.append(run_trials("servo-handover", [name, 6], trial, count, seed, told))
     return found[0], found[1]
 
 
