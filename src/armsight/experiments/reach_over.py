@@ -9,6 +9,7 @@ import numpy as np
 from armsight.arrays import Floats, Vector3
 from armsight.experiments.hand_search import BOX, CAPS, Chaser, chased, cross_entropy
 from armsight.experiments.quick_cell import Ball
+from armsight.geometry.pose import unit
 
 UPPER, FORE = 0.36, 0.44
 """Shoulder to elbow, elbow to the middle of the hand [m]."""
@@ -67,7 +68,7 @@ class Reacher(Chaser):
         way = self._hand - self._shoulder
         far = float(np.linalg.norm(way)) - 0.995 * (UPPER + FORE)
         if far > 0.0:
-            self._shoulder = self._moved(self._shoulder, self._shoulder + far * _unit(way))
+            self._shoulder = self._moved(self._shoulder, self._shoulder + far * unit(way))
         self._elbow = self._moved(self._elbow, self._bent())
 
     def _bent(self) -> Vector3:
@@ -79,7 +80,7 @@ class Reacher(Chaser):
         upwards = np.array([0.0, 0.0, 1.0]) - axis[2] * axis
         if np.linalg.norm(upwards) < 1e-3:
             upwards = np.array([1.0, 0.0, 0.0]) - axis[0] * axis
-        upwards = _unit(upwards)
+        upwards = unit(upwards)
         aside = np.cross(axis, upwards)
         out = np.cos(self._swivel) * upwards + np.sin(self._swivel) * aside
         return np.asarray(self._shoulder + along * axis + np.sqrt(UPPER**2 - along**2) * out)
@@ -91,10 +92,6 @@ class Reacher(Chaser):
         head = self._shoulder + np.array([0.0, 0.0, NECK])
         spine = self._shoulder - np.multiply.outer(SPINE, [0.0, 0.0, 1.0])
         return np.asarray(np.concatenate([upper, fore, [self._hand], [head], spine]), float)
-
-
-def _unit(way: Vector3) -> Vector3:
-    return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9))
 
 
 def reach_over(seed: int, run: int) -> dict[str, Any]:

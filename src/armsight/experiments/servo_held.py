@@ -21,7 +21,7 @@ from armsight.experiments.servo_presses import LOOKS, STAYS, Presses
 from armsight.experiments.servo_trials import tick
 from armsight.experiments.servo_world import Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
-from armsight.geometry.pose import from_rpy, inverse, make_pose, transform
+from armsight.geometry.pose import from_rpy, inverse, make_pose, transform, unit
 from armsight.mapping.snapshot import WorkspaceSnapshot
 from armsight.robots.kinematics import tcp_pose
 from armsight.simulation.skeleton import INDEX, PARTS, Proportions, bend, standing
@@ -66,7 +66,7 @@ class Holder:
     def along(self, time: float) -> Vector3:
         """(3,) unit from the ball along the hand, at a time [s]."""
         joints = self.joints(time)
-        return _unit(joints[INDEX["right_wrist"]] - joints[INDEX[HAND]])
+        return unit(joints[INDEX["right_wrist"]] - joints[INDEX[HAND]])
 
     def skin(self, time: float) -> Points:
         """(k, 3) points of the person's skin at a time [s], a voxel apart."""
@@ -102,11 +102,11 @@ def demonstrator(ball: Vector3, setup: Setup, rng: np.random.Generator) -> Holde
     away = math.sqrt(max(reach**2 - rises**2, 0.0))
     pose[:, :2] += (place - away * looks - pose[INDEX["right_shoulder"]])[:2]
     shoulder = pose[INDEX["right_shoulder"]]
-    wrist = place - (BEYOND + p.hand) * _unit(place - shoulder)
+    wrist = place - (BEYOND + p.hand) * unit(place - shoulder)
     down = np.array([0.0, 0.0, -1.0])
     elbow, wrist = bend(shoulder, wrist, p.upper_arm, p.forearm, down)
     pose[INDEX["right_elbow"]], pose[INDEX["right_wrist"]] = elbow, wrist
-    pose[INDEX[HAND]] = wrist + p.hand * _unit(place - wrist)
+    pose[INDEX[HAND]] = wrist + p.hand * unit(place - wrist)
     joints = transform(inverse(base), pose)
     return Holder(lambda time: joints, still=True)
 
@@ -220,10 +220,6 @@ def _radius(name: str) -> float:
     return RADII[name.removeprefix("left_").removeprefix("right_")]
 
 
-def _unit(way: Vector3) -> Vector3:
-    return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9))
-
-
 @cache
 def _sphere(step: float) -> Points:
     """(k, 3) points of the unit sphere, so far from each other."""
@@ -237,8 +233,8 @@ def _sphere(step: float) -> Points:
 def _capsule(a: Vector3, b: Vector3, radius: float) -> Points:
     """(k, 3) points of a capsule's surface, a voxel apart [m]."""
     ball = radius * _sphere(VOXEL / radius)
-    axis = _unit(b - a)
-    x = _unit(np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]))
+    axis = unit(b - a)
+    x = unit(np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]))
     around = np.arange(0.0, 2.0 * math.pi, VOXEL / radius)[:, None]
     ring = radius * (np.cos(around) * x + np.sin(around) * np.cross(axis, x))
     steps = np.arange(0.0, float(np.linalg.norm(b - a)), VOXEL)

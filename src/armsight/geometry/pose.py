@@ -47,6 +47,11 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
+def unit(v: Vector3) -> Vector3:
+    """(3,) the direction of a vector; that of none is none."""
+    return np.asarray(v / max(float(np.linalg.norm(v)), 1e-12), float)
+
+
 def is_rotation(R: Rotation3, tolerance: float = 1e-6) -> bool:
     """Whether finite (3, 3) numbers turn, and neither stretch nor mirror."""
     return bool(np.allclose(R @ R.T, np.eye(3), atol=tolerance) and np.linalg.det(R) > 0.0)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armsight.arrays import Floats, Points, Vector3
+from armsight.geometry.pose import unit
 from armsight.servoing.kernels import disc_residuals
 from armsight.servoing.sphere_fit import Outline
 
@@ -164,8 +165,3 @@ def across(z: Vector3) -> tuple[Vector3, Vector3]:
     x /= math.hypot(z[i], z[j])
     y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
     return x, y
-
-
-def unit(v: Vector3) -> Vector3:
-    """(3,) the direction of a vector."""
-    return np.asarray(v / np.linalg.norm(v), float)

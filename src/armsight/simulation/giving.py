@@ -158,7 +158,7 @@ class Followers:
         self._look(data)
         before, after = self._leaders
         for k in np.flatnonzero(np.linalg.norm(after[:, :3] - before[:, :3], axis=1) > JUMP):
-            self._put(data, k)
+            self._put(data, int(k))
             before[k] = after[k]
         self._span = (now, max(seconds, 1e-6))
 

@@ -15,9 +15,9 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
-from armsight.arrays import Bytes, Floats, Floats32, Pose, Vector3
+from armsight.arrays import Bytes, Floats, Floats32, Pose
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import inverse
+from armsight.geometry.pose import inverse, unit
 from armsight.simulation.board import BoardUnit, board_window
 from armsight.simulation.print_kernels import cast_print
 from armsight.simulation.rendering import Renderer, Shot
@@ -149,7 +149,7 @@ class BoardPictures:
         normal, at = -T_world_board[:3, 2], T_world_board[:3, 3]
         R, eye = exposure.T_world_lens[:3, :3], exposure.T_world_lens[:3, 3]
         source = LAMP if exposure.kind == "color" else eye
-        light = 0.5 + 0.4 * max(float(normal @ _unit(source - at)), 0.0)
+        light = 0.5 + 0.4 * max(float(normal @ unit(source - at)), 0.0)
         step = 8
         v, u = np.mgrid[v0 : v1 + step : step, u0 : u1 + step : step]
         flat = [(u.ravel() - lens.cx) / lens.fx, (v.ravel() - lens.cy) / lens.fy, np.ones(u.size)]
@@ -194,10 +194,6 @@ def lens_rays(lens: PinholeCamera, u0: int, v0: int, u1: int, v1: int) -> Floats
     v, u = np.mgrid[v0:v1, u0:u1].astype(float)
     rays = lens.normalise(np.stack([u, v], -1).reshape(-1, 2))
     return np.ascontiguousarray(rays.reshape(v1 - v0, u1 - u0, 2))
-
-
-def _unit(v: Vector3) -> Vector3:
-    return np.asarray(v / max(float(np.linalg.norm(v)), 1e-12))
 
 
 def _rows(v: Floats) -> Floats:

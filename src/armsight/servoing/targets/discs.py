@@ -11,8 +11,9 @@ import numpy as np
 
 from armsight.arrays import ColorImage, Points, Vector3
 from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import unit
 from armsight.motion.perception import PosedFrame, PosedPair
-from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, meet, plane_of, unit
+from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, meet, plane_of
 from armsight.servoing.segment import SPOKES, LabColor, Region
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.seen import (

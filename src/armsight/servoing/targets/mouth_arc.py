@@ -13,9 +13,9 @@ import numpy as np
 
 from armsight.arrays import Bytes, ColorImage, Floats, Pose, Vector3
 from armsight.geometry.camera import PinholeCamera
-from armsight.geometry.pose import inverse, transform
+from armsight.geometry.pose import inverse, transform, unit
 from armsight.motion.perception import PosedPair
-from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc, unit
+from armsight.servoing.disc_fit import Circle, DiscFit, across, fit_disc
 from armsight.servoing.segment import LabColor, lab_of
 from armsight.servoing.sphere_fit import Outline
 from armsight.servoing.targets.discs import between
