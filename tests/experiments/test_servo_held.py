@@ -19,9 +19,11 @@ from armsight.experiments.servo_eyes import Errors
 from armsight.experiments.servo_held import (
     BEYOND,
     RADII,
+    Holder,
     demonstrator,
     held_setup,
     recorded_holder,
+    touch_held,
 )
 from armsight.experiments.servo_presses import Presses
 from armsight.experiments.servo_world import make_eyes, set_up, world_to_base
@@ -126,6 +128,23 @@ def test_the_arm_begins_apart_from_somebody_or_as_far_as_there_is_room():
     assert apart(robot, near, skin) < apart(robot, far, skin) < KEPT
     assert first_apart(robot, [near, far, near], skin) is far
     assert first_apart(robot, [near, far], skin + np.array([3.0, 0.0, 0.0])) is near
+
+
+def test_of_a_ball_in_a_hand_it_is_told_how_fast_it_is_led(monkeypatch):
+    """One that was swung at 2.5 m/s into an arm that stood had pressed it with 271 N, as harm."""
+    led = []
+
+    class Spy(Presses):
+        def look(self, cell, permit, comes=0.0):
+            led.append(comes)
+            super().look(cell, permit, comes)
+
+    monkeypatch.setattr("armsight.experiments.servo_held.Presses", Spy)
+    rng, away = np.random.default_rng(1), np.array([0.0, 0.2, 0.0])
+    still = demonstrator(waypoints(SETUP)[0], SETUP, rng)
+    holder = Holder(lambda time: still.joints(0.0) + 2.0 * time * away)
+    touch_held(SETUP, "ours", Errors(arm=0.0), holder, SETUP.robot.home, 0, rng, 0.04, 0.005)
+    assert led == pytest.approx([0.4] * 5)
 
 
 class Struck:

@@ -185,7 +185,8 @@ def touch_held(
             eyes.along, eyes.screens = holder.along(cell.now), holder.screens(cell.now)
             status = tick(cell, eyes, task, status)
             permit = status.permit
-            presses.look(cell, permit)
+            way = cell.path(cell.now) - cell.path(cell.now - cell.config.period)
+            presses.look(cell, permit, float(np.linalg.norm(way)) / cell.config.period)
             may = permit is not None and permit.holds
             tip = tcp_pose(cell.robot, cell.q)[:3, 3]
             gap = min(gap, float(np.linalg.norm(tip - cell.place(cell.now))) - RADIUS)
