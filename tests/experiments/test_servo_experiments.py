@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from armsight.experiments.servo_accuracy import fixed
-from armsight.experiments.servo_ball import joints_before, one, path_of, waypoints
+from armsight.experiments.servo_ball import LIMIT, _drawn, joints_before, one, path_of, waypoints
 from armsight.experiments.servo_eyes import RADIUS, Errors
 from armsight.experiments.servo_world import Trial, make_eyes, make_task, set_up, world_to_base
-from armsight.robots.kinematics import tcp_pose
+from armsight.robots.kinematics import sphere_centers, tcp_pose
 
 EXACT = Errors(*[0.0] * 10)
 
@@ -174,3 +174,16 @@ def test_what_is_printed_on_a_face_is_seen_and_holds_no_straw_from_behind():
     cell.close()
     assert len(skin) == 1
     assert model.geom_size[skin[0]].min() > 0.05
+
+
+@pytest.mark.parametrize("k", [1, 17, 105])
+def test_no_ball_is_led_through_the_arm_where_it_begins(k):
+    """Trial 17 of seed 16 was: the ball's stand pressed the upper arm with 26 N."""
+    setup = set_up(1.0, 1.0)
+    _, ball, _, _, start = _drawn(setup, "moving", Errors(), (16, k))
+    way = np.array([ball(t) for t in np.arange(0.0, LIMIT, 0.02)])
+    robot = setup.robot
+    center, radius = sphere_centers(robot, start), robot.spheres.radius
+    stylus = np.linalg.norm(center - tcp_pose(robot, start)[:3, 3], axis=1) < 0.07
+    gap = np.linalg.norm(center[~stylus, None] - way[None], axis=2) - radius[~stylus, None]
+    assert gap.min() > RADIUS - 1e-3

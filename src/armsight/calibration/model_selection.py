@@ -4,7 +4,7 @@ The arm's independent errors are always in the model, of a size that the data te
 their limit), and so are the lenses, each held by its prior: that of a lens file is a few pixels
 wide. Freedoms, the board's print and the arm's kinematics, are added one by one, the most helpful
 first, while groups of similar poses that were left out are predicted better by it: on the whole by
-a fifth, and in nearly all groups: what the arm does wrong looks like another print in part.
+three tenths, and in nearly all groups: what the arm does wrong looks like another print in part.
 Every model that was tried is reported.
 """
 
@@ -57,7 +57,7 @@ def select_model(
     priors: Priors | None = None,
     options: SolverOptions | None = None,
     folds: int = 5,
-    gain: float = 0.2,
+    gain: float = 0.3,
     progress: Callable[[str], None] | None = None,
 ) -> Selection:
     """Add freedoms one by one, the most helpful first, while unseen groups of views gain from them.

@@ -28,18 +28,26 @@ def apart(robot: Robot, q: JointVector, skin: Points, reach: float = 0.0) -> flo
     return float((away - radius[counts]).min())
 
 
-def first_apart(robot: Robot, starts: Iterable[JointVector], skin: Points) -> JointVector:
-    """(n,) the first joints that keep :data:`KEPT` from somebody's skin (k, 3); else the farthest.
+def first_apart(
+    robot: Robot,
+    starts: Iterable[JointVector],
+    skin: Points,
+    kept: float = KEPT,
+    reach: float = 0.0,
+) -> JointVector:
+    """(n,) the first joints that keep so far from somebody's skin (k, 3); else the farthest.
 
     Args:
         robot: the arm.
         starts: (n,) joints each [rad], one at least.
         skin: in ``base`` [m].
+        kept: how far [m].
+        reach: so much of the tool, from its tip, may touch [m].
     """
     farthest, most = robot.home, -math.inf
     for start in starts:
-        away = apart(robot, start, skin)
-        if away > KEPT:
+        away = apart(robot, start, skin, reach)
+        if away > kept:
             return start
         if away > most:
             farthest, most = start, away
