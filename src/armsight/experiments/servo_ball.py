@@ -50,14 +50,16 @@ BOX = ((0.78, 0.0, 1.30), (0.50, 1.00, 0.50))
 """Centre and edges of V's box in this cell's world [m]: depth, width, height; lower or nearer, and
 a corner of it is out of the arm's reach."""
 RUNS = 200
-VERSIONS = {"rest": 16, "moving": 18, "recorded": 18, "held_rest": 16, "held_recorded": 18}
+VERSIONS = {
+    "rest": 16, "moving": 18, "recorded": 18, "held_rest": 16, "held_recorded": 18,
+    "rendered_rest": 6, "rendered_moving": 7,
+}  # fmt: skip
 """Of what the trials of a row measure, by what the ball does."""
 
 HELD = 22
 """V's waypoints."""
-RENDERED = {"rest": ("at rest", 6), "moving": ("moving at up to 0.1-0.4 m/s", 7)}
-"""What the ball does in trials that are rendered as well, one is led at 0.6 m/s at most, and the
-version of what they measure."""
+RENDERED = {"rest": "at rest", "moving": "moving at up to 0.1-0.4 m/s"}
+"""What the ball does in trials that are rendered as well; one is led at 0.6 m/s at most."""
 
 ABOUT = f"""
 V's second experiment: the ball at waypoints of a box of 100 x 50 x 50 cm. V says 22 waypoints,
@@ -132,7 +134,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         results[(prefix, motion)] = run_trials("servo-ball", settings, trial, count, seed, told)
         done += count
     rows = ball_rows(results)
-    for motion, (where, _) in RENDERED.items():
+    for motion, where in RENDERED.items():
         shown = results[("rendered_", motion)] = _rendered(motion, runs, seed, progress)
         say = "the tip came within 5 mm of the ball's surface"
         ours, others = _came_to(shown), _came_to(results[("", motion)])
@@ -150,9 +152,8 @@ def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dic
     trial = partial(one_rendered, set_up(1.0, 1.0), motion)
     told = told_of(f"rendered, {motion}", progress, 0.0, 1.0)
     count = max(runs // SHARE, 1)
-    return run_trials(
-        "servo-ball", ["rendered", motion, RENDERED[motion][1]], trial, count, seed, told
-    )
+    settings = ["rendered", motion, VERSIONS[f"rendered_{motion}"]]
+    return run_trials("servo-ball", settings, trial, count, seed, told)
 
 
 def one(

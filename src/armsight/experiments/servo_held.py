@@ -17,7 +17,7 @@ from armsight.experiments.recorded_hands import HAND, recorded_hand
 from armsight.experiments.servo_apart import apart
 from armsight.experiments.servo_cell import PushedCell
 from armsight.experiments.servo_eyes import RADIUS, Errors
-from armsight.experiments.servo_presses import LOOKS, STAYS, Presses
+from armsight.experiments.servo_presses import LOOKS, STAYS, Presses, led_speed
 from armsight.experiments.servo_trials import tick
 from armsight.experiments.servo_world import Setup, make_eyes, make_task
 from armsight.geometry.body_regions import BODY_REGIONS
@@ -185,8 +185,7 @@ def touch_held(
             eyes.along, eyes.screens = holder.along(cell.now), holder.screens(cell.now)
             status = tick(cell, eyes, task, status)
             permit = status.permit
-            way = cell.path(cell.now) - cell.path(cell.now - cell.config.period)
-            presses.look(cell, permit, float(np.linalg.norm(way)) / cell.config.period)
+            presses.look(cell, permit, led_speed(cell.path, cell.now))
             may = permit is not None and permit.holds
             tip = tcp_pose(cell.robot, cell.q)[:3, 3]
             gap = min(gap, float(np.linalg.norm(tip - cell.place(cell.now))) - RADIUS)

@@ -9,7 +9,7 @@ import numpy as np
 
 from armsight.arrays import Vector3
 from armsight.experiments.servo_onlooker import Onlooker, Seen
-from armsight.experiments.servo_presses import Presses
+from armsight.experiments.servo_presses import Presses, led_speed
 from armsight.motion.permits import Permit
 from armsight.robots.kinematics import tcp_jacobian
 
@@ -17,8 +17,6 @@ FALLS = 3.0
 """An item that is still above the palm so long after it was let go hangs on the fingers [s]."""
 ITEM = 0.05
 """Height of the item, held by its middle [m]."""
-TICK = 0.008
-"""How fast a palm is led is taken over so long [s]."""
 OPENED = 0.05
 """Told to open until it is open: the gripper's delay and the fingers' first millimetre [s]."""
 
@@ -39,8 +37,7 @@ class Landing:
     def look(self, seen: Seen, permit: Permit | None) -> None:
         """See :class:`~.servo_onlooker.Judge`."""
         now, up = seen.now, self._up
-        comes = np.linalg.norm(seen.path(now) - seen.path(now - TICK)) / TICK
-        self._presses.look(seen, permit, float(comes))
+        self._presses.look(seen, permit, led_speed(seen.path, now))
         if math.isinf(self._let_go) and now > self._task.released + OPENED:
             self._let_go, self._off = now, _lands(seen, up)
         if len(self.way) * 0.04 <= now:

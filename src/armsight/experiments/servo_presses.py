@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from armsight.arrays import JointVector, Points
+from armsight.experiments.servo_eyes import Path
 from armsight.motion.permits import LIMITS, Permit
 from armsight.robots.kinematics import sphere_centers
 from armsight.robots.robot import Robot
@@ -15,6 +16,8 @@ from armsight.simulation.truth import MOVING, Contact
 
 STAYS = 0.3
 """After the touch a trial goes on for so long [s]."""
+TICK = 0.008
+"""How fast something is led is taken over so long [s]."""
 LOOKS = 5
 """Rounds from one look at the arm's distance from the person to the next."""
 
@@ -35,6 +38,11 @@ class Touched(Protocol):
     def contacts(self) -> list[Contact]:
         """See above."""
         ...
+
+
+def led_speed(path: Path, now: float) -> float:
+    """How fast what follows a path is led at a time [s], over the last 8 ms [m/s]."""
+    return float(np.linalg.norm(path(now) - path(now - TICK))) / TICK
 
 
 class Presses:

@@ -18,7 +18,7 @@ from armsight.devices.data import JointState
 from armsight.experiments.quick_cell import VOXEL, Ball, QuickCell, felt
 from armsight.experiments.servo_eyes import RADIUS, Errors, Eyes, ModelCamera, ModelPair, Path
 from armsight.experiments.servo_nudges import Nudges
-from armsight.geometry.pose import exp, inverse
+from armsight.geometry.pose import exp, inverse, unit
 from armsight.mapping.distance_field import bounded_distance
 from armsight.mapping.snapshot import OCCUPIED
 from armsight.mapping.static_geometry import rasterise
@@ -208,17 +208,23 @@ class Trial:
         permit = self._status.permit
         if permit is not None:
             course.permits.add(permit.state.value)
-        own = (tcp_jacobian(self.eyes.true_robot, cell.q) @ cell.v)[:3]
-        moves = (ball - self.ball(cell.now - cell.config.period)) / cell.config.period
-        way = (ball - tip) / max(float(np.linalg.norm(ball - tip)), 1e-9)
         course.nudges.look(
-            # A ball that runs into a tip that stands or leaves is not pushed by it, nor is one
-            # that goes as fast before it.
-            pushes=min(float(own @ way), float((own - moves) @ way)),
+            pushes=self._pushes(ball, tip) if course.gap[-1] < 0.0 else 0.0,
             force=pressing_force(-course.gap[-1], STAND, self.tip),
             held=permit is not None and permit.holds,
             most=self.task.dock.force,
         )
+
+    def _pushes(self, ball: Vector3, tip: Vector3) -> float:
+        """How fast the tip comes into the ball by its own motion [m/s].
+
+        A ball that runs into a tip that stands or leaves is not pushed by it, nor is one that goes
+        as fast before it.
+        """
+        cell, way = self.cell, unit(ball - tip)
+        own = (tcp_jacobian(self.eyes.true_robot, cell.q) @ cell.v)[:3]
+        moves = (ball - self.ball(cell.now - cell.config.period)) / cell.config.period
+        return min(float(own @ way), float((own - moves) @ way))
 
 
 def make_task(

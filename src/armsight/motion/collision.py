@@ -18,6 +18,7 @@ from armsight.motion.kernels import (
     config_free,
     edge_free,
     make_scratch,
+    nearest_pair,
     pair_gap,
     path_clear,
     path_free,
@@ -251,13 +252,12 @@ class CollisionModel:
         """
         body, centers = self.body, self.scratch().centers
         body_centers(body, self._position(q), centers)
-        gaps = [pair_gap(body, centers, pair) for pair in range(len(body.pairs))]
-        if not gaps:
+        pair = nearest_pair(body, centers)
+        if pair < 0:
             return math.inf, ""
-        worst = int(np.argmin(gaps))
-        links = np.concatenate([body.link, body.fixed_link])[body.pairs[worst]]
+        links = np.concatenate([body.link, body.fixed_link])[body.pairs[pair]]
         first, second = (self.robot.link_names[int(link)] for link in links)
-        return gaps[worst], f"{first} its {second}"
+        return pair_gap(body, centers, pair), f"{first} its {second}"
 
     def _position(self, q: JointVector) -> JointVector:
         q = _vector(q)

@@ -681,10 +681,19 @@ def path_clear(body: Body, ob: Obstacles, path: JointPath, scratch: Scratch) -> 
 @njit(cache=True, nogil=True)
 def self_clearance(body: Body, centers: Points) -> float:
     """Least distance [m] between spheres that may touch each other; inf where there are none."""
-    best = np.inf
+    pair = nearest_pair(body, centers)
+    return pair_gap(body, centers, pair) if pair >= 0 else np.inf
+
+
+@njit(cache=True, nogil=True)
+def nearest_pair(body: Body, centers: Points) -> int:
+    """Which pair of spheres that may touch each other is nearest to it; -1 where there are none."""
+    best, nearest = np.inf, -1
     for p in range(body.pairs.shape[0]):
-        best = min(best, pair_gap(body, centers, p))
-    return best
+        gap = pair_gap(body, centers, p)
+        if gap < best:
+            best, nearest = gap, p
+    return nearest
 
 
 @njit(cache=True, nogil=True)
