@@ -11,6 +11,7 @@ from scipy.stats import binomtest
 from armsight.errors import ArmsightError, UsageError
 from armsight.experiments import NAMES, load_experiment
 from armsight.experiments.cache import RunCache
+from armsight.experiments.code_digest import digest_of
 from armsight.experiments.frame import (
     Experiment,
     Outcome,
@@ -219,16 +220,42 @@ def test_finished_runs_are_kept(tmp_path):
     assert len(RunCache("toy", 1, {"speed": 0.6}, tmp_path)) == 0
 
 
+def test_runs_of_other_code_do_not_count(tmp_path, monkeypatch):
+    RunCache("toy", 1, None, tmp_path).get(0, lambda: "old")
+    assert RunCache("toy", 1, None, tmp_path).get(0, lambda: "new") == "old"
+    monkeypatch.setattr("armsight.experiments.cache.code_digest", lambda: "of other files")
+    assert RunCache("toy", 1, None, tmp_path).get(0, lambda: "new") == "new"
+
+
+def test_the_digest_of_code_sees_every_change_but_bytecode(tmp_path):
+    (tmp_path / "room").mkdir()
+    (tmp_path / "a.py").write_text("1")
+    (tmp_path / "room" / "b.toml").write_text("2")
+    seen = [digest_of(tmp_path)]
+    (tmp_path / "__pycache__").mkdir()
+    (tmp_path / "__pycache__" / "a.pyc").write_text("anything")
+    assert digest_of(tmp_path) == seen[0]
+    (tmp_path / "room" / "b.toml").write_text("3")
+    seen.append(digest_of(tmp_path))
+    (tmp_path / "room" / "b.toml").rename(tmp_path / "b.toml")
+    seen.append(digest_of(tmp_path))
+    (tmp_path / "a.py").rename(tmp_path / "a")
+    seen.append(digest_of(tmp_path))
+    (tmp_path / "c").write_text("")
+    seen.append(digest_of(tmp_path))
+    assert len(set(seen)) == len(seen)
+
+
 def test_a_line_cut_short_costs_one_run(tmp_path):
-    cache = RunCache("toy", 0, {}, tmp_path)
+    cache = RunCache("toy", 0, None, tmp_path)
     for run in range(3):
         cache.get(run, lambda run=run: run)
     file = tmp_path / "toy.jsonl"
     file.write_bytes(file.read_bytes()[:-12])
-    again = RunCache("toy", 0, {}, tmp_path)
+    again = RunCache("toy", 0, None, tmp_path)
     assert len(again) == 2
     again.get(2, lambda: 2)
-    assert len(RunCache("toy", 0, {}, tmp_path)) == 3
+    assert len(RunCache("toy", 0, None, tmp_path)) == 3
 
 
 def test_unknown_experiment_names_the_nearest():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from toy_episode import doubled
 
+from armsight.errors import ArmsightError
 from armsight.experiments import (
     approach_episode,
     approach_people,
@@ -61,7 +62,7 @@ def test_remembered_runs_are_not_done_again(tmp_path, monkeypatch):
         RunCache("toy", 5, {"a": 1}).get(run, lambda run=run: {"run": run})
     told = []
     found = episodes.run_episodes(
-        "toy", never, range(3), 5, {"a": 1}, lambda stage, done: told.append(done)
+        "toy", never, range(3), 5, lambda stage, done: told.append(done), {"a": 1}
     )
     assert [f["run"] for f in found] == [0, 1, 2]
     assert told == [1.0]
@@ -73,14 +74,22 @@ def test_worn_out_workers_are_replaced(tmp_path, monkeypatch, workers):
     monkeypatch.setenv("ARMSIGHT_CACHE", str(tmp_path))
     monkeypatch.setattr(episodes, "FRESH", 2)
     monkeypatch.setattr(episodes, "WORKERS", workers)
-    found = episodes.run_episodes("toy", doubled, range(5), 7, {}, lambda stage, done: None)
+    found = episodes.run_episodes("toy", doubled, range(5), 7, lambda stage, done: None)
     assert found == [doubled(7, run) for run in range(5)]
+
+
+def test_a_package_that_changes_on_the_way_ends_the_experiment(tmp_path, monkeypatch):
+    """Workers load it as it is when they start: half of the runs would be another code's."""
+    monkeypatch.setenv("ARMSIGHT_CACHE", str(tmp_path))
+    monkeypatch.setattr(episodes, "code_digest", lambda: "of files that were changed since")
+    with pytest.raises(ArmsightError, match="files have changed"):
+        episodes.run_episodes("toy", doubled, range(1), 7, lambda stage, done: None)
 
 
 PARENT = """
 from armsight.experiments import episodes
 from toy_episode import waits
-episodes.run_episodes("toy", waits, range(1), 7, {}, lambda stage, done: None)
+episodes.run_episodes("toy", waits, range(1), 7, lambda stage, done: None)
 """
 
 

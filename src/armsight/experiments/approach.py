@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armsight.experiments.approach_episode import empty, episode, settings
+from armsight.experiments.approach_episode import empty, episode
 from armsight.experiments.approach_people import SECONDS
 from armsight.experiments.approach_plots import plot_course, plot_distances
 from armsight.experiments.approach_rows import above_row, contact_rows, over_rows
@@ -57,12 +57,13 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     def third(stage: str, done: float) -> None:
         progress(stage, 0.95 + 0.05 * done)
 
-    episodes = run_episodes("approach", episode, range(runs), seed, settings(), first)
-    hunts = run_episodes("approach-search", search, range(searches), seed, {"version": 5}, second)
-    over = run_episodes("approach-over", reach_over, range(searches), seed, {"version": 2}, second)
-    above = run_episodes("approach-above", from_above, range(4), seed, {"version": 3}, second)
+    part = {"clips": len(find_clips())}
+    episodes = run_episodes("approach", episode, range(runs), seed, first, part)
+    hunts = run_episodes("approach-search", search, range(searches), seed, second)
+    over = run_episodes("approach-over", reach_over, range(searches), seed, second)
+    above = run_episodes("approach-above", from_above, range(4), seed, second)
     alone = max(2, runs // EMPTY_SHARE)
-    nobody = run_episodes("approach-empty", empty, range(alone), seed, settings(), third)
+    nobody = run_episodes("approach-empty", empty, range(alone), seed, third, part)
     notes = [
         f"Contact in episode {k} (cap {e['cap']} m/s, {e['how']}): "
         f"time [s], link, arm speed [m/s], part: {e['worst']}."

@@ -11,7 +11,6 @@ from armsight.experiments.approach_people import SECONDS, Lead, LedHand, from_af
 from armsight.experiments.approach_use import Onlooker, course
 from armsight.experiments.episodes import (
     Watch,
-    find_clips,
     least_moving_distance,
     packaged_cell,
     with_simulation,
@@ -113,8 +112,3 @@ def empty(seed: int, run: int) -> dict[str, Any]:
             "top": max(moving),
             "reach": max(onlooker.reach),
         }
-
-
-def settings() -> dict[str, Any]:
-    """All that changes an episode, besides its seed."""
-    return {"seconds": SECONDS, "caps": list(CAPS), "clips": len(find_clips()), "version": 6}

@@ -191,9 +191,9 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     def second(stage: str, done: float) -> None:
         progress(stage, 0.5 + 0.5 * done)
 
-    episodes = run_episodes("approach-permit", episode, range(runs), seed, {"version": 3}, first)
+    episodes = run_episodes("approach-permit", episode, range(runs), seed, first)
     name = "approach-permit-search"
-    hunts = run_episodes(name, search, range(searches), seed, {"version": 2}, second)
+    hunts = run_episodes(name, search, range(searches), seed, second)
     rows = []
     for kind in (None, "thing", "hand"):
         mine = [e for e in episodes if kind in (None, e["kind"])]

@@ -147,14 +147,9 @@ def episode(seed: int, run: int) -> dict[str, Any]:
             }
 
 
-def settings() -> dict[str, Any]:
-    """All that changes a run, besides its seed."""
-    return {"bump": [SHIFT, TURN_DEG, *CALIBRATED, *BEGINS, SECONDS, AFTER], "version": 2}
-
-
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` bumps, each of the cell's fixed cameras in turn."""
-    results = run_episodes("bump", episode, range(runs), seed, settings(), progress)
+    results = run_episodes("bump", episode, range(runs), seed, progress)
     again = np.array([r["again"] for r in results])
     error = np.array([r["error"] for r in results])
     named = np.array([r["named"] for r in results])

@@ -1,9 +1,8 @@
 """Keeps the runs of a long experiment, so that an interrupted one goes on where it stopped.
 
 One JSON line a finished run, in ``results/cache/NAME.jsonl`` of the working folder (or where
-``ARMSIGHT_CACHE`` says). A run is known by the experiment's name, the seed, the run's number and
-its settings, not by the commit: delete the file, or give other settings, when the code that it
-measured has changed.
+``ARMSIGHT_CACHE`` says). A run is known by the experiment's name and part, the seed, the run's
+number, and the code that made it: what other code has measured is measured anew.
 """
 
 from __future__ import annotations
@@ -11,11 +10,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from armsight.errors import ArmsightError
+from armsight.experiments.code_digest import code_digest
 
 JsonValue = Any
 
@@ -26,24 +26,21 @@ def cache_folder() -> Path:
 
 
 class RunCache:
-    """Finished runs of one experiment under one set of settings.
+    """Finished runs of one part of an experiment, made by the code that asks.
 
     Args:
         name: of the experiment.
         seed: of the experiment.
-        settings: everything that changes a run's result, as JSON values.
+        part: what tells these runs from others of this name and seed, as JSON values, and what
+            changes them and is no part of the package, such as recordings that may be there.
         folder: None for :func:`cache_folder`.
     """
 
     def __init__(
-        self,
-        name: str,
-        seed: int,
-        settings: Mapping[str, JsonValue],
-        folder: Path | None = None,
+        self, name: str, seed: int, part: JsonValue = None, folder: Path | None = None
     ) -> None:
         self._file = (folder or cache_folder()) / f"{name}.jsonl"
-        text = json.dumps([name, seed, settings], sort_keys=True)
+        text = json.dumps([name, seed, part, code_digest()], sort_keys=True)
         self._key = hashlib.sha256(text.encode()).hexdigest()[:16]
         self._runs = self._read()
 

@@ -56,8 +56,7 @@ SOON = 5.0
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` cells, each calibrated, watched while it stands still, and disturbed."""
-    settings = {"hours": HOURS, "trials": TRIALS, "views": VIEWS, "version": 2}
-    cache = RunCache("calibration-drift", seed, settings)
+    cache = RunCache("calibration-drift", seed)
     done = []
     for k in range(runs):
         progress(f"cell {seed + k}", k / runs)

@@ -54,7 +54,7 @@ PAPER = ((82, 80, 71, 470), (44, 45, 39, 243), (14, 14, 11, 115), (9, 10, 8, 85)
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """Ours from cold, then the five experiments with its lenses, over ``runs`` cells."""
-    cache = RunCache("calibration-eye-to-hand", seed, {"version": 6})
+    cache = RunCache("calibration-eye-to-hand", seed)
     done = []
     for r in range(runs):
         progress(f"cell {seed + r}", r / runs)

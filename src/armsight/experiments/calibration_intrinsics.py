@@ -60,7 +60,7 @@ PAPER = (
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """The nine experiments, ``runs`` cells each; and ours: 20 and 30 tilted frames."""
     workcell = load_workcell(find("ur5_calibration"))
-    cache = RunCache("calibration-intrinsics", seed, {"version": 3})
+    cache = RunCache("calibration-intrinsics", seed)
     found: dict[str, list[dict[str, float]]] = {}
 
     def compute(r: int) -> dict[str, dict[str, float]]:

@@ -82,7 +82,7 @@ def one(seed: int, full: bool) -> Run:
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """All figures over ``runs`` seeds; finished ones are kept."""
-    cache = RunCache("calibration-peers", seed, {"version": 3, "counts": COUNTS})
+    cache = RunCache("calibration-peers", seed)
     done: list[Run] = []
     for k in range(runs):
         progress(f"seed {seed + k}", k / runs)

@@ -48,8 +48,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
 def cells(runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """Cells with errors of their own, registered; kept as they end."""
-    settings = {"cell": CELL, "version": 4}
-    return run_episodes("calibration-sphere", one, range(runs), seed, settings, progress)
+    return run_episodes("calibration-sphere", one, range(runs), seed, progress)
 
 
 def one(first: int, run: int) -> dict[str, Any]:

@@ -39,8 +39,6 @@ SHIPPED = {
 FULL = 800
 SHARES = {"mistakes": 40, "corners": 40}
 """Sets with each mistake, and pictures of each scene, for so many clean sets."""
-STATE = 5
-"""Of the calibration's code: runs that an older one has kept do not count."""
 CHI2 = 12.592
 """95 % of chi squared with six degrees of freedom."""
 
@@ -66,7 +64,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
 def _shipped(seed: int, progress: Progress) -> tuple[list[Row], list[str]]:
     """Sets as they are shipped, solved by nothing but the board; peers on the same corners."""
-    cache = RunCache("calibration-strangers-shipped", seed, {"sets": SHIPPED, "state": STATE})
+    cache = RunCache("calibration-strangers-shipped", seed)
     found: dict[str, Run] = {}
     for k, (name, words) in enumerate(SHIPPED.items()):
         progress(f"shipped sets: {name}", 0.1 * k / len(SHIPPED))
@@ -105,7 +103,7 @@ def _shipped(seed: int, progress: Progress) -> tuple[list[Row], list[str]]:
 
 def _layouts(seed: int, robot: Robot, progress: Progress) -> tuple[list[Row], list[str]]:
     """Every layout written from one set, read back: the poses must come out as they went in."""
-    cache = RunCache("calibration-strangers-layouts", seed, {"state": STATE, "all": list(LAYOUTS)})
+    cache = RunCache("calibration-strangers-layouts", seed)
     rng = np.random.default_rng([seed, 1])
     failed: list[str] = []
     for at, mount in enumerate(("base", "flange")):
@@ -125,10 +123,7 @@ def _layouts(seed: int, robot: Robot, progress: Progress) -> tuple[list[Row], li
 
 def _corners(each: int, seed: int, progress: Progress) -> list[Row]:
     """Corner errors on rendered boards, scene by scene and together."""
-    cache = {
-        s: RunCache("calibration-strangers-corners", seed, {"scene": s, "state": STATE})
-        for s in SCENES
-    }
+    cache = {s: RunCache("calibration-strangers-corners", seed, s) for s in SCENES}
     runs: dict[str, list[Run]] = {}
     for at, scene in enumerate(SCENES):
         progress(f"corners: {scene}", 0.15 + 0.1 * at / len(SCENES))
@@ -163,7 +158,7 @@ def _corners(each: int, seed: int, progress: Progress) -> list[Row]:
 
 def _clean(count: int, seed: int, robot: Robot, progress: Progress) -> list[Run]:
     """Clean sets of arms of all qualities, through files and the whole way."""
-    cache = RunCache("calibration-strangers-clean", seed, {"arms": ARMS, "state": STATE})
+    cache = RunCache("calibration-strangers-clean", seed)
     runs = []
     for k in range(count):
         progress(f"clean sets: {k}", 0.25 + 0.35 * k / count)
@@ -220,7 +215,7 @@ def _mistakes(
     called: Counter[str] = Counter()
     for number, name in enumerate(MISTAKES):
         progress(f"mistakes: {name}", 0.6 + 0.4 * number / len(MISTAKES))
-        cache = RunCache("calibration-strangers-mistakes", seed, {"mistake": name, "state": STATE})
+        cache = RunCache("calibration-strangers-mistakes", seed, name)
         runs = [
             cache.get(k, lambda k=k, n=name: mistake_run(seed, n, k, robot))  # type: ignore[misc]
             for k in range(each)

@@ -18,8 +18,6 @@ from armsight.experiments.station_weather import surroundings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION, WORDS = 15, 1
-"""Of all that a visit does, and of what is said of one that goes wrong."""
 ABOUT = """
 Cars with Type 2, Type 1 and CCS2 inlets in turn, parked within 20 x 20 cm and 10 deg, the port at
 0.75 to 0.95 m, looking up by 0 to 20 deg, no flank nearer than 8 cm to the plug at its
@@ -84,10 +82,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     done, found = 0, dict[str, Runs]()
     for name, (count, visit) in parts.items():
         share = part_of(progress, done / total, count / total)
-        settings: dict[str, Any] = {"version": VERSION, "part": name}
-        if name.endswith("wrong"):
-            settings["words"] = WORDS
-        found[name] = run_episodes("charging", visit, range(count), seed, settings, share)
+        found[name] = run_episodes("charging", visit, range(count), seed, share, name)
         done += count
     rows = [
         *visit_rows(found["searched"], SEARCHED),

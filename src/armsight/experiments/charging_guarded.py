@@ -31,7 +31,6 @@ from armsight.workcell.schema_things import PersonSection
 
 SECONDS = 150.0
 """A visit at most [s]."""
-VERSIONS = {"guarded": 7, "alone": 5}
 ABOUT = """
 Cars parked as in `charging`, each visited twice. *Guarded*: the whole cell with map, guard and its
 rendered depth cameras and pairs, and somebody who walks up to the arm, reaches in for some seconds
@@ -50,8 +49,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     found: dict[str, Runs] = {}
     for k, (name, visit) in enumerate((("guarded", guarded_visit), ("alone", _alone))):
         share = part_of(progress, k / 2, 1 / 2)
-        settings = {"version": VERSIONS[name], "part": name}
-        found[name] = run_episodes("charging-guarded", visit, range(runs), seed, settings, share)
+        found[name] = run_episodes("charging-guarded", visit, range(runs), seed, share, name)
     rows = [
         *visit_rows(found["guarded"], GUARDED, waits=True),
         *visit_rows(found["alone"], ALONE, "bench_"),

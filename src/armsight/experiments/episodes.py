@@ -6,13 +6,15 @@ import contextlib
 import gc
 import multiprocessing
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from armsight.errors import ArmsightError
 from armsight.experiments.cache import RunCache
+from armsight.experiments.code_digest import code_digest
 from armsight.experiments.frame import Progress
 from armsight.machine import end_with_parent
 from armsight.motion.data import GuardMode, GuardStatus
@@ -37,20 +39,23 @@ def run_episodes(
     episode: Episode,
     runs: Sequence[int],
     seed: int,
-    settings: Mapping[str, Any],
     progress: Progress,
+    part: Any = None,
 ) -> list[dict[str, Any]]:
     """Results of the runs, in order; those finished earlier are remembered.
 
     Args:
-        name: of the experiment's part, for the cache.
+        name: of the experiment, for the cache.
         episode: what one run does.
         runs: their numbers.
         seed: of the experiment.
-        settings: all that changes a result, besides seed and run.
         progress: told after each run.
+        part: as of :class:`~armsight.experiments.cache.RunCache`.
+
+    Raises:
+        ArmsightError: the package has been changed since this process began.
     """
-    cache = RunCache(name, seed, settings)
+    cache = RunCache(name, seed, part)
     results: dict[int, dict[str, Any]] = {}
     for run in runs:
         with contextlib.suppress(LookupError):
@@ -64,7 +69,7 @@ def run_episodes(
     for begin in range(0, len(missing), FRESH * workers):
         batch = missing[begin : begin + FRESH * workers]
         with ProcessPoolExecutor(workers, context, initializer=end_with_parent) as pool:
-            waiting = {pool.submit(_one, episode, seed, run): run for run in batch}
+            waiting = {pool.submit(_one, code_digest(), episode, seed, run): run for run in batch}
             try:
                 for future in as_completed(waiting):
                     run, result = waiting[future], future.result()
@@ -81,12 +86,17 @@ def part_of(progress: Progress, begin: float, part: float) -> Progress:
     return lambda what, share: progress(what, begin + part * share)
 
 
-def _one(episode: Callable[[int, int], dict[str, Any]], seed: int, run: int) -> dict[str, Any]:
-    """An episode, and nothing of it left.
+def _one(asked_by: str, episode: Episode, seed: int, run: int) -> dict[str, Any]:
+    """An episode, by the code that asked for it, and nothing of it left.
 
-    A session refers to itself in circles, and Python looks for those ever more rarely the more
-    modules are loaded: after 18 episodes a worker had 5.8 GB and 102 threads.
+    A worker loads the package as it is when the worker starts. And a session refers to itself in
+    circles, and Python looks for those ever more rarely the more modules are loaded: after 18
+    episodes a worker had 5.8 GB and 102 threads.
     """
+    if code_digest() != asked_by:
+        raise ArmsightError(
+            "armsight's own files have changed since this experiment began: start it again"
+        )
     try:
         return episode(seed, run)
     finally:

@@ -84,14 +84,9 @@ def stops(log: list[GuardStatus]) -> int:
     )
 
 
-def settings() -> dict[str, Any]:
-    """All that changes a run, besides its seed."""
-    return {"seconds": SECONDS, "errors": [JITTER_MS, ERROR_MM, ERROR_DEG, LOST], "version": 6}
-
-
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` half minutes of patrol with nobody near."""
-    results = run_episodes("false-stops", episode, range(runs), seed, settings(), progress)
+    results = run_episodes("false-stops", episode, range(runs), seed, progress)
     count = sum(r["stops"] for r in results)
     hours = runs * (SECONDS - BEGIN) / 3600.0
     low, high = poisson_bounds(count)

@@ -74,7 +74,6 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         faults_lies.episode,
         range(groups * faults_lies.MEMBERS),
         seed,
-        faults_lies.settings(),
         part_of(progress, 0.0, 0.4),
     )
     others = run_episodes(
@@ -82,7 +81,6 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         faults_run.episode,
         range(runs * len(CASES)),
         seed,
-        faults_run.settings(),
         part_of(progress, 0.4, 0.3),
     )
     kills = _kills(groups, seed, part_of(progress, 0.7, 0.3))
@@ -95,7 +93,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
 def _kills(groups: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """One after the other: each has two processes of its own."""
-    cache = RunCache("faults-kills", seed, faults_kill.settings())
+    cache = RunCache("faults-kills", seed)
     count = groups * len(CASES) // faults_kill.LINKS
     found: list[dict[str, Any]] = []
     for number in range(count):

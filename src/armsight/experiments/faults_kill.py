@@ -266,13 +266,3 @@ def _alive(pid: int) -> bool:
     except OSError:
         return False
     return text.rpartition(")")[2].split()[0] != "Z"
-
-
-def settings() -> dict[str, Any]:
-    """All that changes a kill, besides its seed."""
-    return {
-        "times": [*KILLED, LOOKS],
-        "links": LINKS,
-        "cases": [case.name for case in CASES],
-        "version": 3,
-    }

@@ -126,8 +126,3 @@ def episode(seed: int, run: int) -> dict[str, Any]:
             "stop": stop if moved else None,
             "contacts": len(world.truth.moving_contacts),
         }
-
-
-def settings() -> dict[str, Any]:
-    """All that changes a run, besides its seed."""
-    return {"times": [*BEGINS, LASTS, SECONDS, BACK], "bump": [BUMP_M, BUMP_DEG], "version": 5}

@@ -182,14 +182,3 @@ def _kept(recorder: Any, trouble: Trouble) -> bool:
     with McapReader(recorder.path) as reader:
         first, last = reader.span
         return not reader.contents.cut and 1e-9 * (last - first) > trouble.begin - 1.5
-
-
-def settings() -> dict[str, Any]:
-    """All that changes a run, besides its seed."""
-    return {
-        "times": [*BEGINS, WAITS, LASTS, RECOVERS, WELL, HOLDS, *JUMPS],
-        "speeds": [MOVES, HELD],
-        "near": NEAR,
-        "cases": [case.name for case in CASES],
-        "version": 5,
-    }

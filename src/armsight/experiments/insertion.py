@@ -19,7 +19,6 @@ from armsight.experiments.rows import Row, share_row
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 4
 ABOUT = """
 A UR10 in MuJoCo (1 ms steps, drives with the URDF's torques, 60 ms from command to motion), a plug
 of 1.6 kg in a mount of 5 N/mm and 30 N m/rad with 10 to 30 N of cable, a force sensor with noise
@@ -49,7 +48,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
 
     The paper's way and the near ablations have half as many.
     """
-    cache = RunCache("insertion", seed, {"version": VERSION})
+    cache = RunCache("insertion", seed)
     results: dict[str, list[dict[str, Any]]] = {}
     half = max(runs // 2, 1)
     total, done = 3 * runs + 2 * half + len(ABLATIONS) * (runs + half), 0

@@ -15,7 +15,6 @@ from armsight.experiments.lid_visits import lid_visit
 from armsight.experiments.rows import Row, share_row
 from armsight.simulation.spec import Latch
 
-VERSION, VISITS = 4, 5
 ABOUT = """
 A UR10 in MuJoCo as in `insertion`, with a finger beside its plug: a rod of 10 mm with a pin of 15
 mm across its tip, 5 cm before the plug's mouth, in the plug's soft mount. A lid of 150 x 150 x 8
@@ -48,7 +47,7 @@ BUDGET = (0.90, 0.95)
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` trials of each latch, and a quarter as many of each in which something is wrong."""
-    cache = RunCache("lid", seed, {"version": VERSION})
+    cache = RunCache("lid", seed)
     good: list[dict[str, Any]] = []
     wrong: list[dict[str, Any]] = []
     for i in range(runs):
@@ -70,9 +69,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     each = range(max(runs // 4, 1))
     visits: list[dict[str, Any]] = []
     for k, latch in enumerate(LATCHES):
-        settings = {"version": VISITS, "part": f"visits, {latch}"}
         visit, share = partial(lid_visit, latch=latch), part_of(progress, 0.6 + 0.2 * k, 0.2)
-        visits += run_episodes("lid", visit, each, seed, settings, share)
+        visits += run_episodes("lid", visit, each, seed, share, f"visits, {latch}")
     rows = []
     told = [v for v in good if v["told"]]
     kinds = {f"{latch} latch": [v for v in told if v["latch"] == latch] for latch in LATCHES}

@@ -99,20 +99,6 @@ machine disturb wall times.
 """
 
 
-def settings() -> dict[str, Any]:
-    """All that changes a run, besides its seed."""
-    return {
-        "voxel": VOXEL,
-        "parts": PARTS,
-        "ring": [*LIFTS, RING, RAISED, 6, CEILING, ASIDE, 8, CLOSE, CLOSE_LIFT],
-        "tuned": TUNED,
-        "time": TIME,
-        "half": HALF,
-        "lens": [LENS.width, LENS.height, LENS.fx],
-        "margin": [NEAR, MARGIN, ROOM, FLOOR],
-    }
-
-
 @lru_cache(maxsize=1)
 def all_problems() -> tuple[tuple[Robot, Problem], ...]:
     """Every problem with its robot: number by number, the sets and robots in turn.
@@ -300,7 +286,7 @@ def _around(middle: Vector3, away: float, turn: float, lift: float) -> Pose:
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """The first ``runs`` problems; one process, for the times' sake."""
-    cache = RunCache("mbm", seed, settings())
+    cache = RunCache("mbm", seed)
     results = []
     for k in range(min(runs, len(all_problems()))):
         results.append(cache.get(k, partial(episode, seed, k)))

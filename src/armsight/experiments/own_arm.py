@@ -45,7 +45,7 @@ Run = dict[str, dict[str, Any]]
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """All scenes, remembered one by one."""
-    cache = RunCache("own-arm", seed, {"views": VIEWS, "version": 6})
+    cache = RunCache("own-arm", seed)
     every: list[Run] = []
     for k in range(runs):
         progress(f"scene {k + 1} of {runs}", k / runs)

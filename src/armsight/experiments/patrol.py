@@ -264,24 +264,10 @@ def episode(seed: int, run: int) -> dict[str, Any]:
         }
 
 
-def settings() -> dict[str, Any]:
-    """All that changes a run, besides its seed."""
-    return {
-        "rounds": ROUNDS,
-        "limit": LIMIT,
-        "speed": SPEED,
-        "gap": list(GAP),
-        "stay": list(STAY),
-        "goals": [q.tolist() for q in GOALS.values()],
-        "places": [AWAY.tolist(), IN.tolist(), SPREAD.tolist()],
-        "version": 5,
-    }
-
-
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` runs of five rounds under each condition."""
     numbers = range(runs * len(CONDITIONS))
-    results = run_episodes("patrol", episode, numbers, seed, settings(), progress)
+    results = run_episodes("patrol", episode, numbers, seed, progress)
     by = {name: [r for r in results if r["condition"] == name] for name in CONDITIONS}
     unfinished = {name: sum(t >= LIMIT for t in executions(mine)) for name, mine in by.items()}
     notes = [

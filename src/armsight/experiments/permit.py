@@ -174,7 +174,7 @@ def harmed(e: dict[str, Any]) -> bool:
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` episodes."""
-    episodes = run_episodes("permit", episode, range(runs), seed, {"version": 4}, progress)
+    episodes = run_episodes("permit", episode, range(runs), seed, progress)
     rows = [_harm(episodes, "all episodes")]
     for kind in KINDS:
         mine = [e for e in episodes if e["kind"] == kind]

@@ -38,7 +38,6 @@ from armsight.simulation.arm_errors import true_geometry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 5
 LOOKS = 26
 """As many as in the paper."""
 POOL = 160
@@ -61,7 +60,6 @@ cold to the last look, in the cell with its guard and map and rendered cameras, 
 chosen and made by itself; the cell's true errors are drawn by the seed. A run that fails has no
 time, and counts as longer than any.
 """
-GUARDED_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -168,7 +166,7 @@ def tip_errors(
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` cells."""
     album = Album(stereo_pair())
-    cache = RunCache("plug-calibration", seed, {"version": VERSION})
+    cache = RunCache("plug-calibration", seed)
     results = []
     for i in range(runs):
         progress("cells", 0.5 * i / runs)
@@ -179,8 +177,8 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         guarded_run,
         range(max(1, runs // 2)),
         seed,
-        {"version": GUARDED_VERSION, "part": "guarded"},
         part_of(progress, 0.5, 0.5),
+        "guarded",
     )
     rows = []
     where = f"{LOOKS} looks, {runs} cells"

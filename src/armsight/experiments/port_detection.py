@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OPTIONS = FindOptions(ports=TYPES)
-VERSION = 18
 EMPTY = 10
 """Pairs of pictures without a port to one with: false alarms are rare, and cheap to look for."""
 WINDOW = 160
@@ -100,7 +99,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     cv2.setNumThreads(1)  # "one core": two threads that wait for each other count twice
     pair = stereo_pair()
     album = Album(pair, samples=0)
-    cache = RunCache("port-detection", seed, {"version": VERSION})
+    cache = RunCache("port-detection", seed)
     total = (1 + EMPTY) * runs
     views = [*port_views(runs, seed), *empty_views(EMPTY * runs, seed)]
     # in turns, so that times are of one mixture whenever it is stopped

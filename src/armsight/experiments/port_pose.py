@@ -36,7 +36,6 @@ from armsight.geometry.stereo import StereoPair
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VERSION = 13
 SURE_SCORE = 0.7
 """A fit with a lower score says itself that it is spoilt, and counts as not found."""
 
@@ -111,7 +110,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` near situations, half as many at 1 m (at most ``FAR``), maybe the CCS1 pictures."""
     pair = stereo_pair()
     album = Album(pair)
-    cache = RunCache("port-pose", seed, {"version": VERSION})
+    cache = RunCache("port-pose", seed)
     near, far = near_views(runs, seed), far_views(min(max(runs // 2, 1), FAR), seed)
     results = []
     for i, view in enumerate([*near, *far]):

@@ -75,7 +75,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     ]
     found: dict[str, list[Any]] = {}
     for i, (name, part) in enumerate(parts):
-        cache = RunCache("servo-accuracy", seed, {"part": name, "version": 14})
+        cache = RunCache("servo-accuracy", seed, name)
         found[name] = []
         for k in range(runs):
             found[name].append(cache.get(k, partial(part, seed, k)))

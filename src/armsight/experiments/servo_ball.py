@@ -50,12 +50,6 @@ BOX = ((0.78, 0.0, 1.30), (0.50, 1.00, 0.50))
 """Centre and edges of V's box in this cell's world [m]: depth, width, height; lower or nearer, and
 a corner of it is out of the arm's reach."""
 RUNS = 200
-VERSIONS = {
-    "rest": 16, "moving": 18, "recorded": 18, "held_rest": 16, "held_recorded": 18,
-    "rendered_rest": 6, "rendered_moving": 7,
-}  # fmt: skip
-"""Of what the trials of a row measure, by what the ball does."""
-
 HELD = 22
 """V's waypoints."""
 RENDERED = {"rest": "at rest", "moving": "moving at up to 0.1-0.4 m/s"}
@@ -127,11 +121,11 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     total, done = sum(entry[-1] for entry in plan), 0
     for prefix, mode, motion, errors, shares, count in plan:
         kind = prefix + motion if prefix == "held_" else motion
-        settings = [mode, kind, asdict(errors), shares, VERSIONS[kind]]
+        part = [mode, kind, asdict(errors), shares]
         make = one_held if prefix == "held_" else one
         trial = partial(make, set_up(*shares), mode, motion, errors)
         told = told_of(f"{mode}, {motion}", progress, done / total, count / total)
-        results[(prefix, motion)] = run_trials("servo-ball", settings, trial, count, seed, told)
+        results[(prefix, motion)] = run_trials("servo-ball", part, trial, count, seed, told)
         done += count
     rows = ball_rows(results)
     for motion, where in RENDERED.items():
@@ -152,8 +146,7 @@ def _rendered(motion: str, runs: int, seed: int, progress: Progress) -> list[dic
     trial = partial(one_rendered, set_up(1.0, 1.0), motion)
     told = told_of(f"rendered, {motion}", progress, 0.0, 1.0)
     count = max(runs // SHARE, 1)
-    settings = ["rendered", motion, VERSIONS[f"rendered_{motion}"]]
-    return run_trials("servo-ball", settings, trial, count, seed, told)
+    return run_trials("servo-ball", ["rendered", motion], trial, count, seed, told)
 
 
 def one(

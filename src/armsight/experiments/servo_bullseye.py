@@ -79,12 +79,12 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     results: dict[str, list[dict[str, Any]]] = {}
     for i, (prefix, mode, errors, shares) in enumerate(plan):
         trial = partial(one, set_up(*shares, CELL), mode, errors, guarded=prefix != FREE)
-        settings = [mode, asdict(errors), shares, 7, prefix]
+        part = [mode, asdict(errors), shares, prefix]
         told = told_of(prefix or "ours", progress, PART * i / len(plan), PART / len(plan))
-        results[prefix] = run_trials("servo-bullseye", settings, trial, runs, seed, told)
+        results[prefix] = run_trials("servo-bullseye", part, trial, runs, seed, told)
     count, trial = max(runs // SHARE, 1), partial(one_rendered, set_up(1.0, 1.0, CELL))
     told = told_of("rendered", progress, PART, 1.0 - PART)
-    shown = run_trials("servo-bullseye", ["rendered", 2], trial, count, seed, told)
+    shown = run_trials("servo-bullseye", ["rendered"], trial, count, seed, told)
     rows = [*_rows(results), *_rendered_rows(results[""], shown)]
     notes = (*_notes(results), *_notes({"rendered": shown}))
     return Outcome(tuple(rows), {"marks": lambda: _plot(results)}, notes)

@@ -105,7 +105,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         ("fixed_", "fixed", v_errors, max(runs // 2, 1)),
     ]
     told = part_of(progress, 0.0, 0.6)
-    results = run_plan("servo-handover", CELL, plan, one, seed, told, 13)
+    results = run_plan("servo-handover", CELL, plan, one, seed, told)
     shown, fetched = _rendered(runs, seed, part_of(progress, 0.6, 0.4))
     rows = [*_rows(results), *_rendered_rows(results[""], shown, fetched)]
     notes = (*_notes(results), *_notes({"rendered": shown, "fetched": fetched}))
@@ -289,7 +289,7 @@ def _rendered(
         trial = partial(one_rendered, set_up(1.0, 1.0, CELL), fetch)
         name = "fetched" if fetch else "rendered"
         told = told_of(name, progress, 0.5 * k, 0.5)
-        found.append(run_trials("servo-handover", [name, 6], trial, count, seed, told))
+        found.append(run_trials("servo-handover", [name], trial, count, seed, told))
     return found[0], found[1]
 
 

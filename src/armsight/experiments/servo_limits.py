@@ -47,8 +47,7 @@ SURFACES = {
 
 def bulk(runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """So many runs, a quarter of each task; kept as they end."""
-    settings = {"seconds": SECONDS, "version": 3}
-    return run_episodes("servo-limits", _episode, range(runs), seed, settings, progress)
+    return run_episodes("servo-limits", _episode, range(runs), seed, progress)
 
 
 def _episode(seed: int, run: int) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         progress(f"rendered cell {k} of {CELLS}", 0.05 * k / CELLS)
         cells.append(rendered(seed + k))
     cells = cells[1:]  # in the first the simulation's kernels may still have to be compiled
-    cache = RunCache("servo-loop", seed, {"step": STEP, "standoff": STANDOFF, "version": 9})
+    cache = RunCache("servo-loop", seed)
     steps = []
     for k in range(runs):
         steps.append(cache.get(k, lambda k=k: one(setup, (seed, k))))  # type: ignore[misc]

@@ -86,10 +86,10 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         (FREE, "paper unguarded", v, half),
     ]
     told = part_of(progress, 0.0, 0.6)
-    results = run_plan("servo-straw", CELL, plan, one, seed, told, 14)
+    results = run_plan("servo-straw", CELL, plan, one, seed, told)
     count, trial = max(runs // SHARE, 1), partial(one_rendered, set_up(1.0, 1.0, CELL))
     told = told_of("rendered", progress, 0.6, 0.4)
-    shown = run_trials("servo-straw", ["rendered", 4], trial, count, seed, told)
+    shown = run_trials("servo-straw", ["rendered"], trial, count, seed, told)
     rows = [*_rows(results), *_rendered_rows(results[""], shown)]
     notes = (*_notes(results), *_notes({"rendered": shown}))
     return Outcome(tuple(rows), {"touches": lambda: _plot(results)}, notes)

@@ -58,7 +58,6 @@ def run_plan(
     one: Callable[[Setup, str, Errors, tuple[int, int]], Trial],
     seed: int,
     progress: Progress,
-    version: int,
 ) -> dict[str, list[Trial]]:
     """All trials of a plan by its prefixes, at full speed and acceleration; kept as they end."""
     results: dict[str, list[Trial]] = {}
@@ -66,15 +65,15 @@ def run_plan(
     for prefix, mode, errors, count in plan:
         trial = partial(one, set_up(1.0, 1.0, cell), mode, errors)
         told = told_of(prefix or "ours", progress, done / total, count / total)
-        settings = [mode, asdict(errors), version]
-        results[prefix] = run_trials(name, settings, trial, count, seed, told)
+        part = [mode, asdict(errors)]
+        results[prefix] = run_trials(name, part, trial, count, seed, told)
         done += count
     return results
 
 
 def run_trials(
     name: str,
-    settings: Sequence[Any],
+    part: Sequence[Any],
     trial: Callable[..., Trial],
     count: int,
     seed: int,
@@ -82,7 +81,7 @@ def run_trials(
 ) -> list[Trial]:
     """So many trials, ``trial(seed=(seed, k))`` in worker processes; kept as they end."""
     episode = partial(_seeded, trial)
-    return run_episodes(name, episode, range(count), seed, {"settings": settings}, progress)
+    return run_episodes(name, episode, range(count), seed, progress, part)
 
 
 def _seeded(trial: Callable[..., Trial], first: int, run: int) -> Trial:

@@ -9,7 +9,6 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.rows import Row, share_row
 from armsight.experiments.station_phases import COPIES, LID_PHASES, PHASES, lid_kills, plain_kills
 
-VERSION = 12
 ABOUT = """
 In each phase of a visit, at a random moment of it, the station's process is killed by SIGKILL, and
 another one is started from the file that it left. Where arm, plug, lid and car stand in the
@@ -35,8 +34,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
         (("plain", plain_kills, runs), ("lid", lid_kills, under))
     ):
         share = part_of(progress, 0.5 * k, 0.5)
-        settings = {"version": VERSION, "part": part}
-        visits = run_episodes("station-kill", visit, range(count), seed, settings, share)
+        visits = run_episodes("station-kill", visit, range(count), seed, share, part)
         kills += [kill for found in visits for kill in found["kills"]]
     rows = kill_rows("station", [phase.name for phase in (*PHASES, *LID_PHASES)], kills)
     forces = [k["force_n"] for k in kills if "force_n" in k]

@@ -14,7 +14,6 @@ from armsight.experiments.frame import Experiment, Outcome, Progress
 from armsight.experiments.station_kill import kill_row, kill_rows
 from armsight.experiments.station_sigkill import killed
 
-VERSION = 10
 ABOUT = """
 The session of `armsight charge ur10_charging --headless` in a process of its own (map, guard,
 rendered cameras and pairs), killed by SIGKILL at a random moment of each phase in turn; where arm,
@@ -41,7 +40,7 @@ LATEST = {State.FIND: 0.5, State.TARE: 0.4, State.INSERT: 3.5, State.CHARGE: 1.5
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` kills in each of nine phases."""
-    cache = RunCache("station-kill-guarded", seed, {"version": VERSION})
+    cache = RunCache("station-kill-guarded", seed)
     kills: list[dict[str, Any]] = []
     for i in range(len(PHASES) * runs):
         progress(f"kill -9, {PHASES[i % len(PHASES)]}", i / (len(PHASES) * runs))

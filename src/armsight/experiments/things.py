@@ -219,16 +219,11 @@ def left(seed: int, run: int) -> dict[str, Any]:
         }
 
 
-def settings() -> dict[str, Any]:
-    """All that changes a run, besides its seed."""
-    return {"seconds": SECONDS, "gap": GAP, "left": LEFT_SECONDS, "version": 1}
-
-
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` groups: one with each kind of thing, and somebody who leaves a parcel."""
     members = len(KINDS) + 1
-    beside = run_episodes("things", episode, range(runs * members), seed, settings(), progress)
-    brought = run_episodes("things-left", left, range(runs), seed, settings(), progress)
+    beside = run_episodes("things", episode, range(runs * members), seed, progress)
+    brought = run_episodes("things-left", left, range(runs), seed, progress)
     goals = {
         kind: np.array([e["goals"] for e in beside if e["kind"] == kind], float)
         for kind in (*KINDS, "unsaid")

@@ -383,7 +383,7 @@ def _trick(run: int) -> str:
 
 def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` episodes."""
-    found = run_episodes("things-search", episode, range(runs), seed, {"version": 1}, progress)
+    found = run_episodes("things-search", episode, range(runs), seed, progress)
     rows: list[Row] = []
     for trick in (None, *TRICKS):
         mine = [e for k, e in enumerate(found) if trick in (None, _trick(k))]

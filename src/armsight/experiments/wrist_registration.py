@@ -41,8 +41,7 @@ POINTS = 400
 
 def cells(runs: int, seed: int, progress: Progress) -> list[dict[str, Any]]:
     """Cells with errors of their own, their pairs calibrated; kept as they end."""
-    settings = {"cell": CELL, "version": 4}
-    return run_episodes("servo-registration-wrist", one, range(runs), seed, settings, progress)
+    return run_episodes("servo-registration-wrist", one, range(runs), seed, progress)
 
 
 def one(first: int, run: int) -> dict[str, Any]:
