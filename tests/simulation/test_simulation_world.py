@@ -103,6 +103,22 @@ def test_names_must_differ(arm_spec):
         SimulatedWorld(WorldSpec(arm_spec, people=(person(), person())))
 
 
+def test_a_fixed_camera_can_be_pushed_and_the_cell_is_not_told(gl, arm_spec):
+    with SimulatedWorld(full_spec(arm_spec), seed=4) as world:
+        fixed = next(c for c in world.cameras if c.info.mounted_on == "base")
+        T, believed = fixed.T_mount_camera, fixed.info.T_mount_camera
+        world.drag(fixed.info.name, T[:3, 3] + [0.03, 0.0, 0.04])
+        assert np.array_equal(fixed.T_mount_camera[:3, :3], T[:3, :3])
+        assert np.allclose(fixed.T_mount_camera[:3, 3] - T[:3, 3], [0.03, 0.0, 0.04])
+        assert np.array_equal(fixed.info.T_mount_camera, believed)
+        world.drag(fixed.info.name, None)
+        assert np.allclose(fixed.T_mount_camera[:3, 3] - T[:3, 3], [0.03, 0.0, 0.04])
+        with pytest.raises(UsageError, match=fixed.info.name):
+            world.drag("nobody", np.zeros(3))
+        world.reset()
+        assert np.array_equal(fixed.T_mount_camera, T)
+
+
 def test_unknown_things_cannot_be_dragged(arm_spec):
     with SimulatedWorld(WorldSpec(arm_spec, people=(person(),))) as world:
         with pytest.raises(UsageError, match="what moves: anna"):

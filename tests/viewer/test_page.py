@@ -307,6 +307,20 @@ def test_the_arrows_stand_where_the_dragged_car_is_led_from(page: LivePage) -> N
     assert page._gizmo.position == pytest.approx(T[:3, 3])
 
 
+def test_a_camera_s_stand_can_be_pulled_from_where_it_truly_is(page: LivePage) -> None:
+    T = make_pose(None, (1.2, -0.4, 1.5))
+    standing, carried = (
+        SimpleNamespace(info=SimpleNamespace(name=name, mounted_on=on), T_mount_camera=T)
+        for name, on in (("left", "base"), ("wrist", "flange"))
+    )
+    page._cell.world.cameras = (standing, carried)
+    assert draggable(page._cell) == ("helper", "ball", "left")
+    page._draggable = draggable(page._cell)
+    page._choose_dragged("left")
+    assert page._gizmo is not None
+    assert page._gizmo.position == pytest.approx(T[:3, 3])
+
+
 def test_a_refused_drag_is_told_not_raised(
     page: LivePage, session: FakeSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:

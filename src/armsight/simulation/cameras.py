@@ -9,10 +9,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from armsight.arrays import Bytes, ColorImage, DepthImage, Pose
+from armsight.arrays import Bytes, ColorImage, DepthImage, Pose, Vector3
 from armsight.devices.data import RgbdCameraInfo, RgbdFrame, StereoFrame, StereoInfo
 from armsight.errors import DeviceError
 from armsight.geometry.camera import PinholeCamera
+from armsight.geometry.pose import make_pose
 from armsight.simulation.camera_faults import Fault, Faults
 from armsight.simulation.clock import SimulatedClock
 from armsight.simulation.delivery import Deliveries, Delivery, Timing
@@ -133,6 +134,11 @@ class SimulatedCamera:
             T_camera_moved: where it is afterwards, in its own frame of before.
         """
         T = np.asarray(self.unit.T_mount_camera @ T_camera_moved)
+        self.unit = replace(self.unit, T_mount_camera=T)
+
+    def push(self, position: Vector3) -> None:
+        """Move it to (3,) a place in its mount [m], turned as it is; the cell is not told."""
+        T = make_pose(self.T_mount_camera[:3, :3], position)
         self.unit = replace(self.unit, T_mount_camera=T)
 
     # What the world does with it ---------------------------------------------------------------

@@ -297,15 +297,19 @@ class SimulatedWorld:
     def drag(self, name: str, position_world: Vector3 | None) -> None:
         """Lead an object, a lone hand or a person's right hand to a point of the world [m].
 
-        It goes there at its own greatest speed. None lets it go.
+        It goes there at its own greatest speed. None lets it go. A fixed camera is there at once,
+        turned as it was: its stand was pushed, and the cell is not told.
 
         Raises:
             UsageError: nothing of that name moves.
         """
+        camera = self._fixed_camera(name)
         if name in self._loose:
             self._loose.drag(name, position_world)
-        else:
+        elif camera is None or name in self._movers:
             self._mover(name).drag(position_world)
+        elif position_world is not None:
+            camera.push(position_world)
 
     def follow(self, name: str, trajectory: Trajectory | None) -> None:
         """Let a lone hand or an object follow a function of time, in trials; None ends it.
@@ -386,10 +390,16 @@ class SimulatedWorld:
         force, torque = (data.sensordata[at : at + 3] for at in self._cell.wrench)
         wrench.sense(step, step * self.spec.time_step, -force, -torque)
 
+    def _fixed_camera(self, name: str) -> SimulatedCamera | None:
+        """The depth camera of that name, where it is none on the arm."""
+        found = (c for c in self.cameras if c.info.name == name and c.info.mounted_on == "base")
+        return next(found, None)
+
     def _mover(self, name: str) -> Any:
         owner = name.split("/")[0]
         if owner not in self._movers:
-            known = ", ".join(sorted(self._movers)) or "nothing at all"
+            fixed = [c.info.name for c in self.cameras if c.info.mounted_on == "base"]
+            known = ", ".join([*sorted(self._movers), *fixed]) or "nothing at all"
             raise UsageError(f"nothing called '{owner}' moves in this cell; what moves: {known}")
         return self._movers[owner]
 

@@ -260,7 +260,8 @@ class LivePage:
             return np.asarray(car.T_world_socket[:3, 3])
         parts = [m for m in self._session.view().movers if _belongs(m.name, name)]
         if not parts:
-            return np.zeros(3)
+            at = [c.T_mount_camera for c in _fixed_cameras(self._cell) if c.info.name == name]
+            return np.asarray(at[0][:3, 3]) if at else np.zeros(3)
         return np.asarray(np.mean([m.T_world_solid[:3, 3] for m in parts], axis=0))
 
     def _move_dragged(self, name: str) -> None:
@@ -275,7 +276,7 @@ class LivePage:
 
 
 def draggable(cell: Cell) -> tuple[str, ...]:
-    """Names of what may be dragged: free objects, hands that the page moves, a parked car."""
+    """Names of what may be dragged: free objects, hands, a parked car, stands of cameras."""
     if cell.world is None or not hasattr(cell.world, "spec"):
         return ()
     settings = cell.workcell.simulation
@@ -283,7 +284,14 @@ def draggable(cell: Cell) -> tuple[str, ...]:
     free = [thing.name for thing in settings.object if thing.path == "free"]
     led = [target.name for target in settings.target if target.path in ("free", "wander")]
     car = () if settings.car is None else ("car",)
-    return (*hands, *free, *led, *car)
+    named = (*hands, *free, *led, *car)
+    return (*named, *(c.info.name for c in _fixed_cameras(cell) if c.info.name not in named))
+
+
+def _fixed_cameras(cell: Cell) -> list[Any]:
+    """Simulated ones that stand in the cell; where they truly are is the simulation's to tell."""
+    cameras = getattr(cell.world, "cameras", ())
+    return [camera for camera in cameras if camera.info.mounted_on == "base"]
 
 
 def _old_guard(view: SessionView) -> tuple[str, bool]:
