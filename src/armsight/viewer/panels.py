@@ -177,7 +177,9 @@ class Panels:
             if draggable:
                 nothing = "nothing"
                 choice = gui.add_dropdown(
-                    "Drag", (nothing, *draggable), hint="move it with the arrows in the scene"
+                    "Drag",
+                    (nothing, *draggable),
+                    hint="move it with the arrows in the scene; of a camera the cell is not told",
                 )
                 choice.on_update(
                     lambda _: drag("" if choice.value == nothing else str(choice.value))
