@@ -70,21 +70,26 @@ def cast(lens, T_world_lens, T_world_print, paint, samples=3, hidden=()):
     T = inverse(T_world_lens) @ T_world_print
     h, w = lens.height, lens.width
     image, depth = np.tile(GREY, (h, w, 1)), np.full((h, w), np.nan, np.float32)
+
+    def seen(u, v):
+        rays = lens.normalise(np.stack([u, v], -1).reshape(-1, 2))
+        rays = np.column_stack([rays, np.ones(len(rays))])
+        along = (T[:3, 2] @ T[:3, 3]) / (rays @ T[:3, 2])
+        at = (rays * along[:, None] - T[:3, 3]) @ T[:3, :3]
+        color, covered = paint(at[:, 0], at[:, 1])
+        covered = covered & (along > 0)
+        return np.where(covered[:, None], 230.0 * color, GREY), covered, along
+
     v, u = np.mgrid[0:h, 0:w].astype(float)
-    offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    total = np.zeros((h * w, 3))
-    for du in offsets:
-        for dv in offsets:
-            rays = lens.normalise(np.stack([u + du, v + dv], -1).reshape(-1, 2))
-            rays = np.column_stack([rays, np.ones(len(rays))])
-            along = (T[:3, 2] @ T[:3, 3]) / (rays @ T[:3, 2])
-            at = (rays * along[:, None] - T[:3, 3]) @ T[:3, :3]
-            color, covered = paint(at[:, 0], at[:, 1])
-            covered = covered & (along > 0)
-            total += np.where(covered[:, None], 230.0 * color, GREY)
-            if du == offsets[len(offsets) // 2] and dv == du:
-                depth.reshape(-1)[covered] = along[covered]
-    image[:] = (total / samples**2).reshape(h, w, 3)
+    _, covered, along = seen(u, v)
+    depth.reshape(-1)[covered] = along[covered]
+    rows, columns = np.nonzero(covered.reshape(h, w))
+    if len(rows):  # nothing of it is more than a pixel outside of what the pixels' middles see
+        window = tuple(slice(max(int(k.min()) - 3, 0), int(k.max()) + 4) for k in (rows, columns))
+        u, v = u[window], v[window]
+        offsets = (np.arange(samples) + 0.5) / samples - 0.5
+        total = sum(seen(u + du, v + dv)[0] for du in offsets for dv in offsets)
+        image[window] = (total / samples**2).reshape(*u.shape, 3)
     for u0, v0, u1, v1, color in hidden:
         image[v0:v1, u0:u1] = color
     return np.clip(np.rint(image), 0, 255).astype(np.uint8), depth

@@ -32,15 +32,13 @@ def cast(lens, T_base_lens, end, tail, behind):
     rays = lens.normalise(np.stack([u, v], -1).reshape(-1, 2))
     rays = np.column_stack([rays, np.ones(len(rays))])
     rays /= np.linalg.norm(rays, axis=1)[:, None]
-    along = b - a
-    shares = np.linspace(0.0, 1.0, 400)
-    gap = np.full(len(rays), np.inf)
-    for share in shares:  # by brute force: balls along the straw
-        center = a + share * along
-        gap = np.minimum(gap, np.linalg.norm(np.cross(rays, center), axis=1))
+    # How near a ray comes to the axis: |ray x (a + s along)| is least where its derivative is 0.
+    at, way = np.cross(rays, a), np.cross(rays, b - a)
+    share = np.clip(-np.sum(at * way, axis=1) / np.sum(way * way, axis=1), 0.0, 1.0)
+    gap = np.linalg.norm(at + share[:, None] * way, axis=1)
     image = np.tile(np.array(behind, float), (len(rays), 1))
     image[gap < RADIUS] = GREEN
-    lid = np.linalg.norm(np.cross(rays, a), axis=1) < 0.005
+    lid = np.linalg.norm(at, axis=1) < 0.005
     image[lid] = CUP
     image = image.reshape(lens.height, lens.width, 3)
     return np.clip(image, 0, 255).astype(np.uint8)
