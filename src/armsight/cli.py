@@ -105,7 +105,15 @@ INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit."""
+    """Run the command line and exit.
+
+    Args:
+        arguments: of the command line; None for those of this process, which then is armsight's
+            own, and is ended whatever hangs in it.
+
+    Raises:
+        SystemExit: always, with the exit code.
+    """
     # Ours are many small matrices. OpenBLAS's threads, which wait for each other in a busy loop,
     # make a calibration take three times the processor time, and the arm's loop wants the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -117,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = ended.code if isinstance(ended.code, int) else 1
     code = _told(code)
     line = sys.modules.get("armsight.devices.line")
-    if line is not None and line.left_behind():
+    if arguments is None and line is not None and line.left_behind():
         # A thread hangs in a driver: to end in order takes seconds, and what it holds may hang too.
         sys.stdout.flush()
         sys.stderr.flush()

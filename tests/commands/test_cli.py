@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from armsight import __version__
-from armsight.cli import COMMANDS, name_of, run
+from armsight.cli import COMMANDS, main, name_of, run
 from armsight.commands.doctor import findings
 from armsight.commands.running import _Ticker
 from armsight.workcell.packaged import find
@@ -23,6 +23,15 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_version(capsys):
     assert run(["--version"]) == 0
     assert capsys.readouterr().out == f"armsight {__version__}\n"
+
+
+def test_a_process_that_is_not_armsights_own_is_not_ended(monkeypatch):
+    """A driver's thread that hung in one test ended the process in which another called this."""
+    monkeypatch.setattr("armsight.devices.line._left_behind", ["a driver hangs"])
+    monkeypatch.setattr("os._exit", lambda code: pytest.fail("the caller's process ended"))
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
 
 
 @pytest.mark.parametrize("words", [["--help"], [], *([name_of(c), "--help"] for c in COMMANDS)])
