@@ -14,6 +14,7 @@ import numpy as np
 
 from armsight.errors import UsageError
 from armsight.experiments.cache import cache_folder
+from armsight.experiments.code_digest import digest_of
 from armsight.experiments.covered import VARIABLE as COVERED
 from armsight.experiments.covered import Covered, read, together
 from armsight.experiments.episodes import run_episodes
@@ -217,7 +218,7 @@ def run(runs: int, seed: int, progress: Progress) -> Outcome:
     """``runs`` mutants, as many of each part."""
     for room in ROOMS:
         _cover(room, progress)
-    tests = _digest([file for room in ROOMS for file in sorted((_tests() / room).glob("*.py"))])
+    tests = [digest_of(_tests() / room) for room in ROOMS]
     results = run_episodes("mutants", episode, range(runs), seed, progress, tests)
     rows = [_row("mutants_killed", "all", results, must=0.9, aim=0.97)]
     rows += [_row("killed", p, [r for r in results if r["part"] == p]) for p in PARTS]

@@ -109,6 +109,7 @@ class SimulatedWorld:
             SimulatedCamera(camera, self.clock, self._cell.materials, (seed, 20 + i))
             for i, camera in enumerate(spec.cameras)
         )
+        self._fixed = {c.info.name: c for c in self.cameras if c.info.mounted_on == "base"}
         make_rivals(self.cameras)
         self.stereo_cameras = tuple(
             SimulatedStereo(pair, self.clock, (seed, 40 + i)) for i, pair in enumerate(spec.stereo)
@@ -303,13 +304,12 @@ class SimulatedWorld:
         Raises:
             UsageError: nothing of that name moves.
         """
-        camera = self._fixed_camera(name)
         if name in self._loose:
             self._loose.drag(name, position_world)
-        elif camera is None or name in self._movers:
+        elif name in self._movers or name not in self._fixed:
             self._mover(name).drag(position_world)
         elif position_world is not None:
-            camera.push(position_world)
+            self._fixed[name].push(position_world)
 
     def follow(self, name: str, trajectory: Trajectory | None) -> None:
         """Let a lone hand or an object follow a function of time, in trials; None ends it.
@@ -390,16 +390,10 @@ class SimulatedWorld:
         force, torque = (data.sensordata[at : at + 3] for at in self._cell.wrench)
         wrench.sense(step, step * self.spec.time_step, -force, -torque)
 
-    def _fixed_camera(self, name: str) -> SimulatedCamera | None:
-        """The depth camera of that name, where it is none on the arm."""
-        found = (c for c in self.cameras if c.info.name == name and c.info.mounted_on == "base")
-        return next(found, None)
-
     def _mover(self, name: str) -> Any:
         owner = name.split("/")[0]
         if owner not in self._movers:
-            fixed = [c.info.name for c in self.cameras if c.info.mounted_on == "base"]
-            known = ", ".join([*sorted(self._movers), *fixed]) or "nothing at all"
+            known = ", ".join([*sorted(self._movers), *self._fixed]) or "nothing at all"
             raise UsageError(f"nothing called '{owner}' moves in this cell; what moves: {known}")
         return self._movers[owner]
 
